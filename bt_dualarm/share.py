@@ -1,0 +1,21 @@
+"""Where the shipped trees, skills and assets lie: in a checkout, an editable install, a wheel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def share_dir(kind: str) -> Path:
+    """The folder of shipped ``"trees"``, ``"skills"`` or ``"assets"``.
+
+    A wheel carries them below the package; in a checkout they stand beside it.
+
+    Raises:
+        FileNotFoundError: The installation is broken: neither place has the folder.
+    """
+    for root in (_PACKAGE / "_share", _PACKAGE.parent):
+        if (root / kind).is_dir():
+            return root / kind
+    raise FileNotFoundError(f"bt_dualarm is installed without its folder {kind!r}")

@@ -1,0 +1,1 @@
+"""bt_dualarm.spec."""
