@@ -1,0 +1,120 @@
+"""What is wrong with a file: where, what, what was expected, and how that is shown to a person."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+from bt_dualarm.errors import DualArmError
+
+Severity: TypeAlias = Literal["error", "warning"]
+
+_WIDEST_EXCERPT = 100
+
+
+@dataclass(frozen=True, order=True)
+class Place:
+    """A stretch of one line of a file; line and column count from 1, as editors do.
+
+    Attributes:
+        file: Path as the user wrote it.
+        line: 0 where the whole file is meant.
+        column: In characters.
+        width: Characters to underline, at least 1.
+        text: The line itself, for the excerpt.
+    """
+
+    file: str
+    line: int = 0
+    column: int = 0
+    width: int = 1
+    text: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
+
+    @property
+    def excerpt(self) -> str:
+        """The line with this stretch underlined, empty where the whole file is meant."""
+        if not self.line:
+            return ""
+        first = max(0, min(self.column - 1, self.column - 1 + self.width - _WIDEST_EXCERPT))
+        shown = self.text[first : first + _WIDEST_EXCERPT]
+        shown = "".join(c if c.isprintable() else " " for c in shown)
+        start = self.column - 1 - first
+        marks = "^" * max(1, min(self.width, len(shown) - start))
+        return f"{self.line:5d} | {shown}\n      | {' ' * start}{marks}"
+
+
+@dataclass(frozen=True, order=True)
+class Problem:
+    """One finding of the check.
+
+    Attributes:
+        place: Where it is.
+        message: What is wrong, naming what was given.
+        hint: What was expected, or the nearest valid name; may be empty.
+        severity: Only errors keep a file from running.
+    """
+
+    place: Place
+    message: str
+    hint: str = ""
+    severity: Severity = "error"
+
+    def __str__(self) -> str:
+        lines = [f"{self.place}: {self.severity}: {self.message}"]
+        if self.place.line:
+            lines.append(self.place.excerpt)
+        if self.hint:
+            lines.append(f"      = {self.hint}")
+        return "\n".join(lines)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For tools: JSON-ready."""
+        return {
+            "file": self.place.file,
+            "line": self.place.line,
+            "column": self.place.column,
+            "width": self.place.width,
+            "severity": self.severity,
+            "message": self.message,
+            "hint": self.hint,
+        }
+
+
+class SpecError(DualArmError):
+    """A file cannot be used. Carries everything that is wrong with it, in the file's order."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems: tuple[Problem, ...] = in_order(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+def in_order(problems: Iterable[Problem]) -> tuple[Problem, ...]:
+    """Sorted by place, each once: a subtree used twice reports its mistake once."""
+    return tuple(sorted(set(problems)))
+
+
+def errors(problems: Iterable[Problem]) -> tuple[Problem, ...]:
+    """Those that keep a file from running."""
+    return tuple(problem for problem in problems if problem.severity == "error")
+
+
+def nearest(given: str, valid: Iterable[str]) -> str | None:
+    """The valid name that a person most likely meant, if one is near enough."""
+    close = difflib.get_close_matches(given[:64], sorted(valid), n=1, cutoff=0.6)
+    return close[0] if close else None
+
+
+def suggestion(given: str, valid: Iterable[str], noun: str) -> str:
+    """A hint for an unknown name: the nearest valid one, else all of them."""
+    names: Sequence[str] = sorted(valid)
+    close = nearest(given, names)
+    if close:
+        return f"did you mean '{close}'?"
+    if not names:
+        return f"there is no {noun} here"
+    return f"known here: {', '.join(names)}"

@@ -1,0 +1,86 @@
+"""What a plain YAML scalar means: what it looks like, or nothing, with advice."""
+
+from __future__ import annotations
+
+import math
+import re
+
+_INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+_CLOCK = re.compile(r"[-+]?[0-9]+(?::[0-5]?[0-9])+(?:\.[0-9]*)?")
+_OTHER_BASE = re.compile(r"[-+]?0[xXoObB][0-9a-fA-F_]+")
+_GROUPED = re.compile(r"[-+]?[0-9][0-9_]*_[0-9_.]*")
+_NOT_FINITE = re.compile(r"[-+]?\.(?:inf|nan)", re.IGNORECASE)
+_LARGEST_INTEGER = 2**53
+_LONGEST_NUMBER = 40
+
+
+class ScalarError(ValueError):
+    """A scalar that means different things to different readers; carries the advice."""
+
+    def __init__(self, message: str, hint: str) -> None:
+        super().__init__(message)
+        self.hint = hint
+
+
+def plain_value(text: str) -> bool | int | float | str | None:
+    """The value of an unquoted scalar.
+
+    Raises:
+        ScalarError: YAML readers disagree on it, or it is no finite number of sensible size.
+    """
+    if text in ("", "~", "null", "Null", "NULL"):
+        return None
+    if text in ("true", "True", "TRUE"):
+        return True
+    if text in ("false", "False", "FALSE"):
+        return False
+    _refuse_ambiguous(text)
+    if text[0] in "+-.0123456789":
+        return _number_or_text(text)
+    return text
+
+
+def _refuse_ambiguous(text: str) -> None:
+    quoted = f'"{text}"'
+    if text.lower() in ("yes", "no", "on", "off"):
+        meant = "true" if text.lower() in ("yes", "on") else "false"
+        raise ScalarError(
+            f"'{text}' is a truth value to some YAML readers and text to others",
+            f"write {meant}, or {quoted} if text is meant",
+        )
+    if _CLOCK.fullmatch(text):
+        raise ScalarError(
+            f"'{text}' is {_sexagesimal(text)} to some YAML readers and text to others",
+            f"write {_sexagesimal(text)} if a number is meant, or {quoted} if text is meant",
+        )
+    if _NOT_FINITE.fullmatch(text):
+        raise ScalarError(f"'{text}' is not a finite number", f"or quote it as text: {quoted}")
+
+
+def _number_or_text(text: str) -> int | float | str:
+    quoted = f'"{text}"'
+    if _INTEGER.fullmatch(text):
+        if len(text) > _LONGEST_NUMBER or abs(int(text)) > _LARGEST_INTEGER:
+            raise ScalarError("this number is too large", f"at most {_LARGEST_INTEGER} is allowed")
+        return int(text)
+    if _OTHER_BASE.fullmatch(text) or _GROUPED.fullmatch(text) or re.fullmatch(r"0[0-9]+", text):
+        raise ScalarError(
+            f"'{text}' is a number in some notations only",
+            f"write it in plain decimal digits, or {quoted} if text is meant",
+        )
+    if not _NUMBER.fullmatch(text):
+        return text
+    number = float(text)
+    if not math.isfinite(number):
+        raise ScalarError("this number is too large", "it has no finite value")
+    return number
+
+
+def _sexagesimal(text: str) -> str:
+    """What ``1:30`` is in YAML 1.1: 90."""
+    sign = -1.0 if text.startswith("-") else 1.0
+    total = 0.0
+    for part in text.lstrip("+-").split(":"):
+        total = total * 60 + float(part)
+    return f"{sign * total:g}"

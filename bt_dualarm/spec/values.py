@@ -1,0 +1,158 @@
+"""Values with a notation of their own in YAML: poses, durations, angles, colours, planes, names.
+
+YAML speaks metres, seconds and degrees; what comes out of these types is SI, angles in radians.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    model_validator,
+)
+
+from bt_dualarm.pose import Pose, Vector
+
+Vector3: TypeAlias = tuple[float, float, float]
+"""Three numbers; the field that uses it gives frame and unit."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Metadata of a port type: how its number is written in YAML.
+
+    Attributes:
+        yaml: Unit in the file.
+        per_si: YAML's number for one of SI.
+    """
+
+    yaml: str
+    per_si: float = 1.0
+
+
+@dataclass(frozen=True)
+class Refers:
+    """Metadata of a text port: it names something that the tree file declares.
+
+    Attributes:
+        to: ``"object"``, ``"arm"`` or both.
+    """
+
+    to: tuple[str, ...]
+
+
+ObjectName: TypeAlias = Annotated[str, Refers(("object",))]
+"""The name of an object of the tree file."""
+
+ArmName: TypeAlias = Annotated[str, Refers(("arm",))]
+"""The name of an arm of the tree file."""
+
+ObjectOrArmName: TypeAlias = Annotated[str, Refers(("object", "arm"))]
+"""The name of an object or an arm of the tree file."""
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-z°]+)\s*")
+_SECONDS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+_DEGREES = {"deg": 1.0, "°": 1.0, "rad": math.degrees(1.0)}
+
+
+def _quantity(value: Any, units: dict[str, float]) -> Any:
+    """A number as it is, text such as ``"500 ms"`` in the base unit."""
+    if not isinstance(value, str):
+        return value
+    match = _QUANTITY.fullmatch(value)
+    if match is None or match[2] not in units:
+        choices = ", ".join(units)
+        raise ValueError(f"'{value}' is neither a number nor a number with one of: {choices}")
+    return float(match[1]) * units[match[2]]
+
+
+def _seconds(value: Any) -> Any:
+    return _quantity(value, _SECONDS)
+
+
+def _degrees(value: Any) -> Any:
+    return _quantity(value, _DEGREES)
+
+
+Duration: TypeAlias = Annotated[float, BeforeValidator(_seconds), Field(ge=0.0), Unit("s")]
+"""Seconds of simulated time: ``0.5``, or text with a unit: ``"500 ms"``, ``"2 min"``."""
+
+Angle: TypeAlias = Annotated[
+    float,
+    BeforeValidator(_degrees),
+    AfterValidator(math.radians),
+    PlainSerializer(math.degrees),
+    Unit("deg", math.degrees(1.0)),
+]
+"""Radians inside; in YAML degrees: ``90``, or text with a unit: ``"90 deg"``, ``"1.57 rad"``."""
+
+Speed: TypeAlias = Annotated[float, Field(gt=0.0, le=1.0)]
+"""Share of the arm's limits of velocity, acceleration and jerk; 1.0 is the arm's maximum."""
+
+
+class Value(BaseModel):
+    """Base of value types: frozen, and strict about what YAML says."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class PoseSpec(Value):
+    """Where a frame is: a position, and at most one notation of its orientation.
+
+    Attributes:
+        xyz: Position in metres.
+        rpy: Roll, pitch, yaw in degrees about the fixed axes x, y, z in that order.
+        quat: Quaternion w, x, y, z of unit length.
+        look_at: A point in metres that the frame's z axis points to; its y axis points downwards.
+    """
+
+    xyz: Vector3
+    rpy: Vector3 | None = None
+    quat: tuple[float, float, float, float] | None = None
+    look_at: Vector3 | None = None
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> PoseSpec:
+        given = [name for name in ("rpy", "quat", "look_at") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError(f"gives its orientation twice: {' and '.join(given)}")
+        if self.quat is not None and abs(math.hypot(*self.quat) - 1.0) > 1e-3:
+            length = math.hypot(*self.quat)
+            raise ValueError(f"quat has length {length:.4g}; a rotation has length 1")
+        if self.look_at is not None and math.dist(self.look_at, self.xyz) < 1e-6:
+            raise ValueError("look_at is the position itself: no direction follows from it")
+        return self
+
+    @property
+    def pose(self) -> Pose:
+        """The transform; without an orientation, that of the frame it is given in."""
+        if self.quat is not None:
+            quaternion = np.array(self.quat) / math.hypot(*self.quat)
+            return Pose(np.array(self.xyz), quaternion)
+        if self.look_at is not None:
+            return _looking(np.array(self.xyz), np.array(self.look_at))
+        roll, pitch, yaw = np.radians(self.rpy or (0.0, 0.0, 0.0))
+        return Pose.from_rpy(self.xyz, (roll, pitch, yaw))
+
+
+def _looking(eye: Vector, target: Vector) -> Pose:
+    """Z forward, x right, y down, as cameras have it; right is world x when looking up or down."""
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    if np.linalg.norm(right) < 1e-6:
+        right = np.array([1.0, 0.0, 0.0])
+    right /= np.linalg.norm(right)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.column_stack((right, np.cross(forward, right), forward))
+    matrix[:3, 3] = eye
+    return Pose.from_matrix(matrix)
