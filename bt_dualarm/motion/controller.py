@@ -1,0 +1,238 @@
+"""The joint controller of one arm: computed torque behind a gate that enforces the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol, TypeAlias
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.errors import DivergenceError, Failure
+from bt_dualarm.motion import timing
+from bt_dualarm.motion.limiter import SetPoint, SetPointLimiter
+from bt_dualarm.motion.trajectory import Trajectory
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.arm_body import ArmBody
+from bt_dualarm.world.world import World
+
+Stream: TypeAlias = Callable[[float], SetPoint]
+"""Gives the set-point for a simulated time in seconds; asked once a control period."""
+
+BANDWIDTH = 60.0
+"""Natural frequency of the error dynamics in rad/s: e'' + 2we' + w²e = 0 (critically damped)."""
+
+LEFT_BEHIND = 0.1
+"""Joint error in rad at which a motion is given up: blocked, or beyond the arm's torque."""
+
+_STANDSTILL = 0.02  # rad/s
+
+
+class Motion(Protocol):
+    """What a controller is following: a trajectory or a stream."""
+
+    def next(self, time: float) -> SetPoint:
+        """The set-point for now."""
+
+    @property
+    def done(self) -> bool:
+        """Whether its last set-point has been sent."""
+
+
+class TrajectoryMotion:
+    """Follows a trajectory set-point by set-point and records where the tool really was.
+
+    Attributes:
+        executed: Measured tool positions at each set-point's time, each of shape (3,), m.
+    """
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.trajectory = trajectory
+        self.executed: list[Vector] = []
+        self._next = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether the last set-point has been sent."""
+        return self._next >= len(self.trajectory)
+
+    @property
+    def progress(self) -> float:
+        """Share of the set-points that were sent, from 0 to 1."""
+        return self._next / len(self.trajectory)
+
+    def next(self, time: float) -> SetPoint:  # noqa: ARG002 - a trajectory counts its own time
+        """The next set-point."""
+        i = min(self._next, len(self.trajectory) - 1)
+        self._next += 1
+        return SetPoint(self.trajectory.q[i], self.trajectory.v[i], self.trajectory.a[i])
+
+
+class StreamMotion:
+    """Follows whatever a function says, until it is stopped."""
+
+    done = False
+
+    def __init__(self, stream: Stream) -> None:
+        self.next = stream
+
+
+class JointController:
+    """Keeps one arm on its set-points; without a motion it holds the last one.
+
+    The torque is ``M(q) (a + 2w(v - v̂) + w²(q - q̂)) + bias`` (computed torque, Siciliano et al.,
+    Robotics, 8.5.2) plus what the attached objects need, within the joints' efforts.
+
+    Args:
+        world: The world that the arm ``name`` is in.
+        period: Seconds between set-points, a multiple of the world's time step.
+
+    Attributes:
+        fault: What went wrong in the last motion; the skill that began it raises it.
+    """
+
+    def __init__(self, world: World, name: str, period: float) -> None:
+        self.period = period
+        self.fault: Exception | None = None
+        self.saturated = 0
+        self._world = world
+        self._name = name
+        self._robot = world.robots[name]
+        self._limiter = SetPointLimiter(self._robot.limits, period, world.arms[name].q)
+        self._motion: Motion | None = None
+        self._bind()
+
+    @property
+    def setpoint(self) -> SetPoint:
+        """The last set-point that was sent: where the next motion has to begin."""
+        return self._limiter.sent
+
+    @property
+    def clipped(self) -> int:
+        """How many set-points broke a limit and were bent."""
+        return self._limiter.clipped
+
+    @property
+    def motion(self) -> Motion | None:
+        """What is being followed, None while holding."""
+        return self._motion
+
+    @property
+    def at_rest(self) -> bool:
+        """No motion is commanded and the arm stands still."""
+        return self._motion is None and bool((np.abs(self._body.v) < _STANDSTILL).all())
+
+    def follow(self, trajectory: Trajectory) -> TrajectoryMotion:
+        """Begin a motion; it must start where the last set-point was.
+
+        Raises:
+            Failure: ``TRACKING_ERROR`` if it starts elsewhere.
+        """
+        away = float(np.abs(trajectory.q[0] - self.setpoint.q).max())
+        if away > 1e-6:
+            raise Failure(
+                "TRACKING_ERROR",
+                f"the motion starts {np.degrees(away):.3g}° from where the arm is",
+                start_error_rad=away,
+            )
+        motion = TrajectoryMotion(trajectory)
+        self._motion, self.fault = motion, None
+        return motion
+
+    def stream(self, source: Stream) -> None:
+        """Follow a stream of set-points until ``stop``."""
+        self._motion, self.fault = StreamMotion(source), None
+
+    def stop(self) -> None:
+        """Brake with bounded jerk and hold; harmless at rest."""
+        sent = self.setpoint
+        if not sent.v.any() and not sent.a.any():
+            self._motion = None
+            return
+        braking = timing.stop(sent.q, sent.v, sent.a, self._robot.limits, self.period)
+        self._motion = TrajectoryMotion(braking)
+        # The first set-point of the braking motion is the one that was sent last.
+        self._motion.next(self._world.time)
+
+    def update(self, time: float) -> None:
+        """Send the set-point for ``time`` and command the torques for the next step(s).
+
+        Raises:
+            DivergenceError: A torque is not a number.
+        """
+        if self._generation != self._world.generation:
+            self._bind()
+        sent = self._limiter.send(self._wanted(time))
+        error = sent.q - self._body.q
+        if self._motion is not None:
+            self._watch(error)
+        feedback = sent.a + 2 * BANDWIDTH * (sent.v - self._body.v) + BANDWIDTH**2 * error
+        torque = self._torque(feedback)
+        limit = self._robot.limits.effort
+        if not (np.abs(torque) <= limit).all():
+            if not np.isfinite(torque).all():
+                raise DivergenceError(f"{self._name}: the torques at {time:.3f} s are no numbers")
+            self.saturated += 1
+        self._world.data.ctrl[self._body.actuator_ids] = np.clip(torque, -limit, limit)
+
+    def _wanted(self, time: float) -> SetPoint:
+        motion = self._motion
+        if motion is None:
+            return SetPoint(self.setpoint.q, self._still, self._still)
+        if isinstance(motion, TrajectoryMotion):
+            motion.executed.append(self._world.data.site_xpos[self._body.tool_site].copy())
+        try:
+            wanted = motion.next(time)
+        except Exception as error:  # noqa: BLE001 - a skill's stream may raise anything
+            self.fault = error
+            self.stop()
+            return self._wanted(time)
+        if motion.done:
+            self._motion = None
+        return wanted
+
+    def _watch(self, error: Vector) -> None:
+        worst = float(np.abs(error).max())
+        if worst > LEFT_BEHIND and self.fault is None:
+            joint = self._robot.joints[int(np.argmax(np.abs(error)))]
+            self.fault = Failure(
+                "TRACKING_ERROR",
+                f"joint {joint} is {np.degrees(worst):.1f}° behind its set-point: "
+                "the arm is blocked or its torque does not suffice",
+                joint_error_rad=worst,
+            )
+            self.stop()
+
+    def _torque(self, acceleration: Vector) -> Vector:
+        """Torques, of shape (dof,), that give the joints this acceleration."""
+        world, dofs = self._world, self._body.dof_ids
+        self._wide[dofs] = acceleration
+        mujoco.mj_mulM(world.model, world.data, self._product, self._wide)
+        torque: Vector = self._product[dofs] + world.data.qfrc_bias[dofs]
+        for thing in self._load:
+            torque += self._load_torque(thing, acceleration)
+        return torque
+
+    def _load_torque(self, thing: int, acceleration: Vector) -> Vector:
+        """Torques that carry an attached body along: Newton and Euler at its centre of mass."""
+        model, data, dofs = self._world.model, self._world.data, self._body.dof_ids
+        linear, angular = self._jacobian
+        mujoco.mj_jac(model, data, linear, angular, data.xipos[thing], self._body.tool_body)
+        jac_linear, jac_angular = linear[:, dofs], angular[:, dofs]
+        force = model.body_mass[thing] * (jac_linear @ acceleration - model.opt.gravity)
+        axes = data.ximat[thing].reshape(3, 3)
+        inertia: Matrix = (axes * model.body_inertia[thing]) @ axes.T
+        moment = inertia @ (jac_angular @ acceleration)
+        torque: Vector = jac_linear.T @ force + jac_angular.T @ moment
+        return torque
+
+    def _bind(self) -> None:
+        """Look up what a recompilation of the world has moved."""
+        world = self._world
+        self._generation = world.generation
+        self._body: ArmBody = world.arms[self._name]
+        self._still = np.zeros(self._robot.dof)
+        self._wide: Any = np.zeros(world.model.nv)
+        self._product: Any = np.zeros(world.model.nv)
+        self._jacobian = np.zeros((2, 3, world.model.nv))
+        self._load = [world.object_body(o) for o in world.attachments.attached_to(self._name)]

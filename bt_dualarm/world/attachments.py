@@ -1,0 +1,85 @@
+"""Attachments: welds between an arm's tool and objects, one a pair, as many as wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from bt_dualarm.pose import Pose
+from bt_dualarm.world import composition
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """An object held by an arm.
+
+    Attributes:
+        relative: Pose of the object in the arm's tool link at the moment of attaching.
+        since: Simulated time in seconds.
+    """
+
+    arm: str
+    object: str
+    relative: Pose
+    since: float
+
+    @property
+    def name(self) -> str:
+        """Name of the weld in the model."""
+        return f"{self.arm}+{self.object}"
+
+
+class Attachments:
+    """The registry of a world's attachments.
+
+    Args:
+        spec: The world's MjSpec.
+        recompile: Makes the world take up a change of the spec.
+    """
+
+    def __init__(self, spec: Any, recompile: Callable[[], None]) -> None:
+        self._spec = spec
+        self._recompile = recompile
+        self._held: dict[tuple[str, str], Attachment] = {}
+
+    def __iter__(self) -> Any:
+        return iter(self._held.values())
+
+    def __len__(self) -> int:
+        return len(self._held)
+
+    def attached_to(self, arm: str) -> tuple[str, ...]:
+        """Objects that the arm holds, in the order in which they were attached."""
+        return tuple(a.object for a in self._held.values() if a.arm == arm)
+
+    def find(self, arm: str, thing: str) -> Attachment | None:
+        """The attachment of this pair, if there is one."""
+        return self._held.get((arm, thing))
+
+    def attach(self, arm: str, link: str, thing: str, relative: Pose, time: float) -> Attachment:
+        """Weld an object to an arm's link where it is now; a second time changes nothing."""
+        held = self._held.get((arm, thing))
+        if held is not None:
+            return held
+        held = Attachment(arm, thing, relative, time)
+        composition.add_weld(self._spec, held.name, link, thing, relative)
+        self._held[arm, thing] = held
+        self._recompile()
+        return held
+
+    def detach(self, arm: str, thing: str) -> bool:
+        """Release an object; returns whether it was held."""
+        held = self._held.pop((arm, thing), None)
+        if held is None:
+            return False
+        composition.remove_weld(self._spec, held.name)
+        self._recompile()
+        return True
+
+    def forget(self, name: str) -> None:
+        """Take away every weld of an arm or object that is about to leave (no recompilation)."""
+        for key, held in list(self._held.items()):
+            if name in key:
+                composition.remove_weld(self._spec, held.name)
+                del self._held[key]

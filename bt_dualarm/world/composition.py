@@ -1,0 +1,204 @@
+"""Editing the MjSpec of a world: scenes, objects, arms, cameras, welds."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import zlib
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.errors import CatalogueError
+from bt_dualarm.pose import Pose
+from bt_dualarm.share import share_dir
+from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, WorldSpec
+from bt_dualarm.world.catalogue import Robot
+from bt_dualarm.world.robot_model import robot_spec
+
+SCENE_GROUP = 0
+OBJECT_GROUP = 1
+CAMERA = "camera"
+
+_GEOM_TYPES = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+}
+_PEDESTAL_HALF_WIDTH = 0.11  # m; the footprint of a Panda or UR10 base plate fits
+_PEDESTAL_COLOR = (0.42, 0.45, 0.50, 1.0)
+_WELD_SOLREF = (0.004, 1.0)  # s, damping ratio: as good as rigid at a 2 ms step
+_OPENCV_TO_MUJOCO = Pose.from_rpy((0, 0, 0), (np.pi, 0, 0))  # MuJoCo's cameras look along -z, y up
+
+
+def scene_names() -> tuple[str, ...]:
+    """Names of the shipped scenes, sorted."""
+    return tuple(sorted(path.stem for path in (share_dir("assets") / "scenes").glob("*.xml")))
+
+
+def scene_spec(world: WorldSpec, root: Path) -> Any:
+    """The scene as an MjSpec with the options of the world.
+
+    Args:
+        root: Folder against which a scene given as a path is resolved.
+
+    Raises:
+        CatalogueError: No such scene, or MuJoCo cannot read it.
+    """
+    spec = _read_scene(_scene_file(world.scene, root))
+    spec.option.timestep = world.timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    for geom in spec.geoms:
+        geom.group = SCENE_GROUP
+    return spec
+
+
+def _scene_file(name: str, root: Path) -> Path:
+    if name.endswith(".xml"):
+        return root / name
+    if name in scene_names():
+        return share_dir("assets") / "scenes" / f"{name}.xml"
+    near = difflib.get_close_matches(name, scene_names(), n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise CatalogueError(f"no scene {name!r}{hint} (there are: {', '.join(scene_names())})")
+
+
+def _read_scene(path: Path) -> Any:
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise CatalogueError(f"scene {path}: {error}") from error
+
+
+def add_object(spec: Any, name: str, thing: ObjectSpec, pose: Pose) -> None:
+    """Add an object; body, joint and geom bear its name."""
+    body = spec.worldbody.add_body(name=name, pos=pose.position, quat=pose.quaternion)
+    if not thing.fixed:
+        body.add_freejoint(name=name)
+    body.add_geom(
+        name=name,
+        type=_GEOM_TYPES[thing.shape],
+        size=_half_sizes(thing),
+        mass=thing.mass,
+        rgba=thing.rgba,
+        friction=(thing.friction, 0.005, 0.0001),
+        group=OBJECT_GROUP,
+    )
+
+
+def _half_sizes(thing: ObjectSpec) -> tuple[float, float, float]:
+    if thing.shape == "box":
+        x, y, z = thing.size
+        return x / 2, y / 2, z / 2
+    if thing.shape == "cylinder":
+        radius, length = thing.size
+        return radius, length / 2, 0
+    return thing.size[0], 0, 0
+
+
+def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:
+    """The declared pose, moved by the object's noise; independent of all other objects."""
+    rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    shift = rng.uniform(-1, 1, 3) * np.asarray(thing.noise.xyz)
+    turn = rng.uniform(-1, 1) * math.radians(thing.noise.yaw)
+    declared = thing.pose.pose
+    moved = Pose.from_rpy(declared.position + shift, (0, 0, turn))
+    return Pose(moved.position, (moved @ Pose(np.zeros(3), declared.quaternion)).quaternion)
+
+
+def add_arm(
+    spec: Any, name: str, arm: ArmSpec, robot: Robot, *, floor: float | None, visuals: bool
+) -> None:
+    """Attach an arm with its names below ``name/``.
+
+    Args:
+        floor: Height on which a pedestal below the base stands, or None for no pedestal.
+    """
+    base = arm.base.pose
+    frame = spec.worldbody.add_frame(
+        name=f"{name}/mount", pos=base.position, quat=base.quaternion
+    )
+    child = robot_spec(robot, visuals=visuals)
+    if arm.camera is not None and isinstance(arm.camera.mount, str):
+        mount = robot.cameras.get(arm.camera.mount)
+        if mount is None:
+            raise CatalogueError(
+                f"arm {name!r}: robot {robot.name!r} has no camera mount {arm.camera.mount!r} "
+                f"(there are: {', '.join(robot.cameras) or 'none'})"
+            )
+        _add_camera(child.body(mount.link), CAMERA, arm.camera, mount.pose)
+    spec.attach(child, prefix=f"{name}/", frame=frame)
+    if arm.camera is not None and not isinstance(arm.camera.mount, str):
+        _add_camera(spec.worldbody, f"{name}/{CAMERA}", arm.camera, arm.camera.mount.pose)
+    if floor is not None:
+        _add_pedestal(spec, name, base, floor)
+
+
+def _add_camera(body: Any, name: str, camera: CameraSpec, pose: Pose) -> None:
+    """``pose`` has x right, y down, z forward."""
+    turned = pose @ _OPENCV_TO_MUJOCO
+    width, height = camera.resolution
+    body.add_camera(
+        name=name,
+        pos=turned.position,
+        quat=turned.quaternion,
+        fovy=camera.fov,
+        resolution=(width, height),
+    )
+
+
+def _add_pedestal(spec: Any, name: str, base: Pose, floor: float) -> None:
+    height = float(base.position[2]) - floor
+    x, y = base.position[:2]
+    body = spec.worldbody.add_body(name=f"{name}/pedestal", pos=(x, y, floor + height / 2))
+    body.quat = base.quaternion
+    body.add_geom(
+        name=f"{name}/pedestal",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=(_PEDESTAL_HALF_WIDTH, _PEDESTAL_HALF_WIDTH, height / 2),
+        rgba=_PEDESTAL_COLOR,
+        group=SCENE_GROUP,
+    )
+    spec.add_exclude(bodyname1=f"{name}/pedestal", bodyname2=_first_body(spec, name))
+
+
+def _first_body(spec: Any, name: str) -> str:
+    prefix = f"{name}/"
+    return next(
+        str(body.name)
+        for body in spec.bodies
+        if body.name.startswith(prefix) and body.name != f"{name}/pedestal"
+    )
+
+
+def remove_arm(spec: Any, name: str, robot: Robot) -> None:
+    """Delete an arm's bodies, its pedestal, camera, mount and meshes."""
+    prefix = f"{name}/"
+    spec.delete(spec.body(prefix + robot.base_link))
+    leftovers = [*spec.bodies, *spec.cameras, *spec.frames, *spec.meshes]
+    for element in [e for e in leftovers if e.name.startswith(prefix)]:
+        spec.delete(element)
+
+
+def add_weld(spec: Any, name: str, body1: str, body2: str, relative: Pose) -> None:
+    """Weld two bodies; ``relative`` is the pose of body2 in body1."""
+    weld = spec.add_equality(
+        name=name,
+        type=mujoco.mjtEq.mjEQ_WELD,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=body1,
+        name2=body2,
+    )
+    weld.solref = _WELD_SOLREF
+    # anchor in body2, relative pose, share of torque against force (mjEQ_WELD's eq_data)
+    weld.data[:11] = [0, 0, 0, *relative.position, *relative.quaternion, 1]
+    spec.add_exclude(name=name, bodyname1=body1, bodyname2=body2)
+
+
+def remove_weld(spec: Any, name: str) -> None:
+    """Undo :func:`add_weld`."""
+    spec.delete(spec.equality(name))
+    spec.delete(spec.exclude(name))

@@ -1,0 +1,116 @@
+"""Meshes of robots: low-polygon hulls for contacts and cameras, full meshes for pictures.
+
+MuJoCo reads neither COLLADA nor ASCII STL. Whatever is not binary STL is converted once with the
+``assimp`` program (of the package cmeel-assimp) and kept in the user's cache directory.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sysconfig
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from bt_dualarm.errors import CatalogueError
+from bt_dualarm.pose import Matrix
+
+_STL_FACET = np.dtype(
+    [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")]
+)
+_STL_HEADER = 84
+_DIRECTIONS = 96  # support points of a hull: below 1 mm of loss on a forearm's 60 mm radius
+
+
+def cache_dir() -> Path:
+    """Where converted meshes are kept: ``$XDG_CACHE_HOME/bt_dualarm``, else ``~/.cache``."""
+    root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(root) / "bt_dualarm"
+
+
+@lru_cache(maxsize=256)
+def low_poly_hull(path: Path, scale: tuple[float, ...]) -> tuple[Matrix, Matrix]:
+    """Convex hull through the extreme points of a mesh in evenly spread directions.
+
+    Returns:
+        Vertices of shape (n, 3) in metres and triangles of shape (m, 3), n ≤ 96.
+    """
+    points = stl_triangles(as_stl(path)).reshape(-1, 3) * np.asarray(scale)
+    extreme = points[np.unique(np.argmax(points @ _fibonacci_sphere(_DIRECTIONS).T, axis=0))]
+    hull = ConvexHull(extreme)
+    return extreme, _outward(extreme, hull)
+
+
+def stl_triangles(path: Path) -> Matrix:
+    """Corners of the triangles of a binary STL, of shape (n, 3, 3)."""
+    facets = np.frombuffer(path.read_bytes(), _STL_FACET, offset=_STL_HEADER)
+    return facets["corners"].astype(float)
+
+
+def as_stl(path: Path) -> Path:
+    """The mesh as binary STL: the file itself, or its conversion in the cache.
+
+    Raises:
+        CatalogueError: The file is missing or cannot be converted.
+    """
+    if not path.is_file():
+        raise CatalogueError(f"mesh {path} does not exist")
+    if path.suffix.lower() == ".stl" and _is_binary_stl(path):
+        return path
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    converted = cache_dir() / "meshes" / f"{path.stem}-{digest}.stl"
+    if not converted.is_file():
+        _convert(path, converted)
+    return converted
+
+
+def _is_binary_stl(path: Path) -> bool:
+    with path.open("rb") as file:
+        header = file.read(_STL_HEADER)
+    if len(header) < _STL_HEADER:
+        return False
+    count = int.from_bytes(header[80:], "little")
+    return path.stat().st_size == _STL_HEADER + count * _STL_FACET.itemsize
+
+
+def _convert(source: Path, target: Path) -> None:
+    """Run assimp; the result appears under its name only when it is whole."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=target.parent) as folder:
+        raw = Path(folder) / target.name
+        command = [str(_assimp()), "export", str(source), str(raw), "-fstlb", "-ptv"]
+        result = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  # our own program and paths
+        if result.returncode != 0 or not raw.is_file():
+            raise CatalogueError(f"assimp cannot convert {source}: {result.stdout.strip()[-400:]}")
+        raw.replace(target)
+
+
+def _assimp() -> Path:
+    program = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix" / "bin" / "assimp"
+    if not program.is_file():
+        raise CatalogueError(f"the program assimp is missing ({program}); reinstall cmeel-assimp")
+    return program
+
+
+def _fibonacci_sphere(count: int) -> Matrix:
+    """Evenly spread unit vectors, of shape (count, 3) (golden-angle spiral)."""
+    k = np.arange(count) + 0.5
+    z = 1 - 2 * k / count
+    angle = np.pi * (1 + 5**0.5) * k
+    radius = np.sqrt(1 - z**2)
+    return np.column_stack((radius * np.cos(angle), radius * np.sin(angle), z))
+
+
+def _outward(points: Matrix, hull: ConvexHull) -> Matrix:
+    """Triangles of a hull, each with its corners anticlockwise seen from outside."""
+    triangles = hull.simplices.copy()
+    corners = points[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normal, hull.equations[:, :3]) < 0
+    triangles[inward] = triangles[inward][:, ::-1]
+    return triangles
