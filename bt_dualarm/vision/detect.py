@@ -1,0 +1,165 @@
+"""Find a coloured target in a frame: range, open and close, contours, moments (OpenCV)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.vision.colors import ColorFilter, Mask
+from bt_dualarm.world.camera import Frame
+from bt_dualarm.world.rendering import Image, Region
+
+_KERNEL = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
+_NEIGHBOURS = cv2.getStructuringElement(cv2.MORPH_RECT, (5, 5))
+_MARGIN_PX = 3
+
+
+@dataclass(frozen=True)
+class Detection:
+    """A target in an image.
+
+    Args:
+        stamp: Simulated time of the exposure in s.
+        centroid: Offset from the image centre, x to the right and y down; the edges are at -1, 1.
+        centroid_px: The same in pixels from the top left corner of the image.
+        area_px: Area in square pixels, edge pixels counted by the share that is covered.
+        size: Root of the area as a share of the image height.
+        bounds_px: Bounding box: left, top, right, bottom (right and bottom outside).
+        confidence: 0..1: share of its filled outline that has the colour.
+        touches_border: It reaches the edge of what was exposed, so its centroid is shifted.
+    """
+
+    stamp: float
+    centroid: tuple[float, float]
+    centroid_px: tuple[float, float]
+    area_px: float
+    size: float
+    bounds_px: Region
+    confidence: float
+    touches_border: bool
+
+
+def detect(
+    frame: Frame,
+    color: ColorFilter,
+    min_area: float = 12.0,
+    max_area: float = math.inf,
+    expected_px: tuple[float, float] | None = None,
+) -> Detection | None:
+    """Find one target, or none.
+
+    Args:
+        frame: Only its exposed region is looked at.
+        color: What the target looks like.
+        min_area: Smaller areas, in square pixels, are not the target.
+        max_area: Neither are larger ones.
+        expected_px: Where the target should be. Of several, the nearest to it is taken;
+            without it, the largest.
+
+    Returns:
+        ``None`` says that the target is not in the picture: an answer, not a failure.
+    """
+    found = detect_all(frame, color, min_area, max_area)
+    if not found:
+        return None
+    if expected_px is None:
+        return max(found, key=lambda detection: detection.area_px)
+    return min(found, key=lambda detection: math.dist(detection.centroid_px, expected_px))
+
+
+def detect_all(
+    frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
+) -> list[Detection]:
+    """All targets of the colour and of a fitting area, in no particular order."""
+    left, top, right, bottom = frame.region
+    step = frame.stride
+    part = np.ascontiguousarray(frame.image[top:bottom:step, left:right:step])
+    if part.size == 0:
+        return []
+    raw = color.mask(part)
+    cleaned = _open_and_close(raw) if step == 1 else raw
+    contours, _ = cv2.findContours(cleaned, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    found = []
+    for contour in contours:
+        x, y, width, height = cv2.boundingRect(contour)
+        if width * height * step**2 >= min_area:
+            blob = _Blob.cut(part, raw, contour, (x, y, x + width, y + height))
+            found.append(_measure(frame, blob))
+    return [d for d in found if min_area <= d.area_px <= max_area]
+
+
+@dataclass(frozen=True, eq=False)
+class _Blob:
+    """One outline and the pixels around it; all arrays of the same height and width.
+
+    ``origin`` is the top left sample of the arrays within the exposed region, ``bounds`` the
+    outline's box and ``limits`` the number of samples of the region (width, height).
+    """
+
+    rgb: Image
+    raw: Mask
+    filled: Mask
+    origin: tuple[int, int]
+    bounds: Region
+    limits: tuple[int, int]
+
+    @classmethod
+    def cut(cls, rgb: Image, raw: Mask, contour: Any, bounds: Region) -> _Blob:
+        height, width = raw.shape
+        left, top = max(bounds[0] - _MARGIN_PX, 0), max(bounds[1] - _MARGIN_PX, 0)
+        part = slice(top, bounds[3] + _MARGIN_PX), slice(left, bounds[2] + _MARGIN_PX)
+        filled = np.zeros_like(raw[part])
+        cv2.drawContours(filled, [contour], -1, 255, cv2.FILLED, offset=(-left, -top))
+        return cls(rgb[part], raw[part], filled, (left, top), bounds, (width, height))
+
+
+def _measure(frame: Frame, blob: _Blob) -> Detection:
+    step, (left, top) = frame.stride, frame.region[:2]
+    moments = cv2.moments(_coverage(blob))
+    total = max(moments["m00"], 1e-9)
+    # Half a sample: moments count a pixel at its index, a frame at its centre.
+    x = left + step * (blob.origin[0] + moments["m10"] / total + 0.5)
+    y = top + step * (blob.origin[1] + moments["m01"] / total + 0.5)
+    area = total * step**2
+    filled = cv2.countNonZero(blob.filled)
+    x0, y0, x1, y1 = blob.bounds
+    return Detection(
+        stamp=frame.stamp,
+        centroid=(2.0 * x / frame.width - 1.0, 2.0 * y / frame.height - 1.0),
+        centroid_px=(x, y),
+        area_px=area,
+        size=math.sqrt(area) / frame.height,
+        bounds_px=(left + x0 * step, top + y0 * step, left + x1 * step, top + y1 * step),
+        confidence=cv2.countNonZero(cv2.bitwise_and(blob.filled, blob.raw)) / max(filled, 1),
+        touches_border=x0 == 0 or y0 == 0 or x1 == blob.limits[0] or y1 == blob.limits[1],
+    )
+
+
+def _coverage(blob: _Blob) -> npt.NDArray[np.float32]:
+    """Share of each pixel that the target covers, 0..1.
+
+    Inside the outline all of it. A pixel at the edge is a linear mixture of target and
+    background: along the line between their mean colours, its place between the extremes of its
+    neighbourhood is the share.
+    """
+    inside = cv2.erode(blob.filled, _KERNEL)
+    near = cv2.dilate(blob.filled, _KERNEL)
+    target = np.array(cv2.mean(blob.rgb, blob.filled)[:3])
+    background = np.array(cv2.mean(blob.rgb, cv2.bitwise_not(near))[:3])
+    along = cv2.transform(blob.rgb.astype(np.float32), (target - background)[None])
+    lowest, highest = cv2.erode(along, _NEIGHBOURS), cv2.dilate(along, _NEIGHBOURS)
+    share = (along - lowest) / np.maximum(highest - lowest, 1.0)
+    share[near == 0] = 0.0
+    share[inside > 0] = 1.0
+    return np.asarray(share, dtype=np.float32)
+
+
+def _open_and_close(mask: Mask) -> Mask:
+    """Remove specks, then fill pinholes."""
+    opened = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _KERNEL)
+    return np.asarray(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, _KERNEL), dtype=np.uint8)

@@ -1,0 +1,157 @@
+"""Where the target is, how fast it goes and where it will be: a Kalman filter over detections."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.vision.motion_model import ConstantJerk, MotionModel, Stack
+
+_HISTORY = 8
+
+
+class Motion(NamedTuple):
+    """Position in m, velocity in m/s, acceleration in m/s², each of shape (n,)."""
+
+    position: Vector
+    velocity: Vector
+    acceleration: Vector
+
+
+@dataclass(frozen=True, eq=False)
+class _Belief:
+    stamp: float
+    state: Matrix
+    covariance: Stack
+
+
+@dataclass(frozen=True, eq=False)
+class _Measurement:
+    stamp: float
+    position: Vector
+    variance: Vector
+
+
+class TargetEstimate:
+    """A Kalman filter (extended, where the model bends) with axes independent of each other.
+
+    Measurements may come late and out of order: a short history is kept and run again.
+
+    Args:
+        model: How targets move.
+    """
+
+    def __init__(self, model: MotionModel | None = None) -> None:
+        self._model: MotionModel = model or ConstantJerk()
+        self._beliefs: list[_Belief] = []
+        self._measurements: list[_Measurement] = []
+
+    @property
+    def started(self) -> bool:
+        """Whether there has been a measurement since the last ``reset``."""
+        return bool(self._beliefs)
+
+    @property
+    def stamp(self) -> float:
+        """Time of the newest measurement in s.
+
+        Raises:
+            ValueError: There has been none.
+        """
+        return self._last.stamp
+
+    def reset(self) -> None:
+        """Forget the target."""
+        self._beliefs.clear()
+        self._measurements.clear()
+
+    def update(self, stamp: float, position: Vector, sigma: float | Vector) -> None:
+        """Take in a measurement.
+
+        Args:
+            stamp: When it was true, in s; one older than the history is ignored.
+            position: Of shape (n,), in m.
+            sigma: Standard deviation in m: one for all axes or one an axis.
+        """
+        variance = np.broadcast_to(np.square(sigma), np.shape(position)).astype(float)
+        measurement = _Measurement(stamp, np.array(position, dtype=float), variance)
+        later = [m for m in self._measurements if m.stamp > stamp]
+        if later and len(later) == len(self._measurements):
+            return
+        for _ in later:
+            self._beliefs.pop()
+            self._measurements.pop()
+        for known in (measurement, *later):
+            self._take(known)
+        del self._beliefs[:-_HISTORY], self._measurements[:-_HISTORY]
+
+    def predict(self, time: float) -> Motion:
+        """The target at any time, of the past too.
+
+        Raises:
+            ValueError: There has been no measurement.
+        """
+        last = self._last
+        state = self._model.move(last.state, time - last.stamp)
+        return Motion(state[:, 0], state[:, 1], state[:, 2])
+
+    def variance(self, time: float) -> Vector:
+        """Variance of the position at ``time``, of shape (n,), in m².
+
+        Raises:
+            ValueError: There has been no measurement.
+        """
+        variance: Vector = self._moved(self._last, time).covariance[:, 0, 0]
+        return variance
+
+    def surprise(self, stamp: float, position: Vector, sigma: float | Vector) -> float:
+        """Squared Mahalanobis distance of a measurement from its prediction.
+
+        Chi-squared with n degrees of freedom if the measurement belongs to the target.
+
+        Raises:
+            ValueError: There has been no measurement.
+        """
+        belief = self._moved(self._last, stamp)
+        innovation = position - belief.state[:, 0]
+        return float(np.sum(innovation**2 / (belief.covariance[:, 0, 0] + np.square(sigma))))
+
+    @property
+    def _last(self) -> _Belief:
+        if not self._beliefs:
+            raise ValueError("the target has not been seen yet")
+        return self._beliefs[-1]
+
+    def _take(self, measurement: _Measurement) -> None:
+        if self._beliefs:
+            belief = self._corrected(self._moved(self._last, measurement.stamp), measurement)
+        else:
+            belief = self._first(measurement)
+        self._beliefs.append(belief)
+        self._measurements.append(measurement)
+
+    def _first(self, measurement: _Measurement) -> _Belief:
+        axes = len(measurement.position)
+        covariance = np.zeros((axes, 4, 4))
+        covariance[:, 0, 0] = measurement.variance
+        covariance[:, [1, 2, 3], [1, 2, 3]] = np.square(self._model.spread)
+        return _Belief(measurement.stamp, self._model.start(measurement.position), covariance)
+
+    def _moved(self, belief: _Belief, time: float) -> _Belief:
+        dt = time - belief.stamp
+        jacobian = self._model.jacobian(belief.state, dt)
+        covariance = jacobian @ belief.covariance @ jacobian.swapaxes(1, 2)
+        return _Belief(time, self._model.move(belief.state, dt), covariance + self._model.noise(dt))
+
+    @staticmethod
+    def _corrected(belief: _Belief, measurement: _Measurement) -> _Belief:
+        row = belief.covariance[:, 0, :]
+        gain = row / (row[:, 0] + measurement.variance)[:, None]
+        innovation = measurement.position - belief.state[:, 0]
+        # Joseph's form would cost twice as much; four states in doubles stay symmetric enough.
+        covariance = belief.covariance - gain[:, :, None] * row[:, None, :]
+        covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
+        return _Belief(belief.stamp, belief.state + gain * innovation[:, None], covariance)

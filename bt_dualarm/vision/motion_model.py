@@ -1,0 +1,166 @@
+"""How a target is assumed to move between two images, each axis by itself.
+
+A state has four numbers an axis, of which the first three are position, velocity, acceleration
+in SI units. Noise enters continuously, so that results do not depend on the frame rate.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.pose import Matrix, Vector
+
+Stack = npt.NDArray[np.float64]
+"""One 4 by 4 matrix an axis, of shape (n, 4, 4)."""
+
+_STATES = 4
+_MIN_FREQUENCY = 1e-3
+
+
+class MotionModel(Protocol):
+    """What a filter needs to know about motion."""
+
+    @property
+    def spread(self) -> tuple[float, float, float]:
+        """Standard deviation of velocity, acceleration and the last state of a new target."""
+
+    def start(self, position: Vector) -> Matrix:
+        """State of shape (n, 4) of a target first seen at ``position`` of shape (n,)."""
+
+    def move(self, state: Matrix, dt: float) -> Matrix:
+        """The state, of shape (n, 4), ``dt`` seconds on."""
+
+    def jacobian(self, state: Matrix, dt: float) -> Stack:
+        """Derivative of ``move`` by the state, of shape (n, 4, 4) or (1, 4, 4)."""
+
+    def noise(self, dt: float) -> Matrix:
+        """Covariance that ``dt`` seconds add, of shape (4, 4)."""
+
+
+@dataclass(frozen=True)
+class ConstantJerk:
+    """Jerk changes only by white noise of density ``snap_density`` in m²/s⁷.
+
+    Source: Mehrotra and Mahapatra, "A jerk model for tracking highly maneuvering targets",
+    IEEE Trans. Aerospace and Electronic Systems 33(4), 1997, with an infinite time constant.
+    """
+
+    snap_density: float = 30.0
+    spread: tuple[float, float, float] = (0.5, 3.0, 20.0)
+
+    def start(self, position: Vector) -> Matrix:
+        """At rest."""
+        return _at_rest(position)
+
+    def move(self, state: Matrix, dt: float) -> Matrix:
+        """Taylor's series, exact for a constant jerk."""
+        moved: Matrix = state @ _chain(dt).T
+        return moved
+
+    def jacobian(self, state: Matrix, dt: float) -> Stack:  # noqa: ARG002 - it is linear
+        """The same at every state."""
+        return _chain(dt)[None]
+
+    def noise(self, dt: float) -> Matrix:
+        """White noise through four integrators."""
+        return self.snap_density * _chain_noise(dt)
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """A sine of unknown frequency w, the fourth state in rad/s: p''' = -w² p'.
+
+    Three integrators with white noise ``jerk_density`` in m²/s⁵, and a frequency that wanders
+    with ``frequency_density`` in rad²/s³.
+    """
+
+    jerk_density: float = 0.5
+    frequency_density: float = 4.0
+    start_frequency: float = 2.0
+    spread: tuple[float, float, float] = (0.5, 3.0, 2.0)
+
+    def start(self, position: Vector) -> Matrix:
+        """At rest, at the frequency of a slow curve."""
+        state = _at_rest(position)
+        state[:, 3] = self.start_frequency
+        return state
+
+    def move(self, state: Matrix, dt: float) -> Matrix:
+        """The sine through position, velocity and acceleration."""
+        # Plain floats: asked at the control rate, and numpy is slower on three numbers.
+        return np.array([_swing(*axis, dt) for axis in state.tolist()])
+
+    def jacobian(self, state: Matrix, dt: float) -> Stack:
+        """Exact in p, v, a; in w by Taylor's series, which a frame's short time allows."""
+        _, v, a, frequency = state.T
+        w = np.maximum(np.abs(frequency), _MIN_FREQUENCY)
+        sine, cosine = np.sin(w * dt), np.cos(w * dt)
+        jacobian = np.zeros((len(state), _STATES, _STATES))
+        jacobian[:, 0, 0] = jacobian[:, 3, 3] = 1.0
+        jacobian[:, 0, 1] = jacobian[:, 1, 2] = sine / w
+        jacobian[:, 0, 2] = (1.0 - cosine) / w**2
+        jacobian[:, 1, 1] = jacobian[:, 2, 2] = cosine
+        jacobian[:, 2, 1] = -w * sine
+        jacobian[:, 0, 3] = -w * (v * dt**3 / 3.0 + a * dt**4 / 12.0)
+        jacobian[:, 1, 3] = -w * (v * dt**2 + a * dt**3 / 3.0)
+        jacobian[:, 2, 3] = -w * (2.0 * v * dt + a * dt**2)
+        return jacobian
+
+    def noise(self, dt: float) -> Matrix:
+        """White noise through three integrators, and apart from it the frequency's."""
+        noise = np.zeros((_STATES, _STATES))
+        noise[:3, :3] = self.jerk_density * _chain_noise(dt)[1:, 1:]
+        noise[3, 3] = self.frequency_density * abs(dt)
+        return noise
+
+
+def _at_rest(position: Vector) -> Matrix:
+    state = np.zeros((len(position), _STATES))
+    state[:, 0] = position
+    return state
+
+
+def _swing(
+    p: float, v: float, a: float, frequency: float, dt: float
+) -> tuple[float, float, float, float]:
+    """One axis of a sine, ``dt`` seconds on."""
+    w = max(abs(frequency), _MIN_FREQUENCY)
+    sine, cosine, half = math.sin(w * dt), math.cos(w * dt), math.sin(0.5 * w * dt)
+    return (
+        p + v * sine / w + a * 2.0 * (half / w) ** 2,
+        v * cosine + a * sine / w,
+        a * cosine - v * w * sine,
+        frequency,
+    )
+
+
+@lru_cache(maxsize=256)
+def _chain(dt: float) -> Matrix:
+    """Transition of four integrators, of shape (4, 4)."""
+    return np.array(
+        [
+            [1.0, dt, dt**2 / 2.0, dt**3 / 6.0],
+            [0.0, 1.0, dt, dt**2 / 2.0],
+            [0.0, 0.0, 1.0, dt],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+@lru_cache(maxsize=256)
+def _chain_noise(dt: float) -> Matrix:
+    """Covariance of four integrators driven by white noise of density one, of shape (4, 4).
+
+    The integral over t of c c' with c = (t³/6, t²/2, t, 1).
+    """
+    order = np.array([3, 2, 1, 0])
+    factorial = np.array([6.0, 2.0, 1.0, 1.0])
+    power = order[:, None] + order[None, :] + 1
+    noise: Matrix = abs(dt) ** power / (power * factorial[:, None] * factorial[None, :])
+    return noise
