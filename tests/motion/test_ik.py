@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.world.catalogue import load_robot, robot_names
+
+BASE = Pose.from_rpy((0.3, -0.6, 0.1), (0.1, -0.2, 1.0))
+ARMS = {name: Kinematics(load_robot(name), BASE) for name in robot_names()}
+
+shares = st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7)
+arms = st.sampled_from(sorted(ARMS))
+
+
+def configuration(arm: Kinematics, share: list[float]) -> Vector:
+    q: Vector = arm.lower + np.array(share[: arm.dof]) * (arm.upper - arm.lower)
+    return q
+
+
+def home(arm: Kinematics) -> Vector:
+    return arm.robot.postures["home"]
+
+
+def circle(arm: Kinematics, radius: float, count: int) -> list[Pose]:
+    start = arm.forward(home(arm))
+    angles = np.linspace(0.0, 2.0 * np.pi, count)
+    return [
+        Pose(
+            start.position + radius * np.array((0.0, np.sin(a), np.cos(a) - 1.0)),
+            start.quaternion,
+        )
+        for a in angles
+    ]
+
+
+@given(arms, shares)
+@settings(max_examples=60, deadline=None)
+def test_an_answer_puts_the_tool_on_its_target_within_limits(name: str, share: list[float]) -> None:
+    """FK(IK(x)) = x for every pose that some configuration has."""
+    arm = ARMS[name]
+    target = arm.forward(configuration(arm, share))
+    q = arm.solve(target, home(arm))
+    distance, angle = arm.residual(q, target)
+    assert distance <= 1e-5
+    assert angle <= 1e-4
+    assert np.all(q >= arm.lower)
+    assert np.all(q <= arm.upper)
+
+
+@given(arms, shares, shares)
+@settings(max_examples=20, deadline=None)
+def test_an_answer_does_not_depend_on_what_was_asked_before(
+    name: str, share: list[float], other: list[float]
+) -> None:
+    arm = ARMS[name]
+    target = arm.forward(configuration(arm, share))
+    first = arm.solve(target, home(arm))
+    arm.solve(arm.forward(configuration(arm, other)), configuration(arm, other))
+    np.testing.assert_array_equal(arm.solve(target, home(arm)), first)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_where_the_tool_is_already_nothing_moves(name: str) -> None:
+    arm = ARMS[name]
+    q = arm.solve(arm.forward(home(arm)), home(arm))
+    np.testing.assert_allclose(q, home(arm), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_the_jacobian_is_the_derivative_of_the_tool_pose(name: str) -> None:
+    arm = ARMS[name]
+    q, h = home(arm) + 0.1, 1e-6
+    for joint in range(arm.dof):
+        plus, minus = q.copy(), q.copy()
+        plus[joint] += h
+        minus[joint] -= h
+        after, before = arm.forward(plus), arm.forward(minus)
+        linear = (after.position - before.position) / (2 * h)
+        angular = (after.rotation * before.rotation.inv()).as_rotvec() / (2 * h)
+        np.testing.assert_allclose(arm.jacobian(q)[:, joint], [*linear, *angular], atol=1e-6)
+
+
+def test_the_base_pose_is_that_of_the_base_link() -> None:
+    """The flange of a UR5 that points up stands above its base, wherever the URDF's root is."""
+    robot = load_robot("ur5")
+    here = Kinematics(robot, Pose.identity()).forward(robot.postures["home"])
+    there = Kinematics(robot, BASE).forward(robot.postures["home"])
+    assert there.distance(BASE @ here) < 1e-12
+    assert there.angle(BASE @ here) < 1e-7
+
+
+def test_what_is_out_of_reach_is_refused_with_its_residual() -> None:
+    arm = ARMS["ur5"]
+    with pytest.raises(Failure) as caught:
+        arm.solve(Pose.from_rpy((5.0, 0.0, 0.0)), home(arm))
+    assert caught.value.code == "UNREACHABLE"
+    assert float(caught.value.numbers["residual_m"]) > 3.0
+
+
+@pytest.mark.parametrize(
+    "quaternion", [(2.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (float("nan"), 0.0, 0.0, 1.0)]
+)
+def test_what_is_no_pose_is_refused(quaternion: tuple[float, ...]) -> None:
+    arm = ARMS["ur5"]
+    with pytest.raises(Failure, match="INVALID_TARGET"):
+        arm.solve(Pose(np.zeros(3), np.array(quaternion)), home(arm))
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_a_circle_is_followed_without_a_jump_and_closes_in_the_joints(name: str) -> None:
+    arm = ARMS[name]
+    poses = circle(arm, 0.05, 150)
+    rows = arm.follow(poses, home(arm))
+    assert rows.shape == (150, arm.dof)
+    assert np.abs(np.diff(rows, axis=0)).max() < 0.05
+    np.testing.assert_allclose(rows[0], home(arm), atol=1e-6)
+    np.testing.assert_allclose(rows[-1], rows[0], atol=1e-6)
+    for q, pose in zip(rows, poses, strict=True):
+        assert arm.residual(q, pose)[0] <= 1e-5
+
+
+def test_a_path_out_of_reach_is_refused_with_the_part_that_was_possible() -> None:
+    arm = ARMS["ur5"]
+    start = arm.forward(home(arm))
+    away = (start.position - BASE.position) / np.linalg.norm(start.position - BASE.position)
+    poses = [Pose(start.position + x * away, start.quaternion) for x in np.linspace(0, 2, 200)]
+    with pytest.raises(Failure) as caught:
+        arm.follow(poses, home(arm))
+    assert caught.value.code == "PATH_BROKEN"
+    assert 0.0 < float(caught.value.numbers["fraction"]) < 1.0
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_tracking_at_the_control_rate_stays_on_the_target(name: str) -> None:
+    arm = ARMS[name]
+    q = home(arm)
+    for pose in circle(arm, 0.05, 300):
+        q = arm.track(pose, q, posture=home(arm))
+        assert arm.residual(q, pose)[0] < 1e-6
+    np.testing.assert_allclose(q, home(arm), atol=1e-6)
+
+
+def test_a_stream_that_leaves_the_reach_is_refused() -> None:
+    arm = ARMS["ur5"]
+    with pytest.raises(Failure, match="UNREACHABLE"):
+        arm.track(Pose.from_rpy((5.0, 0.0, 0.0)), home(arm))
+
+
+def test_condition_grows_and_manipulability_vanishes_at_a_singularity() -> None:
+    arm = ARMS["ur5"]
+    stretched = np.deg2rad((0.0, -90.0, 0.0, -90.0, 0.0, 0.0))
+    assert arm.condition(home(arm)) < 50.0 < arm.condition(stretched)
+    assert arm.manipulability(stretched) < 1e-6 < arm.manipulability(home(arm))
