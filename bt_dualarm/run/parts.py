@@ -1,0 +1,128 @@
+"""What the runner asks of the things it advances: small protocols, met by the real ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from bt_dualarm.run.outcome import Outcome
+from bt_dualarm.tree.report import LeafReport, NodeView, StatusChange, StatusName
+
+
+class SteppedWorld(Protocol):
+    """The physics. ``arms`` holds the arms that are present now, by name."""
+
+    @property
+    def time(self) -> float:
+        """Simulated time in seconds."""
+
+    @property
+    def timestep(self) -> float:
+        """Seconds of one step."""
+
+    @property
+    def arms(self) -> Mapping[str, Any]:
+        """Arms that are present, by name."""
+
+    def step(self) -> None:
+        """Advance by one step.
+
+        Raises:
+            DivergenceError: The state is no longer one of numbers.
+        """
+
+
+class Controller(Protocol):
+    """One arm's controller."""
+
+    @property
+    def at_rest(self) -> bool:
+        """No motion is commanded any more and the arm stands still."""
+
+    @property
+    def clipped(self) -> int:
+        """Set-points that had to be clipped so far."""
+
+    def update(self, time: float) -> None:
+        """Compute the actuators' commands for the step that begins at ``time``."""
+
+    def stop(self) -> None:
+        """Begin a jerk-limited stop, whatever was commanded."""
+
+
+class Eye(Protocol):
+    """One arm's camera."""
+
+    def due(self, time: float) -> bool:
+        """Whether a picture is to be taken now."""
+
+    def capture(self, world: Any) -> object:
+        """Take it."""
+
+    def deliver(self, time: float) -> object:
+        """Hand the pictures whose latency is over to those who listen."""
+
+
+class Tree(Protocol):
+    """One arm's behaviour tree."""
+
+    @property
+    def status(self) -> StatusName:
+        """Of its root."""
+
+    @property
+    def leaves(self) -> Sequence[LeafReport]:
+        """Every run of every leaf so far."""
+
+    def tick(self) -> object:
+        """Tick the root once."""
+
+    def halt(self) -> None:
+        """Halt whatever is running; nothing if nothing is."""
+
+    def view(self) -> NodeView:
+        """As it stands now, to be drawn."""
+
+
+@dataclass(frozen=True)
+class ArmView:
+    """One arm as it stands now: what a display shows.
+
+    Attributes:
+        name: Its name in the file.
+        robot: Its name in the catalogue.
+        outcome: None while its tree runs.
+        tree: None as long as the arm is not in the world.
+        fault: As in `ArmResult`.
+    """
+
+    name: str
+    robot: str
+    outcome: Outcome | None
+    tree: NodeView | None
+    fault: str = ""
+
+
+class RunView(Protocol):
+    """The run as it stands now; looking at it costs only those who look."""
+
+    @property
+    def time(self) -> float:
+        """Simulated time in seconds."""
+
+    def arms(self) -> tuple[ArmView, ...]:
+        """All arms of the file, in its order."""
+
+
+class Observer(Protocol):
+    """Looks on: a display, the recorder. One that raises is dropped, the run goes on."""
+
+    def on_event(self, change: StatusChange) -> None:
+        """A node took another status."""
+
+    def after_ticks(self, run: RunView) -> None:
+        """Trees were ticked; all their changes have been told."""
+
+    def after_step(self, time: float) -> None:
+        """The physics advanced to ``time``."""
