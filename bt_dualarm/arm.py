@@ -1,0 +1,204 @@
+"""One arm as its skills see it: where it is, how it moves, what it holds and sees."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+
+import numpy as np
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion import timing
+from bt_dualarm.motion.collision import CollisionChecker
+from bt_dualarm.motion.controller import JointController, Stream, TrajectoryMotion
+from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.motion.limiter import SetPoint
+from bt_dualarm.motion.planning import plan
+from bt_dualarm.motion.trajectory import Trajectory
+from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.world.camera import Camera
+from bt_dualarm.world.catalogue import JointLimits, Robot
+from bt_dualarm.world.world import World
+
+SETTLE_S = 1.0
+"""Simulated seconds that the arm gets to stand still after the last set-point of a motion."""
+
+SETTLED_RAD = 5e-4
+"""Largest joint error at which a motion counts as executed."""
+
+PLANNING_S = 0.1
+"""Simulated seconds that planning costs, whatever it costs on the wall."""
+
+
+class Arm:
+    """Handed to every skill; all poses are of the tool frame, in the world.
+
+    Only one leaf can move the arm at a time; ``release`` stops what this leaf has begun.
+
+    Args:
+        world: The world that the arm is in.
+        name: Of the arm in the tree file.
+        controller: Follows what the skills ask for.
+        camera: Of this arm, if it has one.
+        seed: Of everything random in this arm's planning.
+
+    Attributes:
+        world: For placing and measuring things. What a camera is meant to see is not taken from it.
+    """
+
+    def __init__(
+        self, world: World, name: str, controller: JointController, camera: Camera | None, seed: int
+    ) -> None:
+        self.world = world
+        self.name = name
+        self.camera = camera
+        self.controller = controller
+        self.kinematics = Kinematics(world.robots[name], world.arms[name].base, seed)
+        self._seed = seed
+        self._owner: list[object] = [None]
+        self._leaf: object = None
+
+    def for_leaf(self, leaf: object) -> Arm:
+        """The same arm in the hands of one leaf."""
+        arm = copy.copy(self)
+        arm._leaf = leaf
+        return arm
+
+    @property
+    def robot(self) -> Robot:
+        """What the catalogue says of it."""
+        return self.world.robots[self.name]
+
+    @property
+    def period(self) -> float:
+        """Seconds between two set-points."""
+        return self.controller.period
+
+    @property
+    def time(self) -> float:
+        """Simulated time in seconds."""
+        return self.world.time
+
+    @property
+    def setpoint(self) -> SetPoint:
+        """The last set-point sent: where motions begin."""
+        return self.controller.setpoint
+
+    @property
+    def tool_pose(self) -> Pose:
+        """Where the tool really is."""
+        return self.world.arms[self.name].tool_pose
+
+    @property
+    def commanded_tool_pose(self) -> Pose:
+        """Where the last set-point puts the tool: free of the servo error, so plans start here."""
+        return self.kinematics.forward(self.setpoint.q)
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Objects attached to the tool."""
+        return self.world.attachments.attached_to(self.name)
+
+    def limits(self, speed: float) -> JointLimits:
+        """The arm's limits with velocity, acceleration and jerk times ``speed``."""
+        return self.robot.limits.scaled(speed)
+
+    def checker(self, ignore: frozenset[str] = frozenset()) -> CollisionChecker:
+        """A test of configurations against the world as it stands now.
+
+        Args:
+            ignore: Objects that may be touched.
+        """
+        return CollisionChecker(self.world, self.name, ignore=ignore)
+
+    def refuse_collision(self, q: Vector, ignore: frozenset[str] = frozenset()) -> None:
+        """Check a configuration before anything moves.
+
+        Raises:
+            Failure: ``IN_COLLISION`` with the two bodies and how deep they are in each other.
+        """
+        contact = self.checker(ignore).contact(q)
+        if contact is not None:
+            raise contact.failure()
+
+    def plan_to(
+        self, goal: Vector, speed: float, ignore: frozenset[str] = frozenset()
+    ) -> Trajectory:
+        """A motion free of collisions to the configuration ``goal``, straight where possible.
+
+        Raises:
+            Failure: ``IN_COLLISION`` or ``NO_PLAN``.
+        """
+        limits = self.limits(speed)
+        start = self.setpoint.q
+        waypoints = plan(self.checker(ignore), start, goal, limits, self._seed)
+        if len(waypoints) == 2:
+            return timing.point_to_point(start, goal, limits, self.period)
+        return timing.time_waypoints(waypoints, limits, self.period)
+
+    def follow(self, trajectory: Trajectory) -> Iterator[float]:
+        """Execute a motion; yields its progress once a tick until the arm stands at its end.
+
+        Raises:
+            Failure: ``BUSY`` when another leaf moves the arm, ``TRACKING_ERROR`` when the arm
+                cannot follow.
+        """
+        motion = self.begin(trajectory)
+        while not motion.done:
+            yield motion.progress
+            self.check()
+        yield from self._settle()
+
+    def begin(self, trajectory: Trajectory) -> TrajectoryMotion:
+        """Begin a motion and leave it to the caller to watch it with ``check``."""
+        self._claim()
+        return self.controller.follow(trajectory)
+
+    def stream(self, source: Stream) -> None:
+        """Follow a stream of set-points until ``release`` or ``halt``."""
+        self._claim()
+        self.controller.stream(source)
+
+    def halt(self) -> Iterator[float]:
+        """Brake with bounded jerk; yields once a tick until the arm stands still."""
+        self.controller.stop()
+        yield from self._settle()
+
+    def check(self) -> None:
+        """Raise what went wrong with the motion since it began."""
+        if self.controller.fault is not None:
+            raise self.controller.fault
+
+    def release(self) -> None:
+        """Stop the motion that this leaf has begun; harmless otherwise."""
+        if self._leaf is not None and self._owner[0] is self._leaf:
+            self._owner[0] = None
+            self.controller.stop()
+
+    def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
+        """Where each set-point of a motion puts the tool, of shape (n, 3)."""
+        return np.array([self.kinematics.matrix(q)[:3, 3] for q in trajectory.q])
+
+    def _claim(self) -> None:
+        owner = self._owner[0]
+        if owner is not None and owner is not self._leaf and not self.controller.at_rest:
+            raise Failure("BUSY", f"{owner} is moving {self.name} already", owner=str(owner))
+        self._owner[0] = self._leaf
+
+    def _settle(self) -> Iterator[float]:
+        """Wait until the arm stands on its last set-point."""
+        began = self.time
+        while True:
+            self.check()
+            error = float(np.abs(self.setpoint.q - self.world.arms[self.name].q).max())
+            if self.controller.at_rest and error < SETTLED_RAD:
+                return
+            if self.time - began > SETTLE_S:
+                raise Failure(
+                    "TRACKING_ERROR",
+                    f"the arm does not come to rest on its goal: {np.degrees(error):.2f}° away",
+                    joint_error_rad=error,
+                )
+            yield 1.0
+
+

@@ -1,0 +1,153 @@
+"""Following a moving target in a plane, at the control rate, within the arm's limits.
+
+The tool's acceleration is ``a = â + 2w(v̂ + u - v)``, where (p̂, v̂, â) is the target's motion and
+``u`` points to the target: ``w/2`` times the distance near it, and no faster than the arm can
+brake farther away. Near the target that is ``e'' + 2we' + w²e = 0``. The third axis and the
+orientation are held. Joint accelerations follow from it by ``q'' = J⁺(x'' - J'q')`` and are
+integrated, so that positions, velocities and accelerations always belong together (closed-loop
+inverse kinematics, Siciliano et al., Robotics, 3.7.1 and 8.6.1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.motion.limiter import SetPoint
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.catalogue import JointLimits
+
+HOLD_BANDWIDTH = 40.0
+"""With which the held directions return, rad/s."""
+
+POSTURE_BANDWIDTH = 4.0
+"""With which a redundant arm returns to its posture at the start, rad/s."""
+
+BRAKING_BANDWIDTH = 8.0
+"""With which the tool comes to rest when there is no target, rad/s."""
+
+_BRAKE_SHARE = 0.5  # of the acceleration is planned for slowing down before the target
+_DAMPING = 1e-6  # of the pseudo-inverse: keeps it finite at a singularity
+
+
+class PlaneTarget(NamedTuple):
+    """Where the tool should be in the plane: m, m/s, m/s² from its start, each of shape (2,)."""
+
+    position: Vector
+    velocity: Vector
+    acceleration: Vector
+
+
+TargetOf: TypeAlias = Callable[[float], PlaneTarget | None]
+"""The target at a simulated time in seconds, None to come to rest."""
+
+
+class PlanarServo:
+    """A stream of set-points that follows a target in a plane.
+
+    Args:
+        kinematics: Of the arm.
+        limits: Already scaled by the speed that is allowed.
+        period: Seconds between set-points.
+        start: The last set-point that was sent.
+        axes: Unit vectors of the plane in the world, of shape (2, 3).
+        target: Says where to go.
+        bandwidth: ``w`` in rad/s.
+    """
+
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        limits: JointLimits,
+        period: float,
+        start: SetPoint,
+        axes: Matrix,
+        target: TargetOf,
+        bandwidth: float,
+    ) -> None:
+        self._kinematics = kinematics
+        self._limits = limits
+        self._period = period
+        self._axes = axes
+        self._target = target
+        self._bandwidth = bandwidth
+        self._now = start
+        self._posture = start.q
+        self._origin = kinematics.matrix(start.q)
+        self._normal = np.cross(axes[0], axes[1])
+        self._last_jacobian = kinematics.jacobian(start.q)
+        self.displacement = np.zeros(2)
+        self.velocity = np.zeros(2)
+
+    def __call__(self, time: float) -> SetPoint:
+        """The set-point for ``time``."""
+        q, v = self._now.q, self._now.v
+        jacobian = self._kinematics.jacobian(q)
+        tool = self._kinematics.matrix(q)
+        twist = jacobian @ v
+        self.displacement = self._axes @ (tool[:3, 3] - self._origin[:3, 3])
+        self.velocity = self._axes @ twist[:3]
+        wanted = self._held(tool, twist)
+        inverse = _pseudo_inverse(jacobian)
+        wanted[:3] += self._axes.T @ self._pursuit(time, inverse)
+        drift = (jacobian - self._last_jacobian) @ v / self._period
+        self._last_jacobian = jacobian
+        a = inverse @ (wanted - drift)
+        if len(q) > 6:
+            rest = POSTURE_BANDWIDTH**2 * (self._posture - q) - 2 * POSTURE_BANDWIDTH * v
+            a += rest - inverse @ (jacobian @ rest)
+        sent = SetPoint(q, v, self._within(a))
+        self._now = self._after(sent)
+        return sent
+
+    def _held(self, tool: Matrix, twist: Vector) -> Vector:
+        """Acceleration, of shape (6,), that keeps the third axis and the orientation."""
+        w = HOLD_BANDWIDTH
+        off = float(self._normal @ (self._origin[:3, 3] - tool[:3, 3]))
+        speed = float(self._normal @ twist[:3])
+        turn = 0.5 * np.cross(tool[:3, :3].T, self._origin[:3, :3].T).sum(axis=0)
+        return np.concatenate(
+            ((w * w * off - 2 * w * speed) * self._normal, w * w * turn - 2 * w * twist[3:])
+        )
+
+    def _pursuit(self, time: float, inverse: Matrix) -> Vector:
+        """Acceleration in the plane, of shape (2,)."""
+        target = self._target(time)
+        if target is None:
+            return -2 * BRAKING_BANDWIDTH * self.velocity
+        away = target.position - self.displacement
+        distance = float(np.hypot(*away)) + 1e-12
+        braking = 2 * _BRAKE_SHARE * self._reachable_acceleration(inverse) * distance
+        closing = min(0.5 * self._bandwidth * distance, float(np.sqrt(braking)))
+        goal = target.velocity + away * (closing / distance)
+        return target.acceleration + 2 * self._bandwidth * (goal - self.velocity)
+
+    def _reachable_acceleration(self, inverse: Matrix) -> float:
+        """What the joints allow in the worse of the two directions, m/s²."""
+        per_unit = np.abs(inverse[:, :3] @ self._axes.T).max(axis=1)
+        return float((self._limits.acceleration / np.maximum(per_unit, 1e-6)).min())
+
+    def _within(self, a: Vector) -> Vector:
+        """The same direction, as much of it as jerk, acceleration and velocity allow."""
+        limits, dt = self._limits, self._period
+        a = a * min(1.0, 1.0 / float((np.abs(a) / limits.acceleration).max(initial=1e-9)))
+        change = a - self._now.a
+        change *= min(1.0, 1.0 / float((np.abs(change) / (limits.jerk * dt)).max(initial=1e-9)))
+        a = self._now.a + change
+        fast = (np.abs(self._now.v + a * dt) > limits.velocity) & (a * self._now.v > 0)
+        return np.where(fast, 0.0, a)
+
+    def _after(self, sent: SetPoint) -> SetPoint:
+        dt = self._period
+        return SetPoint(sent.q + sent.v * dt + 0.5 * sent.a * dt * dt, sent.v + sent.a * dt, sent.a)
+
+
+def _pseudo_inverse(jacobian: Matrix) -> Matrix:
+    """The damped right inverse, of shape (dof, 6)."""
+    square = jacobian @ jacobian.T
+    square.flat[::7] += _DAMPING
+    inverse: Matrix = np.linalg.solve(square, jacobian).T
+    return inverse
