@@ -43,6 +43,16 @@ class Source:
     values: dict[Path, Span] = field(default_factory=dict)
     keys: dict[Path, Span] = field(default_factory=dict)
 
+    def get(self, path: Path) -> Data:
+        """The value at ``path``, None where there is none."""
+        data = self.data
+        for part in path:
+            if isinstance(part, int):
+                data = data[part] if isinstance(data, list) and part < len(data) else None
+            else:
+                data = data.get(part) if isinstance(data, dict) else None
+        return data
+
     def at(self, span: Span) -> Place:
         """The place of a span; of a span of several lines, its first line."""
         text = self.lines[span.line] if span.line < len(self.lines) else ""
@@ -72,3 +82,12 @@ class Source:
         """An error at the value of ``path``, or at its key."""
         place = self.key_place(path) if key else self.place(path)
         return Problem(place, message, hint)
+
+
+def with_tuples(data: Data) -> Data:
+    """The same data with every list as a tuple: what strict models of frozen values expect."""
+    if isinstance(data, dict):
+        return {key: with_tuples(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return tuple(with_tuples(item) for item in data)
+    return data

@@ -1,0 +1,97 @@
+"""The check of parsed nodes against what each kind declares: names, ports, outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+
+from bt_dualarm.spec.explain import describe, explain
+from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.ports import reference_of, validate_literals
+from bt_dualarm.spec.problems import Problem, suggestion
+from bt_dualarm.spec.source import Data
+from bt_dualarm.spec.values import Refers
+
+
+@dataclass(frozen=True)
+class Declared:
+    """Names that the tree file declares, by what they are: ``object`` and ``arm``."""
+
+    names: Mapping[str, frozenset[str]]
+
+    def of(self, what: tuple[str, ...]) -> frozenset[str]:
+        """All names of these sorts."""
+        return frozenset().union(*(self.names.get(sort, frozenset()) for sort in what))
+
+
+def check_tree(
+    root: NodeSpec, kinds: Mapping[str, Kind], declared: Declared, *, complete: bool = True
+) -> Iterator[Problem]:
+    """Everything wrong with the nodes of one tree.
+
+    Args:
+        root: The tree.
+        kinds: By name: the language's words and the skills.
+        declared: What ports may refer to.
+        complete: Whether ``kinds`` has all skills; if not, unknown kinds are passed over.
+    """
+    for node in root.walk():
+        kind = kinds.get(node.kind)
+        if kind is not None:
+            yield from check_node(node, kind, declared)
+        elif complete:
+            hint = suggestion(node.kind, kinds, "kind of node")
+            yield node.problem(f"there is no node or skill '{node.kind}'", hint)
+
+
+def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Problem]:
+    """Everything wrong with one node's ports and outputs."""
+    outputs = {name: node.ports[name] for name in kind.outputs.model_fields if name in node.ports}
+    ports = {name: value for name, value in node.ports.items() if name not in outputs}
+    try:
+        validate_literals(kind.ports, ports)
+    except ValidationError as error:
+        for found in explain(error, kind.ports, ports, "port", kind.places):
+            message = f"{node.kind}: {found.message}"
+            at_key = found.at_key or not found.path
+            yield node.port_problem(found.path, message, found.hint, key=at_key)
+    for name, field in kind.ports.model_fields.items():
+        if name in ports:
+            yield from _unknown_name(node, name, field, ports[name], declared)
+    for name, value in outputs.items():
+        if reference_of(value) is None:
+            message = f"{node.kind}: output '{name}' needs a key to write, not {describe(value)}"
+            yield node.port_problem((name,), message, f'for example: {name}: "{{{name}}}"')
+
+
+def _unknown_name(
+    node: NodeSpec, port: str, field: FieldInfo, value: Data, declared: Declared
+) -> Iterator[Problem]:
+    refers = refers_of(field)
+    if refers is None or not isinstance(value, str) or reference_of(value) is not None:
+        return
+    names = declared.of(refers.to)
+    if value not in names:
+        what = " or ".join(refers.to)
+        hint = suggestion(value, names, what)
+        yield node.port_problem((port,), f"{node.kind}: there is no {what} '{value}'", hint)
+
+
+def refers_of(field: FieldInfo) -> Refers | None:
+    """What the names in this port refer to, if it holds names."""
+    return _find(Refers, [*field.metadata, field.annotation])
+
+
+def _find(wanted: type[Refers], items: list[Any]) -> Refers | None:
+    for item in items:
+        if isinstance(item, wanted):
+            return item
+        found = _find(wanted, [*getattr(item, "__metadata__", ()), *get_args(item)])
+        if found is not None:
+            return found
+    return None

@@ -1,0 +1,98 @@
+"""What a camera is to look for: a named colour, or ranges of hue, saturation and brightness."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from bt_dualarm.spec.problems import suggestion
+from bt_dualarm.spec.source import with_tuples
+from bt_dualarm.spec.values import Value
+
+_Hue: TypeAlias = Annotated[float, Field(ge=0.0, le=360.0)]
+_Share: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
+Bounds: TypeAlias = tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]
+"""Lower and upper bound for ``cv2.inRange`` on an HSV image, each of shape (3,), inclusive."""
+
+_NAMED_HUES: Final[Mapping[str, tuple[float, float]]] = {
+    "red": (340.0, 12.0),
+    "orange": (14.0, 40.0),
+    "yellow": (42.0, 70.0),
+    "green": (80.0, 165.0),
+    "blue": (200.0, 260.0),
+}
+
+
+class HsvRange(Value):
+    """A box in hue, saturation and value (brightness), bounds inclusive.
+
+    Attributes:
+        hue: Degrees on the colour circle; a first bound above the second wraps through red.
+        saturation: From 0 (grey) to 1.
+        value: From 0 (black) to 1.
+    """
+
+    hue: tuple[_Hue, _Hue]
+    saturation: tuple[_Share, _Share] = (0.4, 1.0)
+    value: tuple[_Share, _Share] = (0.2, 1.0)
+
+    @model_validator(mode="after")
+    def _ascending(self) -> HsvRange:
+        for name in ("saturation", "value"):
+            low, high = getattr(self, name)
+            if low > high:
+                raise ValueError(f"{name} goes from {low} down to {high}: swap the two")
+        return self
+
+    @property
+    def bounds(self) -> tuple[Bounds, ...]:
+        """For OpenCV (hue 0 to 179, the others 0 to 255): one box, or two where hue wraps."""
+        low, high = (round(hue / 2) % 180 for hue in self.hue)
+        hues = [(low, high)] if low <= high else [(low, 179), (0, high)]
+        return tuple((self._corner(a, 0), self._corner(b, 1)) for a, b in hues)
+
+    def _corner(self, hue: int, end: int) -> npt.NDArray[np.uint8]:
+        shares = (self.saturation[end], self.value[end])
+        return np.array([hue, *(round(255 * share) for share in shares)], np.uint8)
+
+
+class Color(Value):
+    """``yellow``, or a list of ranges any of which a pixel may lie in.
+
+    Attributes:
+        name: Empty where ranges were given.
+        ranges: At least one.
+    """
+
+    name: str = ""
+    ranges: Annotated[tuple[HsvRange, ...], Field(min_length=1, max_length=8)]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_notation(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            if value not in _NAMED_HUES:
+                hint = suggestion(value, _NAMED_HUES, "colour")
+                raise ValueError(f"there is no colour '{value}' ({hint})")
+            return {"name": value, "ranges": ({"hue": _NAMED_HUES[value]},)}
+        if isinstance(value, (list, tuple)):
+            return {"ranges": with_tuples(value)}
+        return with_tuples(value)
+
+    @classmethod
+    def named(cls, name: str) -> Color:
+        """One of red, orange, yellow, green, blue.
+
+        Raises:
+            pydantic.ValidationError: There is no such name.
+        """
+        return cls.model_validate(name)
+
+    @property
+    def bounds(self) -> tuple[Bounds, ...]:
+        """Boxes for ``cv2.inRange``; a pixel in any of them has this colour."""
+        return tuple(box for item in self.ranges for box in item.bounds)

@@ -1,0 +1,154 @@
+"""Parameters of a file or a subtree: declared with type, default, range; given by the user."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final, Literal, TypeAlias
+
+from pydantic import Field, ValidationError, create_model, model_validator
+
+from bt_dualarm.spec.color import Color
+from bt_dualarm.spec.explain import describe, explain
+from bt_dualarm.spec.plane import Plane
+from bt_dualarm.spec.ports import KEY, PortModel, validated
+from bt_dualarm.spec.problems import Place, Problem, SpecError, suggestion
+from bt_dualarm.spec.reader import read_text
+from bt_dualarm.spec.source import Data, Path, Source, with_tuples
+from bt_dualarm.spec.values import Angle, Duration, PoseSpec, Value, Vector3
+
+TypeName: TypeAlias = Literal[
+    "number", "integer", "text", "boolean", "duration", "angle", "vector", "pose", "color",
+    "plane", "object", "arm", "key",
+]  # fmt: skip
+
+_TYPES: Final[Mapping[str, Any]] = {
+    "number": float,
+    "integer": int,
+    "text": str,
+    "boolean": bool,
+    "duration": Duration,
+    "angle": Angle,
+    "vector": Vector3,
+    "pose": PoseSpec,
+    "color": Color,
+    "plane": Plane,
+    "object": str,
+    "arm": str,
+    "key": str,
+}
+_RANGED: Final = ("number", "integer", "duration", "angle")
+
+
+class ParamSpec(Value):
+    """One parameter.
+
+    Attributes:
+        type: ``key`` stands for a key of the blackboard that the subtree may write.
+        default: In YAML's notation; a parameter without one must be given.
+        range: Smallest and largest number.
+        choices: Allowed texts.
+        description: One line for people.
+    """
+
+    type: TypeName
+    default: Any = None
+    range: tuple[float, float] | None = None
+    choices: tuple[str, ...] | None = Field(default=None, min_length=1)
+    description: str = ""
+
+    @model_validator(mode="after")
+    def _fits_type(self) -> ParamSpec:
+        if self.range and self.type not in _RANGED:
+            raise ValueError(f"a {self.type} has no range; types with one: {', '.join(_RANGED)}")
+        if self.range and self.range[0] > self.range[1]:
+            raise ValueError(f"the range goes from {self.range[0]:g} down to {self.range[1]:g}")
+        if self.choices and self.type != "text":
+            raise ValueError("only a text has choices")
+        return self
+
+    def complaints(self, name: str, value: Data) -> list[str]:
+        """Everything that keeps ``value`` from being this parameter's value."""
+        low, high = self.range or (None, None)
+        annotation = Literal[self.choices] if self.choices else _TYPES[self.type]
+        field: Any = (annotation, Field(ge=low, le=high))
+        model = create_model("Parameter", __base__=PortModel, **{name: field})
+        try:
+            validated(model, {name: value})
+        except ValidationError as error:
+            found = explain(error, model, {name: value}, "parameter")
+            return [" ".join(filter(None, (item.message, item.hint))) for item in found]
+        return []
+
+
+def declared(source: Source, path: Path, problems: list[Problem]) -> dict[str, ParamSpec]:
+    """The parameters declared in the mapping at ``path`` of a file."""
+    data = source.get(path)
+    if data is None:
+        return {}
+    if not isinstance(data, dict):
+        problems.append(source.problem(path, f"expected a mapping, not {describe(data)}"))
+        return {}
+    return {
+        name: spec
+        for name, item in data.items()
+        if (spec := _declared_one(source, (*path, name), name, item, problems)) is not None
+    }
+
+
+def _declared_one(
+    source: Source, path: Path, name: str, data: Data, problems: list[Problem]
+) -> ParamSpec | None:
+    if not KEY.fullmatch(name):
+        hint = "a parameter's name has letters, digits and _ and begins with a letter"
+        problems.append(source.problem(path, f"'{name}' cannot be a name", hint, key=True))
+        return None
+    if not isinstance(data, dict):
+        hint = "for example: {type: number, default: 0.5, range: [0.1, 1]}"
+        problems.append(source.problem(path, f"expected a mapping, not {describe(data)}", hint))
+        return None
+    try:
+        spec = ParamSpec.model_validate(with_tuples(data))
+    except ValidationError as error:
+        for found in explain(error, ParamSpec, data, "field"):
+            place = (*path, *found.path)
+            problems.append(source.problem(place, found.message, found.hint, key=found.at_key))
+        return None
+    spec = spec.model_copy(update={"default": data.get("default")})
+    if spec.default is not None:
+        place = (*path, "default")
+        problems += [
+            source.problem(place, f"default of {complaint}")
+            for complaint in spec.complaints(name, spec.default)
+        ]
+    return spec
+
+
+def chosen(
+    specs: Mapping[str, ParamSpec], given: Mapping[str, str], file: str
+) -> tuple[dict[str, Data], list[Problem]]:
+    """Values of a file's parameters: as given on the command line, else their defaults."""
+    problems: list[Problem] = []
+    values: dict[str, Data] = {name: spec.default for name, spec in specs.items()}
+    for name, text in given.items():
+        if name not in specs:
+            hint = suggestion(name, specs, "parameter")
+            problems.append(Problem(Place(file), f"it has no parameter '{name}'", hint))
+            continue
+        values[name] = text if specs[name].type in ("text", "object", "arm") else _parsed(text)
+        problems += [
+            Problem(Place(file), f"parameter {complaint}")
+            for complaint in specs[name].complaints(name, values[name])
+        ]
+    for name, value in values.items():
+        if value is None:
+            hint = f"{name}: {specs[name].description}" if specs[name].description else ""
+            problems.append(Problem(Place(file), f"parameter '{name}' must be given", hint))
+    return values, problems
+
+
+def _parsed(text: str) -> Data:
+    """A value from the command line, in YAML's notation; what is no YAML is text."""
+    try:
+        return read_text(text).data
+    except SpecError:
+        return text

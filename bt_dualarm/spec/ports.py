@@ -1,0 +1,138 @@
+"""Typed ports of a node: declared once, used for the check, the schema and the docs.
+
+Every port may be given as ``"{key}"``, a value of the arm's blackboard. The blackboard holds
+values in YAML's own notation, so a reference means what its value written there would mean.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from typing import Any, Final
+
+from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic.fields import FieldInfo
+
+from bt_dualarm.spec.source import Data
+
+REFERENCE: Final = re.compile(r"\{([^{}]*)\}")
+"""A whole text that stands for a value of the blackboard, or for a parameter."""
+
+KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
+"""What an author may call a key or a parameter."""
+
+
+class PortModel(BaseModel):
+    """Base of a node's ports: immutable, complete, and strict about types."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True
+    )
+
+
+def port(
+    default: Any,
+    description: str,
+    *,
+    unit: str = "",
+    gt: float | None = None,
+    ge: float | None = None,
+    lt: float | None = None,
+    le: float | None = None,
+    min_length: int | None = None,
+    max_length: int | None = None,
+    pattern: str | None = None,
+) -> Any:
+    """Declare one port of a `PortModel`.
+
+    Args:
+        default: In YAML's notation; ``...`` for a port that must be given.
+        description: One line, for people.
+        unit: Of a bare number, such as ``"m"``; value types bring their own.
+        gt: The number must be greater than this.
+        ge: The number must be at least this.
+        lt: The number must be less than this.
+        le: The number must be at most this.
+        min_length: Of text and lists.
+        max_length: Of text and lists.
+        pattern: Regular expression that text must match.
+    """
+    return Field(
+        default,
+        description=description,
+        json_schema_extra={"unit": unit} if unit else None,
+        gt=gt,
+        ge=ge,
+        lt=lt,
+        le=le,
+        min_length=min_length,
+        max_length=max_length,
+        pattern=pattern,
+    )
+
+
+def reference_of(value: Data) -> str | None:
+    """The key that a port's value refers to, if it is a reference."""
+    match = REFERENCE.fullmatch(value) if isinstance(value, str) else None
+    return match[1] if match else None
+
+
+def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str, str]:
+    """The key behind each port of ``model`` that is given as a reference."""
+    found = {name: reference_of(value) for name, value in ports.items()}
+    return {
+        name: key for name, key in found.items() if key is not None and name in model.model_fields
+    }
+
+
+def validated(model: type[PortModel], ports: Mapping[str, Data]) -> PortModel:
+    """The ports as the skill gets them.
+
+    Raises:
+        pydantic.ValidationError: With one entry for each thing that is wrong.
+    """
+    # As JSON because strict JSON has YAML's types: lists become tuples, but "1" is no number.
+    return model.model_validate_json(json.dumps(ports))
+
+
+def validate_literals(model: type[PortModel], ports: Mapping[str, Data]) -> None:
+    """Check all that can be known before the blackboard has its values.
+
+    Raises:
+        pydantic.ValidationError: As `validated`.
+    """
+    references = references_in(model, ports)
+    if references:
+        model = without(model, frozenset(references))
+        ports = {name: value for name, value in ports.items() if name not in references}
+    validated(model, ports)
+
+
+@lru_cache(maxsize=512)
+def without(model: type[PortModel], names: frozenset[str]) -> type[PortModel]:
+    """A model of the other ports alone. Rules over several ports wait until all are known."""
+    return _model_of(model, (name for name in model.model_fields if name not in names))
+
+
+@lru_cache(maxsize=512)
+def only(model: type[PortModel], name: str) -> type[PortModel]:
+    """A model of one port, to check a value that is to be put there."""
+    return _model_of(model, (name,))
+
+
+def _model_of(model: type[PortModel], names: Iterable[str]) -> type[PortModel]:
+    fields: dict[str, Any] = {
+        name: (model.model_fields[name].annotation, model.model_fields[name]) for name in names
+    }
+    return create_model(model.__name__, __base__=PortModel, **fields)
+
+
+def unit_of(field: FieldInfo) -> str:
+    """The unit in which YAML gives this port, empty if it has none."""
+    for item in field.metadata:
+        if hasattr(item, "yaml"):
+            return str(item.yaml)
+    extra = field.json_schema_extra
+    return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
