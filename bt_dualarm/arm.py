@@ -200,5 +200,3 @@ class Arm:
                     joint_error_rad=error,
                 )
             yield 1.0
-
-

@@ -74,7 +74,9 @@ class SetPointLimiter:
         low, high = self._velocity_bounds(last.q)
         fall = -np.sqrt(2 * limits.jerk * np.maximum(last.v - low, 0.0))
         rise = np.sqrt(2 * limits.jerk * np.maximum(high - last.v, 0.0))
-        goal = np.clip(pursuit, np.maximum(fall, -limits.acceleration), np.minimum(rise, limits.acceleration))
+        goal = np.clip(
+            pursuit, np.maximum(fall, -limits.acceleration), np.minimum(rise, limits.acceleration)
+        )
         a = last.a + np.clip(goal - last.a, -limits.jerk * dt, limits.jerk * dt)
         v = np.clip(last.v + 0.5 * (last.a + a) * dt, -limits.velocity, limits.velocity)
         q = np.clip(last.q + 0.5 * (last.v + v) * dt, limits.lower, limits.upper)

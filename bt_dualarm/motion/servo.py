@@ -149,5 +149,5 @@ def _pseudo_inverse(jacobian: Matrix) -> Matrix:
     """The damped right inverse, of shape (dof, 6)."""
     square = jacobian @ jacobian.T
     square.flat[::7] += _DAMPING
-    inverse: Matrix = np.linalg.solve(square, jacobian).T
+    inverse: Matrix = np.linalg.solve(square, jacobian).T.astype(float, copy=False)
     return inverse

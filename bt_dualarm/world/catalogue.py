@@ -175,7 +175,8 @@ class _RobotEntry(_Entry):
         for name, angles in self.postures.items():
             if len(angles) != len(self.joints):
                 raise ValueError(
-                    f"postures: {name!r} has {len(angles)} angles, the arm {len(self.joints)} joints"
+                    f"postures: {name!r} has {len(angles)} angles, "
+                    f"the arm has {len(self.joints)} joints"
                 )
         return self
 

@@ -42,6 +42,7 @@ def scene_spec(world: WorldSpec, root: Path) -> Any:
     """The scene as an MjSpec with the options of the world.
 
     Args:
+        world: Names the scene and the time step.
         root: Folder against which a scene given as a path is resolved.
 
     Raises:
@@ -115,12 +116,15 @@ def add_arm(
     """Attach an arm with its names below ``name/``.
 
     Args:
+        spec: The world's MjSpec.
+        name: Of the arm in the tree file.
+        arm: What the tree file says of it.
+        robot: What the catalogue says of it.
         floor: Height on which a pedestal below the base stands, or None for no pedestal.
+        visuals: Load the full visual meshes as well.
     """
     base = arm.base.pose
-    frame = spec.worldbody.add_frame(
-        name=f"{name}/mount", pos=base.position, quat=base.quaternion
-    )
+    frame = spec.worldbody.add_frame(name=f"{name}/mount", pos=base.position, quat=base.quaternion)
     child = robot_spec(robot, visuals=visuals)
     if arm.camera is not None and isinstance(arm.camera.mount, str):
         mount = robot.cameras.get(arm.camera.mount)

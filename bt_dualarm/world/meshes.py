@@ -20,9 +20,7 @@ from scipy.spatial import ConvexHull
 from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Matrix
 
-_STL_FACET = np.dtype(
-    [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")]
-)
+_STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 _STL_HEADER = 84
 _DIRECTIONS = 96  # support points of a hull: below 1 mm of loss on a forearm's 60 mm radius
 
@@ -108,7 +106,7 @@ def _fibonacci_sphere(count: int) -> Matrix:
 
 def _outward(points: Matrix, hull: ConvexHull) -> Matrix:
     """Triangles of a hull, each with its corners anticlockwise seen from outside."""
-    triangles = hull.simplices.copy()
+    triangles: Matrix = hull.simplices.copy()
     corners = points[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.einsum("ij,ij->i", normal, hull.equations[:, :3]) < 0

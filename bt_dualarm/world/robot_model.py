@@ -18,7 +18,9 @@ VISUAL_GROUP = 2
 TOOL_SITE = "tool"
 TOOL_GEOM = "tool"
 
-_COMPILER = '<mujoco><compiler strippath="false" fusestatic="false" balanceinertia="true"/></mujoco>'
+_COMPILER = (
+    '<mujoco><compiler strippath="false" fusestatic="false" balanceinertia="true"/></mujoco>'
+)
 _GREY = (0.7, 0.7, 0.7, 1.0)
 _TOOL_COLOR = (0.15, 0.15, 0.16, 1.0)
 _GEOM_TYPES = {
@@ -32,6 +34,7 @@ def robot_spec(robot: Robot, *, visuals: bool) -> Any:
     """The arm as an MjSpec: chain, inertias, shapes, torque motors, tool site, exclusions.
 
     Args:
+        robot: An arm of the catalogue.
         visuals: Also load the full visual meshes (for pictures; tens of thousands of triangles).
     """
     text = robot.urdf_text.replace("</robot>", f"{_COMPILER}</robot>")

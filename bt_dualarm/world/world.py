@@ -181,7 +181,7 @@ class World:
         self._must_be_present(arm, self.arms, "arm")
         geom = self.object_geom(thing)
         return min(
-            mujoco.mj_geomDistance(self.model, self.data, tool, geom, 1.0, None)
+            float(mujoco.mj_geomDistance(self.model, self.data, tool, geom, 1.0, None))
             for tool in self.arms[arm].tool_geom_ids
         )
 
@@ -270,7 +270,7 @@ class World:
         groups = np.zeros(6, dtype=np.uint8)
         groups[composition.SCENE_GROUP] = 1
         geom = np.array([-1], dtype=np.int32)
-        above = base + (0, 0, 1e-3)
+        above = base + np.array([0.0, 0.0, 1e-3])
         distance = mujoco.mj_ray(
             self.model, self.data, above, np.array([0.0, 0, -1]), groups, 1, -1, geom
         )
@@ -298,4 +298,3 @@ class World:
 def _nearest(name: str, among: Mapping[str, Any]) -> str:
     near = difflib.get_close_matches(name, among, n=1)
     return f"; the nearest is {near[0]!r}" if near else ""
-
