@@ -51,7 +51,7 @@ class ConstantJerk:
     IEEE Trans. Aerospace and Electronic Systems 33(4), 1997, with an infinite time constant.
     """
 
-    snap_density: float = 30.0
+    snap_density: float = 100.0
     spread: tuple[float, float, float] = (0.5, 3.0, 20.0)
 
     def start(self, position: Vector) -> Matrix:
@@ -94,7 +94,7 @@ class Oscillator:
     def move(self, state: Matrix, dt: float) -> Matrix:
         """The sine through position, velocity and acceleration."""
         # Plain floats: asked at the control rate, and numpy is slower on three numbers.
-        return np.array([_swing(*axis, dt) for axis in state.tolist()])
+        return np.array([_swing(p, v, a, w, dt) for p, v, a, w in state.tolist()])
 
     def jacobian(self, state: Matrix, dt: float) -> Stack:
         """Exact in p, v, a; in w by Taylor's series, which a frame's short time allows."""
