@@ -1,0 +1,68 @@
+# Two commands do everything on a fresh machine: `make demo` and `make test`.
+# They need Python 3.11 or newer, bash and make; `make help` lists the rest.
+
+SHELL := bash
+.SHELLFLAGS := -o pipefail -c
+.DEFAULT_GOAL := help
+
+# The first of these that is Python 3.11, 3.12 or 3.13 (OMPL has no wheel for 3.14 yet);
+# or name another: make demo PYTHON=/path/to/python
+PYTHON ?= $(shell for name in python3 python3.11 python3.12 python3.13 python; do \
+	"$$name" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null \
+	&& echo "$$name" && break; done)
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+# As many test processes as cores, but never more than eight: each of them loads every robot.
+WORKERS ?= auto
+
+.PHONY: help setup demo test lint format check constraints clean
+
+help: ## List the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' Makefile
+
+setup: $(STAMP) ## Create .venv and install the project with its tools (done once)
+
+demo: $(STAMP) ## Run the main job: two arms pick, carry and track
+	@$(BIN)/bt-run trees/pick_and_track.yaml
+
+test: $(STAMP) ## Run the whole test suite
+	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet
+
+lint: $(STAMP) ## Check style and types
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@$(BIN)/mypy
+
+format: $(STAMP) ## Format the code and apply the safe fixes
+	@$(BIN)/ruff check --fix
+	@$(BIN)/ruff format
+
+check: lint test ## What every commit passes: lint, then test
+
+constraints: ## Resolve the ranges of pyproject.toml anew into constraints.txt
+	@scratch=$$(mktemp -d) && trap 'rm -rf "$$scratch"' EXIT \
+		&& $(PYTHON) -m venv "$$scratch" \
+		&& "$$scratch/bin/python" -m pip install --quiet '.[dev]' \
+		&& sed '/^[^#]/d' constraints.txt > "$$scratch/constraints.txt" \
+		&& "$$scratch/bin/python" -m pip freeze --exclude bt_dualarm >> "$$scratch/constraints.txt" \
+		&& cp "$$scratch/constraints.txt" constraints.txt
+
+clean: ## Remove everything that make made
+	@rm -rf $(VENV) build dist out .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# A dot a package, so that a slow connection does not look like a hang.
+$(STAMP): pyproject.toml constraints.txt
+	@test -n "$(PYTHON)" || { \
+		echo "No Python 3.11 or newer found. Name one: make PYTHON=/path/to/python" >&2; exit 1; }
+	@echo "Setting up $(VENV) with $(PYTHON): once, about a minute"
+	@$(PYTHON) -m venv $(VENV) || { \
+		echo "Could not create $(VENV); on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
+	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install \
+		--constraint constraints.txt --editable '.[dev]' \
+		| awk '/^Collecting/ {printf "."; fflush()} \
+			/^Installing collected/ {printf " collected, installing\n"; fflush()}'
+	@touch $(STAMP)
