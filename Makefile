@@ -16,7 +16,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 # As many test processes as cores, but never more than eight: each of them loads every robot.
-WORKERS ?= auto
+WORKERS ?= logical
 
 .PHONY: help setup demo test lint format check constraints clean
 
@@ -62,7 +62,8 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -m venv $(VENV) || { \
 		echo "Could not create $(VENV); on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install \
-		--constraint constraints.txt --editable '.[dev]' \
+		--constraint constraints.txt --editable '.[dev]' 2> $(VENV)/install.log \
 		| awk '/^Collecting/ {printf "."; fflush()} \
-			/^Installing collected/ {printf " collected, installing\n"; fflush()}'
+			/^Installing collected/ {printf " collected, installing\n"; fflush()}' \
+		|| { cat $(VENV)/install.log >&2; exit 1; }
 	@touch $(STAMP)
