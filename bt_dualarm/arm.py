@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.motion.controller import JointController, Stream, TrajectoryMotion
 from bt_dualarm.motion.ik import Kinematics
 from bt_dualarm.motion.limiter import SetPoint
+from bt_dualarm.motion.path_timing import time_path
+from bt_dualarm.motion.paths import line
 from bt_dualarm.motion.planning import plan
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose, Vector
@@ -120,6 +122,60 @@ class Arm:
         contact = self.checker(ignore).contact(q)
         if contact is not None:
             raise contact.failure()
+
+    def posture(self, name: str) -> Vector:
+        """Joint angles, of shape (dof,), of a named posture of the robot.
+
+        Raises:
+            Failure: ``INVALID_TARGET``; the sentence names the postures that there are.
+        """
+        postures = self.robot.postures
+        if name not in postures:
+            known = ", ".join(postures)
+            raise Failure("INVALID_TARGET", f"{self.robot.name} has no posture {name!r}: {known}")
+        return postures[name]
+
+    def think(self) -> Iterator[None]:
+        """Let the simulated time of planning pass; plan afterwards, on the world as it is then."""
+        until = self.time + PLANNING_S
+        while self.time < until:
+            yield
+
+    def line(self, start: Pose, end: Pose) -> Matrix:
+        """Configurations, of shape (n, dof), along a straight line of the tool.
+
+        Raises:
+            Failure: ``UNREACHABLE`` or ``PATH_BROKEN``.
+        """
+        return self.kinematics.follow(line(start, end).poses, self.setpoint.q)
+
+    def time_path(self, q: Matrix, speed: float) -> Trajectory:
+        """The motion through configurations, of shape (n, dof), at a share of the limits."""
+        return time_path(q, self.limits(speed), self.period)
+
+    def plan_to_any(
+        self, goals: Sequence[Vector], speed: float, ignore: frozenset[str] = frozenset()
+    ) -> Trajectory:
+        """As ``plan_to``, to the first of several goals that has a way.
+
+        Raises:
+            Failure: Why the first goal has none, if no goal has one.
+        """
+        refusals = []
+        for goal in goals:
+            try:
+                return self.plan_to(goal, speed, ignore)
+            except Failure as refusal:
+                refusals.append(refusal)
+        raise refusals[0]
+
+    def attach(self, thing: str) -> None:
+        """Weld an object to the tool as it lies now; again changes nothing."""
+        self.world.attach(self.name, thing)
+
+    def detach(self, thing: str) -> bool:
+        """Let go of an object; whether it was held."""
+        return self.world.attachments.detach(self.name, thing)
 
     def plan_to(
         self, goal: Vector, speed: float, ignore: frozenset[str] = frozenset()

@@ -144,6 +144,12 @@ class PoseSpec(Value):
         roll, pitch, yaw = np.radians(self.rpy or (0.0, 0.0, 0.0))
         return Pose.from_rpy(self.xyz, (roll, pitch, yaw))
 
+    def pose_from(self, current: Pose) -> Pose:
+        """The transform; without an orientation, it is turned as ``current``."""
+        if self.rpy is None and self.quat is None and self.look_at is None:
+            return Pose(np.array(self.xyz), current.quaternion)
+        return self.pose
+
 
 def _looking(eye: Vector, target: Vector) -> Pose:
     """Z forward, x right, y down, as cameras have it; right is world x when looking up or down."""

@@ -169,6 +169,26 @@ class World:
         body = self.object_body(name)
         return Pose(self.data.xpos[body].copy(), self.data.xquat[body].copy())
 
+    def surface_point(self, name: str, direction: Vector) -> Vector:
+        """Where a ray from an object's centre leaves it, of shape (3,), in the world.
+
+        Args:
+            name: Of the object.
+            direction: Of the ray in the world, of unit length.
+        """
+        pose = self.object_pose(name)
+        ray = np.abs(pose.rotation.inv().apply(direction)) + 1e-12
+        thing = self.objects[name]
+        if thing.shape == "box":
+            reach = float((0.5 * np.asarray(thing.size) / ray).min())
+        elif thing.shape == "cylinder":
+            radius, length = thing.size
+            reach = min(radius / float(np.hypot(ray[0], ray[1])), 0.5 * length / float(ray[2]))
+        else:
+            reach = thing.size[0]
+        point: Vector = pose.position + reach * direction
+        return point
+
     def object_velocity(self, name: str) -> Vector:
         """Angular (rad/s) then linear (m/s) velocity at an object's centre, of shape (6,)."""
         velocity = np.empty(6)

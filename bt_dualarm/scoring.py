@@ -1,0 +1,109 @@
+"""Marking a motion against the truth that the simulator knows and the arm does not."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import correlate, correlation_lags
+
+from bt_dualarm.arm import Arm
+from bt_dualarm.errors import Number
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.spec.plane import Plane
+from bt_dualarm.tracking import PlaneTracking
+
+SETTLE_S = 1.0
+"""Seconds after the lock from which errors count: before, the tool is still on its way."""
+
+_NEAR_M = 0.3  # an object farther from where the target is believed to be is not the target
+_LAG_S = 0.5  # largest lag that is looked for
+
+
+def path_error(planned: Matrix, executed: Matrix) -> tuple[float, float]:
+    """Root mean square and maximum of the distance at equal times, in m.
+
+    Args:
+        planned: Positions of shape (n, 3).
+        executed: As many, at the same times.
+    """
+    away = np.linalg.norm(executed - planned, axis=1)
+    return float(np.sqrt(np.mean(away**2))), float(away.max())
+
+
+class TrackingScore:
+    """Compares the tool's path with the true path of the target, in the plane of tracking.
+
+    A constant offset is taken out once: the mean over all samples that count.
+
+    Args:
+        arm: That tracks.
+        plane: Of tracking.
+        target: The object; by default the one nearest to where the target is first believed to be.
+    """
+
+    def __init__(self, arm: Arm, plane: Plane, target: str | None) -> None:
+        self._arm = arm
+        self._axes = np.array(plane.axes)
+        self._target = target
+        self._from: float | None = None
+        self._times: list[float] = []
+        self._tool: list[Vector] = []
+        self._truth: list[Vector] = []
+
+    def sample(self, tracking: PlaneTracking) -> None:
+        """Take one sample, once a tick; the clock starts with the first lock."""
+        world = self._arm.world
+        if self._from is None:
+            if not tracking.in_view:
+                return
+            self._from = self._arm.time + SETTLE_S
+            self._target = self._target or self._nearest(tracking.target)
+        if self._target not in world.objects or self._arm.time < self._from:
+            return
+        self._times.append(self._arm.time)
+        self._tool.append(self._axes @ self._arm.tool_pose.position)
+        self._truth.append(self._axes @ world.object_pose(self._target).position)
+
+    def metrics(self) -> dict[str, Number]:
+        """``yz_rms_m``, ``yz_max_m``, ``lag_s``; empty when nothing was followed long enough."""
+        if len(self._times) < 2:
+            return {}
+        tool, truth = np.array(self._tool), np.array(self._truth)
+        error = tool - truth
+        away = np.linalg.norm(error - error.mean(axis=0), axis=1)
+        return {
+            "yz_rms_m": float(np.sqrt(np.mean(away**2))),
+            "yz_max_m": float(away.max()),
+            "lag_s": lag(truth, tool, float(np.median(np.diff(self._times)))),
+        }
+
+    def _nearest(self, point: Vector) -> str | None:
+        world = self._arm.world
+        away = {
+            name: float(np.linalg.norm(world.object_pose(name).position - point))
+            for name in world.objects
+        }
+        name = min(away, key=away.__getitem__, default=None)
+        return name if name is not None and away[name] < _NEAR_M else None
+
+
+def lag(leader: Matrix, follower: Matrix, period: float) -> float:
+    """Seconds by which the follower is late, by cross-correlation; 0 where nothing moves.
+
+    Args:
+        leader: Samples of shape (n, k), evenly spaced.
+        follower: The same.
+        period: Seconds between samples.
+    """
+    a, b = leader - leader.mean(axis=0), follower - follower.mean(axis=0)
+    if float(np.abs(a).max()) < 1e-4:
+        return 0.0
+    match = sum(correlate(b[:, k], a[:, k]) for k in range(a.shape[1]))
+    lags = correlation_lags(len(b), len(a))
+    near = np.abs(lags) * period <= _LAG_S
+    match, lags = match[near], lags[near]
+    best = int(np.argmax(match))
+    if not 0 < best < len(lags) - 1:
+        return float(lags[best] * period)
+    left, middle, right = match[best - 1 : best + 2]
+    vertex = 0.5 * (left - right) / (left - 2 * middle + right)
+    return float((lags[best] + vertex) * period)

@@ -1,0 +1,217 @@
+"""Following a coloured target in a plane: a wrist camera, a tracker and a servo put together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bt_dualarm.arm import Arm
+from bt_dualarm.errors import Failure, Number
+from bt_dualarm.motion.servo import PlanarServo, PlaneTarget
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.spec.color import Color
+from bt_dualarm.spec.plane import Plane
+from bt_dualarm.vision.localise import Localiser, OnPlane, OnPlaneOfSize
+from bt_dualarm.vision.tracker import TargetTracker
+from bt_dualarm.world.camera import Camera, camera_pose
+
+STALE_S = 0.1
+"""Age of the newest sighting in seconds from which nothing moves towards the target."""
+
+HOLD_S = 0.5
+"""How long the tool holds still before the search begins, in seconds."""
+
+SEARCH_SPEED = 0.1
+"""Speed of the search in m/s."""
+
+_FACING = 0.5  # cosine between the camera's axis and the plane's normal
+_BANDWIDTH = (15.0, 60.0)  # rad/s; in between, the frame rate in Hz serves as the bandwidth
+_STILL_M = 0.003  # a target that stays within this distance is still
+
+
+@dataclass(frozen=True)
+class TrackingGains:
+    """Proportional image control: ``Δy = -k_y e_x, Δz = -k_z e_y``, e from target to centre.
+
+    Attributes:
+        u: Step along the plane's first axis for an error of half an image, in m.
+        v: The same along its second axis.
+        dead_band: Normalised error that counts as none.
+    """
+
+    u: float
+    v: float
+    dead_band: float
+
+
+class PlaneTracking:
+    """Follows one target; ``close`` it when done.
+
+    Args:
+        arm: With a camera of its own, which looks along the plane's normal.
+        color: What the target looks like.
+        plane: In which the tool moves.
+        speed: Share of the arm's limits.
+        distance: Depth of the target in front of the camera in m.
+        target_size: Edge of the target in m; measures its depth instead, where given.
+        gains: Of proportional control; None to predict the target.
+        reach: Farthest that the tool leaves its start, in m.
+        search_radius: How far the search goes, in m.
+
+    Raises:
+        Failure: ``NO_CAMERA``.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        color: Color,
+        plane: Plane,
+        speed: float,
+        distance: float,
+        target_size: float | None,
+        gains: TrackingGains | None,
+        reach: float,
+        search_radius: float,
+    ) -> None:
+        self._arm = arm
+        self._axes = np.array(plane.axes)
+        self._speed = speed
+        self._gains = gains
+        self._reach = reach
+        self._search_radius = search_radius
+        camera, view = _facing_camera(arm, plane)
+        forward = view.rotation.apply((0.0, 0.0, 1.0))
+        self._center = self._axes @ (view.position + distance * forward)
+        self._image_axes = self._axes @ view.rotation.as_matrix()[:, :2]
+        normal = np.cross(*self._axes)
+        localiser: Localiser = (
+            OnPlane(view.position + distance * forward, normal)
+            if target_size is None
+            else OnPlaneOfSize(normal, target_size)
+        )
+        self._tracker = TargetTracker(camera, color, localiser)
+        self._bandwidth = float(np.clip(1.0 / camera.period, *_BANDWIDTH))
+        self._servo: PlanarServo | None = None
+        self._goal = np.zeros(2)
+        self._goal_stamp = -np.inf
+        self._still_at = np.zeros(2)
+        self._still_since: float | None = None
+
+    @property
+    def locked(self) -> bool:
+        """Whether the target is in view and confirmed."""
+        return self._tracker.locked
+
+    @property
+    def in_view(self) -> bool:
+        """Whether the newest sighting is fresh enough to move towards."""
+        return self._tracker.locked and self._tracker.age(self._arm.time) <= STALE_S
+
+    @property
+    def unseen_for(self) -> float:
+        """Seconds since the target was last seen."""
+        return self._tracker.age(self._arm.time)
+
+    @property
+    def still_for(self) -> float:
+        """Seconds for which a target that has moved has been still; 0 before it moved."""
+        if self._still_since is None or not self.in_view:
+            return 0.0
+        return self._arm.time - self._still_since
+
+    @property
+    def target(self) -> Vector:
+        """Where the target is believed to be now, in the world, of shape (3,)."""
+        return self._tracker.predict(self._arm.time).position
+
+    def begin(self) -> None:
+        """Start to move."""
+        self._still_at = self._axes @ self.target
+        self._servo = PlanarServo(
+            self._arm.kinematics,
+            self._arm.limits(self._speed),
+            self._arm.period,
+            self._arm.setpoint,
+            self._axes,
+            self._target if self._gains is None else self._proportional_target,
+            self._bandwidth,
+        )
+        self._arm.stream(self._servo)
+
+    def watch(self) -> None:
+        """Note whether the target moves; call it once a tick."""
+        if not self.in_view:
+            return
+        at = self._axes @ self.target
+        if float(np.hypot(*(at - self._still_at))) > _STILL_M:
+            self._still_at, self._still_since = at, self._arm.time
+
+    def close(self) -> None:
+        """Let go of the camera."""
+        self._tracker.close()
+
+    def metrics(self) -> dict[str, Number]:
+        """Frames looked at, and how often the target was lost."""
+        return {"frames": self._tracker.frames, "lost_count": self._tracker.lost_count}
+
+    def _target(self, time: float) -> PlaneTarget | None:
+        """Predictive control: where the target is now, by all that was seen of it."""
+        if not self._tracker.locked or self._tracker.age(time) > STALE_S:
+            return self._search(time)
+        motion = self._tracker.predict(time)
+        place = self._axes @ motion.position - self._center
+        if float(np.hypot(*place)) > self._reach:
+            return None
+        return PlaneTarget(
+            place, self._axes @ motion.velocity, self._axes @ motion.acceleration
+        )
+
+    def _proportional_target(self, time: float) -> PlaneTarget | None:
+        """Proportional control: one step for each new image."""
+        detection, servo, gains = self._tracker.detection, self._servo, self._gains
+        if detection is None or self._tracker.age(time) > STALE_S:
+            return self._search(time)
+        if servo is not None and gains is not None and detection.stamp > self._goal_stamp:
+            error = np.where(
+                np.abs(detection.centroid) > gains.dead_band, detection.centroid, 0.0
+            )
+            step = (self._image_axes @ error) * (gains.u, gains.v)
+            self._goal, self._goal_stamp = servo.displacement + step, detection.stamp
+        if float(np.hypot(*self._goal)) > self._reach:
+            return None
+        return PlaneTarget(self._goal, np.zeros(2), np.zeros(2))
+
+    def _search(self, time: float) -> PlaneTarget | None:
+        """Hold, then wind around where the target was last believed to be, within the radius."""
+        if self._servo is None or self._search_radius == 0.0:
+            return None
+        lost_for = self._tracker.age(time) - STALE_S - HOLD_S
+        if lost_for < 0.0:
+            self._goal = self._servo.displacement.copy()
+            return None
+        angle = SEARCH_SPEED * lost_for / self._search_radius
+        radius = self._search_radius * min(1.0, angle / (2 * np.pi))
+        place = self._goal + radius * np.array([np.cos(angle), np.sin(angle)])
+        if float(np.hypot(*place)) > self._reach:
+            return None
+        return PlaneTarget(place, np.zeros(2), np.zeros(2))
+
+
+def _facing_camera(arm: Arm, plane: Plane) -> tuple[Camera, Pose]:
+    """The camera that moves with the arm, and its pose."""
+    declared = arm.world.declared_arms[arm.name].camera
+    if arm.camera is None or declared is None or not isinstance(declared.mount, str):
+        raise Failure("NO_CAMERA", f"{arm.name} has no camera that moves with it")
+    view = camera_pose(arm.world.data, arm.world.arms[arm.name].camera_id)
+    facing = abs(float(np.cross(*plane.axes) @ view.rotation.apply((0.0, 0.0, 1.0))))
+    if facing < _FACING:
+        raise Failure(
+            "NO_CAMERA",
+            f"the camera of {arm.name} looks {np.degrees(np.arccos(facing)):.0f}° past the "
+            "normal of the plane: it cannot see how a target moves there",
+            cosine=facing,
+        )
+    return arm.camera, view

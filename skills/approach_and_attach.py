@@ -1,0 +1,144 @@
+"""Go to an object, touch it, and attach it to the tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bt_dualarm import Failure, ObjectName, PortModel, Pose, Skill, Speed, Trajectory, port
+from bt_dualarm import Vector, Vector3
+
+_TURNS = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """A way to the object: a motion to the standoff, then a straight one to the surface."""
+
+    to_standoff: Trajectory
+    to_surface: Trajectory
+
+
+class ApproachAndAttach(Skill):
+    """Go to an object, touch it, and attach it to the tool where it is."""
+
+    class Ports(PortModel):
+        object: ObjectName = port(..., "object to attach")
+        direction: Vector3 = port((0.0, 0.0, -1.0), "way of the straight approach, world axes")
+        standoff: float = port(0.10, "distance before the straight part", unit="m", ge=0.01, le=0.5)
+        proximity: float = port(0.005, "gap at which to attach", unit="m", ge=1e-4, le=0.1)
+        contact: bool = port(True, "also wait until tool and object touch")
+        speed: Speed = port(0.5, "share of the arm's limits on the way to the standoff")
+        approach_speed: Speed = port(0.1, "share of the arm's limits on the straight part")
+
+    failures = {
+        "INVALID_TARGET": "the direction has no length",
+        "NOT_THERE": "the object is not in the world",
+        "OUT_OF_REACH": "no way of the arm to the object: unreachable or in collision",
+        "PROXIMITY_NOT_REACHED": "the tool did not come near enough, or never touched",
+        "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "BUSY": "another leaf moves the arm",
+    }
+    example = "approach_and_attach: {object: cube, standoff: 0.10}"
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Plan the whole way before moving; attach only what is near and touched."""
+        name = self.ports.object
+        if name in self.arm.held:
+            return
+        if name not in self.arm.world.objects:
+            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        yield from self.arm.think()
+        approach = self._approach()
+        for progress in self.arm.follow(approach.to_standoff):
+            yield 0.7 * progress
+        motion = self.arm.begin(approach.to_surface)
+        while not motion.done and not self._near():
+            yield 0.7 + 0.3 * motion.progress
+            self.arm.check()
+        yield from self.arm.halt()
+        yield from self._settle_on_contact()
+        self._attach()
+
+    def _approach(self) -> Approach:
+        """The first way that is reachable and free, turning the tool about its axis."""
+        reasons = []
+        for target in self._targets():
+            try:
+                return self._way_to(target)
+            except Failure as failure:
+                reasons.append(failure)
+        last = reasons[0]
+        raise Failure(
+            "OUT_OF_REACH",
+            f"no way to {self.ports.object!r}: {last.reason}",
+            ways_tried=len(reasons),
+            **last.numbers,
+        )
+
+    def _targets(self) -> list[Pose]:
+        """Tool poses on the object's surface, tool axis along the direction."""
+        direction = np.asarray(self.ports.direction)
+        length = float(np.linalg.norm(direction))
+        if length < 1e-6:
+            raise Failure("INVALID_TARGET", "the approach direction has no length")
+        direction = direction / length
+        center = self.arm.world.object_pose(self.ports.object)
+        surface = self.arm.world.surface_point(self.ports.object, -direction)
+        facing = _tool_axis_along(direction, center.rotation.apply((1.0, 0.0, 0.0)))
+        return [
+            Pose.from_rotation(surface, facing * Rotation.from_rotvec((0, 0, turn)))
+            for turn in _TURNS
+        ]
+
+    def _way_to(self, surface: Pose) -> Approach:
+        arm, ports = self.arm, self.ports
+        standoff = surface @ Pose.from_rpy((0, 0, -ports.standoff))
+        # A little beyond the surface, so that the tool does touch it; it stops as soon as it does.
+        touch = surface @ Pose.from_rpy((0, 0, 0.002))
+        q_line = arm.line(standoff, touch)
+        touched = frozenset({ports.object})
+        arm.refuse_collision(q_line[-1], ignore=touched)
+        to_standoff = arm.plan_to(q_line[0], ports.speed)
+        return Approach(to_standoff, arm.time_path(q_line, ports.approach_speed))
+
+    def _gap(self) -> float:
+        return self.arm.world.tool_gap(self.arm.name, self.ports.object)
+
+    def _touching(self) -> bool:
+        return self.arm.world.touches(self.arm.name, self.ports.object)
+
+    def _near(self) -> bool:
+        return self._touching() if self.ports.contact else self._gap() <= self.ports.proximity
+
+    def _settle_on_contact(self) -> Iterator[None]:
+        """A light object may bounce at the touch: give it a moment to come to rest."""
+        began = self.arm.time
+        while self.ports.contact and not self._touching() and self.arm.time - began < 0.2:
+            yield
+
+    def _attach(self) -> None:
+        gap, touching = self._gap(), self._touching()
+        if gap > self.ports.proximity or (self.ports.contact and not touching):
+            raise Failure(
+                "PROXIMITY_NOT_REACHED",
+                f"the tool is {1000 * gap:.1f} mm from {self.ports.object!r}"
+                + ("" if touching else " and does not touch it"),
+                gap_m=gap,
+                touching=touching,
+            )
+        self.arm.attach(self.ports.object)
+        self.metrics["gap_m"] = gap
+
+
+def _tool_axis_along(direction: Vector, side: Vector) -> Rotation:
+    """Tool z along ``direction``, tool x as near to ``side`` as that allows."""
+    x = side - (side @ direction) * direction
+    if np.linalg.norm(x) < 1e-3:
+        x = np.cross(direction, (0.0, 1.0, 0.0) if abs(direction[1]) < 0.9 else (1.0, 0.0, 0.0))
+    x = x / np.linalg.norm(x)
+    return Rotation.from_matrix(np.column_stack((x, np.cross(direction, x), direction)))

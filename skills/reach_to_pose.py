@@ -1,0 +1,85 @@
+"""Move the tool to a pose, by an offset, or the joints to a named posture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import degrees
+from typing import Literal
+
+import numpy as np
+
+from bt_dualarm import Angle, Failure, PortModel, Pose, PoseSpec, Skill, Speed, port
+from bt_dualarm import Vector, Vector3
+
+
+class Offset(PortModel):
+    """A step from where the tool is."""
+
+    xyz: Vector3 = port((0.0, 0.0, 0.0), "how far along x, y, z", unit="m")
+    rpy: Vector3 = port((0.0, 0.0, 0.0), "roll, pitch, yaw", unit="deg")
+    frame: Literal["world", "tool"] = port("world", "whose axes are meant")
+
+    def applied_to(self, tool: Pose) -> Pose:
+        """The tool's pose after the step."""
+        step = Pose.from_rpy(self.xyz, tuple(np.deg2rad(self.rpy)))
+        if self.frame == "tool":
+            return tool @ step
+        turned = step.rotation * tool.rotation
+        return Pose.from_rotation(tool.position + step.position, turned)
+
+
+class ReachToPose(Skill):
+    """Move the tool to a pose, by an offset, or the joints to a named posture."""
+
+    class Ports(PortModel):
+        to: PoseSpec | None = port(None, "tool pose in the world; turned as now if only xyz")
+        offset: Offset | None = port(None, "step from the current tool pose")
+        posture: str | None = port(None, "posture of the robot's catalogue page, such as home")
+        speed: Speed = port(0.5, "share of the arm's limits")
+        tolerance: float = port(0.001, "largest distance at the end", unit="m", ge=1e-4, le=0.1)
+        angle_tolerance: Angle = port(0.5, "largest turn at the end", ge=0.01, le=30)
+
+    failures = {
+        "INVALID_TARGET": "not exactly one of to, offset, posture; or no such posture",
+        "UNREACHABLE": "no configuration of the arm puts the tool there",
+        "IN_COLLISION": "the arm would touch something there",
+        "NO_PLAN": "no way there free of collisions was found",
+        "NOT_REACHED": "the tool ended farther away than the tolerance",
+        "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "BUSY": "another leaf moves the arm",
+    }
+    example = "reach_to_pose: {to: {xyz: [0.4, 0.2, 0.6], rpy: [180, 0, 0]}, speed: 0.5}"
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Refuse what cannot be reached, go there, verify."""
+        goal, target = self._goal()
+        yield from self.arm.think()
+        trajectory = self.arm.plan_to_any(goal, self.ports.speed)
+        yield from self.arm.follow(trajectory)
+        self._verify(target)
+
+    def _goal(self) -> tuple[list[Vector], Pose]:
+        """Configurations to choose from, nearest first, and the pose they put the tool at."""
+        ports, arm = self.ports, self.arm
+        given = [x for x in (ports.to, ports.offset, ports.posture) if x is not None]
+        if len(given) != 1:
+            raise Failure("INVALID_TARGET", "give exactly one of: to, offset, posture")
+        if ports.posture is not None:
+            q = arm.posture(ports.posture)
+            return [q], arm.kinematics.forward(q)
+        tool = arm.commanded_tool_pose
+        target = ports.to.pose_from(tool) if ports.to else ports.offset.applied_to(tool)  # type: ignore[union-attr]  # one of the three is given
+        return arm.kinematics.solutions(target, arm.setpoint.q), target
+
+    def _verify(self, target: Pose) -> None:
+        tool = self.arm.tool_pose
+        away, turn = tool.distance(target), tool.angle(target)
+        self.metrics |= {"position_error_m": away, "angle_error_rad": turn}
+        if away > self.ports.tolerance or turn > self.ports.angle_tolerance:
+            raise Failure(
+                "NOT_REACHED",
+                f"the tool is {1000 * away:.2f} mm and {degrees(turn):.2f}° from its target",
+                position_error_m=away,
+                angle_error_rad=turn,
+            )

@@ -1,0 +1,115 @@
+"""Follow a coloured target in a plane by the arm's own wrist camera alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+from bt_dualarm import Color, Duration, Failure, ObjectName, Plane, PlaneTracking, PortModel, Skill
+from bt_dualarm import Speed, TrackingGains, TrackingScore, port
+
+
+class Track(Skill):
+    """Keep a coloured target in the middle of the image by moving the camera in a plane.
+
+    The arm knows its camera and its own joints, nothing else. Without a target it holds still,
+    then searches within ``search_radius`` of where the target should be.
+    """
+
+    class Ports(PortModel):
+        color: Color = port("yellow", "what the target looks like: a name or HSV ranges")
+        plane: Plane = port("yz", "plane in which the tool moves; orientation and depth are held")
+        controller: Literal["predictive", "proportional"] = port(
+            "predictive", "predict the target over the latency, or correct the image error"
+        )
+        distance: float = port(
+            0.35, "depth of the target in front of the camera", unit="m", gt=0.02, le=5
+        )
+        target_size: float | None = port(
+            None, "edge of the target, to measure its depth instead", unit="m", gt=0.001, le=1
+        )
+        gain_u: float = port(
+            0.05, "proportional: step along the plane's first axis per unit error", unit="m", ge=0
+        )
+        gain_v: float = port(
+            0.04, "proportional: step along the plane's second axis per unit error", unit="m", ge=0
+        )
+        dead_band: float = port(
+            0.01, "proportional: image error that counts as none (edge of the image = 1)", ge=0, le=1
+        )
+        speed: Speed = port(1.0, "share of the arm's limits")
+        reach: float = port(
+            0.3, "farthest that the tool leaves its start", unit="m", gt=0, le=2
+        )
+        duration: Duration | None = port(None, "ends after this long with the target in view", gt=0)
+        until_still: Duration | None = port(
+            None, "ends when the target, having moved, stays still this long", gt=0
+        )
+        wait: Duration = port(60.0, "longest wait for the target to come into view", gt=0)
+        lost_timeout: Duration = port(2.0, "longest time without the target", gt=0)
+        search_radius: float = port(0.05, "how far the search goes", unit="m", ge=0, le=0.5)
+        score: ObjectName | None = port(
+            None, "object whose true path the metrics compare with; never used to move"
+        )
+
+    failures = {
+        "NO_CAMERA": "the arm has no camera of its own, or it does not face the plane",
+        "NOT_SEEN": "the target did not come into view in time",
+        "LOST": "the target was out of view for longer than lost_timeout",
+        "UNREACHABLE": "the target is farther away than the arm may follow",
+        "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "BUSY": "another leaf moves the arm",
+    }
+    example = "track: {color: yellow, plane: yz, controller: predictive, duration: 5.0}"
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Wait for the target, follow it until the end that the ports declare."""
+        ports = self.ports
+        tracking = PlaneTracking(
+            self.arm,
+            color=ports.color,
+            plane=ports.plane,
+            speed=ports.speed,
+            distance=ports.distance,
+            target_size=ports.target_size,
+            gains=TrackingGains(ports.gain_u, ports.gain_v, ports.dead_band)
+            if ports.controller == "proportional"
+            else None,
+            reach=ports.reach,
+            search_radius=ports.search_radius,
+        )
+        score = TrackingScore(self.arm, ports.plane, ports.score)
+        try:
+            yield from self._wait_for_target(tracking)
+            yield from self._follow(tracking, score)
+            yield from self.arm.halt()
+        finally:
+            tracking.close()
+            self.metrics |= {**score.metrics(), **tracking.metrics()}
+
+    def _wait_for_target(self, tracking: PlaneTracking) -> Iterator[None]:
+        began = self.time
+        while not tracking.locked:
+            if self.time - began > self.ports.wait:
+                waited = self.time - began
+                raise Failure("NOT_SEEN", f"no target in {waited:.1f} s", waited_s=waited)
+            yield
+
+    def _follow(self, tracking: PlaneTracking, score: TrackingScore) -> Iterator[float | None]:
+        ports, began = self.ports, self.time
+        tracking.begin()
+        while True:
+            yield None if ports.duration is None else (self.time - began) / ports.duration
+            self.arm.check()
+            tracking.watch()
+            score.sample(tracking)
+            unseen = tracking.unseen_for
+            if unseen > ports.lost_timeout:
+                raise Failure(
+                    "LOST", f"the target was last seen {unseen:.1f} s ago", unseen_s=unseen
+                )
+            if ports.duration is not None and self.time - began >= ports.duration:
+                return
+            if ports.until_still is not None and tracking.still_for >= ports.until_still:
+                return

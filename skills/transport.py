@@ -1,0 +1,62 @@
+"""Carry the attached object to a pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import degrees
+
+from bt_dualarm import Angle, Failure, ObjectName, PortModel, Pose, PoseSpec, Skill, Speed, port
+
+
+class Transport(Skill):
+    """Carry an attached object to a pose, and check that it arrived and was not lost."""
+
+    class Ports(PortModel):
+        object: ObjectName = port(..., "object to carry; it must be attached to this arm")
+        to: PoseSpec = port(..., "pose of the object in the world; turned as now if only xyz")
+        speed: Speed = port(0.5, "share of the arm's limits")
+        tolerance: float = port(
+            0.005, "largest distance of the object at the end", unit="m", ge=1e-4, le=0.1
+        )
+        angle_tolerance: Angle = port(2.0, "largest turn of the object at the end", ge=0.01, le=30)
+
+    failures = {
+        "NOT_ATTACHED": "the object is not attached to this arm, or was lost on the way",
+        "UNREACHABLE": "no configuration of the arm puts the object there",
+        "IN_COLLISION": "the arm or the object would touch something there",
+        "NO_PLAN": "no way there free of collisions was found",
+        "NOT_REACHED": "the object ended farther away than the tolerance",
+        "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "BUSY": "another leaf moves the arm",
+    }
+    example = "transport: {object: cube, to: {xyz: [0.4, -0.2, 0.5]}}"
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Plan with the object as part of the arm, carry it, look where it is."""
+        arm, name = self.arm, self.ports.object
+        held = arm.world.attachments.find(arm.name, name)
+        if held is None:
+            raise Failure("NOT_ATTACHED", f"object {name!r} is not attached to {arm.name}")
+        object_in_tool = arm.tool_pose.inverse @ arm.world.object_pose(name)
+        goal = self.ports.to.pose_from(arm.commanded_tool_pose @ object_in_tool)
+        tool_goal = goal @ object_in_tool.inverse
+        yield from arm.think()
+        configurations = arm.kinematics.solutions(tool_goal, arm.setpoint.q)
+        trajectory = arm.plan_to_any(configurations, self.ports.speed)
+        yield from arm.follow(trajectory)
+        self._verify(name, goal)
+
+    def _verify(self, name: str, goal: Pose) -> None:
+        if name not in self.arm.held:
+            raise Failure("NOT_ATTACHED", f"object {name!r} was lost on the way")
+        pose = self.arm.world.object_pose(name)
+        away, turn = pose.distance(goal), pose.angle(goal)
+        self.metrics |= {"object_error_m": away, "object_error_rad": turn}
+        if away > self.ports.tolerance or turn > self.ports.angle_tolerance:
+            raise Failure(
+                "NOT_REACHED",
+                f"{name!r} is {1000 * away:.2f} mm and {degrees(turn):.2f}° from its goal",
+                object_error_m=away,
+                object_error_rad=turn,
+            )
