@@ -16,7 +16,7 @@ LAYERS = (
     {"spec"},
     {"world"},
     {"motion", "vision"},
-    {"arm", "skill", "registry"},
+    {"arm", "skill", "registry", "tracking", "scoring"},
     {"tree"},
     {"run"},
     {"cli"},
