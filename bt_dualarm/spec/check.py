@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 from bt_dualarm.spec.explain import describe, explain
 from bt_dualarm.spec.language import Kind
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.ports import reference_of, validate_literals
+from bt_dualarm.spec.ports import reference_of, references_in, validate_literals
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.source import Data
 from bt_dualarm.spec.values import Refers
@@ -63,6 +63,9 @@ def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Probl
     for name, field in kind.ports.model_fields.items():
         if name in ports:
             yield from _unknown_name(node, name, field, ports[name], declared)
+    for name in kind.fixed & references_in(kind.ports, ports).keys():
+        message = f"{node.kind}: {name}: cannot come from the blackboard"
+        yield node.port_problem((name,), message, "write the value out, or use a parameter")
     for name, value in outputs.items():
         if reference_of(value) is None:
             message = f"{node.kind}: output '{name}' needs a key to write, not {describe(value)}"

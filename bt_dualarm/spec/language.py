@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 
 from pydantic import Field
 
-from bt_dualarm.spec.ports import KEY, PortModel, port
+from bt_dualarm.spec.ports import KEY, PortModel, Template, WrittenKey, port
 from bt_dualarm.spec.values import Duration
 
 
@@ -37,6 +37,7 @@ class Kind:
         slots: Places for one child each.
         many: Whether it takes a list of children.
         cases: Whether it takes a mapping of children, ``cases``.
+        fixed: Ports that must be written out; no key of the blackboard can give them.
         shorthand: The port that a bare value stands for: ``wait: 2``.
         failures: Codes of its failures with their meaning.
         example: YAML of one node.
@@ -50,6 +51,7 @@ class Kind:
     slots: tuple[Slot, ...] = ()
     many: bool = False
     cases: bool = False
+    fixed: frozenset[str] = frozenset()
     shorthand: str = ""
     failures: Mapping[str, str] = field(default_factory=dict)
     example: str = ""
@@ -66,16 +68,6 @@ class Kind:
         lists = ["children"] * self.many + ["cases"] * self.cases
         slots = (slot.name for slot in self.slots)
         return frozenset({"name", *lists, *slots, *self.outputs.model_fields})
-
-
-@dataclass(frozen=True)
-class Template:
-    """Metadata of a text port: ``{key}`` within the text is replaced by the key's value."""
-
-
-@dataclass(frozen=True)
-class WrittenKey:
-    """Metadata of a text port: it names a key of the blackboard that the node writes."""
 
 
 _KeyName: TypeAlias = Annotated[str, Field(pattern=rf"^{KEY.pattern}$"), WrittenKey()]
@@ -140,6 +132,12 @@ class Set(PortModel):
     value: Any = port(..., "What to write: a value, or another key")
 
 
+class SetOutputs(PortModel):
+    """What set writes."""
+
+    value: Any = port(None, "The value")
+
+
 class Compare(PortModel):
     """Ports of compare."""
 
@@ -172,13 +170,17 @@ class Subtree(PortModel):
     params: dict[str, Any] = port({}, "Values of the subtree's parameters")
 
 
+_MEMORY: Final = frozenset({"memory"})
 _CHILD: Final = (Slot("child"),)
 _CONDITIONED: Final = (Slot("condition"), Slot("child"))
 
 _KINDS: Final = (
-    Kind("sequence", "Children one after the other until one fails", Memory, many=True),
-    Kind("selector", "Children one after the other until one succeeds", Memory, many=True),
-    Kind("parallel", "All children at once", Parallel, many=True),
+    Kind("sequence", "Children one after the other until one fails", Memory,
+         many=True, fixed=_MEMORY),
+    Kind("selector", "Children one after the other until one succeeds", Memory,
+         many=True, fixed=_MEMORY),
+    Kind("parallel", "All children at once", Parallel, many=True,
+         fixed=frozenset({"policy", "on_failure"})),
     Kind("switch", "The child whose case equals a value", Switch, cases=True,
          slots=(Slot("default", required=False),)),
     Kind("if", "One child or the other, as a condition says once at the start",

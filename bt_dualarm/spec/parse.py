@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from bt_dualarm.spec.explain import describe
-from bt_dualarm.spec.language import LANGUAGE, Kind, Template, WrittenKey
+from bt_dualarm.spec.language import LANGUAGE, Kind
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.ports import KEY, reference_of
+from bt_dualarm.spec.ports import KEY, Template, WrittenKey, reference_of
 from bt_dualarm.spec.problems import Problem
 from bt_dualarm.spec.scope import Scope
 from bt_dualarm.spec.source import Data, Path, Source

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
@@ -22,6 +23,16 @@ REFERENCE: Final = re.compile(r"\{([^{}]*)\}")
 
 KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
 """What an author may call a key or a parameter."""
+
+
+@dataclass(frozen=True)
+class Template:
+    """Metadata of a text port: ``{key}`` within the text is replaced by the key's value."""
+
+
+@dataclass(frozen=True)
+class WrittenKey:
+    """Metadata of a text port: it names a key of the blackboard that the node writes."""
 
 
 class PortModel(BaseModel):
@@ -81,10 +92,17 @@ def reference_of(value: Data) -> str | None:
 
 def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str, str]:
     """The key behind each port of ``model`` that is given as a reference."""
-    found = {name: reference_of(value) for name, value in ports.items()}
-    return {
-        name: key for name, key in found.items() if key is not None and name in model.model_fields
-    }
+    texts = templates_of(model)
+    names = (name for name in ports if name in model.model_fields and name not in texts)
+    keys = {name: reference_of(ports[name]) for name in names}
+    return {name: key for name, key in keys.items() if key is not None}
+
+
+@lru_cache(maxsize=512)
+def templates_of(model: type[PortModel]) -> frozenset[str]:
+    """The ports in whose text keys are written out."""
+    fields = model.model_fields.items()
+    return frozenset(name for name, field in fields if Template() in field.metadata)
 
 
 def validated(model: type[PortModel], ports: Mapping[str, Data]) -> PortModel:

@@ -1,0 +1,114 @@
+"""The base class of skills: leaves of a tree that make one arm do something.
+
+A skill is written as one generator, ``run``: every ``yield`` ends a tick with RUNNING, returning
+is SUCCESS, raising `Failure` is FAILURE. Whoever halts it closes the generator, so what must be
+undone stands in a ``finally`` block. A new object is made for every start, hence nothing of an
+earlier run is left over.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+
+import numpy as np
+
+from bt_dualarm.errors import Number
+from bt_dualarm.spec.ports import PortModel
+
+if TYPE_CHECKING:
+    from bt_dualarm.arm import Arm
+
+STANDARD_FAILURES: Final[Mapping[str, str]] = {
+    "UNREACHABLE": "no joint configuration puts the tool there",
+    "JOINT_LIMIT": "a joint would leave its limits",
+    "IN_COLLISION": "two bodies would touch",
+    "INVALID_TARGET": "the target makes no sense",
+    "NO_PLAN": "no motion free of collisions was found",
+    "TRACKING_ERROR": "the arm does not follow what it was sent",
+    "BUSY": "another leaf is moving the arm",
+    "NO_VALUE": "a key of the blackboard was read that has no value of the right type",
+    "EXCEPTION": "the skill has a bug: see the traceback in the log",
+}
+"""Codes that any skill may fail with; a skill declares only those of its own."""
+
+
+class NoPorts(PortModel):
+    """Nothing to set."""
+
+
+@dataclass(frozen=True)
+class SkillContext:
+    """What a skill is given besides its ports.
+
+    Attributes:
+        name: Path of the leaf in its tree.
+        arm: The arm it acts with.
+        clock: Simulated time in seconds.
+        rng: The only source of randomness; seeded by the run and the leaf.
+        log: For people who look for the reason afterwards.
+    """
+
+    name: str
+    arm: Arm
+    clock: Callable[[], float]
+    rng: np.random.Generator
+    log: logging.Logger
+
+
+class Skill:
+    """Base of all skills; its name in YAML is the class name in snake_case.
+
+    Subclasses declare ``Ports`` (and ``Outputs``), annotate ``ports: Ports`` for their own
+    type checker, and implement `run`. The docstring's first line is shown to users.
+
+    Args:
+        ports: Checked, with references to the blackboard replaced by their values.
+        context: What else there is.
+        write: Puts an output on the blackboard, if the tree gave a key for it.
+
+    Attributes:
+        progress: Share done from 0 to 1, for the display; None where it cannot be known.
+        metrics: What the skill measured; goes into the summary of the run.
+    """
+
+    Ports: ClassVar[type[PortModel]] = NoPorts
+    Outputs: ClassVar[type[PortModel]] = NoPorts
+    failures: ClassVar[Mapping[str, str]] = {}
+    example: ClassVar[str] = ""
+
+    ports: Any
+
+    def __init__(
+        self, ports: PortModel, context: SkillContext, write: Callable[[str, Any], None]
+    ) -> None:
+        self.ports = ports
+        self.context = context
+        self.arm = context.arm
+        self.progress: float | None = None
+        self.metrics: dict[str, Number] = {}
+        self._write = write
+
+    def run(self) -> Iterator[float | None]:
+        """Do it, one tick from ``yield`` to ``yield``; never block, never sleep.
+
+        A number that is yielded is the progress, from 0 to 1.
+
+        Returning says SUCCESS: only of what was verified.
+
+        Raises:
+            Failure: With a code of ``failures`` or `STANDARD_FAILURES`.
+        """
+        raise NotImplementedError
+        yield  # makes this, too, a generator
+
+    @property
+    def time(self) -> float:
+        """Simulated time in seconds."""
+        return self.context.clock()
+
+    def output(self, name: str, value: Any) -> None:
+        """Write an output that ``Outputs`` declares; lost where the tree gave it no key."""
+        self._write(name, value)

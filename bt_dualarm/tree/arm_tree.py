@@ -1,0 +1,61 @@
+"""One arm's tree, built: ticked by the runner, looked at by the display."""
+
+from __future__ import annotations
+
+from typing import TypeAlias, cast
+
+from py_trees.common import Status
+
+from bt_dualarm.tree.leaf import Leaf
+from bt_dualarm.tree.report import LeafReport, NodeView, StatusName
+from bt_dualarm.tree.watched import NAMES, Watched
+
+TreeNode: TypeAlias = Leaf | Watched
+"""Every node of a built tree is one of these."""
+
+
+class ArmTree:
+    """A tree that runs once.
+
+    Args:
+        root: All nodes have their places.
+        leaves: Filled by the leaves.
+
+    Attributes:
+        leaves: One record per run of a leaf, in the order of their starts.
+    """
+
+    def __init__(self, root: TreeNode, leaves: list[LeafReport]) -> None:
+        self._root = root
+        self.leaves = leaves
+
+    @property
+    def status(self) -> StatusName:
+        """Of the root."""
+        return NAMES[self._root.status]
+
+    def tick(self) -> None:
+        """Tick once; a tree that has ended stays as it is."""
+        if self._root.status not in (Status.SUCCESS, Status.FAILURE):
+            self._root.tick_once()
+
+    def halt(self) -> None:
+        """Halt whatever is running; a tree that has ended stays as it is."""
+        if self._root.status is Status.RUNNING:
+            self._root.stop(Status.INVALID)
+
+    def view(self) -> NodeView:
+        """As it stands now."""
+        return _view(self._root)
+
+
+def _view(node: TreeNode) -> NodeView:
+    return NodeView(
+        node.name,
+        node.kind,
+        NAMES[node.status],
+        node.since,
+        node.progress if isinstance(node, Leaf) else None,
+        f"{node.code}: {node.reason}" if node.status is Status.FAILURE and node.code else "",
+        tuple(_view(cast("TreeNode", child)) for child in node.children),
+    )

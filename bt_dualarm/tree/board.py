@@ -1,0 +1,37 @@
+"""One arm's blackboard.
+
+Not py_trees' own: that is one dictionary for the whole process, so that two trees that write
+``target`` overwrite each other.
+"""
+
+from __future__ import annotations
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.spec.ports import REFERENCE
+from bt_dualarm.spec.source import Data
+
+
+class Board:
+    """Values by key, in YAML's notation."""
+
+    def __init__(self) -> None:
+        self._values: dict[str, Data] = {}
+
+    def read(self, key: str) -> Data:
+        """The value of a key.
+
+        Raises:
+            Failure: ``NO_VALUE`` when nothing was written yet.
+        """
+        if key not in self._values:
+            # A subtree's keys have a prefix that their author did not write.
+            raise Failure("NO_VALUE", f"no node has written '{key.rpartition('/')[2]}' yet")
+        return self._values[key]
+
+    def write(self, key: str, value: Data) -> None:
+        """Set a key, whatever it was before."""
+        self._values[key] = value
+
+    def write_out(self, text: str) -> str:
+        """Text with each ``{key}`` replaced by its value, as it is where it has none."""
+        return REFERENCE.sub(lambda match: str(self._values.get(match[1], match[0])), text)

@@ -1,0 +1,205 @@
+"""Nodes with children: py_trees' own where they are right, and a base for ours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Sequence as Children
+from typing import Any, TypeAlias
+
+from py_trees import composites
+from py_trees.behaviour import Behaviour
+from py_trees.common import Status
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.tree.watched import Watched
+
+Ticks: TypeAlias = Generator[Behaviour, None, Status]
+"""Yields nodes as py_trees wants it, returns the new status."""
+
+
+class Sequence(Watched, composites.Sequence):
+    """py_trees' own."""
+
+
+class Selector(Watched, composites.Selector):
+    """py_trees' own, but a new start forgets what the children said the last time."""
+
+    def initialise(self) -> None:
+        """Reset the children, as py_trees' Sequence and Parallel do."""
+        reset(self.children)
+
+
+class Node(Watched, composites.Composite):
+    """Base of nodes of ours, with one child or several.
+
+    Args:
+        name: Shown to people.
+        children: At least one.
+        read_ports: Gives the ports, with the blackboard's values of that moment.
+    """
+
+    def __init__(
+        self, name: str, children: Children[Behaviour], read_ports: Callable[[], Any]
+    ) -> None:
+        super().__init__(name, children)
+        self.read_ports = read_ports
+        self.ports: Any = None
+
+    def tick(self) -> Iterator[Behaviour]:
+        """Tick those children that are due, and become what they make of it."""
+        try:
+            if self.status is not Status.RUNNING:
+                self.code = self.reason = ""
+                reset(self.children)
+                self.ports = self.read_ports()
+                self.initialise()
+            new_status = yield from self.tick_children()
+        except Failure as failure:
+            self.code, self.reason = failure.code, failure.reason
+            new_status = Status.FAILURE
+        if new_status is Status.RUNNING:
+            self.status = new_status
+        else:
+            halt_running(self.children)
+            self.stop(new_status)
+        yield self
+
+    def tick_children(self) -> Ticks:
+        """Tick children; may raise `Failure` to fail with a reason."""
+        raise NotImplementedError
+
+
+def reset(nodes: Iterable[Behaviour]) -> None:
+    """Make nodes forget what they said the last time."""
+    for node in nodes:
+        if node.status is not Status.INVALID:
+            node.stop(Status.INVALID)
+
+
+def halt_running(nodes: Iterable[Behaviour]) -> None:
+    """Halt those that are running."""
+    for node in nodes:
+        if node.status is Status.RUNNING:
+            node.stop(Status.INVALID)
+
+
+class Parallel(Node):
+    """Ticks all children until enough have succeeded.
+
+    Not py_trees' own: that has no "N of M", and fails with any child whatever its policy says.
+    """
+
+    def tick_children(self) -> Ticks:
+        """Tick the children that have not ended; they are not started again."""
+        for child in self.children:
+            if child.status is Status.RUNNING or child.status is Status.INVALID:
+                yield from child.tick()
+        statuses = [child.status for child in self.children]
+        succeeded = statuses.count(Status.SUCCESS)
+        failed = statuses.count(Status.FAILURE)
+        needed = {"all": len(statuses), "any": 1}.get(self.ports.policy, self.ports.policy)
+        if failed and self.ports.on_failure == "fail":
+            raise Failure("CHILD_FAILED", self._failed_child())
+        if succeeded >= needed:
+            return Status.SUCCESS
+        if len(statuses) - failed < needed:
+            raise Failure("TOO_MANY_FAILED", f"{failed} of {len(statuses)} failed, {needed} needed")
+        return Status.RUNNING
+
+    def _failed_child(self) -> str:
+        child = next(child for child in self.children if child.status is Status.FAILURE)
+        return f"'{child.name}' failed"
+
+
+class Switch(Node):
+    """Runs the child whose case is the value at the start.
+
+    Args:
+        name: Shown to people.
+        children: In the order of ``slots``.
+        read_ports: As of `Node`.
+        slots: The case of each child, or ``default``.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        children: Children[Behaviour],
+        read_ports: Callable[[], Any],
+        slots: Children[str],
+    ) -> None:
+        super().__init__(name, children, read_ports)
+        self._slots = tuple(slots)
+        self._chosen: Behaviour | None = None
+
+    def initialise(self) -> None:
+        """Choose."""
+        value = self.ports.value
+        case = str(value).lower() if isinstance(value, bool) else str(value)
+        by_case = dict(zip(self._slots, self.children, strict=True))
+        self._chosen = by_case.get(case, by_case.get("default"))
+        if self._chosen is None:
+            raise Failure("NO_CASE", f"no case for '{case}' and no default")
+
+    def tick_children(self) -> Ticks:
+        """The chosen one."""
+        assert self._chosen is not None  # noqa: S101 - `initialise` has chosen or failed
+        yield from self._chosen.tick()
+        return self._chosen.status
+
+
+class If(Node):
+    """Asks a condition once, then runs one child or the other; without "else", succeeds."""
+
+    def initialise(self) -> None:
+        """Nothing is chosen yet."""
+        self._chosen: Behaviour | None = None
+
+    def tick_children(self) -> Ticks:
+        """The condition until it says yes or no, then what follows from that."""
+        condition, *branches = self.children
+        if self._chosen is None:
+            yield from condition.tick()
+            if condition.status is Status.RUNNING:
+                return Status.RUNNING
+            chosen = branches[0:1] if condition.status is Status.SUCCESS else branches[1:2]
+            if not chosen:
+                return Status.SUCCESS
+            self._chosen = chosen[0]
+        yield from self._chosen.tick()
+        return self._chosen.status
+
+
+class While(Node):
+    """Asks a condition before each start of its child; ends with SUCCESS once that says no."""
+
+    def tick_children(self) -> Ticks:
+        """At most one start of the child a tick, so that an endless loop cannot block."""
+        condition, child = self.children
+        if child.status is not Status.RUNNING:
+            yield from condition.tick()
+            if condition.status is Status.FAILURE:
+                return Status.SUCCESS
+            if condition.status is Status.RUNNING:
+                return Status.RUNNING
+        yield from child.tick()
+        return Status.FAILURE if child.status is Status.FAILURE else Status.RUNNING
+
+
+class Guard(Node):
+    """Asks a condition before each tick of its child; halts it and fails once that says no.
+
+    While the condition is still at it, the child is not started, but goes on if it runs.
+    py_trees' EternalGuard takes a Python function only, which YAML must not name.
+    """
+
+    def tick_children(self) -> Ticks:
+        """The condition, then the child."""
+        condition, child = self.children
+        yield from condition.tick()
+        if condition.status is Status.FAILURE:
+            raise Failure("GUARD", f"'{condition.name}' no longer holds")
+        if condition.status is Status.RUNNING and child.status is not Status.RUNNING:
+            return Status.RUNNING
+        yield from child.tick()
+        return child.status

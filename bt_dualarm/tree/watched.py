@@ -1,0 +1,110 @@
+"""Nodes that tell each change of their status, and know when and why it came."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from py_trees.behaviour import Behaviour
+from py_trees.common import Status
+
+from bt_dualarm.errors import Number
+from bt_dualarm.tree.report import StatusChange, StatusName
+
+NAMES: Mapping[Status, StatusName] = {
+    Status.INVALID: "INVALID",
+    Status.RUNNING: "RUNNING",
+    Status.SUCCESS: "SUCCESS",
+    Status.FAILURE: "FAILURE",
+}
+
+
+class Placed(Protocol):
+    """A node that knows who it is."""
+
+    path: str
+    kind: str
+    code: str
+    reason: str
+
+
+class Teller:
+    """Tells the changes of one arm's tree.
+
+    Args:
+        arm: Whose tree.
+        clock: Simulated time in seconds.
+        on_event: Receives every change, in the order in which they happen.
+    """
+
+    def __init__(
+        self, arm: str, clock: Callable[[], float], on_event: Callable[[StatusChange], None]
+    ) -> None:
+        self.arm = arm
+        self.clock = clock
+        self.on_event = on_event
+
+    def tell(
+        self,
+        node: Placed,
+        old: Status,
+        new: Status,
+        metrics: Mapping[str, Number],
+    ) -> None:
+        """Tell that ``node`` went from ``old`` to ``new`` just now."""
+        self.on_event(
+            StatusChange(
+                self.clock(),
+                self.arm,
+                node.path,
+                node.kind,
+                NAMES[old],
+                NAMES[new],
+                node.code,
+                node.reason,
+                metrics,
+            )
+        )
+
+
+class Watched(Behaviour):
+    """Mixed into py_trees' composites and decorators, whose every change of status it sees.
+
+    Nodes are told who they are by `place` before the first tick.
+    """
+
+    path = ""
+    kind = ""
+    since = 0.0
+    code = ""
+    reason = ""
+    _status = Status.INVALID
+    _teller: Teller | None = None
+
+    def place(self, teller: Teller, path: str, kind: str) -> None:
+        """Take a place in an arm's tree."""
+        self._teller = teller
+        self.path = path
+        self.kind = kind
+
+    @property
+    def time(self) -> float:
+        """Simulated time in seconds."""
+        return self._teller.clock() if self._teller else 0.0
+
+    @property
+    def status(self) -> Status:
+        """As py_trees has it."""
+        return self._status
+
+    @status.setter
+    def status(self, new: Status) -> None:
+        old = self._status
+        if new is old:
+            return
+        self._status = new
+        self.since = self.time
+        if new is not Status.FAILURE:
+            self.code = self.reason = ""
+        if self._teller:
+            self._teller.tell(self, old, new, {})
