@@ -4,30 +4,101 @@ A tree file declares a world, the arms in it and one tree per arm; a skill is wh
 
     from bt_dualarm import Failure, PortModel, Skill, port
 
-    class WaveOnce(Skill):
+    class WaitForRest(Skill):
+        \"\"\"Wait until the arm stands still.\"\"\"
+
         class Ports(PortModel):
-            angle: float = port(20.0, "How far to wave", unit="deg", gt=0, le=90)
+            longest: float = port(5.0, "how long to wait at most", unit="s", gt=0, le=60)
+
+        failures = {"STILL_MOVING": "the arm did not come to rest in time"}
+        example = "wait_for_rest: {longest: 2.0}"
+        ports: Ports
 
         def run(self):
-            ...  # each `yield` is a tick; return is success; raise Failure is failure
+            began = self.time
+            while not self.arm.controller.at_rest:
+                if self.time - began > self.ports.longest:
+                    raise Failure("STILL_MOVING", "the arm still moves")
+                yield
 """
 
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from bt_dualarm.arm import Arm as Arm
+    from bt_dualarm.curve import follow_curve as follow_curve
     from bt_dualarm.errors import DualArmError as DualArmError
     from bt_dualarm.errors import Failure as Failure
-    from bt_dualarm.motion.follow_path import PathFollowing as PathFollowing
-    from bt_dualarm.motion.paths import CartesianPath as CartesianPath
+    from bt_dualarm.errors import WorldError as WorldError
+    from bt_dualarm.motion.paths import circle as circle_path
+    from bt_dualarm.motion.paths import line as line_path
+    from bt_dualarm.motion.paths import lissajous as lissajous_path
+    from bt_dualarm.motion.trajectory import Trajectory as Trajectory
+    from bt_dualarm.pose import Matrix as Matrix
     from bt_dualarm.pose import Pose as Pose
+    from bt_dualarm.pose import Vector as Vector
+    from bt_dualarm.scoring import TrackingScore as TrackingScore
     from bt_dualarm.skill import Skill as Skill
+    from bt_dualarm.skill import SkillContext as SkillContext
     from bt_dualarm.spec.color import Color as Color
     from bt_dualarm.spec.plane import Plane as Plane
     from bt_dualarm.spec.ports import PortModel as PortModel
     from bt_dualarm.spec.ports import port as port
+    from bt_dualarm.spec.values import Angle as Angle
+    from bt_dualarm.spec.values import ArmName as ArmName
     from bt_dualarm.spec.values import Duration as Duration
+    from bt_dualarm.spec.values import ObjectName as ObjectName
+    from bt_dualarm.spec.values import PoseSpec as PoseSpec
+    from bt_dualarm.spec.values import Speed as Speed
+    from bt_dualarm.spec.values import Vector3 as Vector3
+    from bt_dualarm.tracking import PlaneTracking as PlaneTracking
+    from bt_dualarm.tracking import TrackingGains as TrackingGains
     from bt_dualarm.world.world import World as World
+
+_CONTENTS: Final = {
+    # What a skill is made of
+    "Skill": "skill:Skill",
+    "SkillContext": "skill:SkillContext",
+    "PortModel": "spec.ports:PortModel",
+    "port": "spec.ports:port",
+    "Failure": "errors:Failure",
+    "DualArmError": "errors:DualArmError",
+    "WorldError": "errors:WorldError",
+    # Types of ports
+    "Angle": "spec.values:Angle",
+    "ArmName": "spec.values:ArmName",
+    "Color": "spec.color:Color",
+    "Duration": "spec.values:Duration",
+    "ObjectName": "spec.values:ObjectName",
+    "Plane": "spec.plane:Plane",
+    "PoseSpec": "spec.values:PoseSpec",
+    "Speed": "spec.values:Speed",
+    "Vector3": "spec.values:Vector3",
+    # What a skill works with
+    "Arm": "arm:Arm",
+    "World": "world.world:World",
+    "Pose": "pose:Pose",
+    "Vector": "pose:Vector",
+    "Matrix": "pose:Matrix",
+    "Trajectory": "motion.trajectory:Trajectory",
+    "circle_path": "motion.paths:circle",
+    "line_path": "motion.paths:line",
+    "lissajous_path": "motion.paths:lissajous",
+    "follow_curve": "curve:follow_curve",
+    "PlaneTracking": "tracking:PlaneTracking",
+    "TrackingGains": "tracking:TrackingGains",
+    "TrackingScore": "scoring:TrackingScore",
+}
+
+__all__ = sorted(_CONTENTS)  # noqa: PLE0605  # one table says it all
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for, when it is asked for: ``import bt_dualarm`` costs nothing."""
+    if name not in _CONTENTS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, _, attribute = _CONTENTS[name].partition(":")
+    return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)

@@ -13,7 +13,6 @@ from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.motion.controller import JointController, Stream, TrajectoryMotion
 from bt_dualarm.motion.ik import Kinematics
 from bt_dualarm.motion.limiter import SetPoint
-from bt_dualarm.motion.path_timing import time_path
 from bt_dualarm.motion.paths import line
 from bt_dualarm.motion.planning import plan
 from bt_dualarm.motion.trajectory import Trajectory
@@ -30,6 +29,10 @@ SETTLED_RAD = 5e-4
 
 PLANNING_S = 0.1
 """Simulated seconds that planning costs, whatever it costs on the wall."""
+
+
+CHECK_EVERY_RAD = 0.02
+"""Largest joint step between two configurations that are checked for collisions."""
 
 
 class Arm:
@@ -123,6 +126,22 @@ class Arm:
         if contact is not None:
             raise contact.failure()
 
+    def refuse_collision_along(self, q: Matrix, ignore: frozenset[str] = frozenset()) -> None:
+        """Check configurations, of shape (n, dof), before anything moves.
+
+        Raises:
+            Failure: ``IN_COLLISION`` at the first one that touches something.
+        """
+        checker = self.checker(ignore)
+        last = q[0]
+        for i, row in enumerate(q):
+            if i and i < len(q) - 1 and float(np.abs(row - last).max()) < CHECK_EVERY_RAD:
+                continue
+            last = row
+            contact = checker.contact(row)
+            if contact is not None:
+                raise contact.failure()
+
     def posture(self, name: str) -> Vector:
         """Joint angles, of shape (dof,), of a named posture of the robot.
 
@@ -151,7 +170,7 @@ class Arm:
 
     def time_path(self, q: Matrix, speed: float) -> Trajectory:
         """The motion through configurations, of shape (n, dof), at a share of the limits."""
-        return time_path(q, self.limits(speed), self.period)
+        return timing.time_path(q, self.limits(speed), self.period)
 
     def plan_to_any(
         self, goals: Sequence[Vector], speed: float, ignore: frozenset[str] = frozenset()
@@ -203,7 +222,7 @@ class Arm:
         while not motion.done:
             yield motion.progress
             self.check()
-        yield from self._settle()
+        yield from self.settle()
 
     def begin(self, trajectory: Trajectory) -> TrajectoryMotion:
         """Begin a motion and leave it to the caller to watch it with ``check``."""
@@ -218,7 +237,7 @@ class Arm:
     def halt(self) -> Iterator[float]:
         """Brake with bounded jerk; yields once a tick until the arm stands still."""
         self.controller.stop()
-        yield from self._settle()
+        yield from self.settle()
 
     def check(self) -> None:
         """Raise what went wrong with the motion since it began."""
@@ -241,7 +260,7 @@ class Arm:
             raise Failure("BUSY", f"{owner} is moving {self.name} already", owner=str(owner))
         self._owner[0] = self._leaf
 
-    def _settle(self) -> Iterator[float]:
+    def settle(self) -> Iterator[float]:
         """Wait until the arm stands on its last set-point."""
         began = self.time
         while True:

@@ -1,0 +1,49 @@
+"""Trace a circle with the tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+from bt_dualarm import Plane, PortModel, Skill, Speed, circle_path, follow_curve, port
+
+
+class Circle(Skill):
+    """Trace a circle with the tool, keeping its orientation."""
+
+    class Ports(PortModel):
+        plane: Plane = port("yz", "plane of the circle")
+        radius: float = port(0.10, "radius", unit="m", ge=0.005, le=2.0)
+        start: Literal["around", "from"] = port(
+            "around", "around: the tool is at the centre now; from: it is on the circle now"
+        )
+        waypoints: int = port(20, "points on a turn that the path goes through", ge=4, le=1000)
+        turns: float = port(1.0, "how often around", gt=0, le=100)
+        direction: Literal["counterclockwise", "clockwise"] = port(
+            "counterclockwise", "as seen against the plane's normal"
+        )
+        speed: Speed = port(0.5, "share of the arm's limits of velocity, acceleration and jerk")
+
+    failures = {
+        "UNREACHABLE": "no configuration of the arm reaches the circle",
+        "PATH_BROKEN": "the arm can follow only a part of the circle; nothing was executed",
+        "IN_COLLISION": "the arm would touch something on the way",
+        "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "BUSY": "another leaf moves the arm",
+    }
+    example = "circle: {plane: yz, radius: 0.10, turns: 2, speed: 0.5}"
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Draw the path from where the tool is, follow it, measure."""
+        ports = self.ports
+        path = circle_path(
+            self.arm.commanded_tool_pose,
+            ports.plane.axes,
+            ports.radius,
+            mode=ports.start,
+            waypoints=ports.waypoints,
+            turns=ports.turns,
+            direction=1 if ports.direction == "counterclockwise" else -1,
+        )
+        self.metrics |= yield from follow_curve(self.arm, path, ports.speed)

@@ -1,0 +1,59 @@
+"""Trace a Lissajous curve with the tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from bt_dualarm import Angle, Plane, PortModel, Skill, Speed, follow_curve, lissajous_path, port
+
+Amplitude = Annotated[float, Field(ge=0, le=2.0)]
+Frequency = Annotated[int, Field(ge=1, le=20)]
+
+
+class Lissajous(Skill):
+    """Trace A sin(a t + phase), B sin(b t) with the tool, keeping its orientation."""
+
+    class Ports(PortModel):
+        plane: Plane = port("yz", "plane of the curve")
+        amplitudes: tuple[Amplitude, Amplitude] = port(
+            [0.10, 0.10], "A and B: half the width and half the height", unit="m"
+        )
+        frequencies: tuple[Frequency, Frequency] = port(
+            [1, 2], "a and b; only their ratio matters, the speed sets how fast"
+        )
+        phase: Angle = port(0.0, "phase of the first axis", ge=-360, le=360)
+        start: Literal["around", "from"] = port(
+            "around", "around: the tool is at the centre now; from: it is on the curve now"
+        )
+        waypoints: int = port(40, "points on the curve that the path goes through", ge=4, le=1000)
+        repeats: int = port(1, "how often the whole curve", ge=1, le=100)
+        speed: Speed = port(0.5, "share of the arm's limits of velocity, acceleration and jerk")
+
+    failures = {
+        "INVALID_TARGET": "both amplitudes are 0",
+        "UNREACHABLE": "no configuration of the arm reaches the curve",
+        "PATH_BROKEN": "the arm can follow only a part of the curve; nothing was executed",
+        "IN_COLLISION": "the arm would touch something on the way",
+        "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "BUSY": "another leaf moves the arm",
+    }
+    example = "lissajous: {amplitudes: [0.10, 0.05], frequencies: [1, 2], speed: 0.5}"
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Draw the curve from where the tool is, follow it, measure."""
+        ports = self.ports
+        path = lissajous_path(
+            self.arm.commanded_tool_pose,
+            ports.plane.axes,
+            ports.amplitudes,
+            ports.frequencies,
+            phase=ports.phase,
+            mode=ports.start,
+            waypoints=ports.waypoints,
+            repeats=ports.repeats,
+        )
+        self.metrics |= yield from follow_curve(self.arm, path, ports.speed)
