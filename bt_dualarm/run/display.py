@@ -1,0 +1,191 @@
+"""What a person sees while a run goes on: pictures of the trees, lines, or nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Literal, Protocol, TypeAlias
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from bt_dualarm.run.layout import Picture
+from bt_dualarm.run.parts import Observer, RunView
+from bt_dualarm.run.symbols import ASCII, STYLES, UNICODE, Symbols
+from bt_dualarm.tree.report import StatusChange
+
+Mode: TypeAlias = Literal["live", "log", "quiet"]
+
+_DRAW_EVERY_S = 0.1
+"""Ten pictures a second on the wall, whatever the simulated clock does."""
+
+
+class Display(Observer, Protocol):
+    """An observer that owns the terminal from ``with`` to its end."""
+
+    def __enter__(self) -> Display:
+        """Take the terminal."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Give it back as it was."""
+
+
+@dataclass(frozen=True)
+class Caption:
+    """What stands above the trees.
+
+    Attributes:
+        title: Of the tree file.
+        renderer: What draws the cameras' pictures, empty where there is no camera.
+    """
+
+    title: str
+    renderer: str = ""
+
+
+def suited_mode(console: Console, wish: Mode | None) -> Mode:
+    """``live`` only where lines can be redrawn; the default is the richest one that works."""
+    can_redraw = console.is_terminal and not console.is_dumb_terminal
+    if wish in (None, "live"):
+        return "live" if can_redraw else "log"
+    return wish or "log"
+
+
+def suited_symbols(console: Console, *, ascii_only: bool) -> Symbols:
+    """ASCII where it is wanted, or where the terminal's encoding knows no more."""
+    return UNICODE if not ascii_only and console.encoding.startswith("utf") else ASCII
+
+
+def open_display(
+    mode: Mode, console: Console, symbols: Symbols, caption: Caption, clock: Callable[[], float]
+) -> Display:
+    """The display of a mode.
+
+    Args:
+        mode: From `suited_mode`.
+        console: Where it draws.
+        symbols: From `suited_symbols`.
+        caption: What stands above the trees.
+        clock: Seconds on the wall.
+    """
+    if mode == "live":
+        return LiveDisplay(console, symbols, caption, clock)
+    return LogDisplay(console, symbols) if mode == "log" else QuietDisplay()
+
+
+class QuietDisplay(AbstractContextManager["QuietDisplay"]):
+    """Shows nothing."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """There is nothing to give back."""
+
+    def on_event(self, change: StatusChange) -> None:
+        """Look away."""
+
+    def after_ticks(self, run: RunView) -> None:
+        """Look away."""
+
+    def after_step(self, time: float) -> None:
+        """Look away."""
+
+
+class LogDisplay(QuietDisplay):
+    """A line per status change, for files, pipes and plain terminals.
+
+    Args:
+        console: Where it writes.
+        symbols: The alphabet.
+    """
+
+    def __init__(self, console: Console, symbols: Symbols) -> None:
+        self._console = console
+        self._symbols = symbols
+
+    def on_event(self, change: StatusChange) -> None:
+        """Write the line."""
+        line = Text.assemble(
+            (f"{change.time:9.3f} s", "dim"),
+            f"  {change.arm}  ",
+            (f"{self._symbols.status[change.new]} {change.new:<7}", STYLES[change.new]),
+            f"  {change.path}",
+        )
+        if change.reason:
+            line.append(f"  {change.code}: {change.reason}", style="red")
+        elif change.code:
+            line.append(f"  {change.code}", style="dim")
+        self._console.print(line, soft_wrap=True)
+
+
+class LiveDisplay(QuietDisplay):
+    """All trees, redrawn in place at most ten times a second.
+
+    Args:
+        console: A terminal.
+        symbols: The alphabet.
+        caption: What stands above the trees.
+        clock: Seconds on the wall.
+    """
+
+    def __init__(
+        self, console: Console, symbols: Symbols, caption: Caption, clock: Callable[[], float]
+    ) -> None:
+        self._console = console
+        self._symbols = symbols
+        self._caption = caption
+        self._clock = clock
+        self._began: float | None = None
+        self._drawn = float("-inf")
+        self._run: RunView | None = None
+        self._stack = ExitStack()
+        self._live = Live(console=console, auto_refresh=False, vertical_overflow="crop")
+
+    def __enter__(self) -> LiveDisplay:
+        """Hide the cursor and begin to draw."""
+        self._stack.enter_context(self._live)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Draw the last state, and leave it standing above the cursor, which is shown again."""
+        with self._stack:
+            if self._run is not None:
+                self._draw(self._run)
+
+    def after_ticks(self, run: RunView) -> None:
+        """Draw if the last picture is old enough."""
+        self._run = run
+        now = self._clock()
+        if self._began is None:
+            self._began = now
+        if now - self._drawn >= _DRAW_EVERY_S:
+            self._drawn = now
+            self._draw(run)
+
+    def _draw(self, run: RunView) -> None:
+        elapsed = self._drawn - (self._began or 0.0)
+        picture = Picture(
+            title=self._caption.title,
+            time=run.time,
+            pace=run.time / elapsed if elapsed > 0 else None,
+            renderer=self._caption.renderer,
+            arms=run.arms(),
+            symbols=self._symbols,
+        )
+        self._live.update(picture, refresh=True)

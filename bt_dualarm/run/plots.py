@@ -1,0 +1,211 @@
+"""Plots of a run: what was meant and what was done, in the plane and over time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.run.outcome import RunResult
+from bt_dualarm.run.series import Series, SeriesLog
+from bt_dualarm.run.signals import StopRequest
+from bt_dualarm.run.tracks import Tracks
+from bt_dualarm.run.whole_files import write_whole
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Told apart by colour-blind readers too (Okabe and Ito, Color Universal Design, 2008)."""
+
+REFERENCES = ("planned", "target")
+"""Series that say where something ought to be: drawn black and dashed, errors count from them."""
+
+_MOVED_M = 0.01
+"""An object that moved less is not drawn."""
+
+_AXES = "xyz"
+_MAX_PANELS = 6
+
+
+def write_all(
+    folder: Path, result: RunResult, tracks: Tracks, series: SeriesLog, stop: StopRequest
+) -> Iterator[Path]:
+    """Write ``overview.png``, and ``<arm>_plane.png`` and ``<arm>_time.png`` of every arm.
+
+    Args:
+        folder: Where to.
+        result: Names the arms.
+        tracks: Where tools and objects were.
+        series: What the skills measured.
+        stop: The rest is left out once the end is urgent.
+    """
+    time, paths = tracks.time, tracks.positions()
+    drawings: dict[str, Callable[[], Figure]] = {"overview": lambda: overview(paths)}
+    for arm in result.arms:
+        leaves = series.of(arm.name)
+        if leaves:
+            drawings[f"{arm.name}_plane"] = lambda leaves=leaves: in_plane(leaves, time, paths)  # type: ignore[misc]
+            drawings[f"{arm.name}_time"] = lambda leaves=leaves: over_time(leaves)  # type: ignore[misc]
+    for name, draw in drawings.items():
+        if stop.urgent or not len(time):
+            return
+        figure = draw()
+        canvas = FigureCanvasAgg(figure)
+        write_whole(folder / f"{name}.png", lambda file, canvas=canvas: canvas.print_png(file))  # type: ignore[misc]
+        yield folder / f"{name}.png"
+
+
+def overview(paths: Mapping[str, Matrix]) -> Figure:
+    """The paths of all tools and of all objects that moved, seen from above and from the side."""
+    figure = Figure(figsize=(10, 4.8), dpi=120, layout="constrained")
+    figure.suptitle("Paths of tools and objects")
+    panels = figure.subplots(1, 2)
+    for axes, (u, v), view in zip(panels, ((0, 1), (1, 2)), ("from above", "along x"), strict=True):
+        for (name, path), color in zip(_moving(paths).items(), cycle(COLORS)):
+            label = name.replace("tool_", "tool of ").replace("object_", "")
+            axes.plot(path[:, u], path[:, v], color=color, label=label, linewidth=1.2)
+            axes.plot(*path[_first(path)][[u, v]], "o", color=color, markersize=5)
+        _label_plane(axes, u, v, f"seen {view}")
+    if _moving(paths):
+        panels[0].legend(fontsize=8, title="● start", title_fontsize=8)
+    return figure
+
+
+def in_plane(
+    leaves: Mapping[str, Sequence[Series]], time: Vector, paths: Mapping[str, Matrix]
+) -> Figure:
+    """Each leaf's positions laid over each other in the plane in which they moved most.
+
+    Args:
+        leaves: Series of one arm, by leaf.
+        time: Simulated seconds of ``paths``, of shape (n,).
+        paths: Where tools and objects were.
+    """
+    shown = {leaf: found for leaf, all_ in leaves.items() if (found := _positions(all_))}
+    shown = dict(list(shown.items())[:_MAX_PANELS])
+    count = max(1, len(shown))
+    figure = Figure(figsize=(1 + 4.6 * count, 5.0), dpi=120, layout="constrained")
+    panels = figure.subplots(1, count, squeeze=False)[0]
+    for axes, (leaf, series) in zip(panels, shown.items(), strict=False):
+        u, v = _plane_of(series)
+        for name, path in _objects_during(series, time, paths).items():
+            axes.plot(path[:, u], path[:, v], color="0.75", linewidth=4, label=name)
+        for one, style in _styled(series):
+            axes.plot(one.values[:, u], one.values[:, v], label=one.name, **style)
+        _label_plane(axes, u, v, leaf)
+        axes.legend(fontsize=8)
+    return figure
+
+
+def over_time(leaves: Mapping[str, Sequence[Series]]) -> Figure:
+    """Distances between what was meant and what was done, then every scalar, over time."""
+    rows = _errors(leaves)
+    for leaf, all_ in leaves.items():
+        for one in all_:
+            if not one.is_position:
+                rows.setdefault(one.name, []).append((leaf, one.time, one.values[:, 0]))
+    count = max(1, len(rows))
+    figure = Figure(figsize=(9, 1 + 2.4 * count), dpi=120, layout="constrained")
+    panels = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]
+    for axes, (quantity, curves) in zip(panels, rows.items(), strict=False):
+        scale, unit = _shown_unit(quantity)
+        for (leaf, stamps, values), color in zip(curves, cycle(COLORS)):
+            axes.plot(stamps, values * scale, color=color, linewidth=1.0, label=leaf)
+        axes.set_ylabel(unit)
+        axes.grid(visible=True, alpha=0.3)
+        axes.legend(fontsize=8, loc="upper right")
+    panels[-1].set_xlabel("simulated time [s]")
+    return figure
+
+
+def _errors(
+    leaves: Mapping[str, Sequence[Series]],
+) -> dict[str, list[tuple[str, Vector, Vector]]]:
+    """Distance of each position series from its leaf's reference, where they can be compared."""
+    rows: dict[str, list[tuple[str, Vector, Vector]]] = {}
+    for leaf, all_ in leaves.items():
+        series = _positions(all_)
+        reference = next((one for one in series if one.name in REFERENCES), None)
+        for one in series:
+            if reference is None or one is reference:
+                continue
+            ought = np.column_stack(
+                [np.interp(one.time, reference.time, column) for column in reference.values.T]
+            )
+            distance = np.linalg.norm(one.values - ought, axis=1)
+            quantity = f"{one.name} to {reference.name}_m"
+            rows.setdefault(quantity, []).append((leaf, one.time, distance))
+    return rows
+
+
+def _shown_unit(quantity: str) -> tuple[float, str]:
+    """Factor from the unit that a name ends with to the one shown, and the axis label."""
+    name, _, unit = quantity.rpartition("_")
+    factor, shown = {"m": (1e3, "mm"), "rad": (np.degrees(1.0), "°")}.get(unit, (1.0, unit))
+    if not name:
+        return 1.0, quantity
+    return float(factor), f"{name.replace('_', ' ')} [{shown}]"
+
+
+def _positions(series: Sequence[Series]) -> list[Series]:
+    return [one for one in series if one.is_position]
+
+
+def _styled(series: Sequence[Series]) -> Iterator[tuple[Series, dict[str, Any]]]:
+    """What was done in colours below, what was meant dashed above."""
+    colors = iter(cycle(COLORS))
+    for one in series:
+        if one.name not in REFERENCES:
+            yield one, {"color": next(colors), "linewidth": 1.4}
+    for one in series:
+        if one.name in REFERENCES:
+            yield one, {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
+
+
+def _plane_of(series: Sequence[Series]) -> tuple[int, int]:
+    """The two axes along which the first series moved most, in alphabetical order."""
+    extent = np.ptp(series[0].values, axis=0)
+    u, v = sorted(np.argsort(extent)[1:])
+    return int(u), int(v)
+
+
+def _objects_during(
+    series: Sequence[Series], time: Vector, paths: Mapping[str, Matrix]
+) -> dict[str, Matrix]:
+    """Objects that moved while the leaf ran."""
+    first, last = series[0].time[0], series[0].time[-1]
+    during = (time >= first) & (time <= last)
+    if not during.any():
+        return {}
+    then = {
+        name.removeprefix("object_"): path[during]
+        for name, path in paths.items()
+        if name.startswith("object_")
+    }
+    return _moving(then)
+
+
+def _moving(paths: Mapping[str, Matrix]) -> dict[str, Matrix]:
+    """Those that were in the world and moved."""
+    return {
+        name: path
+        for name, path in paths.items()
+        if len(found := path[~np.isnan(path[:, 0])]) and np.ptp(found, axis=0).max() > _MOVED_M
+    }
+
+
+def _first(path: Matrix) -> int:
+    """Row at which a thing came into the world."""
+    return int(np.argmin(np.isnan(path[:, 0])))
+
+
+def _label_plane(axes: Any, u: int, v: int, title: str) -> None:
+    axes.set_xlabel(f"{_AXES[u]} [m]")
+    axes.set_ylabel(f"{_AXES[v]} [m]")
+    axes.set_title(title, fontsize=10)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(visible=True, alpha=0.3)

@@ -1,0 +1,88 @@
+"""``summary.json``: what a run did, for programs."""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+from bt_dualarm.run.outcome import ArmResult, RunResult
+
+_PACKAGES = (
+    "bt_dualarm",
+    "example-robot-data",
+    "mujoco",
+    "numpy",
+    "ompl",
+    "opencv-python-headless",
+    "placo",
+    "py_trees",
+    "ruckig",
+    "scipy",
+    "toppra",
+)
+
+
+def versions() -> dict[str, str]:
+    """Of Python and of every package that can change a result."""
+    return {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
+
+
+def summary_of(
+    result: RunResult,
+    *,
+    seed: int,
+    state_sha256: str,
+    renderer: str | None,
+    attachments: Sequence[Mapping[str, Any]],
+) -> dict[str, Any]:
+    """The content of ``summary.json``; names carry their units.
+
+    Args:
+        result: What the run did.
+        seed: Of everything random in it.
+        state_sha256: Of the states that the simulation went through.
+        renderer: ``gl``, ``ray``, or None where no arm has a camera.
+        attachments: Every one that there was.
+    """
+    summary = {
+        "outcome": result.outcome,
+        "sim_time_s": result.sim_time_s,
+        "wall_time_s": result.wall_time_s,
+        "real_time_factor": result.real_time_factor,
+        "seed": seed,
+        "state_sha256": state_sha256,
+        "versions": versions(),
+        "renderer": renderer,
+        "attachments": attachments,
+        "arms": {arm.name: _arm(arm) for arm in result.arms},
+    }
+    plain: dict[str, Any] = json_ready(summary)
+    return plain
+
+
+def _arm(arm: ArmResult) -> dict[str, Any]:
+    return {
+        "outcome": arm.outcome,
+        "robot": arm.robot,
+        "clipped_setpoints": arm.clipped_setpoints,
+        "leaves": [leaf.as_dict() for leaf in arm.leaves],
+    }
+
+
+def json_ready(value: Any) -> Any:
+    """The same with what JSON knows: NumPy's scalars made plain, times rounded to nanoseconds.
+
+    Numbers that are not finite become null: JSON has none.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): json_ready(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_ready(item) for item in value]
+    if hasattr(value, "tolist"):
+        return json_ready(value.tolist())
+    if isinstance(value, float):
+        return round(value, 9) if math.isfinite(value) else None
+    return str(value) if isinstance(value, str) else value

@@ -1,0 +1,104 @@
+"""The signs and colours of statuses, in Unicode and in ASCII."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+STYLES: Mapping[str, str] = MappingProxyType(
+    {
+        "SUCCESS": "green",
+        "FAILURE": "bold red",
+        "RUNNING": "bold cyan",
+        "INVALID": "dim",
+        "UNFINISHED": "yellow",
+        "REMOVED": "dim",
+        "NOT_SPAWNED": "dim",
+    }
+)
+"""Colour of each status and outcome. The signs differ too: nobody has to see the colours."""
+
+
+@dataclass(frozen=True)
+class Symbols:
+    """One alphabet to draw trees with.
+
+    Attributes:
+        status: Sign of each status and outcome.
+        branch: Leads to a child that has siblings below it.
+        last: Leads to the last child.
+        through: Passes by below a child that has siblings.
+        full: Progress done.
+        empty: Progress to come.
+        more: Stands for rows or letters left out.
+        dot: Separates.
+        times: Multiplies.
+        arrow: From an old status to a new one.
+        dash: Before a reason.
+        line: Horizontal rule.
+    """
+
+    status: Mapping[str, str]
+    branch: str
+    last: str
+    through: str
+    full: str
+    empty: str
+    more: str
+    dot: str
+    times: str
+    arrow: str
+    dash: str
+    line: str
+
+
+UNICODE = Symbols(
+    status=MappingProxyType(
+        {
+            "SUCCESS": "✔",
+            "FAILURE": "✘",
+            "RUNNING": "▶",
+            "INVALID": "·",
+            "UNFINISHED": "■",
+            "REMOVED": "◌",
+            "NOT_SPAWNED": "○",
+        }
+    ),
+    branch="├─",
+    last="└─",
+    through="│ ",
+    full="━",
+    empty="─",
+    more="…",
+    dot="·",
+    times="×",  # noqa: RUF001 - a multiplication it is
+    arrow="→",
+    dash="—",
+    line="─",
+)
+
+ASCII = Symbols(
+    status=MappingProxyType(
+        {
+            "SUCCESS": "+",
+            "FAILURE": "x",
+            "RUNNING": ">",
+            "INVALID": ".",
+            "UNFINISHED": "#",
+            "REMOVED": "-",
+            "NOT_SPAWNED": "o",
+        }
+    ),
+    branch="|-",
+    last="`-",
+    through="| ",
+    full="=",
+    empty="-",
+    more="~",
+    dot="|",
+    times="x",
+    arrow="->",
+    dash="-",
+    line="-",
+)

@@ -1,0 +1,332 @@
+"""What a run leaves behind: whole files, exact fields, nobody else's files touched."""
+
+from __future__ import annotations
+
+import json
+import logging
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from bt_dualarm.run import plots
+from bt_dualarm.run.outcome import ArmResult, Ending, Outcome, RunResult
+from bt_dualarm.run.parts import ArmView
+from bt_dualarm.run.record import Facts, Recorder, RecordError, prepare_folder
+from bt_dualarm.run.series import SeriesLog
+from bt_dualarm.run.signals import StopRequest
+from bt_dualarm.run.state_log import StateLog
+from bt_dualarm.run.summary import json_ready
+from bt_dualarm.run.tracks import Tracks
+from bt_dualarm.run.whole_files import write_text, write_whole
+from bt_dualarm.tree.report import LeafReport, StatusChange
+
+MODEL = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body name="tool" pos="0 0 1"><joint type="slide" axis="0 0 1"/>
+      <geom size="0.02" mass="1"/><site name="tip" pos="0 0 0.1"/></body>
+    <body name="cube" pos="0.5 0 1"><freejoint/><geom size="0.02" mass="1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@dataclass
+class Body:
+    tool_site: int
+
+
+@dataclass
+class Held:
+    arm: str
+    object: str
+    since: float
+
+
+@dataclass
+class FallingWorld:
+    """A real simulation: a tool on a rail and a cube, both falling."""
+
+    push: float = 0.0
+    generation: int = 0
+    attachments: list[Held] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.model: Any = mujoco.MjModel.from_xml_string(MODEL)
+        self.data: Any = mujoco.MjData(self.model)
+        self.data.qvel[1] = self.push
+        self.arms = {"arm1": Body(self.model.site("tip").id)}
+        self.objects: dict[str, Any] = {"cube": None}
+
+    @property
+    def time(self) -> float:
+        return float(self.data.time)
+
+    @property
+    def timestep(self) -> float:
+        return float(self.model.opt.timestep)
+
+    def object_body(self, name: str) -> int:
+        return int(self.model.body(name).id)
+
+    def step(self) -> None:
+        mujoco.mj_step(self.model, self.data)
+
+
+class View:
+    """A run at a moment."""
+
+    def __init__(self, time: float) -> None:
+        self.time = time
+
+    def arms(self) -> tuple[ArmView, ...]:
+        return ()
+
+
+LEAF = LeafReport(
+    "main/circle",
+    "circle",
+    "SUCCESS",
+    0.0,
+    0.5,
+    metrics={"path_rms_m": np.float64(1e-4), "odd": float("nan")},
+)
+CHANGE = StatusChange(0.5, "arm1", "main/circle", "circle", "RUNNING", "INVALID", "HALTED")
+
+
+def result(ending: Ending = Ending.FINISHED) -> RunResult:
+    arm = ArmResult("arm1", "ur5", Outcome.SUCCESS, 0.5, 3, (LEAF,))
+    return RunResult(ending, 0.6, 0.1, (arm,), at_rest=True)
+
+
+def record(
+    folder: Path, *, ending: Ending = Ending.FINISHED, push: float = 0.0, urgent: bool = False
+) -> dict[str, Any]:
+    world = FallingWorld(push)
+    series = SeriesLog()
+    recorder = Recorder(prepare_folder(folder), world, Facts(5, "ray"), series)
+    for step in range(300):
+        if step == 100:
+            world.attachments.append(Held("arm1", "cube", world.time))
+        if step == 200:
+            world.attachments.clear()
+        if step % 10 == 0:
+            recorder.after_ticks(View(world.time))
+            series.add("arm1", "main/circle", "planned", world.time, [0.0, step, 0.0])
+            series.add("arm1", "main/circle", "executed", world.time, [0.0, step + 0.1, 0.0])
+            series.add("arm1", "main/circle", "force_N", world.time, 3.0)
+        world.step()
+        recorder.after_step(world.time)
+    recorder.on_event(CHANGE)
+    stop = StopRequest(15, 2) if urgent else StopRequest()
+    recorder.write(result(ending), stop)
+    content: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return content
+
+
+def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path) -> None:
+    summary = record(tmp_path / "new" / "folder")
+    assert list(summary) == [
+        "outcome",
+        "sim_time_s",
+        "wall_time_s",
+        "real_time_factor",
+        "seed",
+        "state_sha256",
+        "versions",
+        "renderer",
+        "attachments",
+        "arms",
+    ]
+    assert (summary["outcome"], summary["seed"], summary["renderer"]) == ("SUCCESS", 5, "ray")
+    assert summary["real_time_factor"] == 6.0
+    assert summary["versions"]["mujoco"] == mujoco.__version__
+    assert list(summary["arms"]["arm1"]) == ["outcome", "robot", "clipped_setpoints", "leaves"]
+    leaf = summary["arms"]["arm1"]["leaves"][0]
+    assert list(leaf) == [
+        "path",
+        "skill",
+        "status",
+        "started_s",
+        "ended_s",
+        "code",
+        "reason",
+        "metrics",
+    ]
+    assert leaf["metrics"] == {"path_rms_m": 1e-4, "odd": None}
+
+
+def test_an_attachment_is_remembered_after_its_end(tmp_path: Path) -> None:
+    (held,) = record(tmp_path)["attachments"]
+    assert (held["arm"], held["object"]) == ("arm1", "cube")
+    assert held["attached_s"] == pytest.approx(0.2)
+    assert held["released_s"] == pytest.approx(0.4)
+    assert held["lifted_m"] == 0.0, "it fell"
+
+
+def test_the_events_are_lines_of_json(tmp_path: Path) -> None:
+    record(tmp_path)
+    (line,) = (tmp_path / "events.jsonl").read_text().splitlines()
+    assert json.loads(line) == {
+        "time_s": 0.5,
+        "arm": "arm1",
+        "path": "main/circle",
+        "kind": "circle",
+        "old": "RUNNING",
+        "new": "INVALID",
+        "code": "HALTED",
+        "reason": "",
+        "metrics": {},
+    }
+
+
+def test_samples_are_where_things_were(tmp_path: Path) -> None:
+    record(tmp_path)
+    samples = np.load(tmp_path / "samples.npz")
+    time = samples["time"]
+    assert np.allclose(np.diff(time), 0.01)
+    fall = 0.5 * 9.81 * time**2
+    assert np.allclose(samples["tool_arm1"][:, 2], 1.1 - fall, atol=0.01)
+    assert np.allclose(samples["object_cube"][:, 2], 1.0 - fall, atol=0.01)
+
+
+def test_a_thing_that_is_gone_is_not_a_number() -> None:
+    world = FallingWorld()
+    tracks = Tracks(world)
+    for step in range(20):
+        if step == 10:
+            world.objects.clear()
+            world.generation += 1
+        world.step()
+        tracks.after_step()
+    assert np.isnan(tracks.positions()["object_cube"][:, 0]).tolist() == [False] * 2 + [True] * 2
+
+
+def test_equal_runs_hash_alike_and_others_do_not(tmp_path: Path) -> None:
+    first, again, other = (
+        record(tmp_path / str(number), push=push)["state_sha256"]
+        for number, push in enumerate((0.0, 0.0, 1e-12))
+    )
+    assert first == again
+    assert first != other
+
+
+def test_a_divergence_leaves_its_last_states(tmp_path: Path) -> None:
+    record(tmp_path, ending=Ending.DIVERGED)
+    states = np.load(tmp_path / "divergence.npz")
+    assert states["qpos"].shape == (250, 8)
+    assert states["time"][-1] == pytest.approx(0.6)
+
+
+def test_last_states_of_another_size_are_left_out(tmp_path: Path) -> None:
+    world = FallingWorld()
+    log = StateLog(world)
+    log.after_step()
+    world.data = mujoco.MjData(mujoco.MjModel.from_xml_string("<mujoco/>"))
+    log.after_step()
+    write_whole(tmp_path / "last.npz", log.write_last)
+    assert np.load(tmp_path / "last.npz")["time"].shape == (1,)
+
+
+def test_plots_are_pictures(tmp_path: Path) -> None:
+    record(tmp_path)
+    names = sorted(path.name for path in tmp_path.glob("*.png"))
+    assert names == ["arm1_plane.png", "arm1_time.png", "overview.png"]
+    for path in tmp_path.glob("*.png"):
+        assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_urgent_end_leaves_out_the_plots_only(tmp_path: Path) -> None:
+    assert record(tmp_path, urgent=True)["outcome"] == "SUCCESS"
+    assert not list(tmp_path.glob("*.png"))
+    assert (tmp_path / "samples.npz").exists()
+
+
+def test_an_error_plot_is_in_millimetres() -> None:
+    series = SeriesLog()
+    series.add("arm1", "circle", "planned", [0.0, 1.0], [[0, 0, 0], [0, 1, 0]])
+    series.add("arm1", "circle", "executed", [0.0, 1.0], [[0.0, 0.0, 0.0], [0.0, 1.0, 0.002]])
+    figure: Figure = plots.over_time(series.of("arm1"))
+    (axes,) = figure.axes
+    assert axes.get_ylabel() == "executed to planned [mm]"
+    assert np.allclose(axes.lines[0].get_ydata(), [0.0, 2.0])
+
+
+def test_a_series_keeps_its_shape() -> None:
+    series = SeriesLog()
+    series.add("arm1", "circle", "planned", 0.0, [0, 0, 0])
+    with pytest.raises(ValueError, match="'planned': a sample is 3 numbers"):
+        series.add("arm1", "circle", "planned", 0.1, 7.0)
+    with pytest.raises(ValueError, match="numbers"):
+        series.add("arm1", "circle", "other", 0.1, [1.0, 2.0])
+
+
+def test_an_earlier_record_is_replaced_and_other_files_stay(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "divergence.npz").write_bytes(b"of an earlier run")
+    record(tmp_path)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert not (tmp_path / "divergence.npz").exists()
+    assert not list(tmp_path.glob(".*")), "nothing half written is left"
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("")
+    with pytest.raises(RecordError, match="is not a folder"):
+        prepare_folder(tmp_path / "out")
+    with pytest.raises(RecordError, match="Not a directory"):
+        prepare_folder(tmp_path / "out" / "below")
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    write_text(path, "old")
+
+    def fail(_file: object) -> None:
+        raise OSError("no space left")
+
+    with pytest.raises(OSError, match="no space"):
+        write_whole(path, fail)
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+    assert path.read_text() == "old"
+
+
+def test_the_log_keeps_tracebacks(tmp_path: Path) -> None:
+    logger = logging.getLogger("bt_dualarm.test")
+    recorder = Recorder(prepare_folder(tmp_path), FallingWorld(), Facts(0, None), SeriesLog())
+    with recorder.logging(logger):
+        try:
+            raise RuntimeError("boom")
+        except RuntimeError:
+            logger.exception("arm1: the tree raised")
+    logger.warning("too late")
+    recorder.write(result(), StopRequest())
+    text = (tmp_path / "run.log").read_text()
+    assert "arm1: the tree raised" in text
+    assert "RuntimeError: boom" in text
+    assert "too late" not in text
+
+
+def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder = Recorder(prepare_folder(tmp_path), FallingWorld(), Facts(0, None), SeriesLog())
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("bt_dualarm.run.record.write_text", full)
+    with pytest.raises(RecordError, match="not complete: No space left"):
+        recorder.write(result(), StopRequest())
+
+
+def test_json_knows_no_numpy_and_no_infinity() -> None:
+    assert json_ready({"a": np.float64(0.5), "b": (np.int64(3), float("inf")), "c": True}) == {
+        "a": 0.5,
+        "b": [3, None],
+        "c": True,
+    }
