@@ -16,7 +16,7 @@ LAYERS = (
     {"spec"},
     {"world"},
     {"motion", "vision"},
-    {"arm", "skill", "registry", "tracking", "scoring"},
+    {"arm", "skill", "registry", "curve", "tracking", "scoring"},
     {"tree"},
     {"run"},
     {"cli"},
