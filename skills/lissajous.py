@@ -19,10 +19,10 @@ class Lissajous(Skill):
     class Ports(PortModel):
         plane: Plane = port("yz", "plane of the curve")
         amplitudes: tuple[Amplitude, Amplitude] = port(
-            [0.10, 0.10], "A and B: half the width and half the height", unit="m"
+            (0.10, 0.10), "A and B: half the width and half the height", unit="m"
         )
         frequencies: tuple[Frequency, Frequency] = port(
-            [1, 2], "a and b; only their ratio matters, the speed sets how fast"
+            (1, 2), "a and b; only their ratio matters, the speed sets how fast"
         )
         phase: Angle = port(0.0, "phase of the first axis", ge=-360, le=360)
         start: Literal["around", "from"] = port(

@@ -90,7 +90,7 @@ def _equip(
     spec = file.arms[name]
     camera = None
     if spec.camera is not None and choice is not None:
-        camera = Camera(f"{name}/camera", spec.camera, choice.renderer())
+        camera = Camera(f"{name}/camera", spec.camera, choice.create())
     period = world.timestep * max(1, int(CONTROL_PERIOD_S / world.timestep + 1e-9))
     controller = JointController(world, name, period)
     arm = Arm(world, name, controller, camera, seed)
