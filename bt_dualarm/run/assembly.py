@@ -6,6 +6,7 @@ import logging
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
@@ -20,11 +21,11 @@ from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.tree.build import build_tree
 from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.world.camera import Camera
-from bt_dualarm.world.rendering import RendererChoice, choose_renderer
+from bt_dualarm.world.rendering import Renderer, RendererKind, choose_renderer
 from bt_dualarm.world.world import World
 
-CONTROL_PERIOD_S = 0.002
-"""Longest time between two set-points of an arm: 500 Hz."""
+CONTROL_PERIOD = Fraction(1, 500)
+"""Longest time in seconds between two set-points of an arm, where the physics steps as often."""
 
 
 @dataclass
@@ -32,14 +33,60 @@ class Assembly:
     """A world and all that acts in it.
 
     Attributes:
-        renderer: Of the cameras, None where no arm of the file has one.
+        renderer: Of all cameras, None where no arm of the file has one; to be closed.
+        message: One sentence on which renderer is used and why; empty without cameras.
         seed: Of everything random.
     """
 
     world: World
     arms: Arms
-    renderer: RendererChoice | None
+    renderer: Renderer | None
+    message: str
     seed: int
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What every arm is equipped from."""
+
+    file: TreeFile
+    world: World
+    registry: Registry
+    renderer: Renderer | None
+    on_event: Callable[[StatusChange], None]
+    seed: int
+
+    def clock(self) -> float:
+        return self.world.time
+
+    def equip(self, name: str) -> Equipment:
+        """Camera, controller and tree of an arm that is in the world."""
+        spec = self.file.arms[name]
+        camera = None
+        if spec.camera is not None and self.renderer is not None:
+            camera = Camera(f"{name}/camera", spec.camera, self.renderer)
+        period = control_period(self.world.timestep)
+        controller = JointController(self.world, name, float(period))
+        arm = Arm(self.world, name, controller, camera, self.seed)
+        tree = build_tree(
+            name,
+            spec.tree,
+            self.registry.skills,
+            lambda path: self._context(arm, path),
+            self.clock,
+            self.on_event,
+        )
+        return Equipment(spec.robot, tree, controller, camera, 1 / exact(spec.tick_hz), period)
+
+    def _context(self, arm: Arm, path: str) -> SkillContext:
+        """Randomness hangs on seed, arm and leaf, not on who runs first."""
+        return SkillContext(
+            name=path,
+            arm=arm.for_leaf(path),
+            clock=self.clock,
+            rng=np.random.default_rng([self.seed, zlib.crc32(f"{arm.name}:{path}".encode())]),
+            log=logging.getLogger(f"bt_dualarm.skills.{arm.name}"),
+        )
 
 
 def assemble(
@@ -48,7 +95,7 @@ def assemble(
     on_event: Callable[[StatusChange], None],
     *,
     seed: int | None = None,
-    renderer: str | None = None,
+    renderer: RendererKind | None = None,
 ) -> Assembly:
     """Compose the world and equip its arms; nothing moves yet.
 
@@ -57,7 +104,7 @@ def assemble(
         registry: The skills.
         on_event: Receives every change of a status.
         seed: Instead of the file's.
-        renderer: ``auto``, ``gl`` or ``ray`` instead of the file's.
+        renderer: Instead of the file's.
 
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
@@ -65,51 +112,17 @@ def assemble(
         WorldError: The parts do not compile to one world.
     """
     seed = file.world.seed if seed is None else seed
-    choice = None
+    drawing, message = None, ""
     if any(arm.camera is not None for arm in file.arms.values()):
         choice = choose_renderer(renderer or file.world.renderer)
+        drawing, message = choice.create(), choice.message
     world = World(file, seed)
-
-    def equip(name: str) -> Equipment:
-        return _equip(name, file, world, registry, choice, on_event, seed)
-
+    parts = _Parts(file, world, registry, drawing, on_event, seed)
     declared = {name: arm.robot for name, arm in file.arms.items()}
-    return Assembly(world, Arms(declared, equip, world), choice, seed)
+    return Assembly(world, Arms(declared, parts.equip, world), drawing, message, seed)
 
 
-def _equip(
-    name: str,
-    file: TreeFile,
-    world: World,
-    registry: Registry,
-    choice: RendererChoice | None,
-    on_event: Callable[[StatusChange], None],
-    seed: int,
-) -> Equipment:
-    """Camera, controller and tree of an arm that is in the world."""
-    spec = file.arms[name]
-    camera = None
-    if spec.camera is not None and choice is not None:
-        camera = Camera(f"{name}/camera", spec.camera, choice.create())
-    period = world.timestep * max(1, int(CONTROL_PERIOD_S / world.timestep + 1e-9))
-    controller = JointController(world, name, period)
-    arm = Arm(world, name, controller, camera, seed)
-
-    def context(path: str) -> SkillContext:
-        return SkillContext(
-            name=path,
-            arm=arm.for_leaf(path),
-            clock=lambda: world.time,
-            rng=np.random.default_rng([seed, zlib.crc32(f"{name}:{path}".encode())]),
-            log=logging.getLogger(f"bt_dualarm.skills.{name}"),
-        )
-
-    tree = build_tree(name, spec.tree, registry.skills, context, lambda: world.time, on_event)
-    return Equipment(
-        robot=spec.robot,
-        tree=tree,
-        controller=controller,
-        eye=camera,
-        tick_period=1 / exact(spec.tick_hz),
-        control_period=exact(period),
-    )
+def control_period(timestep: float) -> Fraction:
+    """Seconds between set-points: so many physics steps as fit into `CONTROL_PERIOD`, or one."""
+    step = exact(timestep)
+    return max(1, CONTROL_PERIOD // step) * step
