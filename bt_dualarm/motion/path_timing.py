@@ -1,35 +1,28 @@
 """Timing a path of configurations: as fast as the limits allow, without leaving the path.
 
-TOPP-RA (Pham and Pham 2018) gives the fastest motion under velocity and acceleration limits. Its
-acceleration jumps; a moving average of the path parameter over time bounds the jerk and keeps every
-point on the path. What the average does to velocity and acceleration is then paid for by stretching
-time, and of all widths the one with the shortest result is taken.
+TOPP-RA gives the fastest motion under velocity and acceleration limits. Its acceleration jumps; a
+moving average of the path parameter over time bounds the jerk and keeps every point on the path.
+What the average does to velocity and acceleration is then paid for by stretching time, and of all
+widths the one with the shortest result is taken.
 """
 
 from __future__ import annotations
 
-import logging
-from typing import Any
+import itertools
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from bt_dualarm.motion.profile import Profile
-from bt_dualarm.motion.trajectory import Trajectory, use_of_limits
-from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.motion.averaged import shortest_motion, stretches
+from bt_dualarm.motion.trajectory import Trajectory
+from bt_dualarm.pose import Matrix
 from bt_dualarm.world.catalogue import JointLimits
 
 _NOWHERE = 1e-9
 """Joint distance in rad below which two configurations are one."""
 
-_WIDTHS = (14, 7)
-"""Numbers of widths of the average that are tried: first of all, then around the best."""
-
-_NODES = 1000
-"""Most set-points at which a width is judged."""
-
 _MARGIN = 1.0 + 1e-4
-"""Stretched a little more than the excess asks for, as the grid falls on other points then."""
+"""Stretched a little more than is needed, as the grid falls on other points then."""
 
 
 def time_path(
@@ -37,7 +30,9 @@ def time_path(
 ) -> Trajectory:
     """The motion along a path from rest to rest, no set-point beyond the limits.
 
-    Set-points lie on the cubic spline through the samples. A path of no length gives one set-point.
+    Set-points lie on the cubic spline through the samples. Where the path turns back, or by more
+    than a right angle from one sample to the next, the arm stops. A path of no length gives one
+    set-point.
 
     Args:
         q_samples: Configurations along the path, of shape (n, dof), dense enough that the spline
@@ -52,111 +47,30 @@ def time_path(
     samples = _distinct(_checked(q_samples, limits))
     if len(samples) < 2:
         return Trajectory.rest(samples[0], dt)
-    path = _spline(samples, limits, closed)
-    profile = fastest_profile(path, limits)
-    width, stretch = _best_width(path, profile, limits, dt)
+    ends = [0, *_reversals(samples, limits), len(samples) - 1]
+    closed = closed and len(ends) == 2
+    motion = Trajectory.rest(samples[0], dt)
+    for first, last in itertools.pairwise(ends):
+        path = spline_through(samples[first : last + 1], limits, closed)
+        motion = motion.then(_timed(path, limits, dt))
+    return motion
+
+
+def _timed(path: CubicSpline, limits: JointLimits, dt: float) -> Trajectory:
+    average, stretch = shortest_motion(path, limits, dt)
     while True:
-        motion = _sampled(path, profile, width, stretch, dt)
-        excess = _excess(motion, limits)
+        motion = average.sampled(dt, stretch)
+        excess = float(stretches(motion, limits).max())
         if excess <= 1.0:
             return motion
         stretch *= excess * _MARGIN
 
 
-def fastest_profile(path: CubicSpline, limits: JointLimits) -> Profile:
-    """The fastest motion under velocity and acceleration limits alone: a bound for any other."""
-    grid = np.linspace(0.0, path.x[-1], int(np.clip(2 * len(path.x), 200, 1500)) + 1)
-    rates = _toppra_rates(path, limits, grid)
-    if rates is None or not np.all(rates[1:-1] > 0.0):
-        rates = _slow_rates(grid)
-    return Profile.from_rates(grid, rates)
-
-
-def _toppra_rates(path: CubicSpline, limits: JointLimits, grid: Vector) -> Vector | None:
-    """ds/dt over the grid, of shape (n,), or None where TOPP-RA finds nothing."""
-    from toppra import constraint  # slow to import, and only paths need it
-    from toppra.algorithm import TOPPRA
-    from toppra.interpolator import AbstractGeometricPath
-
-    logging.getLogger("toppra").setLevel(logging.CRITICAL)
-
-    class Path(AbstractGeometricPath):  # type: ignore[misc]
-        """The spline as TOPP-RA wants it."""
-
-        dof = len(limits.velocity)
-        path_interval = path.x[[0, -1]]
-
-        def __call__(self, path_positions: Any, order: int = 0) -> Any:
-            return path(path_positions, order)
-
-    def both_ways(limit: Vector) -> Matrix:
-        return np.column_stack((-limit, limit))
-
-    problem = TOPPRA(
-        [
-            constraint.JointVelocityConstraint(both_ways(limits.velocity)),
-            constraint.JointAccelerationConstraint(
-                both_ways(limits.acceleration),
-                constraint.DiscretizationType.Interpolation,
-            ),
-        ],
-        Path(),
-        gridpoints=grid,
-        solver_wrapper="seidel",
-    )
-    rates: Vector | None = problem.compute_parameterization(0.0, 0.0)[1]
-    return rates
-
-
-def _slow_rates(grid: Vector) -> Vector:
-    """Speeding up over a tenth of the path, slowing down over the last: any path allows it."""
-    length = grid[-1]
-    rates: Vector = np.sqrt(np.minimum(np.minimum(grid, length - grid), 0.1 * length) * length)
-    return rates
-
-
-def _best_width(
-    path: CubicSpline, profile: Profile, limits: JointLimits, dt: float
-) -> tuple[float, float]:
-    """The width whose motion is the shortest, and the stretch of time that it needs."""
-    shortest = profile.duration
-    low, high = min(dt, 0.1 * shortest), 2.0 * shortest
-    tried: dict[float, float] = {}
-    for count in _WIDTHS:
-        for width in np.geomspace(low, high, count).tolist():
-            tried[width] = _stretch_needed(path, profile, width, limits, dt)
-        best = min(tried, key=lambda w: (shortest + w) * tried[w])
-        reach = (high / low) ** (1.0 / (count - 1))
-        low, high = best / reach, best * reach
-    return best, tried[best]
-
-
-def _stretch_needed(
-    path: CubicSpline, profile: Profile, width: float, limits: JointLimits, dt: float
-) -> float:
-    """By how much time must be stretched for a width's motion to keep the limits."""
-    step = max(dt, (profile.duration + width) / _NODES)
-    return _excess(_sampled(path, profile, width, 1.0, min(step, width)), limits)
-
-
-def _excess(motion: Trajectory, limits: JointLimits) -> float:
-    """The stretch of time after which a motion just keeps the limits; at most one if it does."""
-    use = use_of_limits(motion, limits)
-    return float(max(use.velocity, use.acceleration**0.5, use.jerk ** (1.0 / 3.0)))
-
-
-def _sampled(
-    path: CubicSpline, profile: Profile, width: float, stretch: float, dt: float
-) -> Trajectory:
-    """The averaged profile along the path, slower by ``stretch``, on the grid ``dt``."""
-    duration = (profile.duration + width) * stretch
-    count = max(int(np.ceil(duration / dt - 1e-9)), 1)
-    times = np.minimum(np.arange(count + 1) * dt / stretch, profile.duration + width)
-    s, rate, bend = profile.smoothed(times, width)
-    rate, bend = rate[:, None] / stretch, bend[:, None] / stretch**2
-    rate[[0, -1]] = bend[[0, -1]] = 0.0  # rounding of the average
-    q1, q2 = path(s, 1), path(s, 2)
-    return Trajectory(dt, path(s), q1 * rate, q1 * bend + q2 * rate**2)
+def _reversals(samples: Matrix, limits: JointLimits) -> list[int]:
+    """Samples at which the direction in joint space changes by more than a right angle."""
+    steps = np.diff(samples, axis=0) / limits.velocity
+    back = (steps[1:] * steps[:-1]).sum(axis=1) < 0.0
+    return [int(i) + 1 for i in np.flatnonzero(back)]
 
 
 def _checked(q_samples: Matrix, limits: JointLimits) -> Matrix:
@@ -178,7 +92,7 @@ def _distinct(samples: Matrix) -> Matrix:
     return samples[kept]
 
 
-def _spline(samples: Matrix, limits: JointLimits, closed: bool) -> CubicSpline:
+def spline_through(samples: Matrix, limits: JointLimits, closed: bool) -> CubicSpline:
     """The path over its length in joint space, each joint measured by its velocity limit.
 
     A length that is smooth along the path: one that jumps from joint to joint would give the

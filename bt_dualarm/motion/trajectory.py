@@ -105,21 +105,29 @@ def use_of_limits(trajectory: Trajectory, limits: JointLimits) -> Use:
     Acceleration counts both as given and as the difference of velocities over ``dt``; jerk is the
     difference of accelerations over ``dt``: what a controller that checks a stream can see.
     """
-    change = np.diff(trajectory.v, axis=0) / trajectory.dt
-    jerk = np.diff(trajectory.a, axis=0) / trajectory.dt
+    velocity, acceleration, jerk = shares_of_limits(trajectory, limits)
     q = trajectory.q
     return Use(
-        velocity=_share(trajectory.v, limits.velocity),
-        acceleration=max(
-            _share(trajectory.a, limits.acceleration), _share(change, limits.acceleration)
-        ),
-        jerk=_share(jerk, limits.jerk),
+        velocity=float(velocity.max()),
+        acceleration=float(acceleration.max()),
+        jerk=float(jerk.max()),
         position_margin=float(min((q - limits.lower).min(), (limits.upper - q).min())),
     )
 
 
-def _share(values: Matrix, limit: Vector) -> float:
-    return float((np.abs(values) / limit).max(initial=0.0))
+def shares_of_limits(trajectory: Trajectory, limits: JointLimits) -> tuple[Vector, Vector, Vector]:
+    """Shares of the velocity, acceleration and jerk limits at each set-point, of shape (n,).
+
+    They are of the worst joint; differences count at the earlier set-point.
+    """
+    change = np.diff(trajectory.v, axis=0, append=trajectory.v[-1:]) / trajectory.dt
+    jerk = np.diff(trajectory.a, axis=0, append=trajectory.a[-1:]) / trajectory.dt
+    acceleration = np.maximum(np.abs(trajectory.a), np.abs(change))
+    return (
+        (np.abs(trajectory.v) / limits.velocity).max(axis=1),
+        (acceleration / limits.acceleration).max(axis=1),
+        (np.abs(jerk) / limits.jerk).max(axis=1),
+    )
 
 
 def _mix(rows: Matrix, i: int, u: float) -> Vector:

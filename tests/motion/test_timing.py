@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from bt_dualarm.motion.path_timing import fastest_profile
+from bt_dualarm.motion.fastest import fastest_profile
 from bt_dualarm.motion.timing import point_to_point, stop, time_path
 from bt_dualarm.motion.trajectory import Trajectory, use_of_limits
 from bt_dualarm.pose import Matrix, Vector
@@ -94,6 +94,27 @@ def test_a_path_of_no_length_is_one_set_point(count: int) -> None:
     motion = time_path(np.full((count, 6), 0.3), LIMITS["ur5"], DT)
     assert len(motion) == 1
     np.testing.assert_array_equal(motion.q[0], 0.3)
+
+
+def test_where_a_path_turns_back_the_arm_stops() -> None:
+    """A line there and back, and a corner, take as long as their parts."""
+    there = np.linspace(np.zeros(6), np.full(6, 0.5), 40)
+    once = time_path(there, LIMITS["ur5"], DT)
+    both = time_path(np.vstack((there, there[::-1])), LIMITS["ur5"], DT)
+    assert both.duration == pytest.approx(2 * once.duration)
+    assert use_of_limits(both, LIMITS["ur5"]).within
+    np.testing.assert_allclose(both.q.max(axis=0), 0.5)
+
+
+def test_a_narrow_tip_slows_the_arm_there_and_not_everywhere() -> None:
+    """An ellipse ten times as long as wide takes little longer than going there and back."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 400)[:, None]
+    along, across = np.eye(6)[:2]
+    ellipse = 0.5 * np.cos(angle) * along + 0.05 * np.sin(angle) * across
+    there_and_back = 2 * point_to_point(-0.5 * along, 0.5 * along, LIMITS["ur5"], DT).duration
+    motion = time_path(ellipse, LIMITS["ur5"], DT, closed=True)
+    assert use_of_limits(motion, LIMITS["ur5"]).within
+    assert motion.duration < 1.2 * there_and_back
 
 
 @pytest.mark.parametrize("length", [1e-8, 1e-6, 1e-3, 1.0])

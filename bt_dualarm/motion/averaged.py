@@ -1,0 +1,116 @@
+"""Bounded jerk without leaving a path: the path parameter averaged over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import maximum_filter1d
+
+from bt_dualarm.motion.fastest import fastest_profile, grid_of
+from bt_dualarm.motion.profile import Profile
+from bt_dualarm.motion.trajectory import Trajectory, shares_of_limits
+from bt_dualarm.pose import Vector
+from bt_dualarm.world.catalogue import JointLimits
+
+_WIDTHS = (14, 7)
+"""Numbers of widths of the average that are tried: first of all, then around the best."""
+
+_NODES = 1000
+"""Most set-points at which a width is judged."""
+
+_ROUNDS = 5
+"""Most times that the acceleration is redistributed along a path."""
+
+_GAIN = 0.7
+"""Exponent of a redistribution: with 1 it swings, with less it takes more rounds."""
+
+
+@dataclass(frozen=True, eq=False)
+class AveragedMotion:
+    """A path, a profile along it, and the width of the average over the profile in seconds."""
+
+    path: CubicSpline
+    profile: Profile
+    width: float
+    limits: JointLimits
+
+    @property
+    def unstretched(self) -> float:
+        """Duration before time is stretched, in seconds."""
+        return self.profile.duration + self.width
+
+    def sampled(self, dt: float, stretch: float = 1.0) -> Trajectory:
+        """Its set-points, slower by ``stretch``."""
+        count = max(int(np.ceil(self.unstretched * stretch / dt - 1e-9)), 1)
+        times = np.minimum(np.arange(count + 1) * dt / stretch, self.unstretched)
+        s, rate, bend = self.profile.smoothed(times, self.width)
+        rate, bend = rate[:, None] / stretch, bend[:, None] / stretch**2
+        rate[[0, -1]] = bend[[0, -1]] = 0.0  # rounding of the average
+        q1, q2 = self.path(s, 1), self.path(s, 2)
+        return Trajectory(dt, self.path(s), q1 * rate, q1 * bend + q2 * rate**2)
+
+    def judged(self, dt: float) -> tuple[Vector, Vector]:
+        """Places along the path, and by how much time there must be stretched: (n,) each."""
+        step = min(max(dt, self.unstretched / _NODES), self.width)
+        motion = self.sampled(step)
+        times = np.minimum(np.arange(len(motion)) * step, self.unstretched)
+        return self.profile.smoothed(times, self.width)[0], stretches(motion, self.limits)
+
+
+def stretches(motion: Trajectory, limits: JointLimits) -> Vector:
+    """By how much time must be stretched at each set-point to keep the limits, of shape (n,)."""
+    velocity, acceleration, jerk = shares_of_limits(motion, limits)
+    needed: Vector = np.maximum(np.maximum(velocity, np.sqrt(acceleration)), np.cbrt(jerk))
+    return needed
+
+
+def shortest_motion(
+    path: CubicSpline, limits: JointLimits, dt: float
+) -> tuple[AveragedMotion, float]:
+    """The shortest motion found, and the stretch of time that it needs.
+
+    Where a place on the path would make all of it slow, as the tip of a narrow curve does, the
+    acceleration is lowered there and the fastest motion sought again.
+    """
+    share = np.ones_like(grid_of(path))
+    best, stretch = _best_width(path, fastest_profile(path, limits), limits, dt)
+    tried = best
+    for _ in range(_ROUNDS):
+        share = share * _shares_needed(tried, dt)
+        tried, needed = _best_width(path, fastest_profile(path, limits, share), limits, dt)
+        gain = best.unstretched * stretch / (tried.unstretched * needed)
+        if gain > 1.0:
+            best, stretch = tried, needed
+        if gain < 1.01:
+            break
+    return best, stretch
+
+
+def _best_width(
+    path: CubicSpline, profile: Profile, limits: JointLimits, dt: float
+) -> tuple[AveragedMotion, float]:
+    """The width whose motion is the shortest, and the stretch of time that it needs."""
+    low, high = min(dt, 0.1 * profile.duration), 2.0 * profile.duration
+    tried: list[tuple[float, AveragedMotion, float]] = []
+    for count in _WIDTHS:
+        for width in np.geomspace(low, high, count).tolist():
+            motion = AveragedMotion(path, profile, width, limits)
+            stretch = float(motion.judged(dt)[1].max())
+            tried.append((motion.unstretched * stretch, motion, stretch))
+        _, best, stretch = min(tried, key=lambda one: one[0])
+        reach = (high / low) ** (1.0 / (count - 1))
+        low, high = best.width / reach, best.width * reach
+    return best, stretch
+
+
+def _shares_needed(motion: AveragedMotion, dt: float) -> Vector:
+    """By what the acceleration at each place of the grid should be lowered, of shape (n,)."""
+    places, needed = motion.judged(dt)
+    # A set-point is an average over the width: whatever lies within it is to blame.
+    reach = max(int(motion.width / motion.unstretched * len(needed)), 1)
+    needed = maximum_filter1d(needed, 2 * reach + 1)
+    # Stretching time by r takes r² from the acceleration.
+    lowered: Vector = np.interp(grid_of(motion.path), places, needed) ** (-2.0 * _GAIN)
+    return np.clip(lowered, 1e-2, 1.0)
