@@ -234,10 +234,14 @@ class Arm:
         self._claim()
         self.controller.stream(source)
 
-    def halt(self) -> Iterator[float]:
-        """Brake with bounded jerk; yields once a tick until the arm stands still."""
+    def halt(self) -> Iterator[None]:
+        """Brake with bounded jerk; yields once a tick until the arm stands still.
+
+        Where it stands does not matter: an arm that leans on something is at rest as well.
+        """
         self.controller.stop()
-        yield from self.settle()
+        while not self.controller.at_rest:
+            yield None
 
     def check(self) -> None:
         """Raise what went wrong with the motion since it began."""
@@ -261,7 +265,11 @@ class Arm:
         self._owner[0] = self._leaf
 
     def settle(self) -> Iterator[float]:
-        """Wait until the arm stands on its last set-point."""
+        """Wait until the arm stands on its last set-point; yields once a tick.
+
+        Raises:
+            Failure: ``TRACKING_ERROR`` when it does not get there.
+        """
         began = self.time
         while True:
             self.check()
