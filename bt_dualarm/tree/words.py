@@ -54,7 +54,7 @@ class Compare(Skill):
         if relation in _ORDER and not (_is_number(value) and _is_number(to)):
             raise Failure(
                 "NOT_COMPARABLE",
-                f"{describe(value)} and {describe(to)} have no order, only numbers",
+                f"{describe(value)} and {describe(to)} have no order, only numbers have",
             )
         if relation == "near":
             holds = near(value, to, self.ports.tolerance)
