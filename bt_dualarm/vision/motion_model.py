@@ -97,19 +97,22 @@ class Oscillator:
         return np.array([_swing(p, v, a, w, dt) for p, v, a, w in state.tolist()])
 
     def jacobian(self, state: Matrix, dt: float) -> Stack:
-        """Exact in p, v, a; in w by Taylor's series, which a frame's short time allows."""
+        """Exact, by differentiating the sine."""
         _, v, a, frequency = state.T
         w = np.maximum(np.abs(frequency), _MIN_FREQUENCY)
         sine, cosine = np.sin(w * dt), np.cos(w * dt)
+        integral = sine / w
+        double = 2.0 * np.square(np.sin(0.5 * w * dt) / w)
         jacobian = np.zeros((len(state), _STATES, _STATES))
         jacobian[:, 0, 0] = jacobian[:, 3, 3] = 1.0
-        jacobian[:, 0, 1] = jacobian[:, 1, 2] = sine / w
-        jacobian[:, 0, 2] = (1.0 - cosine) / w**2
+        jacobian[:, 0, 1] = jacobian[:, 1, 2] = integral
+        jacobian[:, 0, 2] = double
         jacobian[:, 1, 1] = jacobian[:, 2, 2] = cosine
         jacobian[:, 2, 1] = -w * sine
-        jacobian[:, 0, 3] = -w * (v * dt**3 / 3.0 + a * dt**4 / 12.0)
-        jacobian[:, 1, 3] = -w * (v * dt**2 + a * dt**3 / 3.0)
-        jacobian[:, 2, 3] = -w * (2.0 * v * dt + a * dt**2)
+        by_frequency = (dt * cosine - integral) / w
+        jacobian[:, 0, 3] = v * by_frequency + a * (dt * integral - 2.0 * double) / w
+        jacobian[:, 1, 3] = a * by_frequency - v * dt * sine
+        jacobian[:, 2, 3] = -a * dt * sine - v * (sine + w * dt * cosine)
         return jacobian
 
     def noise(self, dt: float) -> Matrix:

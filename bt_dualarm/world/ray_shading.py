@@ -10,9 +10,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.ray_scene import Fan, Hits
+from bt_dualarm.world.ray_shapes import multiply
 from bt_dualarm.world.rendering import Image
 
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
@@ -31,47 +32,36 @@ class Shading:
         self._ambient = np.array(head.ambient, dtype=float) * bool(head.active)
         self._ambient += model.light_ambient[self._lights].sum(axis=0)
 
-    def colors(
-        self,
-        data: Any,
-        eye: Vector,
-        directions: Matrix,
-        geoms: npt.NDArray[np.int32],
-        distances: Vector,
-        normals: Matrix,
-    ) -> Image:
-        """Shade hits, all arrays in the world's frame.
+    def colors(self, data: Any, fan: Fan, hits: Hits) -> Image:
+        """Colours of what the rays of ``fan`` met, of shape (rows, columns, 3).
 
-        Args:
-            data: State with up-to-date light positions.
-            eye: Where the rays start, of shape (3,).
-            directions: Unit vectors, of shape (n, 3).
-            geoms: Geom that each ray hit, of shape (n,); -1 for none.
-            distances: Along each ray in metres, of shape (n,).
-            normals: Outward surface normals, of shape (n, 3).
+        Light positions of ``data`` must be up to date.
         """
-        facing = np.einsum("ij,ij->i", normals, directions)
-        # A surface seen from behind (a plane from below) is lit like its front.
-        outward = np.where(facing > 0.0, -1.0, 1.0)
-        light = self._ambient + np.abs(facing)[:, None] * self._head_diffuse
+        grid = hits.geoms.shape
+        geoms = hits.geoms.ravel()
+        normals = hits.normals.reshape(3, -1)
+        directions = multiply(fan.axes, fan.rays.reshape(3, -1))
+        facing = -np.einsum("ij,ij->j", normals, directions)
+        light = self._ambient[:, None] + facing * self._head_diffuse[:, None]
         for index in self._lights:
-            toward = self._toward_light(data, index, eye, directions, distances)
-            lambert = np.einsum("ij,ij->i", normals, toward) * outward
-            light += np.maximum(lambert, 0.0)[:, None] * self.model.light_diffuse[index]
-        light[geoms < 0] = 1.0
-        shaded = self._base[geoms] * light
-        np.clip(shaded, 0.0, 1.0, out=shaded)
-        pixels: Image = (shaded * 255.0 + 0.5).astype(np.uint8)
+            toward = self._toward_light(data, index, fan.eye, directions, hits.distances.ravel())
+            lambert = np.maximum(np.einsum("ij,ij->j", normals, toward), 0.0)
+            light += lambert * self.model.light_diffuse[index][:, None]
+        light[:, geoms < 0] = 1.0
+        shaded = np.minimum(self._base[geoms] * light.T, 1.0)
+        pixels: Image = (shaded * 255.0 + 0.5).astype(np.uint8).reshape(*grid, 3)
         return pixels
 
     def _toward_light(
         self, data: Any, index: int, eye: Vector, directions: Matrix, distances: Vector
     ) -> Matrix:
-        """Unit vectors from each hit towards a light, of shape (n, 3)."""
+        """Unit vectors from each hit towards a light, of shape (3, n) or (3, 1)."""
         if self.model.light_type[index] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL:
-            return np.broadcast_to(-data.light_xdir[index], directions.shape)
-        toward: Matrix = (data.light_xpos[index] - eye) - directions * distances[:, None]
-        toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+            away: Matrix = -data.light_xdir[index][:, None]
+            return away
+        reach = np.where(np.isfinite(distances), distances, 0.0)
+        toward: Matrix = (data.light_xpos[index] - eye)[:, None] - directions * reach
+        toward /= np.sqrt(np.einsum("ij,ij->j", toward, toward))
         return toward
 
 

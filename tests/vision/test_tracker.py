@@ -44,7 +44,8 @@ def at_rest(_: float) -> tuple[float, float]:
 
 def position(path: Path, time: float) -> Vector:
     x, z = path(time)
-    return CENTRE + np.array([x, 0.0, z])
+    moved: Vector = CENTRE + np.array([x, 0.0, z])
+    return moved
 
 
 def test_it_follows_a_circle_by_sight_alone(make_studio: StudioMaker) -> None:

@@ -240,8 +240,8 @@ def test_each_ray_passes_through_its_block(fovy: float, stride: int) -> None:
     width, height = 16, 12
     rays = camera_rays(width, height, fovy, stride)
     focal = height / 2.0 / np.tan(np.radians(fovy) / 2.0)
-    x = width / 2.0 - focal * rays[..., 0] / rays[..., 2]
-    y = height / 2.0 + focal * rays[..., 1] / rays[..., 2]
+    x = width / 2.0 - focal * rays[0] / rays[2]
+    y = height / 2.0 + focal * rays[1] / rays[2]
     rows, columns = np.indices(x.shape)
     assert (np.floor(x / stride + 1e-9) == columns).all()
     assert (np.floor(y / stride + 1e-9) == rows).all()
