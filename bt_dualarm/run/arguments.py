@@ -1,0 +1,100 @@
+"""The arguments of ``bt-run``: what may be given, and what is refused before anything is read."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+_EXAMPLES = """\
+examples:
+  bt-run pick_and_track                     a shipped tree, by name from any folder
+  bt-run my_tree.yaml --record out/first    keep summary, events, samples and plots
+  bt-run circle --display log --seed 3      a line per change; another arrangement
+  bt-run pick_and_track --real-time         no faster than the clock on the wall
+  bt-run --list                             what is shipped
+
+exit code:
+  0 every tree succeeded   1 one failed or did not finish   2 the file or the command is wrong
+  130, 143 stopped by SIGINT (Ctrl-C) or SIGTERM; once more: without waiting for arms and plots
+"""
+
+
+def command_line() -> argparse.ArgumentParser:
+    """The parser of ``bt-run``; building it imports nothing heavy."""
+    parser = argparse.ArgumentParser(
+        prog="bt-run",
+        description="Run the behaviour trees of a file, one per robot arm, in one simulated world.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("file", metavar="FILE", nargs="?", help="a tree file, or the name of a shipped one")
+    add("--list", action="store_true", help="list the shipped trees and end")
+    add("--record", metavar="DIR", type=Path, help="write summary, events, samples and plots there")
+    add(
+        "--display",
+        choices=("live", "log", "quiet"),
+        help="live: the trees, redrawn; log: a line per change; quiet: errors only "
+        "(default: live in a terminal, else log)",
+    )
+    add("--ascii", action="store_true", help="draw with ASCII characters only")
+    add("--seed", metavar="N", type=_seed, help="of everything random (default: the file's)")
+    add("--duration", metavar="S", type=_seconds, help="end after so many simulated seconds")
+    add(
+        "--renderer",
+        choices=("auto", "gl", "ray"),
+        help="of the cameras: OpenGL, ray casting, or OpenGL where it works (default: the file's)",
+    )
+    add("--real-time", action="store_true", help="run no faster than the clock on the wall")
+    add(
+        "--skills",
+        metavar="DIR",
+        type=Path,
+        action="append",
+        default=[],
+        help="a folder with skills of your own, besides the shipped ones (may be repeated)",
+    )
+    add(
+        "--param",
+        metavar="NAME=VALUE",
+        type=_assignment,
+        action="append",
+        default=[],
+        help="set a parameter that the file declares (may be repeated)",
+    )
+    add("--version", action=_Version, nargs=0, help="print the version and end")
+    return parser
+
+
+class _Version(argparse.Action):
+    """Looks the version up only when somebody asks."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print it and end."""
+        from importlib.metadata import version
+
+        parser.exit(message=f"bt-run {version('bt_dualarm')}\n")
+
+
+def _seed(text: str) -> int:
+    if not text.isascii() or not text.isdecimal() or int(text) >= 2**32:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 4294967295")
+    return int(text)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not (seconds > 0 and math.isfinite(seconds)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds above 0")
+    return seconds
+
+
+def _assignment(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not name or not equals:
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
+    return name, value
