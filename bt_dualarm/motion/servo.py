@@ -108,7 +108,10 @@ class PlanarServo:
         w = HOLD_BANDWIDTH
         off = float(self._normal @ (self._origin[:3, 3] - tool[:3, 3]))
         speed = float(self._normal @ twist[:3])
-        turn = 0.5 * np.cross(tool[:3, :3].T, self._origin[:3, :3].T).sum(axis=0)
+        skew = self._origin[:3, :3] @ tool[:3, :3].T
+        turn = 0.5 * np.array(
+            (skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1])
+        )
         return np.concatenate(
             ((w * w * off - 2 * w * speed) * self._normal, w * w * turn - 2 * w * twist[3:])
         )
