@@ -1,0 +1,162 @@
+"""What the pages say is true: commands run, examples work, links lead somewhere, tables agree."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.share import share_dir
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+EXAMPLE_PAGES = ("README.md",)
+
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)(#[\w-]+)?\)")
+COMMAND = re.compile(r"^(?:\.venv/bin/)?(bt-\w+|make|bash|python3?|pip)\b")
+
+RUN_ELSEWHERE = {
+    "python3 -m venv .venv": "Makefile, and tests/test_packaging.py",
+    ".venv/bin/python -m pip install --constraint constraints.txt --editable '.[dev]'": "Makefile",
+    ".venv/bin/python -m pytest": "this suite",
+    "python docs/images/pick_and_track.py": "by hand: it needs OpenGL and replaces the picture",
+}
+"""Commands of the pages that a test cannot run inside itself, and where they are run."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block of a page."""
+
+    language: str
+    text: str
+
+    @property
+    def commands(self) -> list[str]:
+        """Its commands without their comments; none if it is no block of commands."""
+        if self.language not in {"bash", "console", "sh"}:
+            return []
+        lines = (re.sub(r"\s+#.*", "", line).strip() for line in self.text.splitlines())
+        return [line for line in lines if line and not line.startswith("#")]
+
+    @property
+    def file_name(self) -> str:
+        """The file that it is to be saved as: the comment in its first line."""
+        match = re.match(r"# ([\w/]+\.\w+)\n", self.text)
+        return match[1] if match else ""
+
+
+def blocks_of(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    return [Block(language, body) for language, body in FENCE.findall(text)]
+
+
+def commands_of(page: Path) -> list[str]:
+    return [command for block in blocks_of(page) for command in block.commands]
+
+
+ALL_COMMANDS = sorted({command for page in PAGES for command in commands_of(page)})
+TARGETS = sorted({command for command in ALL_COMMANDS if command.startswith("make ")})
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_on_a_page_is_run_by_a_test(page: Path) -> None:
+    unknown = [
+        command
+        for command in commands_of(page)
+        if command not in RUN_ELSEWHERE
+        and not command.startswith("make ")
+        and not (command.startswith("bt-") and page.name in EXAMPLE_PAGES)
+        and not command.startswith(".venv/bin/bt-run ")
+    ]
+    assert unknown == []
+
+
+@pytest.mark.parametrize("command", TARGETS)
+def test_make_knows_the_target(command: str) -> None:
+    """The targets themselves are what continuous integration runs."""
+    dry = subprocess.run(
+        ["make", "--dry-run", *command.split()[1:]],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert dry.returncode == 0, dry.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", EXAMPLE_PAGES)
+def test_examples_work_in_the_order_of_the_page(page: str, tmp_path: Path) -> None:
+    """A reader who saves every file and types every command sees each of them succeed."""
+    shutil.copytree(share_dir("trees"), tmp_path / "trees")
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    for block in blocks_of(ROOT / page):
+        if block.file_name:
+            (tmp_path / block.file_name).parent.mkdir(exist_ok=True)
+            (tmp_path / block.file_name).write_text(block.text, encoding="utf-8")
+        for command in block.commands:
+            program, *arguments = command.removeprefix(".venv/bin/").split()
+            if not program.startswith("bt-"):
+                continue
+            done = subprocess.run(
+                [program, *arguments],
+                cwd=tmp_path,
+                env=environment,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=300,
+            )
+            assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_to_files(page: Path) -> None:
+    targets = [target for target, _ in LINK.findall(page.read_text(encoding="utf-8"))]
+    local = [target for target in targets if not target.startswith(("http://", "https://"))]
+    assert [target for target in local if not (page.parent / target).exists()] == []
+
+
+def test_readme_names_every_shipped_tree_and_skill() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    trees = {path.stem for path in share_dir("trees").glob("*.yaml")}
+    skills = {path.stem for path in share_dir("skills").glob("*.py")}
+    assert {name for name in trees | skills if f"`{name}`" not in text} == set()
+
+
+def declared_ranges() -> dict[str, str]:
+    """Ranges of ``pyproject.toml`` by package, in the notation of the page."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    entries = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    pairs = (entry.split(">=") for entry in entries)
+    return {name: "≥ " + span.replace(",<", ", < ") for name, span in pairs}
+
+
+def test_dependencies_page_agrees_with_pyproject() -> None:
+    """One row for each package, with the same range."""
+    text = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([\w.-]+) \| (≥ [^|]+?) \|", text, re.MULTILINE)
+    assert dict(rows) == declared_ranges()
+
+
+def test_constraints_hold_exact_versions_only() -> None:
+    """No paths, no addresses: the file means the same on every machine."""
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = [line for line in lines if not line.startswith("#")]
+    assert [line for line in pinned if not re.fullmatch(r"[\w.-]+==[\w.]+", line)] == []
+
+
+def test_constraints_cover_every_dependency() -> None:
+    text = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    pinned = {line.split("==")[0].lower().replace("_", "-") for line in text.splitlines()}
+    names = {name.lower().replace("_", "-") for name in declared_ranges()}
+    assert names <= pinned
