@@ -6,21 +6,20 @@ what a URDF lacks: acceleration and jerk limits, postures, the tool frame, camer
 
 from __future__ import annotations
 
-import difflib
 import importlib.metadata
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.share import share_dir
+from bt_dualarm.spec.problems import suggestion
+from bt_dualarm.spec.source import Path as Place
+from bt_dualarm.world.robot_file import LimitEntry, RobotFile, ToolShape
 from bt_dualarm.world.urdf import Urdf
 
 
@@ -54,14 +53,6 @@ class CameraMount:
 
     link: str
     pose: Pose
-
-
-@dataclass(frozen=True)
-class ToolShape:
-    """A cylinder along the tool's z axis: what the arm touches objects with. Metres."""
-
-    radius: float
-    length: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,87 +91,6 @@ class Robot:
         return self.model.kinematic_text
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class _Frame(_Entry):
-    link: str
-    xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    @property
-    def pose(self) -> Pose:
-        return Pose.from_rpy(self.xyz, tuple(np.deg2rad(self.rpy)))
-
-
-class _CameraEntry(_Entry):
-    link: str
-    xyz: tuple[float, float, float]
-    forward: tuple[float, float, float]
-    up: tuple[float, float, float]
-
-    @property
-    def pose(self) -> Pose:
-        forward = np.asarray(self.forward) / np.linalg.norm(self.forward)
-        right = np.cross(forward, self.up)
-        right /= np.linalg.norm(right)
-        matrix = np.eye(4)
-        matrix[:3, :3] = np.column_stack((right, np.cross(forward, right), forward))
-        matrix[:3, 3] = self.xyz
-        return Pose.from_matrix(matrix)
-
-
-class _ToolEntry(_Frame):
-    radius: float | None = Field(default=None, gt=0, le=0.5)
-    length: float | None = Field(default=None, gt=0, le=1.0)
-
-    @property
-    def shape(self) -> ToolShape | None:
-        if self.radius is None or self.length is None:
-            return None
-        return ToolShape(self.radius, self.length)
-
-
-class _LimitEntry(_Entry):
-    value: float | tuple[float, ...]
-    source: str = Field(min_length=8)
-
-
-class _Limits(_Entry):
-    acceleration: _LimitEntry
-    jerk: _LimitEntry
-    velocity: _LimitEntry | None = None
-    effort: _LimitEntry | None = None
-
-
-class _RobotEntry(_Entry):
-    title: str
-    urdf: str
-    srdf: str | None = None
-    base_link: str
-    tool: _ToolEntry
-    joints: tuple[str, ...] = Field(min_length=1)
-    locked: dict[str, float] = {}
-    limits: _Limits
-    postures: dict[str, tuple[float, ...]]
-    cameras: dict[str, _CameraEntry] = {}
-    exclude: tuple[tuple[str, str], ...] = ()
-    colors: dict[str, tuple[float, float, float, float]] = {}
-
-    @model_validator(mode="after")
-    def _postures_fit(self) -> _RobotEntry:
-        if "home" not in self.postures:
-            raise ValueError("postures: 'home' is missing")
-        for name, angles in self.postures.items():
-            if len(angles) != len(self.joints):
-                raise ValueError(
-                    f"postures: {name!r} has {len(angles)} angles, "
-                    f"the arm has {len(self.joints)} joints"
-                )
-        return self
-
-
 def robot_names() -> tuple[str, ...]:
     """Names of the arms in the shipped catalogue, sorted."""
     return tuple(sorted(path.stem for path in (share_dir("assets") / "robots").glob("*.yaml")))
@@ -192,43 +102,17 @@ def load_robot(name: str, root: Path | None = None) -> Robot:
     Raises:
         CatalogueError: No such arm, or its file is wrong; the message names file and entry.
     """
-    path = _robot_file(name, root)
-    try:
-        entry = _RobotEntry.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (ValidationError, yaml.YAMLError, OSError) as error:
-        raise CatalogueError(f"{path}: {error}") from error
-    return _assemble(path, entry)
-
-
-def _robot_file(name: str, root: Path | None) -> Path:
-    if name.endswith((".yaml", ".yml")):
-        path = ((root or Path.cwd()) / name).resolve()
-        if path.is_file():
-            return path
-        raise CatalogueError(f"no robot file {path}")
-    if name in robot_names():
-        return share_dir("assets") / "robots" / f"{name}.yaml"
-    near = difflib.get_close_matches(name, robot_names(), n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise CatalogueError(
-        f"no robot {name!r} in the catalogue{hint} (there are: {', '.join(robot_names())})"
-    )
-
-
-def _assemble(path: Path, entry: _RobotEntry) -> Robot:
-    urdf = Urdf.read(_description(entry.urdf, path), entry.joints, entry.locked)
-    missing = [joint for joint in entry.joints if joint not in urdf.limits]
-    if missing:
-        raise CatalogueError(f"{path}: joints {missing} are not movable joints of {entry.urdf}")
-    for link in (entry.base_link, entry.tool.link, *(c.link for c in entry.cameras.values())):
-        if link not in urdf.links:
-            near = difflib.get_close_matches(link, urdf.links, n=1)
-            raise CatalogueError(f"{path}: {entry.urdf} has no link {link!r}; nearest: {near}")
+    file = RobotFile(_robot_file(name, root))
+    entry = file.entry
+    urdf = Urdf.read(_description(file, "urdf", entry.urdf), entry.joints, entry.locked)
+    _check_names(file, urdf)
+    limits = _limits(file, urdf)
+    _check_postures(file, limits)
     exclusions = {frozenset(pair) for pair in entry.exclude}
     if entry.srdf is not None:
-        exclusions |= urdf.disabled_pairs(_description(entry.srdf, path))
+        exclusions |= urdf.disabled_pairs(_description(file, "srdf", entry.srdf))
     return Robot(
-        name=path.stem,
+        name=file.path.stem,
         title=entry.title,
         model=urdf,
         base_link=entry.base_link,
@@ -236,7 +120,7 @@ def _assemble(path: Path, entry: _RobotEntry) -> Robot:
         tool=entry.tool.pose,
         tool_shape=entry.tool.shape,
         joints=entry.joints,
-        limits=_limits(path, entry, urdf),
+        limits=limits,
         postures={name: np.deg2rad(angles) for name, angles in entry.postures.items()},
         cameras={name: CameraMount(c.link, c.pose) for name, c in entry.cameras.items()},
         exclusions=frozenset(exclusions),
@@ -244,51 +128,113 @@ def _assemble(path: Path, entry: _RobotEntry) -> Robot:
     )
 
 
-def _limits(path: Path, entry: _RobotEntry, urdf: Urdf) -> JointLimits:
+def _robot_file(name: str, root: Path | None) -> Path:
+    if name.endswith((".yaml", ".yml")):
+        folder = (root or Path.cwd()).resolve()
+        path = (folder / name).resolve()
+        if path.is_file() and path.is_relative_to(folder):
+            return path
+        near = suggestion(path.name, [p.name for p in path.parent.glob("*.yaml")], "robot file")
+        raise CatalogueError(f"there is no robot file {name!r} below {folder}; {near}")
+    if name in robot_names():
+        return share_dir("assets") / "robots" / f"{name}.yaml"
+    near = suggestion(name, robot_names(), "robot")
+    raise CatalogueError(f"there is no robot {name!r} in the catalogue; {near}")
+
+
+def _check_names(file: RobotFile, urdf: Urdf) -> None:
+    """Every name of a link or joint must be one of the URDF's."""
+    entry = file.entry
+    for number, joint in enumerate(entry.joints):
+        if joint not in urdf.limits:
+            known = suggestion(joint, urdf.movable, "movable joint")
+            file.refuse(("joints", number), f"{entry.urdf} has no movable joint {joint!r}", known)
+    links: list[tuple[Place, str]] = [
+        (("base_link",), entry.base_link),
+        (("tool", "link"), entry.tool.link),
+        *((("cameras", name, "link"), camera.link) for name, camera in entry.cameras.items()),
+        *(
+            (("exclude", i, j), link)
+            for i, pair in enumerate(entry.exclude)
+            for j, link in enumerate(pair)
+        ),
+        *((("colors", link), link) for link in entry.colors if link != "default"),
+    ]
+    for place, link in links:
+        if link not in urdf.links:
+            known = suggestion(link, urdf.links, "link")
+            file.refuse(place, f"{entry.urdf} has no link {link!r}", known)
+
+
+def _limits(file: RobotFile, urdf: Urdf) -> JointLimits:
     """The URDF's limits; the catalogue may tighten velocity and effort, never widen them."""
+    entry = file.entry
     rows = np.array([urdf.limits[joint] for joint in entry.joints])
-    lower, upper, velocity, effort = rows.T
-    count = len(entry.joints)
-
-    def of(limit: _LimitEntry | None, ceiling: Vector | None = None) -> Any:
-        if limit is None:
-            return ceiling
-        try:
-            value = np.broadcast_to(np.asarray(limit.value, dtype=float), (count,)).copy()
-        except ValueError as error:
-            raise CatalogueError(f"{path}: limits: {error}") from error
-        return value if ceiling is None else np.minimum(value, ceiling)
-
-    limits = JointLimits(
+    lower, upper, velocity, effort = rows.T.copy()
+    given = entry.limits
+    if given.velocity is not None:
+        velocity = np.minimum(velocity, _per_joint(file, "velocity", given.velocity))
+    if given.effort is not None:
+        effort = np.minimum(effort, _per_joint(file, "effort", given.effort))
+    for what, limit in (("velocity", velocity), ("effort", effort)):
+        if not (limit > 0).all():
+            file.refuse(("limits",), f"{entry.urdf} gives no {what} for a joint", f"add {what}")
+    return JointLimits(
         lower=lower,
         upper=upper,
-        velocity=of(entry.limits.velocity, velocity),
-        acceleration=of(entry.limits.acceleration),
-        jerk=of(entry.limits.jerk),
-        effort=of(entry.limits.effort, effort),
+        velocity=velocity,
+        acceleration=_per_joint(file, "acceleration", given.acceleration),
+        jerk=_per_joint(file, "jerk", given.jerk),
+        effort=effort,
     )
-    for name, angles in entry.postures.items():
-        q = np.deg2rad(angles)
-        if np.any(q < lower) or np.any(q > upper):
-            raise CatalogueError(f"{path}: posture {name!r} is outside the joint limits")
-    if not all(np.all(x > 0) for x in (limits.velocity, limits.acceleration, limits.jerk)):
-        raise CatalogueError(f"{path}: limits must be greater than zero")
-    return limits
 
 
-def _description(name: str, beside: Path) -> Path:
-    """A file of the example-robot-data package, or one beside the catalogue file."""
-    own = beside.parent / name
-    path = own if own.is_file() else robot_data_dir() / name
-    if not path.is_file():
-        raise CatalogueError(f"{beside}: neither {own} nor {path} exists")
-    return path
+def _per_joint(file: RobotFile, what: str, limit: LimitEntry) -> Vector:
+    """Of shape (dof,)."""
+    dof = len(file.entry.joints)
+    if isinstance(limit.value, tuple) and len(limit.value) != dof:
+        file.refuse(
+            ("limits", what, "value"), f"has {len(limit.value)} values, the arm {dof} joints"
+        )
+    return np.full(dof, limit.value, dtype=float)
+
+
+def _check_postures(file: RobotFile, limits: JointLimits) -> None:
+    """Every posture has an angle for every joint, within its limits; one is ``home``."""
+    postures = file.entry.postures
+    if "home" not in postures:
+        file.refuse(("postures",), "the posture 'home' is missing", "an arm starts there")
+    for name, angles in postures.items():
+        dof = len(file.entry.joints)
+        if len(angles) != dof:
+            file.refuse(("postures", name), f"has {len(angles)} angles, the arm {dof} joints")
+        for number, angle in enumerate(np.deg2rad(angles)):
+            lower, upper = limits.lower[number], limits.upper[number]
+            if not lower <= angle <= upper:
+                span = f"{np.degrees(lower):.1f}° to {np.degrees(upper):.1f}°"
+                joint = file.entry.joints[number]
+                file.refuse(("postures", name, number), "is outside the limits", f"{joint}: {span}")
+
+
+def _description(file: RobotFile, key: str, name: str) -> Path:
+    """A file beside the catalogue file, or one of the example-robot-data package."""
+    shipped = robot_data_dir()
+    for folder in (file.path.parent, shipped):
+        path = (folder / name).resolve()
+        if path.is_file() and path.is_relative_to(folder):
+            return path
+    return file.refuse(
+        (key,), f"there is no file {name!r}", f"neither beside this nor in {shipped}"
+    )
 
 
 def robot_data_dir() -> Path:
-    """Folder ``robots`` of the installed example-robot-data package."""
-    files = importlib.metadata.files("example-robot-data") or []
-    for file in files:
+    """Folder ``robots`` of the installed example-robot-data package.
+
+    Raises:
+        CatalogueError: It is not installed.
+    """
+    for file in importlib.metadata.files("example-robot-data") or []:
         if file.name == "package.xml" and "example-robot-data" in file.parts:
             return Path(str(file.locate())).resolve().parent / "robots"
     raise CatalogueError("the package example-robot-data is not installed")

@@ -16,6 +16,7 @@ from bt_dualarm.pose import Pose
 from bt_dualarm.share import share_dir
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, WorldSpec
 from bt_dualarm.world.catalogue import Robot
+from bt_dualarm.world.footing import Footing
 from bt_dualarm.world.robot_model import robot_spec
 
 SCENE_GROUP = 0
@@ -74,6 +75,11 @@ def _read_scene(path: Path) -> Any:
         raise CatalogueError(f"scene {path}: {error}") from error
 
 
+def names_in(spec: Any) -> frozenset[str]:
+    """Names of bodies, joints and shapes, which objects and arms must not take."""
+    return frozenset(element.name for element in (*spec.bodies, *spec.joints, *spec.geoms))
+
+
 def add_object(spec: Any, name: str, thing: ObjectSpec, pose: Pose) -> None:
     """Add an object; body, joint and geom bear its name."""
     body = spec.worldbody.add_body(name=name, pos=pose.position, quat=pose.quaternion)
@@ -111,7 +117,7 @@ def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:
 
 
 def add_arm(
-    spec: Any, name: str, arm: ArmSpec, robot: Robot, *, floor: float | None, visuals: bool
+    spec: Any, name: str, arm: ArmSpec, robot: Robot, *, footing: Footing | None, visuals: bool
 ) -> None:
     """Attach an arm with its names below ``name/``.
 
@@ -120,25 +126,33 @@ def add_arm(
         name: Of the arm in the tree file.
         arm: What the tree file says of it.
         robot: What the catalogue says of it.
-        floor: Height on which a pedestal below the base stands, or None for no pedestal.
+        footing: What is under the base.
         visuals: Load the full visual meshes as well.
     """
     base = arm.base.pose
     frame = spec.worldbody.add_frame(name=f"{name}/mount", pos=base.position, quat=base.quaternion)
     child = robot_spec(robot, visuals=visuals)
     if arm.camera is not None and isinstance(arm.camera.mount, str):
-        mount = robot.cameras.get(arm.camera.mount)
-        if mount is None:
-            raise CatalogueError(
-                f"arm {name!r}: robot {robot.name!r} has no camera mount {arm.camera.mount!r} "
-                f"(there are: {', '.join(robot.cameras) or 'none'})"
-            )
+        mount = robot.cameras[arm.camera.mount]
         _add_camera(child.body(mount.link), CAMERA, arm.camera, mount.pose)
     spec.attach(child, prefix=f"{name}/", frame=frame)
     if arm.camera is not None and not isinstance(arm.camera.mount, str):
         _add_camera(spec.worldbody, f"{name}/{CAMERA}", arm.camera, arm.camera.mount.pose)
-    if floor is not None:
-        _add_pedestal(spec, name, base, floor)
+    if footing is not None:
+        _mount(spec, name, robot, base, footing)
+
+
+def _mount(spec: Any, name: str, robot: Robot, base: Pose, footing: Footing) -> None:
+    """Put a pedestal in the gap; what the arm is mounted on cannot be hit by its first link.
+
+    The collision shapes of first links are rough: the Panda's reaches 9 cm below its base.
+    """
+    first = spec.joint(f"{name}/{robot.joints[0]}").parent.name
+    if spec.body(footing.body) is not None:  # it may have been an object that was taken away
+        spec.add_exclude(bodyname1=footing.body, bodyname2=first)
+    if footing.pedestal:
+        _add_pedestal(spec, f"{name}/pedestal", base, footing.gap)
+        spec.add_exclude(bodyname1=f"{name}/pedestal", bodyname2=first)
 
 
 def _add_camera(body: Any, name: str, camera: CameraSpec, pose: Pose) -> None:
@@ -154,27 +168,15 @@ def _add_camera(body: Any, name: str, camera: CameraSpec, pose: Pose) -> None:
     )
 
 
-def _add_pedestal(spec: Any, name: str, base: Pose, floor: float) -> None:
-    height = float(base.position[2]) - floor
-    x, y = base.position[:2]
-    body = spec.worldbody.add_body(name=f"{name}/pedestal", pos=(x, y, floor + height / 2))
-    body.quat = base.quaternion
+def _add_pedestal(spec: Any, name: str, base: Pose, height: float) -> None:
+    middle = base @ Pose.from_rpy((0.0, 0.0, -height / 2))
+    body = spec.worldbody.add_body(name=name, pos=middle.position, quat=middle.quaternion)
     body.add_geom(
-        name=f"{name}/pedestal",
+        name=name,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=(_PEDESTAL_HALF_WIDTH, _PEDESTAL_HALF_WIDTH, height / 2),
         rgba=_PEDESTAL_COLOR,
         group=SCENE_GROUP,
-    )
-    spec.add_exclude(bodyname1=f"{name}/pedestal", bodyname2=_first_body(spec, name))
-
-
-def _first_body(spec: Any, name: str) -> str:
-    prefix = f"{name}/"
-    return next(
-        str(body.name)
-        for body in spec.bodies
-        if body.name.startswith(prefix) and body.name != f"{name}/pedestal"
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import subprocess
 import sysconfig
 import tempfile
@@ -22,6 +23,7 @@ from bt_dualarm.pose import Matrix
 
 _STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 _STL_HEADER = 84
+_UP_AXIS = re.compile(rb"<up_axis>\s*\w+\s*</up_axis>")
 _DIRECTIONS = 96  # support points of a hull: below 1 mm of loss on a forearm's 60 mm radius
 
 
@@ -80,12 +82,26 @@ def _convert(source: Path, target: Path) -> None:
     """Run assimp; the result appears under its name only when it is whole."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
+        upright = Path(folder) / source.name
+        # A URDF takes vertices as they are; assimp turns models that declare z to be up.
+        upright.write_bytes(_UP_AXIS.sub(rb"<up_axis>Y_UP</up_axis>", source.read_bytes()))
         raw = Path(folder) / target.name
-        command = [str(_assimp()), "export", str(source), str(raw), "-fstlb", "-ptv"]
-        result = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  # our own program and paths
-        if result.returncode != 0 or not raw.is_file():
-            raise CatalogueError(f"assimp cannot convert {source}: {result.stdout.strip()[-400:]}")
+        _run_assimp("export", str(upright), str(raw), "-fstlb", "-ptv")
+        if not raw.is_file():
+            raise CatalogueError(f"assimp converted {source} to nothing")
         raw.replace(target)
+
+
+def _run_assimp(*arguments: str) -> None:
+    program = _assimp()
+    # The program does not say where its own library lies: in the folder beside its own.
+    environment = os.environ | {"LD_LIBRARY_PATH": str(program.parents[1] / "lib")}
+    result = subprocess.run(  # noqa: S603  # our own program and paths
+        [program, *arguments], capture_output=True, text=True, check=False, env=environment
+    )
+    if result.returncode != 0:
+        said = (result.stderr or result.stdout).strip()[-400:]
+        raise CatalogueError(f"assimp {' '.join(arguments)}: {said}")
 
 
 def _assimp() -> Path:

@@ -14,6 +14,7 @@ from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Pose
 
 _PACKAGE = "package://"
+_TURNING = ("revolute", "continuous")
 _CONTINUOUS = (-2 * np.pi, 2 * np.pi)  # a joint without stops: one turn either way
 
 
@@ -40,11 +41,13 @@ class Urdf:
 
     Attributes:
         limits: Lower, upper (rad), velocity (rad/s) and effort (N m) of each of the arm's joints.
+        movable: All joints of the file that could be the arm's.
     """
 
     path: Path
     root: ET.Element
     limits: Mapping[str, tuple[float, float, float, float]]
+    movable: tuple[str, ...]
 
     @classmethod
     def read(cls, path: Path, joints: Sequence[str], locked: Mapping[str, float]) -> Urdf:
@@ -53,18 +56,16 @@ class Urdf:
         Raises:
             CatalogueError: The file is no URDF.
         """
-        try:
-            root = ET.parse(path).getroot()  # noqa: S314  # a file of an installed package
-        except ET.ParseError as error:
-            raise CatalogueError(f"{path}: {error}") from error
+        root = _parse(path)
         limits = {}
+        movable = [str(j.get("name")) for j in root.findall("joint") if j.get("type") in _TURNING]
         for joint in root.findall("joint"):
             if joint.get("name") in joints:
                 limits[str(joint.get("name"))] = _limits(joint)
             else:
                 _lock(joint, locked.get(str(joint.get("name")), 0.0))
         _root_at_world(root)
-        return cls(path, root, limits)
+        return cls(path, root, limits, tuple(movable))
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -92,9 +93,13 @@ class Urdf:
                 yield self._shape(geometry[0], _origin(element))
 
     def disabled_pairs(self, srdf: Path) -> set[frozenset[str]]:
-        """Pairs of links whose contacts an SRDF disables."""
-        root = ET.parse(srdf).getroot()  # noqa: S314  # a file of an installed package
-        pairs = ((e.get("link1", ""), e.get("link2", "")) for e in root.iter("disable_collisions"))
+        """Pairs of links whose contacts an SRDF disables.
+
+        Raises:
+            CatalogueError: The file is no XML.
+        """
+        disabled = _parse(srdf).iter("disable_collisions")
+        pairs = ((e.get("link1", ""), e.get("link2", "")) for e in disabled)
         return {frozenset(pair) for pair in pairs if set(pair) <= set(self.links)}
 
     def _shape(self, element: ET.Element, pose: Pose) -> Shape:
@@ -121,9 +126,16 @@ class Urdf:
         raise CatalogueError(f"{self.path}: package {package!r} of mesh {name!r} is not above it")
 
 
+def _parse(path: Path) -> ET.Element:
+    try:
+        return ET.parse(path).getroot()  # noqa: S314  # a file of an installed package
+    except ET.ParseError as error:
+        raise CatalogueError(f"{path}: {error}") from error
+
+
 def _limits(joint: ET.Element) -> tuple[float, float, float, float]:
     limit = joint.find("limit")
-    if limit is None or joint.get("type") not in ("revolute", "continuous"):
+    if limit is None or joint.get("type") not in _TURNING:
         raise CatalogueError(f"joint {joint.get('name')!r} is not a revolute joint with limits")
     lower, upper = _CONTINUOUS
     if joint.get("type") == "revolute":

@@ -1,0 +1,103 @@
+"""What can be measured in a world: where its objects are, how they move, what touches what."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.world.arm_body import ArmBody
+from bt_dualarm.world.names import must_be_among
+
+
+class WorldView:
+    """The measurable side of a world; what a camera is meant to see is not taken from here.
+
+    Attributes:
+        model: Compiled model; a new object after every change of the world's parts.
+        data: Its state; likewise.
+        arms: The arms that are present.
+        objects: The objects that are present.
+    """
+
+    model: Any
+    data: Any
+    arms: dict[str, ArmBody]
+    objects: dict[str, ObjectSpec]
+
+    @property
+    def time(self) -> float:
+        """Simulated time in seconds."""
+        return float(self.data.time)
+
+    @property
+    def timestep(self) -> float:
+        """Seconds of one physics step."""
+        return float(self.model.opt.timestep)
+
+    def object_body(self, name: str) -> int:
+        """Id of an object's body."""
+        must_be_among(name, self.objects, "object", "in the world")
+        return int(self.model.body(name).id)
+
+    def object_geom(self, name: str) -> int:
+        """Id of an object's shape."""
+        must_be_among(name, self.objects, "object", "in the world")
+        return int(self.model.geom(name).id)
+
+    def object_pose(self, name: str) -> Pose:
+        """An object's true pose in the world.
+
+        Raises:
+            WorldError: The object is not present.
+        """
+        body = self.object_body(name)
+        return Pose(self.data.xpos[body].copy(), self.data.xquat[body].copy())
+
+    def surface_point(self, name: str, direction: Vector) -> Vector:
+        """Where a ray from an object's centre leaves it, of shape (3,), in the world.
+
+        Args:
+            name: Of the object.
+            direction: Of the ray in the world, of unit length.
+        """
+        pose = self.object_pose(name)
+        ray = np.abs(pose.rotation.inv().apply(direction)) + 1e-12
+        thing = self.objects[name]
+        if thing.shape == "box":
+            reach = float((0.5 * np.asarray(thing.size) / ray).min())
+        elif thing.shape == "cylinder":
+            radius, length = thing.size
+            reach = min(radius / float(np.hypot(ray[0], ray[1])), 0.5 * length / float(ray[2]))
+        else:
+            reach = thing.size[0]
+        point: Vector = pose.position + reach * direction
+        return point
+
+    def object_velocity(self, name: str) -> Vector:
+        """Angular (rad/s) then linear (m/s) velocity at an object's centre, of shape (6,)."""
+        velocity = np.empty(6)
+        kind = mujoco.mjtObj.mjOBJ_BODY
+        mujoco.mj_objectVelocity(self.model, self.data, kind, self.object_body(name), velocity, 0)
+        return velocity
+
+    def tool_gap(self, arm: str, thing: str) -> float:
+        """Smallest distance in metres between an arm's tool and an object; negative inside it."""
+        must_be_among(arm, self.arms, "arm", "in the world")
+        geom = self.object_geom(thing)
+        return min(
+            float(mujoco.mj_geomDistance(self.model, self.data, tool, geom, 1.0, None))
+            for tool in self.arms[arm].tool_geom_ids
+        )
+
+    def touches(self, arm: str, thing: str) -> bool:
+        """Whether an arm's tool and an object touch now."""
+        geom = self.object_geom(thing)
+        tool = self.arms[arm].tool_geom_ids
+        return any(
+            (geom1 == geom and geom2 in tool) or (geom2 == geom and geom1 in tool)
+            for geom1, geom2 in self.data.contact.geom
+        )
