@@ -1,0 +1,72 @@
+"""A way of straight pieces made smooth: its corners cut as far as obstacles allow."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from bt_dualarm.motion.collision import CollisionChecker
+from bt_dualarm.motion.planning import FINE
+from bt_dualarm.motion.sweep import interpolated
+from bt_dualarm.pose import Matrix, Vector
+
+_CUTS = (0.5, 0.3, 0.18, 0.1, 0.05)
+"""Shares of the shorter piece at a corner that are tried for its cut, longest first."""
+
+_SPACING = 0.02
+"""Most that a point of the arm moves between two samples, in metres."""
+
+_SHARE = np.linspace(0.0, 1.0, 33)[:, None]
+
+
+def rounded(corners: Matrix, checker: CollisionChecker, radii: Vector) -> list[Matrix]:
+    """Smooth pieces, each of shape (m, dof), that lead through corners, of shape (n, dof).
+
+    At a corner that cannot be cut without touching something, one piece ends and the next begins:
+    the arm stops there.
+    """
+    pieces: list[list[Matrix]] = [[]]
+    begin = corners[0]
+    for i in range(1, len(corners) - 1):
+        cut = _cut(corners[i - 1], corners[i], corners[i + 1], checker, radii)
+        enter = corners[i] if cut is None else cut[0]
+        pieces[-1].append(interpolated(begin, enter, radii, _SPACING))
+        if cut is None:
+            pieces.append([])
+            begin = corners[i]
+        else:
+            pieces[-1].append(cut)
+            begin = cut[-1]
+    pieces[-1].append(interpolated(begin, corners[-1], radii, _SPACING))
+    return [np.vstack(piece) for piece in pieces]
+
+
+def _cut(
+    before: Vector, corner: Vector, after: Vector, checker: CollisionChecker, radii: Vector
+) -> Matrix | None:
+    """The longest free curve from the piece before a corner to the piece after it."""
+    arriving, leaving = before - corner, after - corner
+    length = min(np.abs(arriving) @ radii, np.abs(leaving) @ radii)
+    for share in _CUTS:
+        start = corner + arriving * (share * length / (np.abs(arriving) @ radii))
+        end = corner + leaving * (share * length / (np.abs(leaving) @ radii))
+        curve = _curve(start, corner, end)
+        steps = itertools.pairwise(curve)
+        if all(checker.first_contact(interpolated(a, b, radii, FINE)) is None for a, b in steps):
+            return curve
+    return None
+
+
+def _curve(start: Vector, corner: Vector, end: Vector) -> Matrix:
+    """A Bézier curve of degree five, without curvature at its ends, where it meets the lines."""
+    t, u = _SHARE, 1.0 - _SHARE
+    towards, away = (start + corner) / 2.0, (corner + end) / 2.0
+    curve: Matrix = (
+        u**5 * start
+        + 5 * u**4 * t * towards
+        + 10 * (u**3 * t**2 + u**2 * t**3) * corner
+        + 5 * u * t**4 * away
+        + t**5 * end
+    )
+    return curve
