@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.vision.motion_model import ConstantJerk, MotionModel, Stack
+from bt_dualarm.vision.motion_model import MotionModel, Oscillator, Stack
 
 _HISTORY = 8
 
@@ -41,11 +41,11 @@ class TargetEstimate:
     Measurements may come late and out of order: a short history is kept and run again.
 
     Args:
-        model: How targets move.
+        model: How targets move; an oscillator by default.
     """
 
     def __init__(self, model: MotionModel | None = None) -> None:
-        self._model: MotionModel = model or ConstantJerk()
+        self._model: MotionModel = model or Oscillator()
         self._beliefs: list[_Belief] = []
         self._measurements: list[_Measurement] = []
 
@@ -127,7 +127,8 @@ class TargetEstimate:
 
     def _take(self, measurement: _Measurement) -> None:
         if self._beliefs:
-            belief = self._corrected(self._moved(self._last, measurement.stamp), measurement)
+            belief = _corrected(self._moved(self._last, measurement.stamp), measurement)
+            belief = replace(belief, state=self._model.confine(belief.state))
         else:
             belief = self._first(measurement)
         self._beliefs.append(belief)
@@ -146,12 +147,12 @@ class TargetEstimate:
         covariance = jacobian @ belief.covariance @ jacobian.swapaxes(1, 2)
         return _Belief(time, self._model.move(belief.state, dt), covariance + self._model.noise(dt))
 
-    @staticmethod
-    def _corrected(belief: _Belief, measurement: _Measurement) -> _Belief:
-        row = belief.covariance[:, 0, :]
-        gain = row / (row[:, 0] + measurement.variance)[:, None]
-        innovation = measurement.position - belief.state[:, 0]
-        # Joseph's form would cost twice as much; four states in doubles stay symmetric enough.
-        covariance = belief.covariance - gain[:, :, None] * row[:, None, :]
-        covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
-        return _Belief(belief.stamp, belief.state + gain * innovation[:, None], covariance)
+
+def _corrected(belief: _Belief, measurement: _Measurement) -> _Belief:
+    row = belief.covariance[:, 0, :]
+    gain = row / (row[:, 0] + measurement.variance)[:, None]
+    innovation = measurement.position - belief.state[:, 0]
+    # Joseph's form would cost twice as much; four states in doubles stay symmetric enough.
+    covariance = belief.covariance - gain[:, :, None] * row[:, None, :]
+    covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
+    return _Belief(belief.stamp, belief.state + gain * innovation[:, None], covariance)

@@ -82,7 +82,12 @@ class OnPlane:
         if depth <= 0.0:
             raise LocaliseError("the plane of the target lies behind the camera")
         across = depth / frame.focal_px
-        sigma = PIXEL_SIGMA * frame.stride * across * np.sqrt(1.0 - np.square(self.normal))
+        sigma = (
+            PIXEL_SIGMA
+            * frame.stride
+            * across
+            * np.sqrt(np.maximum(1.0 - np.square(self.normal), 0.0))
+        )
         return Sighting(
             detection.stamp,
             frame.pose.position + depth * ray,

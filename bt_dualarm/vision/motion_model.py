@@ -42,6 +42,9 @@ class MotionModel(Protocol):
     def noise(self, dt: float) -> Matrix:
         """Covariance that ``dt`` seconds add, of shape (4, 4)."""
 
+    def confine(self, state: Matrix) -> Matrix:
+        """The nearest state, of shape (n, 4), that a target can have."""
+
 
 @dataclass(frozen=True)
 class ConstantJerk:
@@ -51,7 +54,7 @@ class ConstantJerk:
     IEEE Trans. Aerospace and Electronic Systems 33(4), 1997, with an infinite time constant.
     """
 
-    snap_density: float = 100.0
+    snap_density: float = 1000.0
     spread: tuple[float, float, float] = (0.5, 3.0, 20.0)
 
     def start(self, position: Vector) -> Matrix:
@@ -71,18 +74,23 @@ class ConstantJerk:
         """White noise through four integrators."""
         return self.snap_density * _chain_noise(dt)
 
+    def confine(self, state: Matrix) -> Matrix:
+        """Any state will do."""
+        return state
+
 
 @dataclass(frozen=True)
 class Oscillator:
     """A sine of unknown frequency w, the fourth state in rad/s: p''' = -w² p'.
 
     Three integrators with white noise ``jerk_density`` in m²/s⁵, and a frequency that wanders
-    with ``frequency_density`` in rad²/s³.
+    with ``frequency_density`` in rad²/s³, between 0 and ``highest_frequency``.
     """
 
-    jerk_density: float = 0.5
-    frequency_density: float = 4.0
-    start_frequency: float = 2.0
+    jerk_density: float = 3.0
+    frequency_density: float = 0.5
+    start_frequency: float = 4.0
+    highest_frequency: float = 12.0
     spread: tuple[float, float, float] = (0.5, 3.0, 2.0)
 
     def start(self, position: Vector) -> Matrix:
@@ -121,6 +129,12 @@ class Oscillator:
         noise[:3, :3] = self.jerk_density * _chain_noise(dt)[1:, 1:]
         noise[3, 3] = self.frequency_density * abs(dt)
         return noise
+
+    def confine(self, state: Matrix) -> Matrix:
+        """Frequencies that an arm can reach: beyond, the linearised filter would run away."""
+        confined = state.copy()
+        confined[:, 3] = np.clip(state[:, 3], 0.0, self.highest_frequency)
+        return confined
 
 
 def _at_rest(position: Vector) -> Matrix:

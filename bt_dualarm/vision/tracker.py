@@ -54,7 +54,7 @@ class TargetTracker:
         camera: Subscribed to, and aimed, until ``close``.
         color: What the target looks like.
         localiser: Brings detections into the world.
-        estimate: The filter; constant jerk by default.
+        estimate: The filter; with an oscillator's model by default.
         settings: Gates and windows.
     """
 
