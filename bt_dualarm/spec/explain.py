@@ -154,7 +154,7 @@ def _wrong_value(details: ErrorDetails, field: FieldInfo | None) -> tuple[str, s
     if kind == "value_error":
         return str(context["error"]), ""
     if kind == "string_pattern_mismatch":
-        return f"'{given}' has a form that is not allowed", f"pattern: {context['pattern']}"
+        return f"{describe(given)} is not allowed here", f"it must match {context['pattern']}"
     if kind in ("too_long", "too_short"):
         wanted = context.get("max_length" if kind == "too_long" else "min_length")
         most = "at most" if kind == "too_long" else "at least"

@@ -110,8 +110,9 @@ def _declared_one(
         spec = ParamSpec.model_validate(with_tuples(data))
     except ValidationError as error:
         for found in explain(error, ParamSpec, data, "field"):
+            message = found.message if found.path else f"{name}: {found.message}"
             place = (*path, *found.path)
-            problems.append(source.problem(place, found.message, found.hint, key=found.at_key))
+            problems.append(source.problem(place, message, found.hint, key=found.at_key))
         return None
     spec = spec.model_copy(update={"default": data.get("default")})
     if spec.default is not None:

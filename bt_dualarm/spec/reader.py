@@ -38,7 +38,7 @@ def read_file(path: FilePath) -> Source:
             raise SpecError([Problem(place, what)])
         with path.open("rb") as file:
             raw = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL byte in the path
+    except OSError as error:
         raise SpecError([Problem(place, f"cannot be read: {error}")]) from error
     if len(raw) > MAX_BYTES:
         raise SpecError([Problem(place, f"is larger than {MAX_BYTES // 1024} KiB")])

@@ -1,0 +1,82 @@
+"""Ports: literals are checked at once, references when they have a value."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError, model_validator
+
+from bt_dualarm.spec.language import Log
+from bt_dualarm.spec.ports import (
+    PortModel,
+    only,
+    port,
+    references_in,
+    templates_of,
+    unit_of,
+    validate_literals,
+    validated,
+)
+from bt_dualarm.spec.values import Angle
+
+
+class Ports(PortModel):
+    low: float = port(..., "Lower end", unit="m", ge=0)
+    high: float = port(1.0, "Upper end", unit="m", le=2)
+    turn: Angle = port(0, "Turn")
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Ports:
+        if self.low > self.high:
+            raise ValueError("low is above high")
+        return self
+
+
+def test_references_are_found_and_left_out_of_the_early_check() -> None:
+    ports = {"low": "{a}", "high": 2}
+    assert references_in(Ports, ports) == {"low": "a"}
+    validate_literals(Ports, ports)
+
+
+def test_the_other_ports_are_checked_beside_a_reference() -> None:
+    with pytest.raises(ValidationError, match="less than or equal to 2"):
+        validate_literals(Ports, {"low": "{a}", "high": 3})
+
+
+def test_an_unknown_port_is_unknown_as_a_reference_too() -> None:
+    with pytest.raises(ValidationError, match="lwo"):
+        validate_literals(Ports, {"lwo": "{a}", "low": 1})
+
+
+def test_rules_over_several_ports_wait_for_all_of_them() -> None:
+    validate_literals(Ports, {"low": "{a}", "high": 0.5})
+    with pytest.raises(ValidationError, match="low is above high"):
+        validated(Ports, {"low": 1, "high": 0.5})
+
+
+@pytest.mark.parametrize("value", ["1", True, None, [1], {"a": 1}])
+def test_types_are_strict(value: object) -> None:
+    with pytest.raises(ValidationError):
+        validated(Ports, {"low": value})
+
+
+def test_lists_are_tuples_inside() -> None:
+    class Listing(PortModel):
+        items: tuple[int, ...] = port(..., "Items")
+
+    assert validated(Listing, {"items": [1, 2]}) == Listing(items=(1, 2))
+
+
+def test_one_port_alone() -> None:
+    with pytest.raises(ValidationError):
+        validated(only(Ports, "high"), {"high": 3})
+    validated(only(Ports, "high"), {"high": 2})
+
+
+def test_units() -> None:
+    assert unit_of(Ports.model_fields["low"]) == "m"
+    assert unit_of(Ports.model_fields["turn"]) == "deg"
+
+
+def test_a_text_with_keys_in_it_is_no_reference() -> None:
+    assert templates_of(Log) == {"message"}
+    assert references_in(Log, {"message": "{a}", "level": "{b}"}) == {"level": "b"}
