@@ -64,7 +64,7 @@ def as_stl(path: Path) -> Path:
         return path
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     converted = cache_dir() / "meshes" / f"{path.stem}-{digest}.stl"
-    if not converted.is_file():
+    if not (converted.is_file() and _is_binary_stl(converted)):
         _convert(path, converted)
     return converted
 
@@ -89,7 +89,16 @@ def _convert(source: Path, target: Path) -> None:
         _run_assimp("export", str(upright), str(raw), "-fstlb", "-ptv")
         if not raw.is_file():
             raise CatalogueError(f"assimp converted {source} to nothing")
+        _write_true_count(raw)
         raw.replace(target)
+
+
+def _write_true_count(path: Path) -> None:
+    """Mend the header: assimp counts lines and points that it then leaves out."""
+    count = (path.stat().st_size - _STL_HEADER) // _STL_FACET.itemsize
+    with path.open("r+b") as file:
+        file.seek(80)
+        file.write(count.to_bytes(4, "little"))
 
 
 def _run_assimp(*arguments: str) -> None:
