@@ -17,9 +17,9 @@ A tree file declares a world, the arms in it and one tree per arm; a skill is wh
         def run(self):
             began = self.time
             while not self.arm.controller.at_rest:
+                yield  # one tick
                 if self.time - began > self.ports.longest:
                     raise Failure("STILL_MOVING", "the arm still moves")
-                yield
 """
 
 from __future__ import annotations
@@ -93,7 +93,37 @@ _CONTENTS: Final = {
     "TrackingScore": "scoring:TrackingScore",
 }
 
-__all__ = sorted(_CONTENTS)  # noqa: PLE0605  # one table says it all
+__all__ = [
+    "Angle",
+    "Arm",
+    "ArmName",
+    "Color",
+    "DualArmError",
+    "Duration",
+    "Failure",
+    "Matrix",
+    "ObjectName",
+    "Plane",
+    "PlaneTracking",
+    "PortModel",
+    "Pose",
+    "PoseSpec",
+    "Skill",
+    "SkillContext",
+    "Speed",
+    "TrackingGains",
+    "TrackingScore",
+    "Trajectory",
+    "Vector",
+    "Vector3",
+    "World",
+    "WorldError",
+    "circle_path",
+    "follow_curve",
+    "line_path",
+    "lissajous_path",
+    "port",
+]
 
 
 def __getattr__(name: str) -> Any:

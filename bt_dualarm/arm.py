@@ -12,9 +12,10 @@ from bt_dualarm.motion import timing
 from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.motion.controller import JointController, Stream, TrajectoryMotion
 from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.motion.joint_motion import free_motion, refuse_contact
 from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.paths import line
-from bt_dualarm.motion.planning import plan
+from bt_dualarm.motion.sweep import sweep_radii
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.camera import Camera
@@ -29,10 +30,6 @@ SETTLED_RAD = 5e-4
 
 PLANNING_S = 0.1
 """Simulated seconds that planning costs, whatever it costs on the wall."""
-
-
-CHECK_EVERY_RAD = 0.02
-"""Largest joint step between two configurations that are checked for collisions."""
 
 
 class Arm:
@@ -133,14 +130,7 @@ class Arm:
             Failure: ``IN_COLLISION`` at the first one that touches something.
         """
         checker = self.checker(ignore)
-        last = q[0]
-        for i, row in enumerate(q):
-            if i and i < len(q) - 1 and float(np.abs(row - last).max()) < CHECK_EVERY_RAD:
-                continue
-            last = row
-            contact = checker.contact(row)
-            if contact is not None:
-                raise contact.failure()
+        refuse_contact(checker, q, sweep_radii(checker))
 
     def posture(self, name: str) -> Vector:
         """Joint angles, of shape (dof,), of a named posture of the robot.
@@ -204,12 +194,14 @@ class Arm:
         Raises:
             Failure: ``IN_COLLISION`` or ``NO_PLAN``.
         """
-        limits = self.limits(speed)
-        start = self.setpoint.q
-        waypoints = plan(self.checker(ignore), start, goal, limits, self._seed)
-        if len(waypoints) == 2:
-            return timing.point_to_point(start, goal, limits, self.period)
-        return timing.time_waypoints(waypoints, limits, self.period)
+        return free_motion(
+            self.checker(ignore),
+            self.setpoint.q,
+            goal,
+            self.limits(speed),
+            self.period,
+            self._seed,
+        )
 
     def follow(self, trajectory: Trajectory) -> Iterator[float]:
         """Execute a motion; yields its progress once a tick until the arm stands at its end.

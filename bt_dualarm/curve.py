@@ -9,15 +9,16 @@ import numpy as np
 from bt_dualarm.arm import Arm
 from bt_dualarm.errors import Number
 from bt_dualarm.motion.cartesian import trace
-from bt_dualarm.motion.paths import CartesianPath, line
+from bt_dualarm.motion.paths import CartesianPath
 from bt_dualarm.scoring import path_error
+from bt_dualarm.skill import Record, nowhere
 
 _SAME_BRANCH = 1.0  # rad: the start of the path is a short straight move away
 _ENTRY_SHARE = 0.1  # of the progress that is shown
 
 
 def follow_curve(
-    arm: Arm, path: CartesianPath, speed: float
+    arm: Arm, path: CartesianPath, speed: float, record: Record = nowhere
 ) -> Generator[float | None, None, dict[str, Number]]:
     """Go to the start of a path, then along it from rest to rest; the whole of it or nothing.
 
@@ -27,6 +28,7 @@ def follow_curve(
         arm: That moves.
         path: Of its tool, in the world.
         speed: Share of its limits.
+        record: Takes ``planned`` and ``executed`` tool positions.
 
     Returns:
         ``path_rms_m`` and ``path_max_m`` of executed against planned tool positions at equal
@@ -43,11 +45,15 @@ def follow_curve(
     yield from _enter(arm, path, motion.q[0], speed)
     planned = arm.planned_tool_positions(motion)
     running = arm.begin(motion)
+    times = arm.time + arm.period * np.arange(len(motion))
     while not running.done:
         yield _ENTRY_SHARE + (1 - _ENTRY_SHARE) * running.progress
         arm.check()
     yield from arm.settle()
-    rms, worst = path_error(planned, np.array(running.executed))
+    executed = np.array(running.executed)
+    record("planned", times, planned)
+    record("executed", times, executed)
+    rms, worst = path_error(planned, executed)
     return {"path_rms_m": rms, "path_max_m": worst, "duration_s": motion.duration}
 
 
@@ -57,7 +63,7 @@ def _enter(arm: Arm, path: CartesianPath, start: np.ndarray, speed: float) -> It
     if away < 1e-9:
         return
     if away < _SAME_BRANCH:
-        rows = arm.kinematics.follow(line(arm.commanded_tool_pose, path.start).poses, arm.setpoint.q)
+        rows = arm.line(arm.commanded_tool_pose, path.start)
         rows = np.vstack((arm.setpoint.q, rows, start))
         arm.refuse_collision_along(rows)
         entry = arm.time_path(rows, speed)

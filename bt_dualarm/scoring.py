@@ -38,6 +38,9 @@ class TrackingScore:
         arm: That tracks.
         plane: Of tracking.
         target: The object; by default the one nearest to where the target is first believed to be.
+
+    Attributes:
+        times: Simulated seconds of the samples that count.
     """
 
     def __init__(self, arm: Arm, plane: Plane, target: str | None) -> None:
@@ -45,7 +48,7 @@ class TrackingScore:
         self._axes = np.array(plane.axes)
         self._target = target
         self._from: float | None = None
-        self._times: list[float] = []
+        self.times: list[float] = []
         self._tool: list[Vector] = []
         self._truth: list[Vector] = []
 
@@ -59,22 +62,32 @@ class TrackingScore:
             self._target = self._target or self._nearest(tracking.target)
         if self._target not in world.objects or self._arm.time < self._from:
             return
-        self._times.append(self._arm.time)
-        self._tool.append(self._axes @ self._arm.tool_pose.position)
-        self._truth.append(self._axes @ world.object_pose(self._target).position)
+        self.times.append(self._arm.time)
+        self._tool.append(self._arm.tool_pose.position)
+        self._truth.append(world.object_pose(self._target).position)
 
     def metrics(self) -> dict[str, Number]:
         """``yz_rms_m``, ``yz_max_m``, ``lag_s``; empty when nothing was followed long enough."""
-        if len(self._times) < 2:
+        if len(self.times) < 2:
             return {}
-        tool, truth = np.array(self._tool), np.array(self._truth)
+        tool, truth = np.array(self._tool) @ self._axes.T, np.array(self._truth) @ self._axes.T
         error = tool - truth
         away = np.linalg.norm(error - error.mean(axis=0), axis=1)
         return {
             "yz_rms_m": float(np.sqrt(np.mean(away**2))),
             "yz_max_m": float(away.max()),
-            "lag_s": lag(truth, tool, float(np.median(np.diff(self._times)))),
+            "lag_s": lag(truth, tool, float(np.median(np.diff(self.times)))),
         }
+
+    def paths(self) -> dict[str, Matrix]:
+        """``target`` and ``tracked`` in the world, each of shape (n, 3), at ``times``.
+
+        The tool's path is moved by the mean offset, so that the two lie upon each other.
+        """
+        if not self.times:
+            return {}
+        tool, truth = np.array(self._tool), np.array(self._truth)
+        return {"target": truth, "tracked": tool - (tool - truth).mean(axis=0)}
 
     def _nearest(self, point: Vector) -> str | None:
         world = self._arm.world

@@ -11,9 +11,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.errors import Number
 from bt_dualarm.spec.ports import PortModel
@@ -39,6 +40,14 @@ class NoPorts(PortModel):
     """Nothing to set."""
 
 
+Record: TypeAlias = Callable[[str, npt.ArrayLike, npt.ArrayLike], None]
+"""Takes name, times and values of what a skill measures over time, for the record's plots."""
+
+
+def nowhere(name: str, time: npt.ArrayLike, values: npt.ArrayLike) -> None:
+    """A `Record` that keeps nothing."""
+
+
 @dataclass(frozen=True)
 class SkillContext:
     """What a skill is given besides its ports.
@@ -49,6 +58,7 @@ class SkillContext:
         clock: Simulated time in seconds.
         rng: The only source of randomness; seeded by the run and the leaf.
         log: For people who look for the reason afterwards.
+        record: Keeps what is measured over time.
     """
 
     name: str
@@ -56,6 +66,7 @@ class SkillContext:
     clock: Callable[[], float]
     rng: np.random.Generator
     log: logging.Logger
+    record: Record = nowhere
 
 
 class Skill:
@@ -108,6 +119,17 @@ class Skill:
     def time(self) -> float:
         """Simulated time in seconds."""
         return self.context.clock()
+
+    def record(self, name: str, time: npt.ArrayLike, values: npt.ArrayLike) -> None:
+        """Keep samples for the record and its plots.
+
+        Args:
+            name: ``planned`` and ``target`` are what others are compared with; the name of
+                scalars ends with their unit.
+            time: Simulated seconds, a number or of shape (n,).
+            values: Points of the world of shape (3,) or (n, 3) in m, or scalars.
+        """
+        self.context.record(name, time, values)
 
     def output(self, name: str, value: Any) -> None:
         """Write an output that ``Outputs`` declares; lost where the tree gave it no key."""

@@ -8,8 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bt_dualarm import Failure, ObjectName, PortModel, Pose, Skill, Speed, Trajectory, port
-from bt_dualarm import Vector, Vector3
+from bt_dualarm import (
+    Failure,
+    ObjectName,
+    PortModel,
+    Pose,
+    Skill,
+    Speed,
+    Trajectory,
+    Vector,
+    Vector3,
+    port,
+)
 
 _TURNS = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])
 
@@ -139,6 +149,6 @@ def _tool_axis_along(direction: Vector, side: Vector) -> Rotation:
     """Tool z along ``direction``, tool x as near to ``side`` as that allows."""
     x = side - (side @ direction) * direction
     if np.linalg.norm(x) < 1e-3:
-        x = np.cross(direction, (0.0, 1.0, 0.0) if abs(direction[1]) < 0.9 else (1.0, 0.0, 0.0))
-    x = x / np.linalg.norm(x)
+        x = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+    x /= np.linalg.norm(x)
     return Rotation.from_matrix(np.column_stack((x, np.cross(direction, x), direction)))

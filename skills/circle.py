@@ -46,4 +46,4 @@ class Circle(Skill):
             turns=ports.turns,
             direction=1 if ports.direction == "counterclockwise" else -1,
         )
-        self.metrics |= yield from follow_curve(self.arm, path, ports.speed)
+        self.metrics |= yield from follow_curve(self.arm, path, ports.speed, self.record)

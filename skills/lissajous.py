@@ -56,4 +56,4 @@ class Lissajous(Skill):
             waypoints=ports.waypoints,
             repeats=ports.repeats,
         )
-        self.metrics |= yield from follow_curve(self.arm, path, ports.speed)
+        self.metrics |= yield from follow_curve(self.arm, path, ports.speed, self.record)

@@ -8,8 +8,18 @@ from typing import Literal
 
 import numpy as np
 
-from bt_dualarm import Angle, Failure, PortModel, Pose, PoseSpec, Skill, Speed, port
-from bt_dualarm import Vector, Vector3
+from bt_dualarm import (
+    Angle,
+    Failure,
+    PortModel,
+    Pose,
+    PoseSpec,
+    Skill,
+    Speed,
+    Vector,
+    Vector3,
+    port,
+)
 
 
 class Offset(PortModel):

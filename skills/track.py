@@ -5,8 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal
 
-from bt_dualarm import Color, Duration, Failure, ObjectName, Plane, PlaneTracking, PortModel, Skill
-from bt_dualarm import Speed, TrackingGains, TrackingScore, port
+from bt_dualarm import (
+    Color,
+    Duration,
+    Failure,
+    ObjectName,
+    Plane,
+    PlaneTracking,
+    PortModel,
+    Skill,
+    Speed,
+    TrackingGains,
+    TrackingScore,
+    port,
+)
 
 
 class Track(Skill):
@@ -35,12 +47,10 @@ class Track(Skill):
             0.04, "proportional: step along the plane's second axis per unit error", unit="m", ge=0
         )
         dead_band: float = port(
-            0.01, "proportional: image error that counts as none (edge of the image = 1)", ge=0, le=1
+            0.01, "proportional: image error that counts as none (1: the edge)", ge=0, le=1
         )
         speed: Speed = port(1.0, "share of the arm's limits")
-        reach: float = port(
-            0.3, "farthest that the tool leaves its start", unit="m", gt=0, le=2
-        )
+        reach: float = port(0.3, "farthest that the tool leaves its start", unit="m", gt=0, le=2)
         duration: Duration | None = port(None, "ends after this long with the target in view", gt=0)
         until_still: Duration | None = port(
             None, "ends when the target, having moved, stays still this long", gt=0
@@ -87,6 +97,8 @@ class Track(Skill):
         finally:
             tracking.close()
             self.metrics |= {**score.metrics(), **tracking.metrics()}
+            for name, positions in score.paths().items():
+                self.record(name, score.times, positions)
 
     def _wait_for_target(self, tracking: PlaneTracking) -> Iterator[None]:
         began = self.time

@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from bt_dualarm.motion.controller import JointController
 from bt_dualarm.registry import Registry
 from bt_dualarm.run.arms import Arms
 from bt_dualarm.run.schedule import exact
+from bt_dualarm.run.series import SeriesLog
 from bt_dualarm.run.station import Equipment
 from bt_dualarm.skill import SkillContext
 from bt_dualarm.spec.document import TreeFile
@@ -35,6 +37,7 @@ class Assembly:
     Attributes:
         renderer: Of all cameras, None where no arm of the file has one; to be closed.
         message: One sentence on which renderer is used and why; empty without cameras.
+        series: What the skills measure over time.
         seed: Of everything random.
     """
 
@@ -42,6 +45,7 @@ class Assembly:
     arms: Arms
     renderer: Renderer | None
     message: str
+    series: SeriesLog
     seed: int
 
 
@@ -54,6 +58,7 @@ class _Parts:
     registry: Registry
     renderer: Renderer | None
     on_event: Callable[[StatusChange], None]
+    series: SeriesLog
     seed: int
 
     def clock(self) -> float:
@@ -86,6 +91,7 @@ class _Parts:
             clock=self.clock,
             rng=np.random.default_rng([self.seed, zlib.crc32(f"{arm.name}:{path}".encode())]),
             log=logging.getLogger(f"bt_dualarm.skills.{arm.name}"),
+            record=partial(self.series.add, arm.name, path),
         )
 
 
@@ -117,9 +123,10 @@ def assemble(
         choice = choose_renderer(renderer or file.world.renderer)
         drawing, message = choice.create(), choice.message
     world = World(file, seed)
-    parts = _Parts(file, world, registry, drawing, on_event, seed)
+    series = SeriesLog()
+    parts = _Parts(file, world, registry, drawing, on_event, series, seed)
     declared = {name: arm.robot for name, arm in file.arms.items()}
-    return Assembly(world, Arms(declared, parts.equip, world), drawing, message, seed)
+    return Assembly(world, Arms(declared, parts.equip, world), drawing, message, series, seed)
 
 
 def control_period(timestep: float) -> Fraction:

@@ -15,7 +15,6 @@ from bt_dualarm.run.pacing import Pacer, Unpaced
 from bt_dualarm.run.parts import Observer
 from bt_dualarm.run.record import Facts, Recorder, prepare_folder
 from bt_dualarm.run.runner import Conditions, Limit, Runner
-from bt_dualarm.run.series import SeriesLog
 from bt_dualarm.run.signals import StopRequest
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.world.rendering import RendererKind
@@ -44,9 +43,6 @@ class Session:
         registry: The installed skills.
         wishes: What overrides the file.
 
-    Attributes:
-        series: What the skills measure over time.
-
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
         RendererError: The renderer asked for cannot work here.
@@ -57,7 +53,6 @@ class Session:
         wishes = wishes or Wishes()
         self._watch = Watch()
         self._limit = _limit(file.world.time_limit, wishes.duration)
-        self.series = SeriesLog()
         self.assembly = assemble(
             file, registry, self._watch.note, seed=wishes.seed, renderer=wishes.renderer
         )
@@ -88,7 +83,7 @@ class Session:
             RecordError: The folder cannot be used.
         """
         facts = Facts(self.assembly.seed, self.renderer_name)
-        return Recorder(prepare_folder(folder), self.assembly.world, facts, self.series)
+        return Recorder(prepare_folder(folder), self.assembly.world, facts, self.assembly.series)
 
     def run(
         self,
