@@ -135,7 +135,9 @@ class CollisionChecker:
 
     def _widen(self, margin: float) -> None:
         """Make MuJoCo report gaps to other arms up to the margin."""
-        self._model.geom_margin[self._other_arm] = margin
+        model = self._model
+        model.geom_margin[self._other_arm] = margin
+        model.body_margin[np.unique(model.geom_bodyid[self._other_arm])] = margin
 
     def _described(self, geoms: npt.NDArray[np.int32], depth: float) -> Contact:
         first, second = sorted(geoms.tolist(), key=lambda geom: not self.moving[geom])

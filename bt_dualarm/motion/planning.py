@@ -83,14 +83,14 @@ class _Search:
         radii: Vector,
         resolution: float,
     ) -> None:
-        self._checker, self._radii = checker, radii
-        self._checks = 0
+        self._radii = radii
+        self._validity = _Validity(checker, radii)
         self._ompl = ompl = _ompl()
         space = ompl.base.RealVectorStateSpace(len(start))
         space.setBounds(self._bounds(start, goal, limits))
         self._space = space
         self._information = ompl.base.SpaceInformation(space)
-        self._information.setStateValidityChecker(self._is_valid)
+        self._information.setStateValidityChecker(self._validity)
         self._information.setStateValidityCheckingResolution(resolution / space.getMaximumExtent())
         self._information.setup()
         self._problem = ompl.base.ProblemDefinition(self._information)
@@ -107,16 +107,15 @@ class _Search:
         planner.setRange(_REACH)
         planner.setProblemDefinition(self._problem)
         planner.setup()
-        spent = self._ompl.base.PlannerTerminationCondition(lambda: self._checks >= _CHECKS)
-        planner.solve(spent)
+        planner.solve(self._ompl.base.PlannerTerminationCondition(self._validity.is_spent))
         if not self._problem.hasExactSolution():  # an approximate one leads elsewhere
-            raise _no_plan(self._checks, "no way free of collisions was found")
+            raise _no_plan(self._validity.checks, "no way free of collisions was found")
         path = self._problem.getSolutionPath()
         simplifier = self._ompl.geometric.PathSimplifier(self._information)
         for _ in range(3):
             simplifier.partialShortcutPath(path)
             simplifier.reduceVertices(path)
-        return np.array([self._angles(state) for state in path.getStates()])
+        return np.array([self._validity.angles(state) for state in path.getStates()])
 
     def _bounds(self, start: Vector, goal: Vector, limits: JointLimits) -> Any:
         """Half a turn beyond the ends: joints with two turns would waste most samples."""
@@ -134,12 +133,29 @@ class _Search:
             state[i] = value
         return state
 
-    def _angles(self, state: Any) -> Vector:
-        return np.array([state[i] for i in range(len(self._radii))]) / self._radii
 
-    def _is_valid(self, state: Any) -> bool:
-        self._checks += 1
-        return self._checker.free(self._angles(state))
+class _Validity:
+    """Whether a state of OMPL is free, and how many have been asked about.
+
+    Apart from the search: OMPL never frees what it calls back if that leads back to OMPL.
+    """
+
+    def __init__(self, checker: CollisionChecker, radii: Vector) -> None:
+        self._checker, self._radii = checker, radii
+        self._joints = range(len(radii))
+        self.checks = 0
+
+    def __call__(self, state: Any) -> bool:
+        self.checks += 1
+        return self._checker.free(self.angles(state))
+
+    def angles(self, state: Any) -> Vector:
+        """The configuration, of shape (dof,), that a state stands for."""
+        return np.array([state[i] for i in self._joints]) / self._radii
+
+    def is_spent(self) -> bool:
+        """Whether the attempt has had its checks."""
+        return self.checks >= _CHECKS
 
 
 def _check_end(checker: CollisionChecker, q: Vector, limits: JointLimits) -> None:

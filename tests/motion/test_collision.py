@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from bt_dualarm.motion.collision import CollisionChecker
+from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.motion.sweep import interpolated, sweep_radii
+from bt_dualarm.pose import Pose
+from bt_dualarm.world.catalogue import robot_names
+from bt_dualarm.world.world import World
+from tests.world.worlds import arm, box, file_of, world_with
+
+DOWN = (np.pi, 0.0, 0.0)
+
+
+def pick_world() -> World:
+    """A UR5, a cube that floats in its reach, and a Panda that stands out of its way."""
+    return World(
+        file_of(
+            {"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.4), 180.0)},
+            {"cube": box((0.45, 0.1, 0.6), fixed=False)},
+        )
+    )
+
+
+def above(world: World, height: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """A configuration of arm1 whose tool is ``height`` above the cube's upper side."""
+    body = world.arms["arm1"]
+    kinematics = Kinematics(body.robot, body.base)
+    cube = world.object_pose("cube").position
+    target = Pose.from_rpy((cube[0], cube[1], cube[2] + 0.025 + height), DOWN)
+    return kinematics.solve(target, body.robot.postures["home"])
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_no_posture_of_the_catalogue_touches_anything(name: str) -> None:
+    world = world_with(name)
+    checker = CollisionChecker(world, "arm1")
+    for posture in world.arms["arm1"].robot.postures.values():
+        assert checker.contact(posture) is None
+
+
+def test_a_contact_names_both_bodies_and_the_depth() -> None:
+    world = pick_world()
+    contact = CollisionChecker(world, "arm1").contact(above(world, -0.01))
+    assert contact is not None
+    assert contact.first.startswith("arm1/")
+    assert contact.second == "cube"
+    assert contact.depth == pytest.approx(0.01, abs=1e-3)
+    failure = contact.failure()
+    assert failure.code == "IN_COLLISION"
+    assert "cube" in failure.reason
+
+
+def test_just_above_an_object_is_free_and_what_may_be_touched_is_left_out() -> None:
+    world = pick_world()
+    assert CollisionChecker(world, "arm1").free(above(world, 0.01))
+    assert CollisionChecker(world, "arm1", ignore=frozenset({"cube"})).free(above(world, -0.01))
+
+
+def test_looking_changes_nothing_in_the_world() -> None:
+    world = pick_world()
+    before = world.state()
+    margins = world.model.geom_margin.copy()
+    CollisionChecker(world, "arm1", margin=0.1).contact(above(world, -0.01))
+    np.testing.assert_array_equal(world.state(), before)
+    np.testing.assert_array_equal(world.model.geom_margin, margins)
+
+
+def test_what_is_held_moves_with_the_arm() -> None:
+    """With a cube at its tool the arm touches the floor 5 cm earlier than without."""
+    world = pick_world()
+    body = world.arms["arm1"]
+    kinematics = Kinematics(body.robot, body.base)
+    grasp = above(world, 0.0)
+    world.data.qpos[body.qpos_ids] = grasp
+    mujoco.mj_forward(world.model, world.data)
+    low = kinematics.solve(Pose.from_rpy((0.45, 0.1, 0.03), DOWN), grasp)
+    assert CollisionChecker(world, "arm1").free(low)
+    world.attach("arm1", "cube")
+    checker = CollisionChecker(world, "arm1")
+    assert checker.free(grasp)
+    contact = checker.contact(low)
+    assert contact is not None
+    assert (contact.first, contact.second) == ("cube", "floor")
+    assert contact.depth == pytest.approx(0.02, abs=1e-3)
+
+
+def test_other_arms_keep_the_margin_and_the_rest_does_not_need_to() -> None:
+    world = pick_world()
+    q = world.arms["arm1"].q
+    assert CollisionChecker(world, "arm1", margin=0.02).free(q)
+    contact = CollisionChecker(world, "arm1", margin=2.0).contact(q)
+    assert contact is not None
+    assert contact.second.startswith("arm2/")
+    assert contact.depth < 0.0
+    assert "too close" in contact.failure().reason
+
+
+def test_the_first_contact_of_several_configurations_is_told_with_its_place() -> None:
+    world = pick_world()
+    rows = np.array([above(world, height) for height in (0.03, 0.02, -0.005, -0.01)])
+    found = CollisionChecker(world, "arm1").first_contact(rows)
+    assert found is not None
+    assert found[0] == 2
+    assert CollisionChecker(world, "arm1").first_contact(rows[:2]) is None
+
+
+def test_no_point_of_an_arm_moves_farther_than_its_sweep_radius_says() -> None:
+    world = world_with("ur5")
+    radii = sweep_radii(CollisionChecker(world, "arm1"))
+    body = world.arms["arm1"]
+    rng = np.random.default_rng(0)
+    geoms = sorted(body.geom_ids)
+    for _ in range(50):
+        before = rng.uniform(-np.pi, np.pi, 6)
+        step = rng.uniform(-0.05, 0.05, 6)
+        places = []
+        for q in (before, before + step):
+            world.data.qpos[body.qpos_ids] = q
+            mujoco.mj_kinematics(world.model, world.data)
+            places.append(world.data.geom_xpos[geoms].copy())
+        moved = np.linalg.norm(places[1] - places[0], axis=1).max()
+        assert moved <= np.abs(step) @ radii
+
+
+def test_interpolation_keeps_its_ends_and_its_step() -> None:
+    radii = np.array((1.0, 0.5))
+    rows = interpolated(np.zeros(2), np.ones(2), radii, 0.1)
+    np.testing.assert_array_equal(rows[[0, -1]], [[0, 0], [1, 1]])
+    assert (np.abs(np.diff(rows, axis=0)) @ radii).max() <= 0.1 + 1e-12
