@@ -18,6 +18,11 @@ TOUCH = 5e-4
 """Depth in metres up to which things touch and do not collide: objects at rest sink in as much."""
 
 
+STANDING = 3e-3
+"""Depth in metres up to which a touch that is there already may go on: tool and held objects are
+pressed against things when they take and leave them."""
+
+
 @dataclass(frozen=True)
 class Contact:
     """Two bodies closer than they may be.
@@ -47,7 +52,8 @@ class Contact:
 class CollisionChecker:
     """Configurations of one arm against the world as it is at this moment.
 
-    What the arm holds moves with it. Everything else, other arms too, stays where it is now: make a
+    What the arm holds moves with it. What its tool and what it holds touch now, they may go on
+    touching as deep as now. Everything else, other arms too, stays where it is now: make a
     new checker when the world has gone on.
 
     Args:
@@ -74,26 +80,20 @@ class CollisionChecker:
         self._margin = margin
         self._leave_out({world.object_geom(name) for name in ignore if name in world.objects})
         self._widen(margin)
+        self._standing: dict[frozenset[int], float] = {}
+        self._standing = self._standing_contacts(self.body.q)
 
     def contact(self, q: Vector) -> Contact | None:
         """The deepest contact that the arm would have at ``q``, of shape (dof,), if any."""
-        data = self._data
-        data.qpos[self.body.qpos_ids] = q
-        mujoco.mj_kinematics(self._model, data)
-        if self._held:
-            self._carry()
-            mujoco.mj_kinematics(self._model, data)
-        mujoco.mj_collision(self._model, data)
-        if data.ncon == 0:
+        self._place(q)
+        if self._data.ncon == 0:
             return None
-        geoms = data.contact.geom
-        allowed = np.where(self._other_arm[geoms].any(axis=1), self._margin, -TOUCH)
-        excess = allowed - data.contact.dist
-        excess[self._touching_by_design(geoms)] = -np.inf
+        geoms, distance = self._data.contact.geom, self._data.contact.dist
+        excess = self._allowed(geoms) - distance
         worst = int(np.argmax(excess))
         if excess[worst] <= 0.0:
             return None
-        return self._described(geoms[worst], float(-data.contact.dist[worst]))
+        return self._described(geoms[worst], float(-distance[worst]))
 
     def free(self, q: Vector) -> bool:
         """Whether the arm touches nothing at ``q``, of shape (dof,)."""
@@ -106,6 +106,36 @@ class CollisionChecker:
             if contact is not None:
                 return i, contact
         return None
+
+    def _place(self, q: Vector) -> None:
+        """Let MuJoCo find what touches at ``q``."""
+        data = self._data
+        data.qpos[self.body.qpos_ids] = q
+        mujoco.mj_kinematics(self._model, data)
+        if self._held:
+            self._carry()
+            mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_collision(self._model, data)
+
+    def _allowed(self, geoms: npt.NDArray[np.int32]) -> Vector:
+        """Distance that each pair of shapes, of shape (n, 2), must keep, of shape (n,)."""
+        allowed = np.where(self._other_arm[geoms].any(axis=1), self._margin, -TOUCH)
+        allowed[self._touching_by_design(geoms)] = -np.inf
+        if self._standing:
+            for i, pair in enumerate(geoms.tolist()):
+                allowed[i] = min(allowed[i], self._standing.get(frozenset(pair), np.inf))
+        return allowed
+
+    def _standing_contacts(self, q: Vector) -> dict[frozenset[int], float]:
+        """Pairs that touch now, one of them held or of the tool, and the distance to keep."""
+        self._place(q)
+        gripping = self.body.tool_geom_ids | {held.geom for held in self._held}
+        contacts = zip(self._data.contact.geom.tolist(), self._data.contact.dist, strict=True)
+        return {
+            frozenset(pair): float(distance) - TOUCH
+            for pair, distance in contacts
+            if gripping & set(pair) and -STANDING < distance <= 0.0
+        }
 
     def _carry(self) -> None:
         """Put what the arm holds where its tool link now is."""

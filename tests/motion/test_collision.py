@@ -99,6 +99,26 @@ def test_other_arms_keep_the_margin_and_the_rest_does_not_need_to() -> None:
     assert "too close" in contact.failure().reason
 
 
+def test_what_is_held_may_stay_as_deep_as_it_is_in_what_it_stands_on() -> None:
+    """An arm that presses a cube on the floor can lift it, and cannot press it deeper."""
+    world = pick_world()
+    body = world.arms["arm1"]
+    kinematics = Kinematics(body.robot, body.base)
+    grasp = above(world, 0.0)
+
+    def at(height: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        return kinematics.solve(Pose.from_rpy((0.45, 0.1, height), DOWN), grasp)
+
+    world.data.qpos[body.qpos_ids] = grasp
+    mujoco.mj_forward(world.model, world.data)
+    world.attach("arm1", "cube")
+    world.data.qpos[world.arms["arm1"].qpos_ids] = at(0.049)  # the cube is 1 mm in the floor
+    checker = CollisionChecker(world, "arm1")
+    assert checker.free(at(0.049))
+    assert checker.free(at(0.1))
+    assert not checker.free(at(0.047))
+
+
 def test_the_first_contact_of_several_configurations_is_told_with_its_place() -> None:
     world = pick_world()
     rows = np.array([above(world, height) for height in (0.03, 0.02, -0.005, -0.01)])
