@@ -235,6 +235,16 @@ class Arm:
         while not self.controller.at_rest:
             yield None
 
+    def relax(self) -> Iterator[float]:
+        """Take the set-point back to where the arm is, so that it no longer presses on anything.
+
+        Raises:
+            Failure: As ``follow``.
+        """
+        limits = self.robot.limits
+        here = np.clip(self.world.arms[self.name].q, limits.lower, limits.upper)
+        yield from self.follow(timing.point_to_point(self.setpoint.q, here, limits, self.period))
+
     def check(self) -> None:
         """Raise what went wrong with the motion since it began."""
         if self.controller.fault is not None:

@@ -73,6 +73,7 @@ class ApproachAndAttach(Skill):
         yield from self.arm.halt()
         yield from self._settle_on_contact()
         self._attach()
+        yield from self.arm.relax()
 
     def _approach(self) -> Approach:
         """The first way that is reachable and free, turning the tool about its axis."""
