@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.world.ray_shapes import Cylinder, Plane, Polyhedron, Shape, Sphere, multiply
+from bt_dualarm.world.ray_shapes import Cylinder, Plane, Polyhedron, Shape, Sphere, dots, multiply
 
 _NO_LIMIT_M = 1e10
 _NEAR_M = 1e-3
@@ -123,7 +123,7 @@ class RayScene:
         """
         middle = fan.rays.reshape(3, -1).mean(axis=1)
         middle /= np.linalg.norm(middle)
-        reach = math.acos(min(1.0, float((middle @ fan.rays.reshape(3, -1)).min())))
+        reach = math.acos(min(1.0, float(dots(middle, fan.rays.reshape(3, -1)).min())))
         offsets = data.geom_xpos[self._ids] - fan.eye
         distances = np.maximum(np.linalg.norm(offsets, axis=1), _NEAR_M)
         away = np.arccos(np.clip(offsets @ (fan.axes @ middle) / distances, -1.0, 1.0))

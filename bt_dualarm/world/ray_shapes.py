@@ -31,6 +31,12 @@ def multiply(matrix: Matrix, rays: Matrix) -> Matrix:
     return product
 
 
+def dots(vector: Vector, rays: Matrix) -> Vector:
+    """The products of shape (n,) of a vector with rays of shape (3, n), on one thread."""
+    products: Vector = np.einsum("i,ij->j", vector, rays)
+    return products
+
+
 def _portions(faces: int, rays: int) -> Iterator[slice]:
     """Slices of the rays that OpenBLAS multiplies on the calling thread.
 
@@ -91,7 +97,7 @@ class Sphere:
 
     def enter(self, eye: Vector, rays: Matrix) -> Vector:
         """See the module."""
-        along = eye @ rays
+        along = dots(eye, rays)
         squared = along**2 - (eye @ eye - self.radius**2)
         hit = (squared >= 0.0) & (along < 0.0)
         return np.where(hit, -along - np.sqrt(np.maximum(squared, 0.0)), np.inf)
@@ -182,8 +188,11 @@ class Polyhedron:
         """Of the face through which each ray enters."""
         heights = self._heights(eye)
         toward = np.flatnonzero(heights < 0.0)
-        slopes = (self.face_normals[toward] / heights[toward, None]) @ rays
-        normals: Matrix = self.face_normals[toward[slopes.argmin(axis=0)]].T
+        scaled = self.face_normals[toward] / heights[toward, None]
+        first = np.empty(rays.shape[1], dtype=int)
+        for some in _portions(len(scaled), rays.shape[1]):
+            (scaled @ rays[:, some]).argmin(axis=0, out=first[some])
+        normals: Matrix = self.face_normals[toward[first]].T
         return normals
 
     def _heights(self, eye: Vector) -> Vector:

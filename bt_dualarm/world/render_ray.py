@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from bt_dualarm.world.ray_scene import Fan, RayScene
 from bt_dualarm.world.ray_shading import Shading
-from bt_dualarm.world.rendering import LOOP_GROUPS, Image, Region, clip_region
+from bt_dualarm.world.rendering import LOOP_GROUPS, Image, Region, blocks_of, clip_region, fill
 
 _JITTER_SEED = 7
 
@@ -49,14 +49,10 @@ class RayRenderer:
         if right <= left or bottom <= top:
             return image
         scene = self._scene(model, tuple(groups))
-        rows = slice(top // stride, -(-bottom // stride))
-        columns = slice(left // stride, -(-right // stride))
+        rows, columns = blocks_of(top, bottom, stride), blocks_of(left, right, stride)
         fan = _fan(model, data, camera_id, (width, height), rows, columns, stride)
         blocks = self._shading.colors(data, fan, scene.trace(data, fan))
-        if stride > 1:
-            blocks = blocks.repeat(stride, axis=0).repeat(stride, axis=1)
-        y0, x0 = top - rows.start * stride, left - columns.start * stride
-        image[top:bottom, left:right] = blocks[y0 : y0 + bottom - top, x0 : x0 + right - left]
+        fill(image, (left, top, right, bottom), blocks, stride)
         return image
 
     def close(self) -> None:

@@ -110,6 +110,20 @@ def clip_region(region: Region | None, width: int, height: int) -> Region:
     return left, top, max(left, min(region[2], width)), max(top, min(region[3], height))
 
 
+def blocks_of(start: int, stop: int, stride: int) -> slice:
+    """Indices of the blocks of ``stride`` pixels that cover the pixels from start to stop."""
+    return slice(start // stride, -(-stop // stride))
+
+
+def fill(image: Image, region: Region, blocks: Image, stride: int) -> None:
+    """Paint the region of an image with the blocks that ``blocks_of`` counts for it."""
+    left, top, right, bottom = region
+    if stride > 1:
+        blocks = blocks.repeat(stride, axis=0).repeat(stride, axis=1)
+    y, x = top % stride, left % stride
+    image[top:bottom, left:right] = blocks[y : y + bottom - top, x : x + right - left]
+
+
 def _ray(message: str) -> RendererChoice:
     from bt_dualarm.world.render_ray import RayRenderer
 

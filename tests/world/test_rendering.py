@@ -184,18 +184,27 @@ def test_a_region_drawn_by_gl_shows_what_the_whole_shows(
     assert not part.any()
 
 
-def test_blocks_share_a_color(scene: tuple[Any, Any]) -> None:
+def test_blocks_share_a_color(scene: tuple[Any, Any], renderer: Renderer) -> None:
     """Stride 3 in an image whose sides are no multiples of it."""
-    image = RayRenderer().render(*scene, 0, 80, 61, stride=3)
+    image = renderer.render(*scene, 0, 80, 61, stride=3)
     blocks = image[:60, :78].reshape(20, 3, 26, 3, 3)
     assert (blocks == blocks[:, :1, :, :1]).all()
     assert image[60].any()
 
 
-def test_blocks_keep_centroids(scene: tuple[Any, Any]) -> None:
-    fine = moments(RayRenderer().render(*scene, 0, 320, 240), *YELLOW)
-    coarse = moments(RayRenderer().render(*scene, 0, 320, 240, stride=3), *YELLOW)
+def test_blocks_keep_centroids(scene: tuple[Any, Any], renderer: Renderer) -> None:
+    fine = moments(renderer.render(*scene, 0, 320, 240), *YELLOW)
+    coarse = moments(renderer.render(*scene, 0, 320, 240, stride=3), *YELLOW)
     assert coarse[1:] == pytest.approx(fine[1:], abs=0.5)
+
+
+def test_a_region_of_blocks_lies_on_their_grid(scene: tuple[Any, Any], renderer: Renderer) -> None:
+    """A region that cuts through blocks shows the same blocks as the whole."""
+    whole = renderer.render(*scene, 0, 80, 60, stride=4).astype(int)
+    part = renderer.render(*scene, 0, 80, 60, (10, 7, 61, 50), stride=4).astype(int)
+    assert np.abs(part[7:50, 10:61] - whole[7:50, 10:61]).mean() < 1.0
+    part[7:50, 10:61] = 0
+    assert not part.any()
 
 
 def test_geom_groups_are_kept_apart(scene: tuple[Any, Any], renderer: Renderer) -> None:

@@ -1,0 +1,139 @@
+"""What a frame costs: rendering, detection, estimation; run ``python benchmarks/rendering.py``.
+
+Scene of ``trees/pick_and_track.yaml``: the UR5 holds the cube 0.35 m before the Panda's wrist
+camera. Times are the best of many in milliseconds; ratios are to the whole image by ``mj_multiRay``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.errors import RendererError
+from bt_dualarm.share import share_dir
+from bt_dualarm.spec.color import Color
+from bt_dualarm.spec.document import CameraSpec
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.vision.colors import ColorFilter
+from bt_dualarm.vision.detect import detect
+from bt_dualarm.vision.estimate import TargetEstimate
+from bt_dualarm.vision.motion_model import ConstantJerk, Oscillator
+from bt_dualarm.world.camera import Camera, Window
+from bt_dualarm.world.render_ray import camera_rays
+from bt_dualarm.world.rendering import LOOP_GROUPS, RendererKind, choose_renderer
+from bt_dualarm.world.world import World
+
+CARRYING = np.array([0.0015, -0.9451, 1.5663, 2.5204, -1.5723, 3.1416])
+"""The UR5 with its tool at (0.655, 0.11, 0.70), pointing along x."""
+
+CUBE = np.array([0.685, 0.11, 0.70, 1.0, 0.0, 0.0, 0.0])
+WINDOW = (132, 92, 188, 148)
+ROUNDS = 40
+
+
+def main() -> None:
+    """Print one line a measurement."""
+    world = staged()
+    camera_id = world.arms["arm2"].camera_id
+    whole = best_ms(lambda: cast_by_mujoco(world, camera_id))
+    report("mj_multiRay, whole image 320 x 240", whole, whole)
+    kinds: tuple[RendererKind, ...] = ("ray", "gl")
+    for kind in kinds:
+        try:
+            renderer = choose_renderer(kind).create()
+        except RendererError as error:
+            print(f"{kind}: {error}")
+            continue
+        camera = Camera("arm2/camera", CameraSpec(resolution=(320, 240)), renderer)
+        for label, cost in per_frame(world, camera):
+            report(f"{kind}, {label}", cost, whole)
+    for label, cost in estimation():
+        report(label, cost, whole)
+
+
+def staged() -> World:
+    """Both arms and the cube where they are during the main job."""
+    world = World(load_tree_file(share_dir("trees") / "pick_and_track.yaml"))
+    data = world.data
+    data.qpos[world.arms["arm1"].qpos_ids] = CARRYING
+    data.qpos[world.arms["arm2"].qpos_ids] = world.robots["arm2"].postures["look_out"]
+    joint = world.model.body_jntadr[world.object_body("cube")]
+    start = world.model.jnt_qposadr[joint]
+    data.qpos[start : start + 7] = CUBE
+    mujoco.mj_forward(world.model, data)
+    return world
+
+
+def per_frame(world: World, camera: Camera) -> Iterator[tuple[str, float]]:
+    """Cost of whole images, of coarse ones, of a window about the cube, and of detection."""
+    yellow = ColorFilter(Color.named("yellow"))
+    windows = {
+        "whole image": Window(),
+        "search, every 3rd pixel": Window(None, 3),
+        "window 56 x 56": Window(WINDOW),
+    }
+    for label, window in windows.items():
+        camera.aim = partial(_always, window)
+        yield label, best_ms(partial(camera.capture, world))
+        frame = camera.capture(world)
+        if detect(frame, yellow) is None:
+            raise SystemExit(f"{label}: the cube was not found")
+        yield f"{label}: detection", best_ms(partial(detect, frame, yellow))
+
+
+def _always(window: Window, *_: object) -> Window:
+    return window
+
+
+def estimation() -> Iterator[tuple[str, float]]:
+    """Cost of an update and of a prediction, by each model."""
+    for model in (ConstantJerk(), Oscillator()):
+        name, estimate = type(model).__name__, TargetEstimate(model)
+        yield f"{name}: update", best_ms(updates(estimate))
+        yield f"{name}: prediction", best_ms(partial(estimate.predict, 2.0))
+
+
+def updates(estimate: TargetEstimate) -> Callable[[], None]:
+    """An action that takes in the next measurement of a target at rest, at 60 Hz."""
+    stamps, place = itertools.count(0.0, 1.0 / 60.0), np.array([0.7, 0.1, 0.7])
+    return lambda: estimate.update(next(stamps), place, 1e-4)
+
+
+def cast_by_mujoco(world: World, camera_id: int) -> None:
+    """What one call of MuJoCo's own ray casting takes for the same image."""
+    data: Any = world.data
+    rays = camera_rays(320, 240, float(world.model.cam_fovy[camera_id]), 1).reshape(3, -1)
+    rays = np.ascontiguousarray((data.cam_xmat[camera_id].reshape(3, 3) @ rays).T)
+    groups = np.zeros(mujoco.mjNGROUP, np.uint8)
+    groups[list(LOOP_GROUPS)] = 1
+    count = len(rays)
+    mujoco.mj_multiRay(
+        world.model, data, data.cam_xpos[camera_id], rays.ravel(), groups, True, -1,
+        np.empty(count, np.int32), np.empty(count), np.empty(3 * count), count, 1e10,
+    )  # fmt: skip
+
+
+def best_ms(action: Callable[[], object]) -> float:
+    """Shortest duration of an action in milliseconds: other work on the machine only adds."""
+    action()
+    durations = []
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        action()
+        durations.append(time.perf_counter() - start)
+    return 1e3 * min(durations)
+
+
+def report(label: str, cost_ms: float, whole_ms: float) -> None:
+    """One line: what, how long, how much faster than the whole image by MuJoCo's rays."""
+    print(f"{label:42s} {cost_ms:8.3f} ms   1/{whole_ms / cost_ms:.0f}")
+
+
+if __name__ == "__main__":
+    main()
