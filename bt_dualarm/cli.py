@@ -107,6 +107,9 @@ def _show(
     _say_what_broke(result, arguments.record)
     if mode != "quiet":
         console.print(Report(file.name, result, arguments.record, symbols))
+    elif result.outcome != "SUCCESS":
+        errors = Console(stderr=True, highlight=False)
+        errors.print(Report(file.name, result, arguments.record, symbols))
     return SUCCEEDED if result.outcome == "SUCCESS" and complete else FAILED
 
 

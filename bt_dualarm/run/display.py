@@ -105,6 +105,8 @@ class QuietDisplay(AbstractContextManager["QuietDisplay"]):
 class LogDisplay(QuietDisplay):
     """A line per status change, for files, pipes and plain terminals.
 
+    That a node which had ended is set back for another start is no news, and not written.
+
     Args:
         console: Where it writes.
         symbols: The alphabet.
@@ -116,6 +118,8 @@ class LogDisplay(QuietDisplay):
 
     def on_event(self, change: StatusChange) -> None:
         """Write the line."""
+        if change.new == "INVALID" and change.old != "RUNNING":
+            return
         line = Text.assemble(
             (f"{change.time:9.3f} s", "dim"),
             f"  {change.arm}  ",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -44,18 +45,21 @@ def write_all(
         stop: The rest is left out once the end is urgent.
     """
     time, paths = tracks.time, tracks.positions()
-    drawings: dict[str, Callable[[], Figure]] = {"overview": lambda: overview(paths)}
+    drawings: dict[str, Callable[[], Figure]] = {"overview": partial(overview, paths)}
     for arm in result.arms:
-        leaves = series.of(arm.name)
+        leaves = {
+            leaf.partition("/")[2] or leaf: all_ for leaf, all_ in series.of(arm.name).items()
+        }
         if leaves:
-            drawings[f"{arm.name}_plane"] = lambda leaves=leaves: in_plane(leaves, time, paths)  # type: ignore[misc]
-            drawings[f"{arm.name}_time"] = lambda leaves=leaves: over_time(leaves)  # type: ignore[misc]
+            title = f"{arm.name} ({arm.robot})"
+            drawings[f"{arm.name}_plane"] = partial(in_plane, leaves, time, paths, title)
+            drawings[f"{arm.name}_time"] = partial(over_time, leaves, title)
     for name, draw in drawings.items():
         if stop.urgent or not len(time):
             return
         figure = draw()
         canvas = FigureCanvasAgg(figure)
-        write_whole(folder / f"{name}.png", lambda file, canvas=canvas: canvas.print_png(file))  # type: ignore[misc]
+        write_whole(folder / f"{name}.png", canvas.print_png)
         yield folder / f"{name}.png"
 
 
@@ -76,7 +80,10 @@ def overview(paths: Mapping[str, Matrix]) -> Figure:
 
 
 def in_plane(
-    leaves: Mapping[str, Sequence[Series]], time: Vector, paths: Mapping[str, Matrix]
+    leaves: Mapping[str, Sequence[Series]],
+    time: Vector,
+    paths: Mapping[str, Matrix],
+    title: str,
 ) -> Figure:
     """Each leaf's positions laid over each other in the plane in which they moved most.
 
@@ -84,11 +91,13 @@ def in_plane(
         leaves: Series of one arm, by leaf.
         time: Simulated seconds of ``paths``, of shape (n,).
         paths: Where tools and objects were.
+        title: Of the figure.
     """
     shown = {leaf: found for leaf, all_ in leaves.items() if (found := _positions(all_))}
     shown = dict(list(shown.items())[:_MAX_PANELS])
     count = max(1, len(shown))
     figure = Figure(figsize=(1 + 4.6 * count, 5.0), dpi=120, layout="constrained")
+    figure.suptitle(title)
     panels = figure.subplots(1, count, squeeze=False)[0]
     for axes, (leaf, series) in zip(panels, shown.items(), strict=False):
         u, v = _plane_of(series)
@@ -101,25 +110,48 @@ def in_plane(
     return figure
 
 
-def over_time(leaves: Mapping[str, Sequence[Series]]) -> Figure:
-    """Distances between what was meant and what was done, then every scalar, over time."""
+def over_time(leaves: Mapping[str, Sequence[Series]], title: str) -> Figure:
+    """Coordinates in the plane, distances between what was meant and what was done, scalars.
+
+    Args:
+        leaves: Series of one arm, by leaf.
+        title: Of the figure.
+    """
     rows = _errors(leaves)
     for leaf, all_ in leaves.items():
         for one in all_:
             if not one.is_position:
                 rows.setdefault(one.name, []).append((leaf, one.time, one.values[:, 0]))
-    count = max(1, len(rows))
-    figure = Figure(figsize=(9, 1 + 2.4 * count), dpi=120, layout="constrained")
-    panels = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]
-    for axes, (quantity, curves) in zip(panels, rows.items(), strict=False):
-        scale, unit = _shown_unit(quantity)
+    planes = [_plane_of(found) for all_ in leaves.values() if (found := _positions(all_))]
+    coordinates = planes[0] if planes else ()
+    count = max(1, len(rows) + len(coordinates))
+    figure = Figure(figsize=(9, 1 + 2.2 * count), dpi=120, layout="constrained")
+    figure.suptitle(title)
+    panels = list(figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0])
+    for axes, coordinate in zip(panels, coordinates, strict=False):
+        _draw_coordinate(axes, leaves, coordinate)
+    for axes, (quantity, curves) in zip(panels[len(coordinates) :], rows.items(), strict=False):
+        scale, label = _shown_unit(quantity)
         for (leaf, stamps, values), color in zip(curves, cycle(COLORS)):
             axes.plot(stamps, values * scale, color=color, linewidth=1.0, label=leaf)
-        axes.set_ylabel(unit)
-        axes.grid(visible=True, alpha=0.3)
+        axes.set_ylabel(label)
         axes.legend(fontsize=8, loc="upper right")
+    for axes in panels:
+        axes.grid(visible=True, alpha=0.3)
     panels[-1].set_xlabel("simulated time [s]")
     return figure
+
+
+def _draw_coordinate(axes: Any, leaves: Mapping[str, Sequence[Series]], coordinate: int) -> None:
+    """One coordinate of every position series; each name stands in the legend once."""
+    named: set[str] = set()
+    for all_ in leaves.values():
+        for one, style in _styled(_positions(all_)):
+            label = None if one.name in named else one.name
+            named.add(one.name)
+            axes.plot(one.time, one.values[:, coordinate], label=label, **style)
+    axes.set_ylabel(f"{_AXES[coordinate]} [m]")
+    axes.legend(fontsize=8, loc="upper right")
 
 
 def _errors(
@@ -137,7 +169,7 @@ def _errors(
                 [np.interp(one.time, reference.time, column) for column in reference.values.T]
             )
             distance = np.linalg.norm(one.values - ought, axis=1)
-            quantity = f"{one.name} to {reference.name}_m"
+            quantity = f"{reference.name} to {one.name}_m"
             rows.setdefault(quantity, []).append((leaf, one.time, distance))
     return rows
 

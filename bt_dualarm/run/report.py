@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console, ConsoleOptions, RenderResult
-from rich.padding import Padding
 from rich.text import Text
 
 from bt_dualarm.errors import Number
@@ -19,7 +18,12 @@ from bt_dualarm.tree.report import LeafReport
 _MOST_METRICS = 6
 """A line for a person names no more than this; the record has them all."""
 
-_SHOWN_AS = {"m": (1e3, "mm"), "rad": (180 / math.pi, "°"), "s": (1.0, "s")}
+_SHOWN_AS = {"m": (1e3, "mm"), "rad": (180 / math.pi, "deg"), "s": (1.0, "s")}
+
+_INDENT = " " * 6
+
+_READABLE = 36
+"""Columns that a sentence needs beside the names of the leaves."""
 
 
 @dataclass(frozen=True)
@@ -38,16 +42,12 @@ class Report:
     folder: Path | None
     symbols: Symbols
 
-    def __rich_console__(self, _console: Console, _options: ConsoleOptions) -> RenderResult:
+    def __rich_console__(self, _console: Console, options: ConsoleOptions) -> RenderResult:
         """A headline, a paragraph per arm, and where the record is."""
         yield self._headline()
         for arm in self.result.arms:
-            yield Padding(self._arm(arm), (0, 0, 0, 2))
-            for leaf in last_runs(arm):
-                if line := self._leaf(leaf):
-                    yield Padding(line, (0, 0, 0, 6))
-            if arm.fault:
-                yield Padding(Text(arm.fault, style="red"), (0, 0, 0, 6))
+            yield Text("  ").append_text(self._arm(arm))
+            yield from _entries(arm, options.max_width - len(_INDENT))
         if self.folder is not None:
             yield Text.assemble(("record: ", "dim"), str(self.folder))
 
@@ -75,29 +75,72 @@ class Report:
         word = outcome.replace("_", " ")
         return Text(f"{self.symbols.status[outcome]} {word}", style=STYLES[outcome])
 
-    def _leaf(self, leaf: LeafReport) -> Text | None:
-        """What a leaf measured, or why it failed; nothing where there is nothing to say."""
-        if leaf.status == "FAILURE":
-            line = Text(f"{leaf.path}  ", style="red")
-            return line.append(f"{leaf.code}: {leaf.reason}" if leaf.code else leaf.reason)
-        words = [in_words(name, value) for name, value in leaf.metrics.items()]
-        if leaf.status != "SUCCESS" or not words:
-            return None
-        return Text.assemble((f"{leaf.path}  ", "dim"), ", ".join(words[:_MOST_METRICS]))
-
 
 def last_runs(arm: ArmResult) -> Iterator[LeafReport]:
     """The last run of each leaf: a leaf that was retried has been heard before."""
     yield from {leaf.path: leaf for leaf in arm.leaves}.values()
 
 
+def _entries(arm: ArmResult, width: int) -> Iterator[Text]:
+    """What each leaf has to say, in a column beside the names or, where that is narrow, below."""
+    entries = [_Entry.of(leaf) for leaf in last_runs(arm)]
+    if arm.fault:
+        entries.append(_Entry("its tree", tuple(arm.fault.split()), "red"))
+    entries = [entry for entry in entries if entry.words]
+    column = max((len(entry.name) for entry in entries), default=0) + 2
+    beside = width - column >= _READABLE
+    gap = column if beside else 2
+    for entry in entries:
+        lines = flowed(entry.words, width - gap)
+        if not beside:
+            lines.insert(0, "")
+        text = Text(_INDENT).append(entry.name.ljust(column if beside else 0), entry.name_style)
+        yield text.append(f"\n{_INDENT}{' ' * gap}".join(lines), entry.style)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A leaf's name, and words (each may hold spaces) that stay whole when lines are broken."""
+
+    name: str
+    words: tuple[str, ...]
+    style: str
+
+    @classmethod
+    def of(cls, leaf: LeafReport) -> _Entry:
+        """What it measured, or why it failed. Its path without the root, which all leaves share."""
+        name = leaf.path.partition("/")[2] or leaf.path
+        if leaf.status == "FAILURE":
+            return cls(name, tuple(f"{leaf.code}: {leaf.reason}".split()), "red")
+        facts = [in_words(key, value) for key, value in leaf.metrics.items()][:_MOST_METRICS]
+        commas = [f"{fact}," for fact in facts[:-1]] + facts[-1:]
+        return cls(name, tuple(commas) if leaf.status == "SUCCESS" else (), "default")
+
+    @property
+    def name_style(self) -> str:
+        return "red" if self.style == "red" else "dim"
+
+
+def flowed(words: Sequence[str], width: int) -> list[str]:
+    """Lines of at most ``width`` columns that break between words only."""
+    lines = [""]
+    for word in words:
+        if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
+            lines.append(word)
+        else:
+            lines[-1] = f"{lines[-1]} {word}" if lines[-1] else word
+    return lines
+
+
 def in_words(name: str, value: Number) -> str:
     """``path_rms_m`` of 0.00012 is ``path rms 0.12 mm``: three digits, a unit people read."""
-    if isinstance(value, bool | str):
-        return f"{name.replace('_', ' ')} {str(value).lower() if value in (True, False) else value}"
+    plain = name.replace("_", " ")
+    if isinstance(value, bool):
+        return f"{plain} {'yes' if value else 'no'}"
+    if isinstance(value, str):
+        return f"{plain} {value}"
     stem, _, unit = name.rpartition("_")
     if not stem or unit not in _SHOWN_AS:
-        return f"{name.replace('_', ' ')} {value:.3g}"
+        return f"{plain} {value:.3g}" if isinstance(value, float) else f"{plain} {value}"
     factor, shown = _SHOWN_AS[unit]
-    gap = "" if shown == "°" else " "
-    return f"{stem.replace('_', ' ')} {value * factor:.3g}{gap}{shown}"
+    return f"{stem.replace('_', ' ')} {value * factor:.3g} {shown}"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
 from bt_dualarm.run.outcome import ArmResult, Outcome
 from bt_dualarm.run.parts import ArmView, Controller, Eye, Tree
 from bt_dualarm.run.schedule import Periodic
+from bt_dualarm.tree.report import NodeView
 
 _log = logging.getLogger(__name__)
 
@@ -64,6 +65,7 @@ class Station:
         self.outcome: Outcome | None = None
         self.ended_s: float | None = None
         self.fault = ""
+        self._before_halt: NodeView | None = None
         self._tree = equipment.tree
         self._controller = equipment.controller
         self._eye = equipment.eye
@@ -104,6 +106,7 @@ class Station:
     def halt(self, outcome: Outcome, time: float) -> None:
         """End a tree that is still running with this outcome, leaf by leaf."""
         if self.outcome is None:
+            self._before_halt = halted(self._tree.view())
             self._end(outcome, time)
             self._guarded("tree", self._tree.halt, time)
 
@@ -112,8 +115,9 @@ class Station:
         self._controller.stop()
 
     def view(self) -> ArmView:
-        """As it stands now."""
-        return ArmView(self.name, self.robot, self.outcome, self._tree.view(), self.fault)
+        """As it stands now; of a halted tree, what it had achieved until then."""
+        tree = self._before_halt or self._tree.view()
+        return ArmView(self.name, self.robot, self.outcome, tree, self.fault)
 
     def result(self) -> ArmResult:
         """What it did, at the end of the run or of its life."""
@@ -140,3 +144,12 @@ class Station:
             _log.exception("%s: the %s raised an exception at %.3f s", self.name, what, time)
             self._controller.stop()
             self.halt(Outcome.FAILURE, time)
+
+
+def halted(node: NodeView) -> NodeView:
+    """The same tree with nothing running: halting itself would wipe out what has ended, too."""
+    return replace(
+        node,
+        status="INVALID" if node.status == "RUNNING" else node.status,
+        children=tuple(halted(child) for child in node.children),
+    )

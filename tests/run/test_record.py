@@ -252,9 +252,10 @@ def test_an_error_plot_is_in_millimetres() -> None:
     series = SeriesLog()
     series.add("arm1", "circle", "planned", [0.0, 1.0], [[0, 0, 0], [0, 1, 0]])
     series.add("arm1", "circle", "executed", [0.0, 1.0], [[0.0, 0.0, 0.0], [0.0, 1.0, 0.002]])
-    figure: Figure = plots.over_time(series.of("arm1"))
-    (axes,) = figure.axes
-    assert axes.get_ylabel() == "executed to planned [mm]"
+    figure: Figure = plots.over_time(series.of("arm1"), "arm1")
+    *coordinates, axes = figure.axes
+    assert [one.get_ylabel() for one in coordinates] == ["y [m]", "z [m]"]
+    assert axes.get_ylabel() == "planned to executed [mm]"
     assert np.allclose(axes.lines[0].get_ydata(), [0.0, 2.0])
 
 
