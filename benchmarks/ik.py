@@ -1,0 +1,142 @@
+"""Inverse kinematics on random targets: how many are solved, how fast, and none falsely.
+
+    python benchmarks/ik.py [--targets 500] [--audit 10000] [--robots ur5 panda]
+
+A target is the tool pose of a random configuration within the limits; the start is the home
+posture. The audit mixes in targets out of reach and at singularities, and checks every answer with
+kinematics of its own (MuJoCo's).
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.motion.target import Tolerance
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.world.catalogue import Robot, load_robot, robot_names
+
+TOLERANCE = Tolerance(1e-4, 1e-3)
+
+
+class Judge:
+    """The tool pose by MuJoCo, which shares no code with the solver."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        spec = mujoco.MjSpec.from_string(robot.urdf_text)
+        spec.compiler.fusestatic = False  # the base and tool links must keep their names
+        self.model = spec.compile()
+        self._data = mujoco.MjData(self.model)
+        self._ids = [self.model.joint(name).qposadr[0] for name in robot.joints]
+
+    def tool(self, q: Vector) -> Pose:
+        """The tool in the base link's frame."""
+        self._data.qpos[self._ids] = q
+        mujoco.mj_kinematics(self.model, self._data)
+        return self._link(self._robot.base_link).inverse @ (
+            self._link(self._robot.tool_link) @ self._robot.tool
+        )
+
+    def solved(self, q: Vector, target: Pose) -> bool:
+        """Whether an answer is within the tolerance and the position limits."""
+        tool, limits = self.tool(q), self._robot.limits
+        inside = bool(np.all(q >= limits.lower) and np.all(q <= limits.upper))
+        near = tool.distance(target) <= TOLERANCE.position and tool.angle(target) <= TOLERANCE.angle
+        return inside and near
+
+    def _link(self, name: str) -> Pose:
+        body = self.model.body(name).id
+        return Pose(self._data.xpos[body].copy(), self._data.xquat[body].copy())
+
+
+def reachable(robot: Robot, judge: Judge, rng: np.random.Generator) -> Pose:
+    """The tool pose of a random configuration."""
+    return judge.tool(rng.uniform(robot.limits.lower, robot.limits.upper))
+
+
+def awkward(robot: Robot, judge: Judge, rng: np.random.Generator) -> Pose:
+    """A target that is singular, just within or beyond reach, or anywhere."""
+    q = rng.uniform(robot.limits.lower, robot.limits.upper)
+    kind = rng.integers(4)
+    if kind == 0:
+        q[rng.integers(len(q))] = 0.0  # stretched elbow or aligned wrist
+        return judge.tool(np.clip(q, robot.limits.lower, robot.limits.upper))
+    tool = judge.tool(q)
+    if kind == 1:
+        return Pose(tool.position * rng.uniform(1.0, 1.2), tool.quaternion)
+    turned = rng.normal(size=4)
+    turned /= np.linalg.norm(turned)
+    if kind == 2:
+        return Pose(tool.position, turned)
+    return Pose(rng.uniform(-1.5, 1.5, 3), turned)
+
+
+def timed(
+    solve: Callable[[Pose], Vector | None], targets: list[Pose], judge: Judge
+) -> tuple[float, Vector]:
+    """Share of the targets that are solved, and milliseconds for each."""
+    good, took = 0, []
+    for target in targets:
+        began = time.perf_counter()
+        q = solve(target)
+        took.append(1e3 * (time.perf_counter() - began))
+        good += q is not None and judge.solved(q, target)
+    return good / len(targets), np.array(took)
+
+
+def ours(robot: Robot) -> Callable[[Pose], Vector | None]:
+    """This project's solver, from the home posture."""
+    kinematics = Kinematics(robot, Pose.identity())
+    home = robot.postures["home"]
+
+    def solve(target: Pose) -> Vector | None:
+        try:
+            return kinematics.solve(target, home, TOLERANCE)
+        except Failure:
+            return None
+
+    return solve
+
+
+def audit(robot: Robot, judge: Judge, count: int) -> tuple[int, int]:
+    """Of awkward targets: how many are said to be solved, and how many of them are not."""
+    rng = np.random.default_rng(1)
+    solve, said, wrong = ours(robot), 0, 0
+    for _ in range(count):
+        target = awkward(robot, judge, rng)
+        q = solve(target)
+        said += q is not None
+        wrong += q is not None and not judge.solved(q, target)
+    return said, wrong
+
+
+def main() -> None:
+    """Print two lines for each robot."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--targets", type=int, default=500)
+    parser.add_argument("--audit", type=int, default=10_000)
+    parser.add_argument("--robots", nargs="+", default=["ur5", "panda"], choices=robot_names())
+    arguments = parser.parse_args()
+    for name in arguments.robots:
+        robot = load_robot(name)
+        judge = Judge(robot)
+        rng = np.random.default_rng(0)
+        targets = [reachable(robot, judge, rng) for _ in range(arguments.targets)]
+        share, took = timed(ours(robot), targets, judge)
+        print(
+            f"{name:6} {100 * share:.2f} % of {len(targets)} solved, "
+            f"median {np.median(took):.2f} ms, 95 % {np.quantile(took, 0.95):.2f} ms"
+        )
+        said, wrong = audit(robot, judge, arguments.audit)
+        print(f"{name:6} audit: {said} of {arguments.audit} said to be solved, {wrong} wrongly")
+
+
+if __name__ == "__main__":
+    main()
