@@ -35,6 +35,8 @@ def run(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     with stop_on_signals(StopRequest()) as stop:
         try:
+            if arguments.version:
+                return _version()
             if arguments.list:
                 return _list()
             if arguments.file is None:
@@ -50,13 +52,20 @@ def run(argv: Sequence[str] | None = None) -> int:
         return stop.exit_code or code
 
 
+def _version() -> int:
+    from importlib.metadata import version
+
+    print(f"bt-run {version('bt_dualarm')}")
+    return SUCCEEDED
+
+
 def _list() -> int:
     from bt_dualarm.run.shipped import shipped_trees
 
     trees = shipped_trees()
     width = max((len(tree.name) for tree in trees), default=0)
-    for tree in trees:
-        print(f"{tree.name:<{width}}  {tree.description}".rstrip())
+    lines = [f"{tree.name:<{width}}  {tree.description}".rstrip() for tree in trees]
+    print("\n".join(lines), flush=True)
     return SUCCEEDED
 
 
@@ -87,13 +96,17 @@ def _show(
     stop: StopRequest,
 ) -> int:
     """Run it before somebody's eyes; the terminal is given back before the last words."""
-    from rich.console import Console
-
-    from bt_dualarm.run.display import Caption, open_display, suited_mode, suited_symbols
+    from bt_dualarm.run.display import (
+        Caption,
+        Terminal,
+        open_display,
+        suited_mode,
+        suited_symbols,
+    )
     from bt_dualarm.run.pacing import RealTime
     from bt_dualarm.run.report import Report
 
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     mode = suited_mode(console, arguments.display)
     symbols = suited_symbols(console, ascii_only=arguments.ascii)
     if mode != "quiet" and session.assembly.message:
@@ -108,7 +121,7 @@ def _show(
     if mode != "quiet":
         console.print(Report(file.name, result, arguments.record, symbols))
     elif result.outcome != "SUCCESS":
-        errors = Console(stderr=True, highlight=False)
+        errors = Terminal(stderr=True, highlight=False)
         errors.print(Report(file.name, result, arguments.record, symbols))
     return SUCCEEDED if result.outcome == "SUCCESS" and complete else FAILED
 

@@ -63,18 +63,8 @@ def command_line() -> argparse.ArgumentParser:
         default=[],
         help="set a parameter that the file declares (may be repeated)",
     )
-    add("--version", action=_Version, nargs=0, help="print the version and end")
+    add("--version", action="store_true", help="print the version and end")
     return parser
-
-
-class _Version(argparse.Action):
-    """Looks the version up only when somebody asks."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        """Print it and end."""
-        from importlib.metadata import version
-
-        parser.exit(message=f"bt-run {version('bt_dualarm')}\n")
 
 
 def _seed(text: str) -> int:

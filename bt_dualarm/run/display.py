@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
@@ -21,6 +22,15 @@ Mode: TypeAlias = Literal["live", "log", "quiet"]
 
 _DRAW_EVERY_S = 0.1
 """Ten pictures a second on the wall, whatever the simulated clock does."""
+
+
+class Terminal(Console):
+    """A console that falls silent when whoever read it has gone, where rich's ends the program."""
+
+    def on_broken_pipe(self) -> None:
+        """Write no more; what Python flushes at its exit goes nowhere."""
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
 
 
 class Display(Observer, Protocol):
