@@ -66,10 +66,17 @@ def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Probl
     for name in kind.fixed & references_in(kind.ports, ports).keys():
         message = f"{node.kind}: {name}: cannot come from the blackboard"
         yield node.port_problem((name,), message, "write the value out, or use a parameter")
+    if node.kind == "parallel" and _count(ports.get("policy")) > len(node.children):
+        message = f"parallel: policy: {ports['policy']} of {len(node.children)} cannot succeed"
+        yield node.port_problem(("policy",), message, "all, any, or at most as many as children")
     for name, value in outputs.items():
         if reference_of(value) is None:
             message = f"{node.kind}: output '{name}' needs a key to write, not {describe(value)}"
             yield node.port_problem((name,), message, f'for example: {name}: "{{{name}}}"')
+
+
+def _count(policy: Data) -> int:
+    return policy if isinstance(policy, int) else 0
 
 
 def _unknown_name(

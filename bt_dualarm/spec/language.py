@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
-from pydantic import Field
+from pydantic import Field, WithJsonSchema
 
 from bt_dualarm.spec.ports import KEY, PortModel, Template, WrittenKey, port
 from bt_dualarm.spec.values import Duration
@@ -70,7 +70,9 @@ class Kind:
         return frozenset({"name", *lists, *slots, *self.outputs.model_fields})
 
 
-_KeyName: TypeAlias = Annotated[str, Field(pattern=rf"^{KEY.pattern}$"), WrittenKey()]
+_KeyName: TypeAlias = Annotated[
+    str, WrittenKey(), WithJsonSchema({"type": "string", "pattern": f"^{KEY.pattern}$"})
+]
 _Message: TypeAlias = Annotated[str, Field(max_length=500), Template()]
 _Count: TypeAlias = Annotated[int, Field(ge=1, le=1_000_000)]
 

@@ -9,22 +9,21 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from bt_dualarm.spec.check import Declared, check_tree
 from bt_dualarm.spec.document import TreeFile
+from bt_dualarm.spec.examine import Examination, declared_names
 from bt_dualarm.spec.explain import describe, explain
-from bt_dualarm.spec.language import LANGUAGE, Kind
+from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.library import FORMAT, Libraries
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.params import chosen, declared
 from bt_dualarm.spec.parse import Parser
-from bt_dualarm.spec.problems import Problem, SpecError, errors, in_order
+from bt_dualarm.spec.problems import Place, Problem, SpecError, errors, in_order
 from bt_dualarm.spec.reader import read_file
 from bt_dualarm.spec.scope import Scope, fill_parameters
+from bt_dualarm.spec.site import Site, SubtreeSpec
 from bt_dualarm.spec.source import Data, Source, with_tuples
 
-FORMAT: Final = 1
-"""Version of the format, the value of ``bt_dualarm:`` in a file."""
-
-_NOT_OF_THE_MODEL: Final = frozenset({"bt_dualarm", "params"})
+_NOT_OF_THE_MODEL: Final = frozenset({"bt_dualarm", "params", "subtrees", "include"})
 _STAND_IN: Final = NodeSpec("succeed", "succeed", {})
 
 
@@ -45,6 +44,8 @@ def load_tree_file(
     """
     loading = _Loading(FilePath(path), skills, params or {})
     file = loading.run()
+    if file is None and not errors(loading.problems):
+        loading.problems.append(Problem(Place(str(path)), "has subtrees only: nothing to run"))
     if file is None or errors(loading.problems):
         raise SpecError(errors(loading.problems))
     return file
@@ -88,9 +89,19 @@ class _Loading:
         specs = declared(source, ("params",), self.problems)
         values, complaints = chosen(specs, self.given, source.file)
         self.problems += complaints
-        trees = self._trees(source, Scope(values))
-        self._check_nodes(source, trees)
-        return self._model(source, values, trees)
+        libraries = Libraries(self.path.parent)
+        library = libraries.of(source)
+        self.problems += libraries.problems
+        trees = self._trees(Site(source, ("arms",), Scope(values), library))
+        examination = Examination(self.skills, declared_names(source))
+        self._examine_subtrees(source, library, examination)
+        for root in trees.values():
+            examination.tree(root)
+        file = self._model(source, values, trees)
+        if file is not None and not errors((*self.problems, *examination.problems)):
+            examination.file(file, source)
+        self.problems += examination.problems
+        return file
 
     def _check_version(self, source: Source) -> None:
         version = source.data.get("bt_dualarm")
@@ -101,20 +112,41 @@ class _Loading:
             message = f"version {describe(version)} of the format is not known"
             self.problems.append(source.problem(("bt_dualarm",), message, f"known here: {FORMAT}"))
 
-    def _trees(self, source: Source, scope: Scope) -> dict[str, NodeSpec]:
-        arms = source.data.get("arms")
+    def _trees(self, arms: Site) -> dict[str, NodeSpec]:
+        """The tree of each arm that has one; a stand-in where it cannot be parsed."""
         trees = {}
-        for arm, body in arms.items() if isinstance(arms, dict) else ():
+        for arm, body in arms.data.items() if isinstance(arms.data, dict) else ():
             if isinstance(body, dict) and "tree" in body:
-                parser = Parser()
-                root = parser.node(body["tree"], source, ("arms", arm, "tree"), scope)
-                self.problems += parser.problems
-                trees[arm] = root or _STAND_IN
+                trees[arm] = self._parsed(arms.into(arm, "tree")) or _STAND_IN
         return trees
+
+    def _parsed(self, site: Site) -> NodeSpec | None:
+        parser = Parser()
+        root = parser.node(site.data, site)
+        self.problems += parser.problems
+        return root
+
+    def _examine_subtrees(
+        self, source: Source, library: Mapping[str, SubtreeSpec], examination: Examination
+    ) -> None:
+        """Look at this file's subtrees by themselves too: one may not be used yet."""
+        for subtree in library.values():
+            if subtree.source is not source:
+                continue
+            values = {
+                name: f"{{{name}}}" if spec.default is None else spec.default
+                for name, spec in subtree.params.items()
+            }
+            site = Site(source, subtree.path, Scope(values), subtree.library, (subtree,))
+            root = self._parsed(site)
+            if root is not None:
+                examination.nodes(root)
 
     def _model(
         self, source: Source, values: Mapping[str, Data], trees: Mapping[str, NodeSpec]
     ) -> TreeFile | None:
+        if "arms" not in source.data and "subtrees" in source.data:
+            return None  # a file to include
         data = {key: item for key, item in source.data.items() if key not in _NOT_OF_THE_MODEL}
         data = fill_parameters(data, values)
         data.setdefault("name", self.path.stem)
@@ -130,14 +162,3 @@ class _Loading:
                 )
             return None
         return file.model_copy(update={"path": self.path})
-
-    def _check_nodes(self, source: Source, trees: Mapping[str, NodeSpec]) -> None:
-        sorts = {"object": source.data.get("objects"), "arm": source.data.get("arms")}
-        names = {
-            sort: frozenset(items) if isinstance(items, dict) else frozenset()
-            for sort, items in sorts.items()
-        }
-        kinds = {**LANGUAGE, **(self.skills or {})}
-        for root in trees.values():
-            complete = self.skills is not None
-            self.problems += check_tree(root, kinds, Declared(names), complete=complete)

@@ -4,26 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
+from bt_dualarm.spec.expand import Expansion
 from bt_dualarm.spec.explain import describe
 from bt_dualarm.spec.language import LANGUAGE, Kind
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import KEY, Template, WrittenKey, reference_of
 from bt_dualarm.spec.problems import Problem
-from bt_dualarm.spec.scope import Scope
-from bt_dualarm.spec.source import Data, Path, Source
+from bt_dualarm.spec.site import Site
+from bt_dualarm.spec.source import Data
 
 MAX_EXPANDED: Final = 10_000
 """Nodes of one tree with every use of a subtree written out."""
 
+_DEEPEST: Final = 64
 _LONGEST_NAME: Final = 60
-_LEAF: Final = Kind("leaf", "")
+_KEY_RULE: Final = "a key has letters, digits and _ and begins with a letter"
+_Place: TypeAlias = tuple[str, Data, Site]
+"""What a child is to its node, its data, where it stands."""
 
 
 @dataclass
 class Parser:
-    """Parses the trees of one file; collects what is wrong on the way.
+    """Parses one tree, writing out the subtrees that it uses.
 
     Attributes:
         problems: Found so far.
@@ -31,39 +35,49 @@ class Parser:
 
     problems: list[Problem] = field(default_factory=list)
     _count: int = 0
+    _uses: int = 0
 
-    def node(self, data: Data, source: Source, path: Path, scope: Scope) -> NodeSpec | None:
-        """The node at ``path``, or None with the reason among the problems."""
+    def node(self, data: Data, site: Site) -> NodeSpec | None:
+        """The node that ``data`` is, or None with the reason among the problems."""
         self._count += 1
         if self._count > MAX_EXPANDED:
             if self._count == MAX_EXPANDED + 1:
-                self._add(source, path, f"the trees have more than {MAX_EXPANDED} nodes")
+                self._add(site, f"the tree has more than {MAX_EXPANDED} nodes")
+            return None
+        if site.depth >= _DEEPEST:
+            self._add(site, f"nodes are nested deeper than {_DEEPEST} levels")
             return None
         if isinstance(data, str):
             data = {data: None}
         if not isinstance(data, dict) or len(data) != 1:
-            self._add(source, path, *_not_a_node(data))
+            self._add(site, *_not_a_node(data))
             return None
-        kind_name, body = next(iter(data.items()))
-        kind = LANGUAGE.get(kind_name, _LEAF)
-        fields = self._fields(kind, kind_name, body, source, path)
-        name = self._name(fields.pop("name", None), kind_name, source, path)
-        children = tuple(self._children(kind, kind_name, fields, source, path, scope))
-        for place in kind.places:
-            fields.pop(place, None)
+        name, body = next(iter(data.items()))
+        return self._known_node(LANGUAGE.get(name) or Kind(name, ""), body, site.deeper())
+
+    def _known_node(self, kind: Kind, body: Data, site: Site) -> NodeSpec:
+        here = site.into(kind.name)
+        fields = self._fields(kind, body, here)
+        name = self._name(fields.get("name"), kind, fields, here)
+        children = list(self._children(kind, fields, here))
+        ports = {
+            port: self._port(kind, port, value, here.into(port))
+            for port, value in fields.items()
+            if port not in kind.places - kind.outputs.model_fields.keys()
+        }
+        if kind.name == "subtree":
+            children += self._use(ports, here)
         return NodeSpec(
-            kind_name,
+            kind.name,
             name,
-            self._ports(kind, kind_name, fields, source, path, scope),
+            ports,
             tuple(child for _, child in children),
             tuple(slot for slot, _ in children),
-            source,
-            path,
+            site.source,
+            site.path,
         )
 
-    def _fields(
-        self, kind: Kind, name: str, body: Data, source: Source, path: Path
-    ) -> dict[str, Data]:
+    def _fields(self, kind: Kind, body: Data, here: Site) -> dict[str, Data]:
         """The body of a node as a mapping, whichever notation it has."""
         if body is None:
             return {}
@@ -75,13 +89,13 @@ class Parser:
             return {kind.shorthand: body}
         wanted = "a list of nodes" if kind.many else "a mapping of ports"
         hint = f"for example: {kind.example}" if kind.example else ""
-        message = f"{name}: expected {wanted}, not {describe(body)}"
-        self._add(source, (*path, name), message, hint)
+        self._add(here, f"{kind.name}: expected {wanted}, not {describe(body)}", hint)
         return {}
 
-    def _name(self, given: Data, kind_name: str, source: Source, path: Path) -> str:
+    def _name(self, given: Data, kind: Kind, fields: Mapping[str, Data], here: Site) -> str:
+        default = fields.get("use") if kind.name == "subtree" else kind.name
         if given is None:
-            return kind_name
+            return default if isinstance(default, str) else kind.name
         if (
             isinstance(given, str)
             and 0 < len(given) <= _LONGEST_NAME
@@ -90,97 +104,84 @@ class Parser:
         ):
             return given
         hint = f"at most {_LONGEST_NAME} characters, without / # {{ }}"
-        message = f"name: {describe(given)} cannot be a node's name"
-        self._add(source, (*path, kind_name, "name"), message, hint)
-        return kind_name
+        self._add(here.into("name"), f"name: {describe(given)} cannot be a node's name", hint)
+        return kind.name
 
     def _children(
-        self,
-        kind: Kind,
-        kind_name: str,
-        fields: Mapping[str, Data],
-        source: Source,
-        path: Path,
-        scope: Scope,
+        self, kind: Kind, fields: Mapping[str, Data], here: Site
     ) -> Iterator[tuple[str, NodeSpec]]:
-        here = (*path, kind_name)
-        for slot, data, place in self._places(kind, kind_name, fields, source, here):
-            child = self.node(data, source, place, scope)
+        for slot, data, site in self._places(kind, fields, here):
+            child = self.node(data, site)
             if child is not None:
                 yield slot, child
 
-    def _places(
-        self, kind: Kind, name: str, fields: Mapping[str, Data], source: Source, here: Path
-    ) -> Iterator[tuple[str, Data, Path]]:
-        """Each child's place in the node, its data, and its path in the file."""
+    def _places(self, kind: Kind, fields: Mapping[str, Data], here: Site) -> Iterator[_Place]:
         if kind.many:
-            yield from self._list(name, fields.get("children"), source, here)
+            yield from self._list(kind, fields.get("children"), here)
         if kind.cases:
-            yield from self._cases(name, fields.get("cases"), source, (*here, "cases"))
+            yield from self._cases(kind, fields.get("cases"), here.into("cases"))
         for slot in kind.slots:
             if fields.get(slot.name) is not None:
-                yield slot.name, fields[slot.name], (*here, slot.name)
+                yield slot.name, fields[slot.name], here.into(slot.name)
             elif slot.required:
-                message = f"{name}: '{slot.name}' is missing"
-                self._add(source, here, message, f"{slot.name}: a node", key=True)
+                message = f"{kind.name}: '{slot.name}' is missing"
+                self._add(here, message, f"{slot.name}: a node", key=True)
 
-    def _list(
-        self, name: str, children: Data, source: Source, here: Path
-    ) -> Iterator[tuple[str, Data, Path]]:
-        path = (*here, "children") if (*here, "children") in source.values else here
+    def _list(self, kind: Kind, children: Data, here: Site) -> Iterator[_Place]:
+        if isinstance(here.data, dict):
+            here = here.into("children")
         if not isinstance(children, list) or not children:
-            hint = f"{name}: [node, node, …], or a mapping with 'children'"
-            self._add(source, path, f"{name}: has no children", hint, key=True)
+            hint = f"{kind.name}: [node, node, …], or a mapping with 'children'"
+            self._add(here, f"{kind.name}: has no children", hint, key=True)
             return
         for index, child in enumerate(children):
-            yield "children", child, (*path, index)
+            yield "children", child, here.into(index)
 
-    def _cases(
-        self, name: str, cases: Data, source: Source, path: Path
-    ) -> Iterator[tuple[str, Data, Path]]:
+    def _cases(self, kind: Kind, cases: Data, here: Site) -> Iterator[_Place]:
         if not isinstance(cases, dict) or not cases:
-            hint = "cases: {value: node, value: node}"
-            self._add(source, path, f"{name}: has no cases", hint, key=True)
+            self._add(here, f"{kind.name}: has no cases", "cases: {value: node, …}", key=True)
             return
         for case, child in cases.items():
-            yield case, child, (*path, case)
+            yield case, child, here.into(case)
 
-    def _ports(
-        self,
-        kind: Kind,
-        kind_name: str,
-        fields: Mapping[str, Data],
-        source: Source,
-        path: Path,
-        scope: Scope,
-    ) -> dict[str, Data]:
-        ports: dict[str, Data] = {}
-        for name, value in fields.items():
-            self._check_references(value, source, (*path, kind_name, name))
-            metadata = _metadata(kind, name)
-            if Template in metadata and isinstance(value, str):
-                ports[name] = scope.fill_text(value)
-            elif WrittenKey in metadata and isinstance(value, str) and KEY.fullmatch(value):
-                ports[name] = scope.key(value)
-            else:
-                ports[name] = scope.fill(value)
-        return ports
+    def _port(self, kind: Kind, port: str, value: Data, here: Site) -> Data:
+        """The value of a port with its references resolved, as far as they can be by now."""
+        self._check_references(value, here)
+        metadata = _metadata(kind, port)
+        if isinstance(value, str):
+            if Template in metadata:
+                return here.scope.fill_text(value)
+            if WrittenKey in metadata:
+                return self._written_key(value, here)
+        return here.scope.fill(value)
 
-    def _check_references(self, value: Data, source: Source, path: Path) -> None:
+    def _written_key(self, value: str, here: Site) -> str:
+        if not KEY.fullmatch(value):
+            name = here.path[-1]
+            self._add(here, f"{name}: {describe(value)} cannot be a key", _KEY_RULE)
+        return here.scope.key(value)
+
+    def _check_references(self, value: Data, here: Site) -> None:
         if isinstance(value, (dict, list)):
             items = value.items() if isinstance(value, dict) else enumerate(value)
             for part, item in items:
-                self._check_references(item, source, (*path, part))
+                self._check_references(item, here.into(part))
             return
         key = reference_of(value)
         if key is not None and not KEY.fullmatch(key):
-            hint = "a key has letters, digits and _ and begins with a letter"
-            self._add(source, path, f"'{{{key}}}' is not a reference to a key", hint)
+            self._add(here, f"'{{{key}}}' is not a reference to a key", _KEY_RULE)
 
-    def _add(
-        self, source: Source, path: Path, message: str, hint: str = "", *, key: bool = False
-    ) -> None:
-        self.problems.append(source.problem(path, message, hint, key=key))
+    def _use(self, ports: Mapping[str, Data], here: Site) -> list[tuple[str, NodeSpec]]:
+        """Write out the subtree that a node uses."""
+        self._uses += 1
+        expansion = Expansion(here, ports, self._uses)
+        site = expansion.site()
+        self.problems += expansion.problems
+        root = self.node(site.data, site) if site is not None else None
+        return [] if root is None else [("child", root)]
+
+    def _add(self, site: Site, message: str, hint: str = "", *, key: bool = False) -> None:
+        self.problems.append(site.problem(message, hint, key=key))
 
 
 def _metadata(kind: Kind, port: str) -> set[type[Any]]:

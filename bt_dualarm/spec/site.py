@@ -1,0 +1,68 @@
+"""Where a piece of a tree is being parsed: the file, the path in it, and what names mean there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from bt_dualarm.spec.params import ParamSpec
+from bt_dualarm.spec.problems import Problem
+from bt_dualarm.spec.scope import Scope
+from bt_dualarm.spec.source import Data, Path, Source
+
+
+@dataclass(frozen=True, eq=False)
+class SubtreeSpec:
+    """A subtree as a file declares it.
+
+    Attributes:
+        name: In the file that declares it.
+        source: That file.
+        path: Of its tree in that file.
+        params: What a use may set.
+        library: Subtrees that its own nodes may use.
+    """
+
+    name: str
+    source: Source
+    path: Path
+    params: Mapping[str, ParamSpec]
+    library: Mapping[str, SubtreeSpec]
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place in a file, with what is visible from it.
+
+    Attributes:
+        source: The file.
+        path: In the file.
+        scope: What references mean.
+        library: Subtrees by name.
+        uses: Subtrees that are being written out here, outermost first.
+        depth: Nodes above it, in all files.
+    """
+
+    source: Source
+    path: Path
+    scope: Scope = field(default_factory=Scope)
+    library: Mapping[str, SubtreeSpec] = field(default_factory=dict)
+    uses: tuple[SubtreeSpec, ...] = ()
+    depth: int = 0
+
+    def into(self, *parts: str | int) -> Site:
+        """The place that these keys and indices lead to."""
+        return replace(self, path=(*self.path, *parts))
+
+    def deeper(self) -> Site:
+        """The same place, below one more node."""
+        return replace(self, depth=self.depth + 1)
+
+    @property
+    def data(self) -> Data:
+        """What the file says here."""
+        return self.source.get(self.path)
+
+    def problem(self, message: str, hint: str = "", *, key: bool = False) -> Problem:
+        """An error here."""
+        return self.source.problem(self.path, message, hint, key=key)
