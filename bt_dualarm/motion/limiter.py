@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from bt_dualarm.pose import Vector
+from bt_dualarm.motion.braking import stopping_distance
+from bt_dualarm.motion.pursuit import Pursuit
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
 
-_ROUNDING = 1e-6  # relative: floating point, not motion
-_BANDWIDTH = 25.0  # rad/s, with which a clipped stream is followed
-_BRAKE_SHARE = 0.5  # of the acceleration is planned for braking before a position limit
+_Flags: TypeAlias = npt.NDArray[np.bool_]
+
+_ROUNDING = 1e-6  # rad, and share of the rates' limits: floating point, not motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +31,8 @@ class SetPointLimiter:
     """Passes set-points that keep to the limits, bends those that do not, and counts them.
 
     Velocity, acceleration (as given and as the change of velocity), jerk and position are looked
-    at from one set-point to the next.
+    at from one set-point to the next, and whether the joint could still stop before its position
+    limit. Joints that break a limit pursue what was wanted of them; the others are not disturbed.
 
     Args:
         limits: The arm's limits.
@@ -41,51 +46,76 @@ class SetPointLimiter:
         self.sent = SetPoint(start.copy(), rest, rest)
         self._limits = limits
         self._period = period
-        rates = (limits.velocity, limits.acceleration, limits.acceleration, limits.jerk)
-        self._bounds = np.concatenate(rates) * (1 + _ROUNDING)
-        self._lower, self._upper = limits.lower - _ROUNDING, limits.upper + _ROUNDING
+        self._pursuit = Pursuit(limits, period)
+        rates = np.array((limits.velocity, limits.acceleration, limits.acceleration, limits.jerk))
+        steps = np.array((1.0, 1.0, period, period))[:, None]
+        drift = limits.acceleration * period**2
+        self._bounds = np.vstack((rates * steps * (1 + _ROUNDING), drift))
+        self._found = np.empty_like(self._bounds)
+        # With less speed than this no acceleration within its limit can lead past the limit.
+        self._calm = limits.velocity - limits.acceleration**2 / (2 * limits.jerk)
+        # Far from its position limits a joint can stop from whatever speed it may have.
+        top, still = limits.velocity, np.zeros_like(start)
+        longest = 1.01 * stopping_distance(top, still, limits.acceleration, limits.jerk)
+        self._inner = limits.lower + longest, limits.upper - longest
 
     def send(self, wanted: SetPoint) -> SetPoint:
         """The set-point to follow now: ``wanted``, or the nearest that the limits allow."""
-        if not self._allowed(wanted):
+        within = self._within(wanted)
+        if not within.all() or not self._holds_on(wanted).all():
             self.clipped += 1
             wanted = self._bent(wanted)
         self.sent = wanted
         return wanted
 
-    def _allowed(self, wanted: SetPoint) -> bool:
-        last, dt = self.sent, self._period
-        rates = np.concatenate(
-            (wanted.v, wanted.a, (wanted.v - last.v) / dt, (wanted.a - last.a) / dt)
-        )
-        if not (np.abs(rates) <= self._bounds).all():
-            return False
-        if not ((wanted.q >= self._lower) & (wanted.q <= self._upper)).all():
-            return False
-        drift = np.abs(wanted.q - last.q - 0.5 * (wanted.v + last.v) * dt)
-        return bool((drift <= self._limits.acceleration * dt * dt).all())
+    def _within(self, wanted: SetPoint) -> _Flags:
+        """Which limits are kept from the last set-point to this one, of shape (5, dof)."""
+        last, found = self.sent, self._found
+        found[0] = wanted.v
+        found[1] = wanted.a
+        np.subtract(wanted.v, last.v, out=found[2])
+        np.subtract(wanted.a, last.a, out=found[3])
+        np.subtract(wanted.q - last.q, (0.5 * self._period) * (wanted.v + last.v), out=found[4])
+        np.abs(found, out=found)
+        kept: _Flags = found <= self._bounds
+        return kept
+
+    def _holds_on(self, wanted: SetPoint) -> _Flags:
+        """Whether a joint could go on from there without breaking a limit, of shape (dof,)."""
+        low, high = self._inner
+        q, v, a = wanted.q, wanted.v, wanted.a
+        easy: _Flags = (np.abs(v) < self._calm) & (q > low) & (q < high)
+        if easy.all():
+            return easy
+        return easy | self._can_go_on(q, v, a)
+
+    def _can_go_on(self, q: Vector, v: Vector, a: Vector) -> _Flags:
+        limits = self._limits
+        rates = limits.acceleration, limits.jerk
+        fast = np.abs(v + a * np.abs(a) / (2 * limits.jerk))
+        ahead = q + stopping_distance(v, a, *rates)
+        behind = q - stopping_distance(-v, -a, *rates)
+        in_reach = (behind >= limits.lower - _ROUNDING) & (ahead <= limits.upper + _ROUNDING)
+        kept: _Flags = in_reach & (fast <= limits.velocity * (1 + _ROUNDING))
+        return kept
 
     def _bent(self, wanted: SetPoint) -> SetPoint:
-        """A critically damped pursuit of ``wanted`` with bounded jerk."""
-        last, dt, limits = self.sent, self._period, self._limits
-        pursuit = np.nan_to_num(
-            wanted.a + 2 * _BANDWIDTH * (wanted.v - last.v) + _BANDWIDTH**2 * (wanted.q - last.q)
-        )
-        low, high = self._velocity_bounds(last.q)
-        fall = -np.sqrt(2 * limits.jerk * np.maximum(last.v - low, 0.0))
-        rise = np.sqrt(2 * limits.jerk * np.maximum(high - last.v, 0.0))
-        goal = np.clip(
-            pursuit, np.maximum(fall, -limits.acceleration), np.minimum(rise, limits.acceleration)
-        )
-        a = last.a + np.clip(goal - last.a, -limits.jerk * dt, limits.jerk * dt)
-        v = np.clip(last.v + 0.5 * (last.a + a) * dt, -limits.velocity, limits.velocity)
-        q = np.clip(last.q + 0.5 * (last.v + v) * dt, limits.lower, limits.upper)
-        return SetPoint(q, v, a)
+        """Joints that keep the limits as wanted, the others one step towards it or to rest."""
+        limits, last = self._limits, self.sent
+        now = np.array((last.q, last.v, last.a))
+        ask = np.array((wanted.q, wanted.v, wanted.a))
+        known = np.isfinite(ask).all(axis=0)
+        goal = np.where(known, ask, now)
+        good = known & self._within(wanted).all(axis=0) & self._can_go_on(*goal)
+        step = self._pursuit.towards(self._reachable(goal), now)
+        safe = known & self._can_go_on(*step)
+        if not (safe | good).all():
+            step = np.where(safe, step, self._pursuit.to_rest(now))
+        step = np.where(good, ask, step)
+        # Braking ends on a position limit but for rounding.
+        return SetPoint(np.clip(step[0], limits.lower, limits.upper), step[1], step[2])
 
-    def _velocity_bounds(self, q: Vector) -> tuple[Vector, Vector]:
-        """Velocities from which the arm can still brake before its position limits."""
-        limits = self._limits
-        braking = 2 * _BRAKE_SHARE * limits.acceleration
-        down = np.sqrt(braking * np.maximum(q - limits.lower, 0.0))
-        up = np.sqrt(braking * np.maximum(limits.upper - q, 0.0))
-        return -np.minimum(down, limits.velocity), np.minimum(up, limits.velocity)
+    def _reachable(self, ask: Matrix) -> Matrix:
+        """What lies beyond a position limit is wanted at rest on it."""
+        place = np.clip(ask[0], self._limits.lower, self._limits.upper)
+        return np.where(place == ask[0], ask, np.array((place, 0 * place, 0 * place)))
