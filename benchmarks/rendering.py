@@ -1,7 +1,8 @@
 """What a frame costs: rendering, detection, estimation; run ``python benchmarks/rendering.py``.
 
 Scene of ``trees/pick_and_track.yaml``: the UR5 holds the cube 0.35 m before the Panda's wrist
-camera. Times are the best of many in milliseconds; ratios are to the whole image by ``mj_multiRay``.
+camera. Times are the best of many, in milliseconds; ratios are to ``mj_multiRay`` and its whole
+image.
 """
 
 from __future__ import annotations
