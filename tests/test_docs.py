@@ -21,7 +21,6 @@ EXAMPLE_PAGES = ("README.md",)
 
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)(#[\w-]+)?\)")
-COMMAND = re.compile(r"^(?:\.venv/bin/)?(bt-\w+|make|bash|python3?|pip)\b")
 
 RUN_ELSEWHERE = {
     "python3 -m venv .venv": "Makefile, and tests/test_packaging.py",
@@ -41,11 +40,18 @@ class Block:
 
     @property
     def commands(self) -> list[str]:
-        """Its commands without their comments; none if it is no block of commands."""
-        if self.language not in {"bash", "console", "sh"}:
-            return []
+        """Its commands without their comments: every line of bash, what follows $ on a console."""
         lines = (re.sub(r"\s+#.*", "", line).strip() for line in self.text.splitlines())
-        return [line for line in lines if line and not line.startswith("#")]
+        if self.language == "console":
+            return [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
+        if self.language == "bash":
+            return [line for line in lines if line and not line.startswith("#")]
+        return []
+
+    @property
+    def said(self) -> str:
+        """What the command of a console block says."""
+        return self.text.partition("\n")[2]
 
     @property
     def file_name(self) -> str:
@@ -93,30 +99,42 @@ def test_make_knows_the_target(command: str) -> None:
     assert dry.returncode == 0, dry.stderr
 
 
+def run_in(folder: Path, command: str) -> subprocess.CompletedProcess[str]:
+    """Run a command of a page with this environment's programs; both outputs in one."""
+    program, *arguments = command.removeprefix(".venv/bin/").split()
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    return subprocess.run(
+        [program, *arguments],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", EXAMPLE_PAGES)
 def test_examples_work_in_the_order_of_the_page(page: str, tmp_path: Path) -> None:
-    """A reader who saves every file and types every command sees each of them succeed."""
+    """A reader who saves every file and types every command sees what the page says.
+
+    Commands in bash blocks succeed; those in console blocks say what stands below them.
+    """
     shutil.copytree(share_dir("trees"), tmp_path / "trees")
-    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     for block in blocks_of(ROOT / page):
         if block.file_name:
             (tmp_path / block.file_name).parent.mkdir(exist_ok=True)
             (tmp_path / block.file_name).write_text(block.text, encoding="utf-8")
         for command in block.commands:
-            program, *arguments = command.removeprefix(".venv/bin/").split()
-            if not program.startswith("bt-"):
+            if not command.removeprefix(".venv/bin/").startswith("bt-"):
                 continue
-            done = subprocess.run(
-                [program, *arguments],
-                cwd=tmp_path,
-                env=environment,
-                capture_output=True,
-                text=True,
-                check=False,
-                timeout=300,
-            )
-            assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+            done = run_in(tmp_path, command)
+            if block.language == "console":
+                assert done.stdout == block.said
+            else:
+                assert done.returncode == 0, f"{command}\n{done.stdout}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
