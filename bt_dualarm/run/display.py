@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal, Protocol, TypeAlias
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
@@ -202,4 +202,5 @@ class LiveDisplay(QuietDisplay):
             arms=run.arms(),
             symbols=self._symbols,
         )
-        self._live.update(picture, refresh=True)
+        # The cursor rests on an empty line: the ^C that a terminal echoes there breaks nothing.
+        self._live.update(Group(picture, Text()), refresh=True)
