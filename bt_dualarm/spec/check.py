@@ -12,9 +12,9 @@ from pydantic.fields import FieldInfo
 from bt_dualarm.spec.explain import describe, explain
 from bt_dualarm.spec.language import Kind
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.ports import reference_of, references_in, validate_literals
+from bt_dualarm.spec.ports import key_name, reference_of, references_in, validate_literals
 from bt_dualarm.spec.problems import Problem, suggestion
-from bt_dualarm.spec.source import Data
+from bt_dualarm.spec.source import Data, Path
 from bt_dualarm.spec.values import Refers
 
 
@@ -53,6 +53,7 @@ def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Probl
     """Everything wrong with one node's ports and outputs."""
     outputs = {name: node.ports[name] for name in kind.outputs.model_fields if name in node.ports}
     ports = {name: value for name, value in node.ports.items() if name not in outputs}
+    known: set[Path] = set()
     try:
         validate_literals(kind.ports, ports)
     except ValidationError as error:
@@ -60,6 +61,11 @@ def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Probl
             message = f"{node.kind}: {found.message}"
             at_key = found.at_key or not found.path
             yield node.port_problem(found.path, message, found.hint, key=at_key)
+            known.add(found.path)
+    for path, key in _inner_references(ports if node.kind != "subtree" else {}):
+        if path not in known:
+            message = f"{node.kind}: '{{{key_name(key)}}}' is no parameter"
+            yield node.port_problem(path, message, "a key can only stand for a whole port")
     for name, field in kind.ports.model_fields.items():
         if name in ports:
             yield from _unknown_name(node, name, field, ports[name], declared)
@@ -73,6 +79,16 @@ def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Probl
         if reference_of(value) is None:
             message = f"{node.kind}: output '{name}' needs a key to write, not {describe(value)}"
             yield node.port_problem((name,), message, f'for example: {name}: "{{{name}}}"')
+
+
+def _inner_references(data: Data, path: Path = ()) -> Iterator[tuple[Path, str]]:
+    """References inside of a port's value, where they cannot be replaced in a running tree."""
+    if isinstance(data, (dict, list)):
+        for part, item in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _inner_references(item, (*path, part))
+    key = reference_of(data)
+    if key is not None and len(path) > 1:
+        yield path, key
 
 
 def _count(policy: Data) -> int:

@@ -55,6 +55,7 @@ class Expansion:
             subtree.library,
             (*self.here.uses, subtree),
             self.here.depth,
+            self.here.source.key_place(self.here.path),
         )
 
     def _values(self, subtree: SubtreeSpec) -> dict[str, Data]:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from bt_dualarm.spec.ports import reference_of, unit_of
+from bt_dualarm.spec.ports import key_name, reference_of, shown, unit_of
 from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.spec.source import Data, Path
 
@@ -93,6 +93,7 @@ def describe(value: Data) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
+        value = shown(value)
         return f"text '{value if len(value) <= 40 else value[:37] + '...'}'"
     if isinstance(value, dict):
         return "a mapping"
@@ -168,7 +169,7 @@ def _reference_hint(given: Data) -> str:
     key = reference_of(given)
     if key is None:
         return ""
-    return f"there is no parameter '{key}', and a blackboard key stands for a whole port only"
+    return f"there is no parameter '{key_name(key)}', and a key stands for a whole port only"
 
 
 def _path_in(data: Data, location: _Location) -> Path:

@@ -20,6 +20,7 @@ from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import (
     REFERENCE,
     PortModel,
+    key_name,
     only,
     reference_of,
     references_in,
@@ -121,25 +122,15 @@ class Flow:
         return new
 
     def _check(self, read: Read, writes: list[Write], everywhere: set[str]) -> None:
-        path = (read.port,)
         if not writes:
-            name = shown(read.key)
-            message = f"{read.node.kind}: no node before this one writes '{{{name}}}'"
-            hint = "it is written further down only" if read.key in everywhere else ""
-            scope = read.key.removesuffix(name)
-            siblings = {shown(key) for key in everywhere if key.removesuffix(shown(key)) == scope}
-            hint = hint or suggestion(name, siblings, "key written")
-            self.problems.append(read.node.port_problem(path, message, hint))
-            return
-        if read.model is None:
-            return
+            self.problems.append(_never_written(read, everywhere))
         for write in writes:
-            complaint = _misfit(read.model, read.port, write)
+            complaint = _misfit(read.model, read.port, write) if read.model else ""
             if complaint:
-                line = f"{write.node.source.file}:{write.node.place.line}"
+                place = write.node.place
+                hint = f"'{{{key_name(read.key)}}}' is written at {place}"
                 message = f"{read.node.kind}: {complaint}"
-                hint = f"'{{{shown(read.key)}}}' is written at {line}"
-                self.problems.append(read.node.port_problem(path, message, hint))
+                self.problems.append(read.node.port_problem((read.port,), message, hint))
 
     def _writes_of(self, node: NodeSpec) -> Iterator[Write]:
         if node.kind == "set":
@@ -164,9 +155,18 @@ class Flow:
                 yield Read(node, port, match[1])
 
 
-def shown(key: str) -> str:
-    """A key as its author wrote it, without the prefix of a subtree."""
-    return key.rpartition("/")[2]
+def _never_written(read: Read, everywhere: set[str]) -> Problem:
+    name = key_name(read.key)
+    if read.key in everywhere:
+        hint = "it is written further down only"
+    else:
+        scope = read.key.removesuffix(name)
+        written = {key_name(key) for key in everywhere if key == scope + key_name(key)}
+        hint = suggestion(name, written, "key written")
+    if read.node.user:
+        hint += f"; the subtree is used at {read.node.user}"
+    message = f"{read.node.kind}: no node before this one writes '{{{name}}}'"
+    return read.node.port_problem((read.port,), message, hint)
 
 
 def _misfit(model: type[PortModel], port: str, write: Write) -> str:
@@ -210,5 +210,5 @@ def _words(types: set[str]) -> str:
 
 
 def _unused(write: Write) -> Problem:
-    message = f"{write.node.kind}: nothing reads '{{{shown(write.key)}}}'"
+    message = f"{write.node.kind}: nothing reads '{{{key_name(write.key)}}}'"
     return replace(write.node.port_problem((write.port,), message), severity="warning")

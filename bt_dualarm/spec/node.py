@@ -21,6 +21,7 @@ class NodeSpec:
         slots: What each child is to this node: ``children``, ``child``, ``condition``, a case, …
         source: The file it stands in.
         path: Where in that file.
+        user: Where the subtree that it is part of is used, if it is part of one.
     """
 
     kind: str
@@ -30,6 +31,7 @@ class NodeSpec:
     slots: tuple[str, ...] = ()
     source: Source = field(default_factory=lambda: Source("<none>", ()), repr=False)
     path: Path = field(default=(), repr=False)
+    user: Place | None = field(default=None, repr=False)
 
     @property
     def place(self) -> Place:

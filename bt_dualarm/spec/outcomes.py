@@ -126,8 +126,8 @@ _RULES: Final[Mapping[str, Callable[[NodeSpec, list[Ends]], Ends]]] = {
     "subtree": lambda _, ends: ends[0],
     "on_halt": lambda _, ends: ends[0],
     "inverter": lambda _, ends: Ends(ends[0].fails, ends[0].succeeds),
-    "force_success": lambda _, ends: _FAILURE if ends[0].never else _SUCCESS,
-    "force_failure": lambda _, ends: _SUCCESS if ends[0].never else _FAILURE,
+    "force_success": lambda _, ends: ends[0] if ends[0].never else _SUCCESS,
+    "force_failure": lambda _, ends: ends[0] if ends[0].never else _FAILURE,
 }
 
 

@@ -75,6 +75,7 @@ class Parser:
             tuple(slot for slot, _ in children),
             site.source,
             site.path,
+            site.user,
         )
 
     def _fields(self, kind: Kind, body: Data, here: Site) -> dict[str, Data]:

@@ -90,6 +90,16 @@ def reference_of(value: Data) -> str | None:
     return match[1] if match else None
 
 
+def shown(text: str) -> str:
+    """Text as its author wrote it: without the prefixes of a subtree's keys."""
+    return REFERENCE.sub(lambda match: f"{{{key_name(match[1])}}}", text)
+
+
+def key_name(key: str) -> str:
+    """A key as its author wrote it: without the prefix of the subtree that it belongs to."""
+    return key.rpartition("/")[2]
+
+
 def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str, str]:
     """The key behind each port of ``model`` that is given as a reference."""
     texts = templates_of(model)

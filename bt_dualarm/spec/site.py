@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from bt_dualarm.spec.params import ParamSpec
-from bt_dualarm.spec.problems import Problem
+from bt_dualarm.spec.problems import Place, Problem
 from bt_dualarm.spec.scope import Scope
 from bt_dualarm.spec.source import Data, Path, Source
 
@@ -41,6 +41,7 @@ class Site:
         library: Subtrees by name.
         uses: Subtrees that are being written out here, outermost first.
         depth: Nodes above it, in all files.
+        user: Where the innermost of these subtrees is used.
     """
 
     source: Source
@@ -49,6 +50,7 @@ class Site:
     library: Mapping[str, SubtreeSpec] = field(default_factory=dict)
     uses: tuple[SubtreeSpec, ...] = ()
     depth: int = 0
+    user: Place | None = None
 
     def into(self, *parts: str | int) -> Site:
         """The place that these keys and indices lead to."""

@@ -7,7 +7,7 @@ Not py_trees' own: that is one dictionary for the whole process, so that two tre
 from __future__ import annotations
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.spec.ports import REFERENCE
+from bt_dualarm.spec.ports import REFERENCE, key_name, shown
 from bt_dualarm.spec.source import Data
 
 
@@ -24,8 +24,7 @@ class Board:
             Failure: ``NO_VALUE`` when nothing was written yet.
         """
         if key not in self._values:
-            # A subtree's keys have a prefix that their author did not write.
-            raise Failure("NO_VALUE", f"no node has written '{key.rpartition('/')[2]}' yet")
+            raise Failure("NO_VALUE", f"no node has written '{key_name(key)}' yet")
         return self._values[key]
 
     def write(self, key: str, value: Data) -> None:
@@ -34,4 +33,4 @@ class Board:
 
     def write_out(self, text: str) -> str:
         """Text with each ``{key}`` replaced by its value, as it is where it has none."""
-        return REFERENCE.sub(lambda match: str(self._values.get(match[1], match[0])), text)
+        return REFERENCE.sub(lambda match: str(self._values.get(match[1], shown(match[0]))), text)

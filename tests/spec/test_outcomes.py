@@ -1,0 +1,107 @@
+"""Warnings of what is allowed but can hardly be meant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.spec.outcomes import Ends, ends_below
+from tests.spec.writing import said, task, tree_of
+
+ENDS = {
+    "succeed": "S",
+    "fail": "F",
+    "look": "SF",
+    "wait: 1": "S",
+    "sequence: [succeed, {wait: 1}]": "S",
+    "sequence: [look, fail]": "F",
+    "sequence: [look, {repeat: {times: forever, child: succeed}}]": "F",
+    "selector: [look, succeed]": "S",
+    "selector: [fail, fail]": "F",
+    "parallel: [look, {wait: 1}]": "SF",
+    "parallel: {policy: 1, on_failure: continue, children: [succeed, fail]}": "S",
+    "parallel: {policy: any, children: [succeed, fail]}": "SF",
+    "inverter: {child: fail}": "S",
+    "force_success: {child: look}": "S",
+    "force_failure: {child: look}": "F",
+    "repeat: {times: forever, child: succeed}": "",
+    "repeat: {times: forever, child: look}": "F",
+    "force_success: {child: {repeat: {times: forever, child: succeed}}}": "",
+    "timeout: {seconds: 1, child: {repeat: {times: forever, child: succeed}}}": "F",
+    "if: {condition: look, then: fail}": "SF",
+    "if: {condition: look, then: succeed, else: {wait: 1}}": "S",
+    "while: {condition: succeed, child: succeed}": "",
+    "while: {condition: look, child: succeed}": "S",
+    "guard: {condition: look, child: succeed}": "SF",
+    "switch: {value: 1, cases: {a: succeed}, default: succeed}": "S",
+    "switch: {value: 1, cases: {a: succeed}}": "SF",
+    "retry: {times: 2, child: look}": "SF",
+}
+
+
+@pytest.mark.parametrize("tree", ENDS)
+def test_how_a_node_can_end(tree: str, tmp_path: Path) -> None:
+    root = tree_of(task(tmp_path, tree))
+    assert ends_below(root)[root] == Ends("S" in ENDS[tree], "F" in ENDS[tree])
+
+
+WARNINGS = {
+    "sequence: [look, fail, look]": ["no tick reaches this: 'fail' before it always fails"],
+    "selector: [look, {log: hi}, look]": ["no tick reaches this: 'log' before it cannot fail"],
+    "sequence: [{repeat: {times: forever, child: {wait: 1}}}, look]": [
+        "no tick reaches this: 'repeat' before it never ends"
+    ],
+    "if: {condition: succeed, then: look, else: look}": [
+        "no tick reaches this: 'succeed' always holds"
+    ],
+    "if: {condition: fail, then: look}": ["no tick reaches this: 'fail' never holds"],
+    "guard: {condition: fail, child: look}": ["no tick reaches this: 'fail' never holds"],
+    "retry: {times: 1, child: look}": ["retry with times: 1 does nothing"],
+    "repeat: {times: 1, child: look}": ["repeat with times: 1 does nothing"],
+    "retry: {times: 3, child: {wait: 1}}": ["retry does nothing: 'wait' cannot fail"],
+    "repeat: {times: 3, child: fail}": ["repeat does nothing: 'fail' cannot succeed"],
+    "force_success: {child: {log: hi}}": ["force_success does nothing: 'log' cannot fail"],
+    "force_failure: {child: fail}": ["force_failure does nothing: 'fail' cannot succeed"],
+    "inverter: {child: {inverter: {child: look}}}": ["two inverters, one in the other, do nothing"],
+    "parallel: [look]": ["a parallel of one child does nothing"],
+    "sequence: [look, {retry: {times: 2, child: look}}]": [],
+    "selector: [look, fail]": [],
+}
+
+
+@pytest.mark.parametrize("tree", WARNINGS)
+def test_warnings(tree: str, tmp_path: Path) -> None:
+    assert said(task(tmp_path, tree)) == [f"w: {message}" for message in WARNINGS[tree]]
+
+
+def test_more_successes_than_children_is_an_error(tmp_path: Path) -> None:
+    path = task(tmp_path, "parallel: {policy: 3, children: [look, look]}")
+    assert said(path) == ["e: parallel: policy: 3 of 2 cannot succeed"]
+
+
+OBJECT = "objects: {cube: {shape: sphere, size: [0.1], mass: 1, spawned: false}}\n"
+
+
+@pytest.mark.parametrize(
+    ("tree", "expected"),
+    [
+        ("look: {object: cube}", ["w: look: 'cube' has spawned: false and no leaf spawns it"]),
+        ("sequence: [{spawn: {object: cube}}, {look: {object: cube}}]", []),
+        (
+            "sequence: [{set: {key: o, value: cube}}, {spawn: {object: '{o}'}}, {look: {object: cube}}]",
+            [],
+        ),
+    ],
+)
+def test_objects_that_nothing_brings(tree: str, expected: list[str], tmp_path: Path) -> None:
+    assert said(task(tmp_path, tree, OBJECT)) == expected
+
+
+def test_an_arm_that_nothing_brings(tmp_path: Path) -> None:
+    path = task(tmp_path, "look")
+    with path.open("a") as file:
+        file.write("  arm2: {robot: ur5, spawned: false, tree: look}\n")
+    assert said(path) == [
+        "w: arm 'arm2' has spawned: false and no leaf spawns it: its tree never starts"
+    ]

@@ -1,0 +1,71 @@
+"""Files that a test writes, and what the check says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from textwrap import dedent, indent
+
+from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.load import check_file, load_tree_file
+from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.problems import Problem
+from bt_dualarm.spec.values import ArmName, Duration, ObjectName, PoseSpec
+
+
+class Look(PortModel):
+    object: ObjectName | None = port(None, "What to look at")
+
+
+class Seen(PortModel):
+    where: PoseSpec = port(..., "Where it is")
+    size: float = port(..., "How large", unit="m")
+    color: str = port(..., "Its colour")
+
+
+class Go(PortModel):
+    to: PoseSpec = port(..., "Where to")
+    time: Duration = port(1.0, "In which time", le=10)
+
+
+class Spawn(PortModel):
+    object: ObjectName | None = port(None, "Which object")
+    arm: ArmName | None = port(None, "Which arm")
+
+
+SKILLS: Mapping[str, Kind] = {
+    "look": Kind("look", "Looks.", Look, Seen),
+    "go": Kind("go", "Goes.", Go),
+    "spawn": Kind("spawn", "Spawns.", Spawn),
+}
+
+
+def write(folder: Path, text: str, name: str = "task.yaml") -> Path:
+    """A file with this text, without its common indentation."""
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(dedent(text).lstrip("\n"))
+    return path
+
+
+def task(folder: Path, tree: str, before: str = "") -> Path:
+    """A file with one arm and this tree; line 1 of the tree is line 1 after ``tree:``."""
+    head = "bt_dualarm: 1\n" + dedent(before).lstrip("\n")
+    body = "arms:\n  arm1:\n    robot: ur5\n    tree:\n"
+    path = folder / "task.yaml"
+    path.write_text(head + body + indent(dedent(tree).strip("\n"), "      ") + "\n")
+    return path
+
+
+def tree_of(path: Path) -> NodeSpec:
+    return load_tree_file(path, SKILLS).arms["arm1"].tree
+
+
+def said(path: Path) -> list[str]:
+    """Severity's first letter and message of each problem, in the file's order."""
+    return [f"{problem.severity[0]}: {problem.message}" for problem in found(path)]
+
+
+def found(path: Path) -> tuple[Problem, ...]:
+    return check_file(path, SKILLS)
