@@ -1,0 +1,141 @@
+"""A tree file played in this process, with hands that may reach into the world while it runs."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bt_dualarm.pose import Vector
+from bt_dualarm.registry import Registry
+from bt_dualarm.run.outcome import ArmResult, RunResult
+from bt_dualarm.run.parts import RunView
+from bt_dualarm.run.session import Session, Wishes
+from bt_dualarm.run.signals import StopRequest
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.tree.report import LeafReport, StatusChange
+from bt_dualarm.world.world import World
+
+Deed = Callable[[World], None]
+"""What somebody does to the running world."""
+
+STOPPED = 0.02
+"""Joint speed in rad/s below which an arm stands."""
+
+
+@dataclass
+class Play:
+    """One run of one file, observed step by step.
+
+    Attributes:
+        session: Not run yet, or run.
+        deeds: Done once each, at the first step at or after their simulated time in seconds.
+        changes: Of the status of all nodes.
+        speeds: Times and largest joint speed, by arm, at every step.
+        set_points: Times and commanded velocities, by arm, at every step.
+    """
+
+    session: Session
+    deeds: list[tuple[float, Deed]] = field(default_factory=list)
+    watchers: list[Callable[[World], None]] = field(default_factory=list)
+    changes: list[StatusChange] = field(default_factory=list)
+    speeds: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+    result: RunResult | None = None
+
+    @property
+    def world(self) -> World:
+        """The world, as it is now."""
+        return self.session.assembly.world
+
+    def run(self, stop: StopRequest | None = None) -> RunResult:
+        """Run to the end."""
+        with self.session:
+            self.result = self.session.run([self], lambda: 0.0, stop)
+        return self.result
+
+    def on_event(self, change: StatusChange) -> None:
+        """Keep it."""
+        self.changes.append(change)
+
+    def after_ticks(self, run: RunView) -> None:
+        """Nothing to see."""
+
+    def after_step(self, time: float) -> None:
+        """Do what is due, and look at the arms."""
+        while self.deeds and time >= self.deeds[0][0] - 1e-9:
+            self.deeds.pop(0)[1](self.world)
+        for name, body in self.world.arms.items():
+            speed = float(np.abs(body.v).max())
+            self.speeds.setdefault(name, []).append((time, speed))
+        for watch in self.watchers:
+            watch(self.world)
+
+    def arm(self, name: str = "arm1") -> ArmResult:
+        """What an arm did."""
+        assert self.result is not None
+        return next(arm for arm in self.result.arms if arm.name == name)
+
+    def leaves(self, skill: str, arm: str = "arm1") -> list[LeafReport]:
+        """All runs of the leaves of one kind."""
+        return [leaf for leaf in self.arm(arm).leaves if leaf.skill == skill]
+
+    def leaf(self, skill: str, arm: str = "arm1") -> LeafReport:
+        """The only run of the only leaf of one kind."""
+        (leaf,) = self.leaves(skill, arm)
+        return leaf
+
+    def speed_after(self, time: float, arm: str = "arm1") -> float:
+        """Largest joint speed in rad/s at any step from ``time`` on."""
+        return max((speed for at, speed in self.speeds[arm] if at >= time), default=0.0)
+
+
+class Stage:
+    """Makes plays of the text of tree files.
+
+    Args:
+        folder: For the files.
+        registry: The skills.
+    """
+
+    def __init__(self, folder: Path, registry: Registry) -> None:
+        self._folder = folder
+        self._registry = registry
+        self._count = 0
+
+    def play(
+        self,
+        text: str,
+        *,
+        seed: int = 0,
+        duration: float | None = None,
+        deeds: Iterable[tuple[float, Deed]] = (),
+    ) -> Play:
+        """Check the file and assemble its world; nothing has moved yet.
+
+        Args:
+            text: YAML, indented as it may stand in a test.
+            seed: Of everything random.
+            duration: Simulated seconds after which the run ends.
+            deeds: As in `Play`, in the order of their times.
+        """
+        self._count += 1
+        path = self._folder / f"play{self._count}.yaml"
+        path.write_text("bt_dualarm: 1\n" + textwrap.dedent(text), encoding="utf-8")
+        file = load_tree_file(path, self._registry.kinds)
+        wishes = Wishes(seed=seed, duration=duration, renderer="ray")
+        return Play(Session(file, self._registry, wishes), list(deeds))
+
+    def run(self, text: str, **wishes: Any) -> Play:
+        """As ``play``, and run it to its end."""
+        play = self.play(text, **wishes)
+        play.run()
+        return play
+
+
+def joints(world: World, arm: str = "arm1") -> Vector:
+    """Measured joint angles, of shape (dof,)."""
+    return world.arms[arm].q
