@@ -89,7 +89,8 @@ OBJECT = "objects: {cube: {shape: sphere, size: [0.1], mass: 1, spawned: false}}
         ("look: {object: cube}", ["w: look: 'cube' has spawned: false and no leaf spawns it"]),
         ("sequence: [{spawn: {object: cube}}, {look: {object: cube}}]", []),
         (
-            "sequence: [{set: {key: o, value: cube}}, {spawn: {object: '{o}'}}, {look: {object: cube}}]",
+            "sequence: [{set: {key: o, value: cube}}, {spawn: {object: '{o}'}},"
+            " {look: {object: cube}}]",
             [],
         ),
     ],
