@@ -83,9 +83,9 @@ class PlaneTracking:
         self._reach = reach
         self._search_radius = search_radius
         camera, view = _facing_camera(arm, plane)
-        forward = view.rotation.apply((0.0, 0.0, 1.0))
+        forward = view.turn(np.array((0.0, 0.0, 1.0)))
         self._center = self._axes @ (view.position + distance * forward)
-        self._image_axes = self._axes @ view.rotation.as_matrix()[:, :2]
+        self._image_axes = self._axes @ view.rotation_matrix[:, :2]
         normal = np.cross(*self._axes)
         localiser: Localiser = (
             OnPlane(view.position + distance * forward, normal)
@@ -165,9 +165,7 @@ class PlaneTracking:
         place = self._axes @ motion.position - self._center
         if float(np.hypot(*place)) > self._reach:
             return None
-        return PlaneTarget(
-            place, self._axes @ motion.velocity, self._axes @ motion.acceleration
-        )
+        return PlaneTarget(place, self._axes @ motion.velocity, self._axes @ motion.acceleration)
 
     def _proportional_target(self, time: float) -> PlaneTarget | None:
         """Proportional control: one step for each new image."""
@@ -175,9 +173,7 @@ class PlaneTracking:
         if detection is None or self._tracker.age(time) > STALE_S:
             return self._search(time)
         if servo is not None and gains is not None and detection.stamp > self._goal_stamp:
-            error = np.where(
-                np.abs(detection.centroid) > gains.dead_band, detection.centroid, 0.0
-            )
+            error = np.where(np.abs(detection.centroid) > gains.dead_band, detection.centroid, 0.0)
             step = (self._image_axes @ error) * (gains.u, gains.v)
             self._goal, self._goal_stamp = servo.displacement + step, detection.stamp
         if float(np.hypot(*self._goal)) > self._reach:
@@ -206,7 +202,7 @@ def _facing_camera(arm: Arm, plane: Plane) -> tuple[Camera, Pose]:
     if arm.camera is None or declared is None or not isinstance(declared.mount, str):
         raise Failure("NO_CAMERA", f"{arm.name} has no camera that moves with it")
     view = camera_pose(arm.world.data, arm.world.arms[arm.name].camera_id)
-    facing = abs(float(np.cross(*plane.axes) @ view.rotation.apply((0.0, 0.0, 1.0))))
+    facing = abs(float(np.cross(*plane.axes) @ view.turn(np.array((0.0, 0.0, 1.0)))))
     if facing < _FACING:
         raise Failure(
             "NO_CAMERA",

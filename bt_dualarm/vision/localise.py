@@ -20,8 +20,8 @@ from bt_dualarm.pose import Vector
 from bt_dualarm.vision.detect import Detection
 from bt_dualarm.world.camera import Frame
 
-PIXEL_SIGMA = 0.1
-"""Standard deviation of a centroid in pixels; 0.05 to 0.07 were measured with both renderers."""
+PIXEL_SIGMA = 0.05
+"""Standard deviation of a centroid in pixels; 0.03 to 0.07 were measured with both renderers."""
 
 _HELD_SIGMA_M = 1e-4
 _MIN_SLOPE = 0.05
@@ -113,7 +113,7 @@ class OfSize:
         across = PIXEL_SIGMA * frame.stride * depth / frame.focal_px
         # The area of a square with n pixels a side is as uncertain as its 4 n edge pixels.
         along = PIXEL_SIGMA * frame.stride * depth / side_px
-        view = frame.pose.rotation.apply((0.0, 0.0, 1.0))
+        view = frame.pose.turn(np.array((0.0, 0.0, 1.0)))
         sigma = np.sqrt(across**2 + (along**2 - across**2) * np.square(view))
         point = frame.pose.position + depth * frame.ray(detection.centroid_px)
         return Sighting(detection.stamp, point, sigma, self.side)

@@ -61,7 +61,7 @@ class Frame:
         """Direction in the world, of shape (3,), through a pixel; 1 m deep along the view axis."""
         x = (pixel[0] - self.width / 2.0) / self.focal_px
         y = (pixel[1] - self.height / 2.0) / self.focal_px
-        direction: Vector = self.pose.rotation.apply((x, y, 1.0))
+        direction: Vector = self.pose.turn(np.array((x, y, 1.0)))
         return direction
 
 
