@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -26,7 +27,7 @@ RUN_ELSEWHERE = {
     "python3 -m venv .venv": "Makefile, and tests/test_packaging.py",
     ".venv/bin/python -m pip install --constraint constraints.txt --editable '.[dev]'": "Makefile",
     ".venv/bin/python -m pytest": "this suite",
-    "python docs/images/pick_and_track.py": "by hand: it needs OpenGL and replaces the picture",
+    ".venv/bin/python docs/images/pick_and_track.py": "by hand: it needs OpenGL",
 }
 """Commands of the pages that a test cannot run inside itself, and where they are run."""
 
@@ -135,6 +136,15 @@ def test_examples_work_in_the_order_of_the_page(page: str, tmp_path: Path) -> No
                 assert done.stdout == block.said
             else:
                 assert done.returncode == 0, f"{command}\n{done.stdout}"
+
+
+@pytest.mark.slow
+def test_the_panda_follows_as_closely_as_readme_says(tmp_path: Path) -> None:
+    assert "less than 1 mm RMS" in (ROOT / "README.md").read_text(encoding="utf-8")
+    run_in(tmp_path, "bt-run pick_and_track --record out --display quiet")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    (track,) = (leaf for leaf in summary["arms"]["arm2"]["leaves"] if leaf["skill"] == "track")
+    assert track["metrics"]["yz_rms_m"] < 0.001
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
