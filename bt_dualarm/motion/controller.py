@@ -11,8 +11,9 @@ import numpy as np
 from bt_dualarm.errors import DivergenceError, Failure
 from bt_dualarm.motion import timing
 from bt_dualarm.motion.limiter import SetPoint, SetPointLimiter
+from bt_dualarm.motion.load import Load
 from bt_dualarm.motion.trajectory import Trajectory
-from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.pose import Vector
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.world import World
 
@@ -100,6 +101,7 @@ class JointController:
         self._robot = world.robots[name]
         self._limiter = SetPointLimiter(self._robot.limits, period, world.arms[name].q)
         self._motion: Motion | None = None
+        self._hold = self.setpoint
         self._bind()
 
     @property
@@ -147,12 +149,9 @@ class JointController:
         """Brake with bounded jerk and hold; harmless at rest."""
         sent = self.setpoint
         if not sent.v.any() and not sent.a.any():
-            self._motion = None
+            self._motion, self._hold = None, sent
             return
-        braking = timing.stop(sent.q, sent.v, sent.a, self._robot.limits, self.period)
-        self._motion = TrajectoryMotion(braking)
-        # The first set-point of the braking motion is the one that was sent last.
-        self._motion.next(self._world.time)
+        self._go_on(timing.stop(sent.q, sent.v, sent.a, self._robot.limits, self.period))
 
     def update(self, time: float) -> None:
         """Send the set-point for ``time`` and command the torques for the next step(s).
@@ -163,22 +162,24 @@ class JointController:
         if self._generation != self._world.generation:
             self._bind()
         sent = self._limiter.send(self._wanted(time))
-        error = sent.q - self._body.q
+        data, body = self._world.data, self._body
+        error = sent.q - data.qpos[body.qpos_ids]
         if self._motion is not None:
             self._watch(error)
-        feedback = sent.a + 2 * BANDWIDTH * (sent.v - self._body.v) + BANDWIDTH**2 * error
-        torque = self._torque(feedback)
+        lag = sent.v - data.qvel[body.dof_ids]
+        torque = self._torque(sent.a + (2 * BANDWIDTH) * lag + BANDWIDTH**2 * error)
         limit = self._robot.limits.effort
         if not (np.abs(torque) <= limit).all():
             if not np.isfinite(torque).all():
                 raise DivergenceError(f"{self._name}: the torques at {time:.3f} s are no numbers")
             self.saturated += 1
-        self._world.data.ctrl[self._body.actuator_ids] = np.clip(torque, -limit, limit)
+            torque = np.clip(torque, -limit, limit)
+        data.ctrl[body.actuator_ids] = torque
 
     def _wanted(self, time: float) -> SetPoint:
         motion = self._motion
         if motion is None:
-            return SetPoint(self.setpoint.q, self._still, self._still)
+            return self._hold
         if isinstance(motion, TrajectoryMotion):
             motion.executed.append(self._world.data.site_xpos[self._body.tool_site].copy())
         try:
@@ -189,6 +190,7 @@ class JointController:
             return self._wanted(time)
         if motion.done:
             self._motion = None
+            self._hold = SetPoint(wanted.q, np.zeros_like(wanted.q), np.zeros_like(wanted.q))
         return wanted
 
     def _watch(self, error: Vector) -> None:
@@ -201,7 +203,21 @@ class JointController:
                 "the arm is blocked or its torque does not suffice",
                 joint_error_rad=worst,
             )
-            self.stop()
+            self._give_in()
+
+    def _give_in(self) -> None:
+        """Brake, then let the set-point return to the arm: it must not go on pushing."""
+        limits, sent = self._robot.limits, self.setpoint
+        here = np.clip(self._body.q, limits.lower, limits.upper)
+        braking = timing.stop(sent.q, sent.v, sent.a, limits, self.period)
+        self._go_on(braking.then(timing.point_to_point(braking.q[-1], here, limits, self.period)))
+
+    def _go_on(self, motion: Trajectory) -> None:
+        """Follow a motion whose first set-point is the one that was sent last."""
+        self._motion = TrajectoryMotion(motion)
+        self._motion.next(self._world.time)
+        if self._motion.done:
+            self._motion, self._hold = None, self.setpoint
 
     def _torque(self, acceleration: Vector) -> Vector:
         """Torques, of shape (dof,), that give the joints this acceleration."""
@@ -209,21 +225,8 @@ class JointController:
         self._wide[dofs] = acceleration
         mujoco.mj_mulM(world.model, world.data, self._product, self._wide)
         torque: Vector = self._product[dofs] + world.data.qfrc_bias[dofs]
-        for thing in self._load:
-            torque += self._load_torque(thing, acceleration)
-        return torque
-
-    def _load_torque(self, thing: int, acceleration: Vector) -> Vector:
-        """Torques that carry an attached body along: Newton and Euler at its centre of mass."""
-        model, data, dofs = self._world.model, self._world.data, self._body.dof_ids
-        linear, angular = self._jacobian
-        mujoco.mj_jac(model, data, linear, angular, data.xipos[thing], self._body.tool_body)
-        jac_linear, jac_angular = linear[:, dofs], angular[:, dofs]
-        force = model.body_mass[thing] * (jac_linear @ acceleration - model.opt.gravity)
-        axes = data.ximat[thing].reshape(3, 3)
-        inertia: Matrix = (axes * model.body_inertia[thing]) @ axes.T
-        moment = inertia @ (jac_angular @ acceleration)
-        torque: Vector = jac_linear.T @ force + jac_angular.T @ moment
+        for load in self._loads:
+            torque += load.torque(acceleration)
         return torque
 
     def _bind(self) -> None:
@@ -231,8 +234,9 @@ class JointController:
         world = self._world
         self._generation = world.generation
         self._body: ArmBody = world.arms[self._name]
-        self._still = np.zeros(self._robot.dof)
         self._wide: Any = np.zeros(world.model.nv)
         self._product: Any = np.zeros(world.model.nv)
-        self._jacobian = np.zeros((2, 3, world.model.nv))
-        self._load = [world.object_body(o) for o in world.attachments.attached_to(self._name)]
+        held = world.attachments.attached_to(self._name)
+        self._loads = [
+            Load(world.model, world.data, world.object_body(thing), self._body) for thing in held
+        ]

@@ -132,12 +132,16 @@ def _add_motors(spec: Any, robot: Robot) -> None:
 
 
 def _add_exclusions(spec: Any, robot: Robot) -> None:
-    """Contacts that do not count: those of the SRDF and those of neighbouring links.
+    """Contacts that do not count: those of the SRDF, and those at the arm's own joints.
 
-    MuJoCo lets a link touch its parent; links without a joint between them count as one here.
+    Links without a joint between them count as one. MuJoCo itself lets a link touch its parent,
+    but not where the parent stands still, as the base does.
     """
     rigid = _rigid_groups(spec, robot)
     excluded = {frozenset(rigid[link] for link in pair) for pair in robot.exclusions}
+    for name in robot.joints:
+        link = spec.joint(name).parent
+        excluded.add(frozenset((rigid[link.name], rigid[link.parent.name])))
     links = sorted(set(robot.model.links) - {"world"})
     for a, b in itertools.combinations(links, 2):
         groups = frozenset((rigid[a], rigid[b]))
