@@ -36,7 +36,7 @@ def ours() -> Callable[[], Any]:
     """A parallel of skills on our leaves."""
     context: Any = SkillContext(
         "busy",
-        SimpleNamespace(release=lambda: None),  # type: ignore[arg-type]
+        SimpleNamespace(release=lambda: None, trouble=lambda: None),  # type: ignore[arg-type]
         lambda: 0.0,
         np.random.default_rng(0),
         logging.getLogger(__name__),

@@ -20,6 +20,7 @@ from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.camera import Camera
 from bt_dualarm.world.catalogue import JointLimits, Robot
+from bt_dualarm.world.guarded_camera import GuardedCamera
 from bt_dualarm.world.world import World
 
 SETTLE_S = 1.0
@@ -53,7 +54,8 @@ class Arm:
     ) -> None:
         self.world = world
         self.name = name
-        self.camera = camera
+        self._camera = camera
+        self.camera = None if camera is None else GuardedCamera(camera)
         self.controller = controller
         self.kinematics = Kinematics(world.robots[name], world.arms[name].base, seed)
         self._seed = seed
@@ -64,6 +66,7 @@ class Arm:
         """The same arm in the hands of one leaf."""
         arm = copy.copy(self)
         arm._leaf = leaf
+        arm.camera = None if self._camera is None else GuardedCamera(self._camera)
         return arm
 
     @property
@@ -249,6 +252,16 @@ class Arm:
         """Raise what went wrong with the motion since it began."""
         if self.controller.fault is not None:
             raise self.controller.fault
+
+    def trouble(self) -> Exception | None:
+        """What this leaf's motion, stream or camera callback has raised since last asked."""
+        if self.camera is not None and self.camera.fault is not None:
+            fault, self.camera.fault = self.camera.fault, None
+            return fault
+        if self.controller.fault is None or self._leaf is None or self._owner[0] is not self._leaf:
+            return None
+        fault, self.controller.fault = self.controller.fault, None
+        return fault
 
     def release(self) -> None:
         """Stop the motion that this leaf has begun; harmless otherwise."""

@@ -14,7 +14,8 @@ from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.vision.localise import Localiser, OnPlane, OnPlaneOfSize
 from bt_dualarm.vision.tracker import TargetTracker
-from bt_dualarm.world.camera import Camera, camera_pose
+from bt_dualarm.world.camera import camera_pose
+from bt_dualarm.world.guarded_camera import GuardedCamera
 
 STALE_S = 0.1
 """Age of the newest sighting in seconds from which nothing moves towards the target."""
@@ -196,7 +197,7 @@ class PlaneTracking:
         return PlaneTarget(place, np.zeros(2), np.zeros(2))
 
 
-def _facing_camera(arm: Arm, plane: Plane) -> tuple[Camera, Pose]:
+def _facing_camera(arm: Arm, plane: Plane) -> tuple[GuardedCamera, Pose]:
     """The camera that moves with the arm, and its pose."""
     declared = arm.world.declared_arms[arm.name].camera
     if arm.camera is None or declared is None or not isinstance(declared.mount, str):

@@ -111,7 +111,7 @@ class _Builder:
         def begin() -> Skill:
             return skill(bound.now(), context, outputs.write)
 
-        return Leaf(spec.name, begin, context.arm.release, self.reports)
+        return Leaf(spec.name, begin, context.arm.release, self.reports, context.arm.trouble)
 
 
 def _told_apart(children: tuple[NodeSpec, ...]) -> list[str]:

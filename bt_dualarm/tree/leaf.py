@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from typing import Any
 
 from py_trees.behaviour import Behaviour
@@ -30,6 +30,8 @@ class Leaf(Behaviour):
         name: Shown to people.
         begin: Makes a new skill for a new run; may raise, as every call into a skill may.
         release: Stops the motion that this leaf has begun, if there is one.
+        trouble: What has gone wrong between ticks with what this leaf has begun; raised in the
+            skill where it waits, so that no skill has to ask.
         reports: Takes a record of each run.
     """
 
@@ -39,6 +41,7 @@ class Leaf(Behaviour):
         begin: Callable[[], Skill],
         release: Callable[[], None],
         reports: list[LeafReport],
+        trouble: Callable[[], Exception | None] = lambda: None,
     ) -> None:
         self.path = name
         self.kind = name
@@ -50,6 +53,7 @@ class Leaf(Behaviour):
         self._progress: float | None = None
         self._begin = begin
         self._release = release
+        self._trouble = trouble
         self._reports = reports
         self._report: LeafReport | None = None
         self._teller: Teller | None = None
@@ -66,7 +70,11 @@ class Leaf(Behaviour):
         try:
             if self._steps is None:
                 self._steps = self._start()
-            progress = next(self._steps)
+                progress = next(self._steps)
+            elif (trouble := self._trouble()) is None:
+                progress = next(self._steps)
+            else:
+                progress = _raise_in(self._steps, trouble)
             if progress is not None and self.skill is not None:
                 self.skill.progress = progress
         except StopIteration:
@@ -169,6 +177,14 @@ class Leaf(Behaviour):
     def _log_exception(self, when: str) -> None:
         arm = self._teller.arm if self._teller else "?"
         _log.exception("%s: %s: the skill raised %s", arm, self.path, when)
+
+
+def _raise_in(steps: Iterator[float | None], trouble: Exception) -> float | None:
+    """Raise in a generator where it waits; others than generators cannot answer it."""
+    if isinstance(steps, Generator):
+        progress: float | None = steps.throw(trouble)
+        return progress
+    raise trouble
 
 
 def _metrics(skill: Skill | None) -> dict[str, Number]:

@@ -15,6 +15,7 @@ from bt_dualarm.vision.detect import Detection, detect_all
 from bt_dualarm.vision.estimate import Motion, TargetEstimate
 from bt_dualarm.vision.localise import LocaliseError, Localiser, Sighting
 from bt_dualarm.world.camera import Camera, Frame, Window
+from bt_dualarm.world.guarded_camera import GuardedCamera
 
 _MIN_DEPTH_M = 0.02
 _SIDE_MEMORY_FRAMES = 10
@@ -60,7 +61,7 @@ class TargetTracker:
 
     def __init__(
         self,
-        camera: Camera,
+        camera: Camera | GuardedCamera,
         color: Color,
         localiser: Localiser,
         estimate: TargetEstimate | None = None,

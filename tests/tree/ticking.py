@@ -68,7 +68,9 @@ class Stage:
         return build_tree("arm1", spec, self.skills, self.context, clock, self.events.append)
 
     def context(self, path: str) -> SkillContext:
-        arm = cast("Arm", SimpleNamespace(release=lambda: self.released.append(path)))
+        arm = cast(
+            "Arm", SimpleNamespace(release=lambda: self.released.append(path), trouble=lambda: None)
+        )
         log = logging.getLogger("bt_dualarm.test")
         return SkillContext(path, arm, lambda: self.now, np.random.default_rng(0), log)
 

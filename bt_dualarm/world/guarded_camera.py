@@ -1,0 +1,73 @@
+"""A camera in the hands of one leaf: what that leaf's callbacks raise stays its own fault."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bt_dualarm.pose import Pose
+from bt_dualarm.world.camera import Aim, Camera, Frame, FrameCallback, Window
+
+
+class GuardedCamera:
+    """Like `Camera` for those who look through it; a callback that raises is not called again.
+
+    Args:
+        camera: Of the arm, shared by all its leaves.
+
+    Attributes:
+        fault: What a callback has raised, until somebody takes it up.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.fault: Exception | None = None
+        self._camera = camera
+        self._aim: Aim | None = None
+
+    @property
+    def period(self) -> float:
+        """Seconds between two exposures."""
+        return self._camera.period
+
+    @property
+    def latency(self) -> float:
+        """Seconds from the exposure to the delivery of a frame."""
+        return self._camera.latency
+
+    @property
+    def latest(self) -> Frame | None:
+        """The frame that was delivered last."""
+        return self._camera.latest
+
+    @property
+    def aim(self) -> Aim | None:
+        """As `Camera.aim`: asked before each exposure what to expose."""
+        return self._aim
+
+    @aim.setter
+    def aim(self, aim: Aim | None) -> None:
+        if aim is not None:
+            self._camera.aim = self._guarded_aim
+        elif self._camera.aim == self._guarded_aim:
+            self._camera.aim = None
+        self._aim = aim
+
+    def subscribe(self, callback: FrameCallback) -> Callable[[], None]:
+        """Have every frame handed to ``callback``; returns how to stop it."""
+
+        def guarded(frame: Frame) -> None:
+            try:
+                callback(frame)
+            except Exception as error:  # noqa: BLE001 - it belongs to the leaf, see `fault`
+                self.fault = error
+                unsubscribe()
+
+        unsubscribe = self._camera.subscribe(guarded)
+        return unsubscribe
+
+    def _guarded_aim(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
+        try:
+            return self._aim(stamp, camera, width, height) if self._aim else Window()
+        except Exception as error:  # noqa: BLE001 - as above
+            self.fault = error
+            self.aim = None
+            return Window()
