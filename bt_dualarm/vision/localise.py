@@ -20,10 +20,10 @@ from bt_dualarm.pose import Vector
 from bt_dualarm.vision.detect import Detection
 from bt_dualarm.world.camera import Frame
 
-PIXEL_SIGMA = 0.05
+PIXEL_SIGMA = 0.07
 """Standard deviation of a centroid in pixels; 0.03 to 0.07 were measured with both renderers."""
 
-_HELD_SIGMA_M = 1e-4
+_HELD_SIGMA_M = 1e-5
 _MIN_SLOPE = 0.05
 _PLANE_MEMORY_FRAMES = 30
 

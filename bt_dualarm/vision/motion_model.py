@@ -87,7 +87,7 @@ class Oscillator:
     with ``frequency_density`` in rad²/s³, between 0 and ``highest_frequency``.
     """
 
-    jerk_density: float = 3.0
+    jerk_density: float = 10.0
     frequency_density: float = 0.5
     start_frequency: float = 4.0
     highest_frequency: float = 12.0

@@ -19,6 +19,7 @@ from bt_dualarm.world.guarded_camera import GuardedCamera
 
 _MIN_DEPTH_M = 0.02
 _SIDE_MEMORY_FRAMES = 10
+_PERSISTENCE = 4.0  # the shift of a covered target is the same for many frames: unlike noise
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ class TargetTracker:
             hidden = max(hidden, 0.5)
         if hidden < 0.1:
             return sighting
-        shift = 0.5 * hidden * max(self._side, sighting.side)
+        shift = _PERSISTENCE * 0.5 * hidden * max(self._side, sighting.side)
         return replace(sighting, sigma=np.hypot(sighting.sigma, shift))
 
     def _choose(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.vision.detect import Detection
-from bt_dualarm.vision.localise import LocaliseError, OfSize, OnPlane, OnPlaneOfSize
+from bt_dualarm.vision.localise import PIXEL_SIGMA, LocaliseError, OfSize, OnPlane, OnPlaneOfSize
 from bt_dualarm.world.camera import Frame
 
 FOV_RAD = math.radians(50.0)
@@ -64,20 +64,21 @@ def test_a_known_size_tells_the_depth(pose: Pose, local: Vector) -> None:
 
 
 def test_depth_is_the_least_certain() -> None:
-    """Looking along +x at 0.35 m: 0.1 px across, and 0.1 px of 37 px of side along."""
+    """Looking along +x at 0.35 m: the pixel noise across, and its share of 37 px of side along."""
     pose = Pose.from_rpy((0, 0, 0), (-math.pi / 2, 0, -math.pi / 2))
     frame = frame_from(pose)
     sigma = OfSize(SIDE_M).locate(seen(frame, np.array([0.35, 0.0, 0.0])), frame).sigma
     pixel = 0.35 / frame.focal_px
-    assert sigma[1:] == pytest.approx(0.1 * pixel)
-    assert sigma[0] == pytest.approx(0.1 * pixel * 0.35 / SIDE_M)
+    assert sigma[1:] == pytest.approx(PIXEL_SIGMA * pixel)
+    assert sigma[0] == pytest.approx(PIXEL_SIGMA * pixel * 0.35 / SIDE_M)
 
 
 def test_a_plane_pins_its_normal() -> None:
     frame = frame_from(Pose.identity())
     point = np.array([0.0, 0.0, 0.5])
     sigma = OnPlane(point, np.array([0.0, 0.0, 1.0])).locate(seen(frame, point), frame).sigma
-    assert sigma[2] < 0.6 * sigma[0]
+    assert sigma[2] < 0.2 * sigma[0]
+    assert sigma[0] == pytest.approx(PIXEL_SIGMA * 0.5 / frame.focal_px)
 
 
 def test_a_plane_that_cannot_be_met_is_refused() -> None:

@@ -49,7 +49,7 @@ def position(path: Path, time: float) -> Vector:
 
 
 def test_it_follows_a_circle_by_sight_alone(make_studio: StudioMaker) -> None:
-    """60 Hz with one frame of latency: a prediction to now within 0.4 mm."""
+    """60 Hz with one frame of latency: a prediction to now within 0.6 mm."""
     studio = make_studio(fps=60.0, latency=1.0 / 60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
     follow(studio, tracker, small_circle, 0.0, 0.5)
@@ -60,7 +60,7 @@ def test_it_follows_a_circle_by_sight_alone(make_studio: StudioMaker) -> None:
         errors.append(tracker.predict(end).position - position(small_circle, end))
     assert tracker.locked
     assert tracker.lost_count == 0
-    assert np.sqrt(np.mean(np.sum(np.square(errors), axis=1))) < 0.4e-3
+    assert np.sqrt(np.mean(np.sum(np.square(errors), axis=1))) < 0.6e-3
 
 
 def test_the_window_shrinks_to_the_target(make_studio: StudioMaker) -> None:
