@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, get_args
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
+from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.explain import describe, explain
 from bt_dualarm.spec.language import Kind
 from bt_dualarm.spec.node import NodeSpec
@@ -110,14 +110,4 @@ def _unknown_name(
 
 def refers_of(field: FieldInfo) -> Refers | None:
     """What the names in this port refer to, if it holds names."""
-    return _find(Refers, [*field.metadata, field.annotation])
-
-
-def _find(wanted: type[Refers], items: list[Any]) -> Refers | None:
-    for item in items:
-        if isinstance(item, wanted):
-            return item
-        found = _find(wanted, [*getattr(item, "__metadata__", ()), *get_args(item)])
-        if found is not None:
-            return found
-    return None
+    return metadata_of(field, Refers)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.spec.source import with_tuples
@@ -60,6 +60,14 @@ class HsvRange(Value):
         return np.array([hue, *(round(255 * share) for share in shares)], np.uint8)
 
 
+def _notations(schema: dict[str, Any]) -> None:
+    """A name or a list instead of the mapping that pydantic knows of."""
+    mapping = dict(schema)
+    schema.clear()
+    schema["description"] = mapping["description"]
+    schema["anyOf"] = [{"enum": list(_NAMED_HUES)}, mapping["properties"]["ranges"], mapping]
+
+
 class Color(Value):
     """``yellow``, or a list of ranges any of which a pixel may lie in.
 
@@ -67,6 +75,8 @@ class Color(Value):
         name: Empty where ranges were given.
         ranges: At least one.
     """
+
+    model_config = ConfigDict(json_schema_extra=_notations)
 
     name: str = ""
     ranges: Annotated[tuple[HsvRange, ...], Field(min_length=1, max_length=8)]

@@ -10,7 +10,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
-from pydantic import Discriminator, Field, InstanceOf, StringConstraints, Tag, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    InstanceOf,
+    StringConstraints,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
 
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.values import Duration, PoseSpec, Value
@@ -167,7 +175,7 @@ class ArmSpec(Value):
     tick_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 50.0
     camera: CameraSpec | None = None
     spawned: bool = True
-    tree: InstanceOf[NodeSpec]
+    tree: Annotated[InstanceOf[NodeSpec], WithJsonSchema({})]
 
 
 class TreeFile(Value):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import UnionType
-from typing import Annotated, Any, Final, TypeAlias, Union, get_args, get_origin
+from typing import Any, Final, TypeAlias, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from bt_dualarm.spec.annotations import containers_in, models_in
 from bt_dualarm.spec.ports import key_name, reference_of, shown, unit_of
 from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.spec.source import Data, Path
@@ -186,21 +186,12 @@ def _path_in(data: Data, location: _Location) -> Path:
     return path
 
 
-def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """The models that a value of this type may be."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    elif get_origin(annotation) in (Annotated, Union, UnionType):
-        for member in get_args(annotation):
-            yield from _models_in(member)
-
-
 def _step(annotation: Any, part: int | str) -> Any:
     """The type of a part of a value, or the same type where pydantic names a union's member."""
-    for model in _models_in(annotation):
+    for model in models_in(annotation):
         if part in model.model_fields:
             return model.model_fields[str(part)].annotation
-    for member in _containers_in(annotation):
+    for member in containers_in(annotation):
         if isinstance(part, int) and get_origin(member) in (tuple, list):
             items = get_args(member)
             return items[min(part, len(items) - 1)] if items[-1] is not ... else items[0]
@@ -209,19 +200,11 @@ def _step(annotation: Any, part: int | str) -> Any:
     return annotation
 
 
-def _containers_in(annotation: Any) -> Iterator[Any]:
-    if get_origin(annotation) in (tuple, list, dict):
-        yield annotation
-    elif get_origin(annotation) in (Annotated, Union, UnionType):
-        for member in get_args(annotation):
-            yield from _containers_in(member)
-
-
 def _names_at(model: type[BaseModel], location: _Location) -> set[str]:
     annotation: Any = model
     for part in location:
         annotation = _step(annotation, part)
-    return {name for found in _models_in(annotation) for name in found.model_fields}
+    return {name for found in models_in(annotation) for name in found.model_fields}
 
 
 def _field_at(model: type[BaseModel], location: _Location) -> FieldInfo | None:
@@ -229,7 +212,7 @@ def _field_at(model: type[BaseModel], location: _Location) -> FieldInfo | None:
     annotation: Any = model
     field = None
     for part in location:
-        for found in _models_in(annotation):
+        for found in models_in(annotation):
             field = found.model_fields.get(str(part), field)
         annotation = _step(annotation, part)
     return field

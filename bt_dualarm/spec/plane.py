@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import ConfigDict, model_validator
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.spec.problems import suggestion
@@ -21,12 +21,22 @@ _NAMED_NORMALS: Final[Mapping[str, Vector3]] = {
 }
 
 
+def _notations(schema: dict[str, Any]) -> None:
+    """A name instead of the mapping that pydantic knows of."""
+    mapping = dict(schema)
+    schema.clear()
+    schema["description"] = mapping["description"]
+    schema["anyOf"] = [{"enum": list(_NAMED_NORMALS)}, mapping]
+
+
 class Plane(Value):
     """``xy``, ``yz``, ``xz`` of the world, or ``{normal: [x, y, z]}``.
 
     Attributes:
         normal: In the world, of any length but 0.
     """
+
+    model_config = ConfigDict(json_schema_extra=_notations)
 
     normal: Vector3
 

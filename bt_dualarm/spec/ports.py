@@ -16,6 +16,7 @@ from typing import Any, Final
 from pydantic import BaseModel, ConfigDict, Field, create_model
 from pydantic.fields import FieldInfo
 
+from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.source import Data
 
 REFERENCE: Final = re.compile(r"\{([^{}]*)\}")
@@ -23,6 +24,19 @@ REFERENCE: Final = re.compile(r"\{([^{}]*)\}")
 
 KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
 """What an author may call a key or a parameter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """Metadata of a number: how it is written in YAML.
+
+    Attributes:
+        yaml: Unit of a bare number.
+        others: Units that text may give, in units of that one.
+    """
+
+    yaml: str
+    others: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -159,8 +173,7 @@ def _model_of(model: type[PortModel], names: Iterable[str]) -> type[PortModel]:
 
 def unit_of(field: FieldInfo) -> str:
     """The unit in which YAML gives this port, empty if it has none."""
-    for item in field.metadata:
-        if hasattr(item, "yaml"):
-            return str(item.yaml)
+    unit = metadata_of(field, Unit)
     extra = field.json_schema_extra
-    return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+    given = extra.get("unit", "") if isinstance(extra, dict) else ""
+    return unit.yaml if unit else str(given)

@@ -22,22 +22,14 @@ from pydantic import (
 )
 
 from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.spec.ports import Unit
 
 Vector3: TypeAlias = tuple[float, float, float]
 """Three numbers; the field that uses it gives frame and unit."""
 
-
-@dataclass(frozen=True)
-class Unit:
-    """Metadata of a port type: how its number is written in YAML.
-
-    Attributes:
-        yaml: Unit in the file.
-        per_si: YAML's number for one of SI.
-    """
-
-    yaml: str
-    per_si: float = 1.0
+_Coordinate: TypeAlias = Annotated[float, Field(ge=-100.0, le=100.0)]
+_Turn: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
+_Point: TypeAlias = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 
 @dataclass(frozen=True)
@@ -84,7 +76,9 @@ def _degrees(value: Any) -> Any:
     return _quantity(value, _DEGREES)
 
 
-Duration: TypeAlias = Annotated[float, BeforeValidator(_seconds), Field(ge=0.0), Unit("s")]
+Duration: TypeAlias = Annotated[
+    float, BeforeValidator(_seconds), Field(ge=0.0), Unit("s", _SECONDS)
+]
 """Seconds of simulated time: ``0.5``, or text with a unit: ``"500 ms"``, ``"2 min"``."""
 
 Angle: TypeAlias = Annotated[
@@ -92,7 +86,7 @@ Angle: TypeAlias = Annotated[
     BeforeValidator(_degrees),
     AfterValidator(math.radians),
     PlainSerializer(math.degrees),
-    Unit("deg", math.degrees(1.0)),
+    Unit("deg", _DEGREES),
 ]
 """Radians inside; in YAML degrees: ``90``, or text with a unit: ``"90 deg"``, ``"1.57 rad"``."""
 
@@ -116,10 +110,10 @@ class PoseSpec(Value):
         look_at: A point in metres that the frame's z axis points to; its y axis points downwards.
     """
 
-    xyz: Vector3
-    rpy: Vector3 | None = None
+    xyz: _Point
+    rpy: tuple[_Turn, _Turn, _Turn] | None = None
     quat: tuple[float, float, float, float] | None = None
-    look_at: Vector3 | None = None
+    look_at: _Point | None = None
 
     @model_validator(mode="after")
     def _one_orientation(self) -> PoseSpec:

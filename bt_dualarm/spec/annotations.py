@@ -1,0 +1,60 @@
+"""What a type annotation holds: the models that a value may be, metadata, containers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+_T = TypeVar("_T")
+
+
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The models that a value of this type may be."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    elif get_origin(annotation) in (Annotated, Union, UnionType):
+        for member in get_args(annotation):
+            yield from models_in(member)
+
+
+def containers_in(annotation: Any) -> Iterator[Any]:
+    """The tuples, lists and dicts that a value of this type may be."""
+    if get_origin(annotation) in (tuple, list, dict):
+        yield annotation
+    elif get_origin(annotation) in (Annotated, Union, UnionType):
+        for member in get_args(annotation):
+            yield from containers_in(member)
+
+
+def models_below(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    """Every model that a field of this one holds, at any depth."""
+    for field in model.model_fields.values():
+        for found in _models_anywhere(field.annotation):
+            yield found
+            yield from models_below(found)
+
+
+def _models_anywhere(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for member in get_args(annotation):
+        yield from _models_anywhere(member)
+
+
+def metadata_of(field: FieldInfo, wanted: type[_T]) -> _T | None:
+    """The first metadata of this type on a field, or on a member of its type."""
+    return _metadata_in([*field.metadata, field.annotation], wanted)
+
+
+def _metadata_in(items: list[Any], wanted: type[_T]) -> _T | None:
+    for item in items:
+        if isinstance(item, wanted):
+            return item
+        found = _metadata_in([*getattr(item, "__metadata__", ()), *get_args(item)], wanted)
+        if found is not None:
+            return found
+    return None

@@ -1,0 +1,205 @@
+"""JSON Schema (draft 2020-12) of the whole format with the skills that are installed.
+
+For editors: it completes and marks while one types. What it cannot say, the check alone says:
+that names exist, keys are written before they are read, values fit each other (one orientation
+to a pose, a size that fits its shape), quantities with units are in range, parameters are known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final, TypeAlias
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from bt_dualarm.spec.annotations import metadata_of, models_below
+from bt_dualarm.spec.document import NAME_PATTERN, ArmSpec, ObjectSpec, WorldSpec
+from bt_dualarm.spec.language import LANGUAGE, Kind
+from bt_dualarm.spec.library import FORMAT
+from bt_dualarm.spec.params import ParamSpec
+from bt_dualarm.spec.ports import KEY, Unit
+
+Schema: TypeAlias = dict[str, Any]
+
+_REFERENCE: Final[Schema] = {"$ref": "#/$defs/reference"}
+_NODE: Final[Schema] = {"$ref": "#/$defs/node"}
+_KEY_PATTERN: Final = f"^{KEY.pattern}$"
+_BOUNDS: Final = {
+    "ge": "minimum",
+    "gt": "exclusiveMinimum",
+    "le": "maximum",
+    "lt": "exclusiveMaximum",
+}
+_TEXT: Final[Schema] = {"type": "string"}
+
+
+def json_schema(skills: Mapping[str, Kind]) -> Schema:
+    """The schema of a tree file, or of one to include.
+
+    Args:
+        skills: By name.
+    """
+    definitions: Schema = {
+        "reference": {
+            "description": 'A parameter, or a key of the blackboard: "{key}".',
+            "type": "string",
+            "pattern": r"^\{" + KEY.pattern + r"\}$",
+        }
+    }
+    kinds = {**LANGUAGE, **skills}
+    bodies = {name: _body(kind, definitions) for name, kind in sorted(kinds.items())}
+    bare = [name for name, kind in sorted(kinds.items()) if not _required(kind)]
+    definitions["node"] = {
+        "description": "One node: its kind and its ports.",
+        "anyOf": [
+            {"enum": bare},
+            {
+                "type": "object",
+                "properties": bodies,
+                "additionalProperties": False,
+                "minProperties": 1,
+                "maxProperties": 1,
+            },
+        ],
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A tree file of bt_dualarm",
+        **_file(definitions),
+        "$defs": definitions,
+    }
+
+
+def _file(definitions: Schema) -> Schema:
+    arm = _model(ArmSpec, definitions)
+    arm["properties"]["tree"] = _NODE
+    params = {"type": "object", **_named(_model(ParamSpec, definitions), _KEY_PATTERN)}
+    subtree = {
+        "type": "object",
+        "properties": {"description": _TEXT, "params": params, "tree": _NODE},
+        "required": ["tree"],
+        "additionalProperties": False,
+    }
+    return {
+        "type": "object",
+        "properties": {
+            "bt_dualarm": {"const": FORMAT, "description": "Version of the format."},
+            "name": _or_reference(_TEXT),
+            "description": _or_reference(_TEXT),
+            "params": params,
+            "include": {"type": "array", "items": _TEXT},
+            "subtrees": {"type": "object", **_named(subtree, _KEY_PATTERN)},
+            "world": _model(WorldSpec, definitions),
+            "objects": {"type": "object", **_named(_model(ObjectSpec, definitions), NAME_PATTERN)},
+            "arms": {"type": "object", "minProperties": 1, **_named(arm, NAME_PATTERN)},
+        },
+        "required": ["bt_dualarm"],
+        "anyOf": [{"required": ["arms"]}, {"required": ["subtrees"]}],
+        "additionalProperties": False,
+    }
+
+
+def _named(item: Schema, pattern: str) -> Schema:
+    return {"propertyNames": {"pattern": pattern}, "additionalProperties": item}
+
+
+def _required(kind: Kind) -> list[str]:
+    """What a node of this kind cannot do without."""
+    ports = [name for name, field in kind.ports.model_fields.items() if field.is_required()]
+    slots = [slot.name for slot in kind.slots if slot.required]
+    return ports + slots + ["children"] * kind.many + ["cases"] * kind.cases
+
+
+def _body(kind: Kind, definitions: Schema) -> Schema:
+    mapping = _model(kind.ports, definitions)
+    properties = mapping["properties"]
+    properties["name"] = {"type": "string", "description": "Shown to people."}
+    properties |= dict.fromkeys(kind.outputs.model_fields, _REFERENCE)
+    properties |= {slot.name: _NODE for slot in kind.slots}
+    children = {"type": "array", "items": _NODE, "minItems": 1}
+    if kind.many:
+        properties["children"] = children
+    if kind.cases:
+        properties["cases"] = {"type": "object", "additionalProperties": _NODE, "minProperties": 1}
+    mapping["required"] = _required(kind)
+    forms: list[Schema] = [mapping]
+    if kind.many:
+        forms.append(children)
+    if kind.shorthand:
+        forms.append(properties[kind.shorthand])
+    if not _required(kind):
+        forms.append({"type": "null"})
+    return {"description": kind.summary, "anyOf": forms}
+
+
+def _model(model: type[BaseModel], definitions: Schema) -> Schema:
+    """The schema of a model; those of the models in it go to the definitions."""
+    schema = _patched(model)
+    for name, inner in schema.pop("$defs", {}).items():
+        definitions.setdefault(name, inner)
+    schema.setdefault("properties", {})
+    schema.setdefault("additionalProperties", False)
+    schema.pop("title", None)
+    return schema
+
+
+def _patched(model: type[BaseModel]) -> Schema:
+    schema = model.model_json_schema()
+    inner = {found.__name__: found for found in models_below(model)}
+    for name, definition in schema.get("$defs", {}).items():
+        _let_quantities_have_units(definition, inner[name])
+    _let_quantities_have_units(schema, model)
+    patched = _with_references(schema)
+    patched["$defs"] = {n: _with_references(d) for n, d in schema.get("$defs", {}).items()}
+    return patched
+
+
+def _let_quantities_have_units(schema: Schema, model: type[BaseModel]) -> None:
+    for name, field in model.model_fields.items():
+        unit = metadata_of(field, Unit)
+        if unit is not None and name in schema.get("properties", {}):
+            kept = schema["properties"][name]
+            kept = {key: kept[key] for key in ("description", "default") if key in kept}
+            schema["properties"][name] = {**_quantity(field, unit), **kept}
+
+
+def _quantity(field: FieldInfo, unit: Unit) -> Schema:
+    number: Schema = {"type": "number"}
+    for item in field.metadata:
+        bounds = {bound: getattr(item, bound, None) for bound in _BOUNDS}
+        number |= {_BOUNDS[bound]: value for bound, value in bounds.items() if value is not None}
+    digits = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
+    pattern = rf"^\s*{digits}\s*({'|'.join(unit.others)})\s*$"
+    forms: list[Schema] = [number, {"type": "string", "pattern": pattern}]
+    if type(None) in getattr(field.annotation, "__args__", ()):
+        forms.append({"type": "null"})
+    return {"anyOf": forms}
+
+
+def _with_references(schema: Schema) -> Schema:
+    """The same schema, where every value in a mapping or a list can be a reference, too."""
+    changed = {key: value for key, value in schema.items() if key not in ("title", "$defs")}
+    if "description" in changed:
+        changed["description"] = changed["description"].partition("\n\n")[0]
+    if "oneOf" in changed:  # a reference may fit several
+        changed["anyOf"] = changed.pop("oneOf")
+    if "properties" in changed:
+        properties = changed["properties"].items()
+        changed["properties"] = {n: _or_reference(_with_references(p)) for n, p in properties}
+    for place in ("items", "additionalProperties"):
+        if isinstance(changed.get(place), dict):
+            changed[place] = _or_reference(_with_references(changed[place]))
+    if "prefixItems" in changed:
+        items = changed["prefixItems"]
+        changed["prefixItems"] = [_or_reference(_with_references(item)) for item in items]
+    if "anyOf" in changed:
+        changed["anyOf"] = [_with_references(item) for item in changed["anyOf"]]
+    return changed
+
+
+def _or_reference(schema: Schema) -> Schema:
+    told: Schema = {key: schema[key] for key in ("description", "default") if key in schema}
+    plain: Schema = {key: value for key, value in schema.items() if key not in told}
+    forms = plain["anyOf"] if plain.keys() == {"anyOf"} else [plain]
+    return {**told, "anyOf": [*forms, _REFERENCE]}
