@@ -253,7 +253,7 @@ class Arm:
         if self.controller.fault is not None:
             raise self.controller.fault
 
-    def trouble(self) -> Exception | None:
+    def trouble(self) -> Exception | SystemExit | None:
         """What this leaf's motion, stream or camera callback has raised since last asked."""
         if self.camera is not None and self.camera.fault is not None:
             fault, self.camera.fault = self.camera.fault, None

@@ -94,7 +94,7 @@ class JointController:
 
     def __init__(self, world: World, name: str, period: float) -> None:
         self.period = period
-        self.fault: Exception | None = None
+        self.fault: Exception | SystemExit | None = None
         self.saturated = 0
         self._world = world
         self._name = name
@@ -171,7 +171,9 @@ class JointController:
         limit = self._robot.limits.effort
         if not (np.abs(torque) <= limit).all():
             if not np.isfinite(torque).all():
-                raise DivergenceError(f"{self._name}: the torques at {time:.3f} s are no numbers")
+                raise DivergenceError(
+                    f"the simulation diverged at {time:.3f} s: torques of {self._name} are no numbers"
+                )
             self.saturated += 1
             torque = np.clip(torque, -limit, limit)
         data.ctrl[body.actuator_ids] = torque
@@ -184,7 +186,7 @@ class JointController:
             motion.executed.append(self._world.data.site_xpos[self._body.tool_site].copy())
         try:
             wanted = motion.next(time)
-        except Exception as error:  # noqa: BLE001 - a skill's stream may raise anything
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a skill may raise anything
             self.fault = error
             self.stop()
             return self._wanted(time)

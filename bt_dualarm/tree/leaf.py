@@ -41,7 +41,7 @@ class Leaf(Behaviour):
         begin: Callable[[], Skill],
         release: Callable[[], None],
         reports: list[LeafReport],
-        trouble: Callable[[], Exception | None] = lambda: None,
+        trouble: Callable[[], Exception | SystemExit | None] = lambda: None,
     ) -> None:
         self.path = name
         self.kind = name
@@ -179,7 +179,7 @@ class Leaf(Behaviour):
         _log.exception("%s: %s: the skill raised %s", arm, self.path, when)
 
 
-def _raise_in(steps: Iterator[float | None], trouble: Exception) -> float | None:
+def _raise_in(steps: Iterator[float | None], trouble: BaseException) -> float | None:
     """Raise in a generator where it waits; others than generators cannot answer it."""
     if isinstance(steps, Generator):
         progress: float | None = steps.throw(trouble)

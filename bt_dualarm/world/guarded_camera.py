@@ -19,7 +19,7 @@ class GuardedCamera:
     """
 
     def __init__(self, camera: Camera) -> None:
-        self.fault: Exception | None = None
+        self.fault: Exception | SystemExit | None = None
         self._camera = camera
         self._aim: Aim | None = None
 
@@ -57,7 +57,7 @@ class GuardedCamera:
         def guarded(frame: Frame) -> None:
             try:
                 callback(frame)
-            except Exception as error:  # noqa: BLE001 - it belongs to the leaf, see `fault`
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - the leaf's, see `fault`
                 self.fault = error
                 unsubscribe()
 
@@ -67,7 +67,7 @@ class GuardedCamera:
     def _guarded_aim(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
         try:
             return self._aim(stamp, camera, width, height) if self._aim else Window()
-        except Exception as error:  # noqa: BLE001 - as above
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
             self.fault = error
             self.aim = None
             return Window()

@@ -1,0 +1,112 @@
+"""A skill of one arm that goes wrong, wherever, is that leaf's failure and nobody else's."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.registry import Registry
+from tests.commands import BtRun
+from tests.plays import STOPPED, Play, Stage
+
+HERE = Path(__file__).parent
+
+TWO_ARMS = """
+    world: {{scene: empty, time_limit: 20}}
+    arms:
+      faulty:
+        robot: ur5
+        camera: {{mount: wrist, resolution: [32, 24], fps: 30}}
+        tree: {tree}
+      other:
+        robot: panda
+        base: {{xyz: [0, 1.5, 0]}}
+        tree: {{reach_to_pose: {{offset: {{xyz: [0, 0, 0.1]}}, speed: 0.1}}}}
+"""
+
+
+@pytest.fixture(scope="module")
+def registry() -> Registry:
+    return Registry.load([HERE / "skills"])
+
+
+def check_other_arm(play: Play) -> None:
+    """The other arm's tree ended in SUCCESS, after the fault."""
+    assert play.arm("other").outcome == "SUCCESS"
+    assert (play.arm("other").ended_s or 0.0) > (play.arm("faulty").ended_s or 0.0)
+
+
+@pytest.mark.parametrize("error", ["ValueError", "SystemExit", "StopIteration"])
+@pytest.mark.parametrize("phase", ["constructor", "before", "after", "stream", "camera", "aim"])
+def test_leaf_fails_and_the_other_arm_goes_on(
+    phase: str, error: str, stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    """FAILURE EXCEPTION with its traceback in the log, and the arm stands within a second."""
+    tree = f"{{raiser: {{phase: {phase}, error: {error}}}}}"
+    with caplog.at_level(logging.ERROR):
+        play = stage.run(TWO_ARMS.format(tree=tree))
+    leaf = play.leaf("raiser", "faulty")
+    assert (leaf.status, leaf.code) == ("FAILURE", "EXCEPTION")
+    assert f"on purpose, in {phase}" in caplog.text
+    assert "raiser.py" in caplog.text
+    assert leaf.ended_s is not None
+    assert play.speed_after(leaf.ended_s + 1.0, "faulty") < STOPPED
+    assert play.arm("faulty").outcome == "FAILURE"
+    check_other_arm(play)
+
+
+def test_moving_before_the_fault(stage: Stage) -> None:
+    """The arm of these tests does move until it fails: else that it stands would say nothing."""
+    play = stage.run(TWO_ARMS.format(tree="{raiser: {phase: after}}"))
+    assert max(speed for time, speed in play.speeds["faulty"] if time < 0.3) > 2 * STOPPED
+
+
+def test_clean_up_that_raises_when_halted(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
+    """A timeout halts the skill; its ``finally`` raises; the timeout fails as it would anyway."""
+    play = stage.run(
+        TWO_ARMS.format(tree="{timeout: {seconds: 0.5, child: {raiser: {phase: finally}}}}")
+    )
+    leaf = play.leaf("raiser", "faulty")
+    assert (leaf.status, leaf.code) == ("INVALID", "HALTED")
+    assert "on purpose, in finally" in leaf.reason
+    assert "on purpose, in finally" in caplog.text
+    assert play.speed_after(1.5, "faulty") < STOPPED
+    check_other_arm(play)
+
+
+def test_metrics_that_are_none(stage: Stage) -> None:
+    """What an author puts among the metrics cannot hide the failure."""
+    play = stage.run(TWO_ARMS.format(tree="{raiser: {phase: metrics}}"))
+    assert play.leaf("raiser", "faulty").code == "EXCEPTION"
+    check_other_arm(play)
+
+
+def test_set_points_that_are_no_numbers_move_nothing(stage: Stage) -> None:
+    """A stream of NaN is clipped: the arm comes to rest and the world stays sane."""
+    tree = "{force_success: {child: {timeout: {seconds: 1.5, child: {raiser: {phase: nan}}}}}}"
+    play = stage.run(TWO_ARMS.format(tree=tree))
+    assert play.speed_after(1.3, "faulty") < STOPPED
+    assert play.arm("faulty").clipped_setpoints > 0
+    check_other_arm(play)
+
+
+def test_failed_leaf_can_be_followed_by_another(stage: Stage) -> None:
+    """The fault of one leaf is not found again by the next: a selector's other way works."""
+    tree = "{selector: [{raiser: {phase: stream}}, {reach_to_pose: {posture: home}}]}"
+    play = stage.run(TWO_ARMS.format(tree=tree))
+    assert play.leaf("raiser", "faulty").code == "EXCEPTION"
+    assert play.leaf("reach_to_pose", "faulty").status == "SUCCESS"
+    assert play.arm("faulty").outcome == "SUCCESS"
+
+
+@pytest.mark.slow
+def test_file_that_cannot_be_imported_stops_the_command(bt_run: BtRun) -> None:
+    """Before anything moves, with the file and the reason; there is no record of a run."""
+    ran = bt_run("circle", "--skills", HERE / "broken")
+    assert ran.code == 2
+    assert "half_written.py" in ran.err
+    assert "on purpose, at import" in ran.err
+    assert "Traceback" not in ran.err
+    assert not (ran.folder / "summary.json").exists()
