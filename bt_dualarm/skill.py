@@ -81,6 +81,7 @@ class Skill:
         write: Puts an output on the blackboard, if the tree gave a key for it.
 
     Attributes:
+        needs: Modules that are slow to import and that the skill uses; imported before the run.
         progress: Share done from 0 to 1, for the display; None where it cannot be known.
         metrics: What the skill measured; goes into the summary of the run.
     """
@@ -89,6 +90,7 @@ class Skill:
     Outputs: ClassVar[type[PortModel]] = NoPorts
     failures: ClassVar[Mapping[str, str]] = {}
     example: ClassVar[str] = ""
+    needs: ClassVar[tuple[str, ...]] = ()
 
     ports: Any
 

@@ -32,6 +32,7 @@ class Circle(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "circle: {plane: yz, radius: 0.10, turns: 2, speed: 0.5}"
+    needs = ("toppra",)
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -41,6 +41,7 @@ class Lissajous(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "lissajous: {amplitudes: [0.10, 0.05], frequencies: [1, 2], speed: 0.5}"
+    needs = ("toppra",)
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -27,7 +27,7 @@ from bt_dualarm.world.camera import Camera
 from bt_dualarm.world.rendering import Renderer, RendererKind, choose_renderer
 from bt_dualarm.world.world import World
 
-CONTROL_PERIOD = Fraction(1, 500)
+CONTROL_PERIOD = Fraction(1, 250)
 """Longest time in seconds between two set-points of an arm, where the physics steps as often."""
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from math import ceil
 
 _FINEST = 10**9
 """Largest denominator in which a period in seconds is read: 0.002 is 1/500, not a binary float."""
@@ -29,7 +28,9 @@ class Periodic:
     def __init__(self, period: Fraction, timestep: Fraction, first: int = 0) -> None:
         if period <= 0 or timestep <= 0:
             raise ValueError(f"period {period} s and step {timestep} s must be positive")
-        self._steps = max(period / timestep, Fraction(1))
+        steps = max(period / timestep, Fraction(1))
+        # Whole numbers: this is asked at every step, and fractions are slow.
+        self._numerator, self._denominator = steps.numerator, steps.denominator
         self._first = first
         self._count = 0
         self._next = first
@@ -39,5 +40,5 @@ class Periodic:
         if step < self._next:
             return False
         self._count += 1
-        self._next = self._first + ceil(self._count * self._steps)
+        self._next = self._first - (-self._count * self._numerator // self._denominator)
         return True

@@ -64,7 +64,7 @@ class WorldSpec(Value):
 
     scene: Name = "table"
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
-    timestep: Annotated[float, Field(ge=1e-4, le=0.01)] = 0.002
+    timestep: Annotated[float, Field(ge=1e-4, le=0.004)] = 0.002
     renderer: Literal["auto", "gl", "ray"] = "auto"
     time_limit: Annotated[Duration, Field(gt=0.0, le=86400.0)] = 600.0
 

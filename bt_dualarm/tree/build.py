@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -107,6 +108,8 @@ class _Builder:
         bound = BoundPorts(skill.Ports, ports, self._board)
         outputs = Outputs(skill.Outputs, keys, self._board)
         context = self._make_context(path)
+        for module in skill.needs:
+            importlib.import_module(module)
 
         def begin() -> Skill:
             return skill(bound.now(), context, outputs.write)
