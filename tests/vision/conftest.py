@@ -20,6 +20,9 @@ FACE_DISTANCE_M = 0.35
 
 _STUDIO = """
 <mujoco>
+  <visual>
+    <headlight ambient="{ambient} {ambient} {ambient}" diffuse=".55 .55 .55" specular=".1 .1 .1"/>
+  </visual>
   <asset>
     <texture name="sky" type="skybox" builtin="gradient" rgb1=".6 .7 .8" rgb2=".2 .3 .4"
              width="64" height="64"/>
@@ -31,10 +34,10 @@ _STUDIO = """
     <body name="cube" mocap="true" pos="0 0 0.5">
       <geom type="box" size=".025 .025 .025" rgba="{rgb} 1"/>
     </body>
-    <body name="other" mocap="true" pos="0 5 0.5">
+    <body name="other" mocap="true" pos="0 -5 0.5">
       <geom type="box" size=".025 .025 .025" rgba="{rgb} 1"/>
     </body>
-    <body name="screen" mocap="true" pos="0 5 1.5">
+    <body name="screen" mocap="true" pos="0 -5 1.5">
       <geom type="box" size=".5 .001 .5" rgba=".3 .3 .3 1"/>
     </body>
   </worldbody>
@@ -77,10 +80,12 @@ def renderer(request: pytest.FixtureRequest) -> Iterator[Renderer]:
 
 @pytest.fixture
 def make_studio(renderer: Renderer) -> StudioMaker:
-    """Builds studios; arguments are the cube's colour and fields of CameraSpec."""
+    """Builds studios; arguments are the cube's colour, the light and fields of CameraSpec."""
 
-    def make(rgb: tuple[float, float, float] = (0.95, 0.85, 0.05), **camera: Any) -> Studio:
-        text = _STUDIO.format(rgb=" ".join(map(str, rgb)))
+    def make(
+        rgb: tuple[float, float, float] = (0.95, 0.85, 0.05), ambient: float = 0.35, **camera: Any
+    ) -> Studio:
+        text = _STUDIO.format(rgb=" ".join(map(str, rgb)), ambient=ambient)
         model = mujoco.MjModel.from_xml_string(text)
         data = mujoco.MjData(model)
         return Studio(model, data, Camera("camera", CameraSpec(**camera), renderer))

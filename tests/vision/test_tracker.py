@@ -92,7 +92,7 @@ def test_a_lost_target_is_owned_up_to_and_found_again(make_studio: StudioMaker) 
     assert tracker.lost_count == 1
     assert tracker.lost_since == pytest.approx(tracker.last_stamp)
     assert frames[-1].region == (0, 0, 320, 240)
-    studio.place(0.0, 1.0, "screen", y=5.0)
+    studio.place(0.0, 1.0, "screen", y=-5.0)
     follow(studio, tracker, small_circle, 1.3, 1.8)
     assert tracker.locked
     assert tracker.lost_since is None
