@@ -139,12 +139,17 @@ def test_examples_work_in_the_order_of_the_page(page: str, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_the_panda_follows_as_closely_as_readme_says(tmp_path: Path) -> None:
-    assert "less than 1 mm RMS" in (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_main_job_does_and_writes_what_readme_says(tmp_path: Path) -> None:
+    """The figure of the first screen, and the table of the files of a record."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
     run_in(tmp_path, "bt-run pick_and_track --record out --display quiet")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     (track,) = (leaf for leaf in summary["arms"]["arm2"]["leaves"] if leaf["skill"] == "track")
+    assert "less than 1 mm RMS" in text
     assert track["metrics"]["yz_rms_m"] < 0.001
+
+    written = {re.sub(r"^arm\d", "ARM", path.name) for path in (tmp_path / "out").iterdir()}
+    assert {name for name in written if f"`{name}`" not in text} == set()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
