@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 import zlib
 from collections.abc import Callable
@@ -124,7 +123,6 @@ def assemble(
         choice = choose_renderer(renderer or file.world.renderer)
         drawing, message = choice.create(), choice.message
     world = World(file, seed)
-    importlib.import_module("toppra")  # now: the first tick that times a path would stand still
     series = SeriesLog()
     parts = _Parts(file, world, registry, drawing, on_event, series, seed)
     declared = {name: arm.robot for name, arm in file.arms.items()}
