@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm.share import share_dir
+from bt_dualarm.spec.language import LANGUAGE
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -159,11 +160,11 @@ def test_links_lead_to_files(page: Path) -> None:
     assert [target for target in local if not (page.parent / target).exists()] == []
 
 
-def test_readme_names_every_shipped_tree_and_skill() -> None:
+def test_readme_names_every_shipped_tree_skill_and_word() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     trees = {path.stem for path in share_dir("trees").glob("*.yaml")}
     skills = {path.stem for path in share_dir("skills").glob("*.py")}
-    assert {name for name in trees | skills if f"`{name}`" not in text} == set()
+    assert {name for name in trees | skills | set(LANGUAGE) if f"`{name}`" not in text} == set()
 
 
 def declared_ranges() -> dict[str, str]:
