@@ -42,9 +42,9 @@ def check_tree(
     """
     for node in root.walk():
         kind = kinds.get(node.kind)
-        if kind is not None:
+        if kind is not None and node.whole:
             yield from check_node(node, kind, declared)
-        elif complete:
+        elif kind is None and complete:
             hint = suggestion(node.kind, kinds, "kind of node")
             yield node.problem(f"there is no node or skill '{node.kind}'", hint)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from bt_dualarm.spec.params import ParamSpec
-from bt_dualarm.spec.ports import reference_of
+from bt_dualarm.spec.ports import UNKNOWN, reference_of
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.scope import Scope
 from bt_dualarm.spec.site import Site, SubtreeSpec
@@ -75,10 +75,11 @@ class Expansion:
         self, subtree: SubtreeSpec, name: str, spec: ParamSpec, given: Mapping[str, Data]
     ) -> Data:
         if name not in given:
-            if spec.default is None:
-                message = f"subtree '{subtree.name}' needs its parameter '{name}'"
-                self._add((), message, f"{name}: {spec.description or spec.type}", key=True)
-            return spec.default
+            if spec.default is not None:
+                return spec.default
+            message = f"subtree '{subtree.name}' needs its parameter '{name}'"
+            self._add((), message, f"{name}: {spec.description or spec.type}", key=True)
+            return f"{{{UNKNOWN}{name}}}"
         value = given[name]
         if reference_of(value) is None and spec.type == "key":
             message = f"{name}: expected a key of the blackboard"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias, get_args, get_origin
 
@@ -12,8 +12,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from bt_dualarm.spec.annotations import containers_in, models_in
-from bt_dualarm.spec.ports import key_name, reference_of, shown, unit_of
-from bt_dualarm.spec.problems import suggestion
+from bt_dualarm.spec.ports import UNKNOWN, key_name, reference_of, shown, unit_of
+from bt_dualarm.spec.problems import nearest, suggestion
 from bt_dualarm.spec.source import Data, Path
 
 _Location: TypeAlias = tuple[int | str, ...]
@@ -31,11 +31,14 @@ _WANTED: Final = {
     "finite_number": "a finite number",
 }
 _COMPARED: Final = {
-    "greater_than": ("gt", "must be greater than"),
-    "greater_than_equal": ("ge", "must be at least"),
-    "less_than": ("lt", "must be less than"),
-    "less_than_equal": ("le", "must be at most"),
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
 }
+_NAME_RULE: Final = (
+    "names have letters, digits, _ and -, begin with a letter, at most 48 characters"
+)
 
 
 @dataclass(frozen=True)
@@ -71,19 +74,13 @@ def explain(
         noun: What the fields of the top model are: ``"port"`` or ``"field"``.
         also: Names that may stand beside the top model's fields.
     """
-    found = error.errors(include_url=False)
-    for details in found:
-        if details["type"] == "too_short" and _has_deeper(details["loc"], found):
-            continue  # pydantic counts only the items that are right
-        if details["type"] == "extra_forbidden":
-            yield _unknown(details, model, data, noun, also)
-        else:
-            yield _finding(details, model, data, noun)
-
-
-def _has_deeper(location: _Location, found: list[ErrorDetails]) -> bool:
-    depth = len(location)
-    return any(other["loc"][:depth] == location and len(other["loc"]) > depth for other in found)
+    words = _Words(model, data, noun, also)
+    # The members of a union each complain about the same value.
+    by_path: dict[Path, list[ErrorDetails]] = {}
+    for details in error.errors(include_url=False):
+        by_path.setdefault(_path_in(data, details["loc"]), []).append(details)
+    for path, found in by_path.items():
+        yield from words.at(path, found, deeper=any(_is_below(other, path) for other in by_path))
 
 
 def describe(value: Data) -> str:
@@ -102,65 +99,142 @@ def describe(value: Data) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)[:40]
 
 
-def _finding(details: ErrorDetails, model: type[BaseModel], data: Data, noun: str) -> Finding:
-    location, kind = details["loc"], details["type"]
-    path = _path_in(data, location)
-    noun = noun if len(path) + (kind == "missing") <= 1 else "field"
-    if kind == "missing":
-        return _missing(location, path, model, noun)
-    if location and location[-1] == "[key]":
-        hint = "names have letters, digits, _ and -, begin with a letter, at most 48 characters"
-        return Finding(path, f"'{path[-1] if path else ''}' cannot be a name", hint, at_key=True)
-    message, hint = _wrong_value(details, _field_at(model, location))
-    owner = next((str(part) for part in reversed(path) if isinstance(part, str)), "")
-    return Finding(path, f"{owner}: {message}" if owner else message, hint)
+def _is_below(path: Path, top: Path) -> bool:
+    return len(path) > len(top) and path[: len(top)] == top
 
 
-def _unknown(
-    details: ErrorDetails, model: type[BaseModel], data: Data, noun: str, also: frozenset[str]
-) -> Finding:
-    location = details["loc"]
-    names = _names_at(model, location[:-1])
-    if len(location) == 1:
-        names |= also
-    else:
-        noun = "field"
-    hint = suggestion(str(location[-1]), names, noun)
-    path = _path_in(data, location)
-    return Finding(path, f"unknown {noun} '{location[-1]}'", hint, at_key=True)
+@dataclass(frozen=True)
+class _Words:
+    """Puts pydantic's findings on one piece of data into words; arguments as `explain`."""
+
+    model: type[BaseModel]
+    data: Data
+    noun: str
+    also: frozenset[str]
+
+    def at(self, path: Path, found: Sequence[ErrorDetails], *, deeper: bool) -> Iterator[Finding]:
+        """What is wrong with the value at one path.
+
+        Args:
+            path: In the data.
+            found: All that pydantic has against this value.
+            deeper: Whether something inside of the value is wrong, too.
+        """
+        values = []
+        for details in found:
+            if details["type"] == "missing":
+                yield self._missing(path, details["loc"])
+            elif details["type"] == "extra_forbidden":
+                yield self._unknown(path, details["loc"])
+            elif details["loc"] and details["loc"][-1] == "[key]":
+                yield Finding(path, f"'{path[-1]}' cannot be a name", _NAME_RULE, at_key=True)
+            elif not (reference_of(details["input"]) or "").startswith(UNKNOWN):
+                values.append(details)
+        # A value that has parts is not of the other members' types; that is no news.
+        if values and not deeper and len(values) == len(found):
+            yield self._value(path, values)
+
+    def _unknown(self, path: Path, location: _Location) -> Finding:
+        names = {n for m in models_in(self._type_at(location[:-1])) for n in m.model_fields}
+        top = len(location) == 1
+        noun = self.noun if top else "field"
+        hint = suggestion(str(location[-1]), names | self.also if top else names, noun)
+        return Finding(path, f"unknown {noun} '{location[-1]}'", hint, at_key=True)
+
+    def _missing(self, path: Path, location: _Location) -> Finding:
+        name = location[-1]
+        if isinstance(name, int):
+            return Finding(path, _owned(path, self._too_few(location[:-1])))
+        field = self._field_at(location)
+        words = field.description if field and field.description else ""
+        unit = f" [{unit_of(field)}]" if field and unit_of(field) else ""
+        noun = "field" if path else self.noun
+        hint = f"{name}: {words}{unit}" if words else ""
+        return Finding(path, f"{noun} '{name}' is missing", hint, at_key=bool(path))
+
+    def _too_few(self, location: _Location) -> str:
+        wanted = [len(get_args(item)) for item in containers_in(self._type_at(location))]
+        given = self.data
+        for part in _path_in(self.data, location):
+            given = given[part]
+        return f"expected {wanted[0]} items, not {len(given)}"
+
+    def _value(self, path: Path, found: Sequence[ErrorDetails]) -> Finding:
+        given = found[0]["input"]
+        if len(found) == 1:
+            message, hint = self._one_value(found[0])
+        else:
+            wanted = [self._expectation(details) for details in found]
+            message = f"expected {' or '.join(dict.fromkeys(wanted))}, not {describe(given)}"
+            hint = self._nearest_choice(found)
+        return Finding(path, _owned(path, message), hint or _reference_hint(given))
+
+    def _one_value(self, details: ErrorDetails) -> tuple[str, str]:
+        kind, given, context = details["type"], details["input"], details.get("ctx", {})
+        if kind in _COMPARED:
+            return f"must be {self._bound(details)}, not {describe(given)}", ""
+        if kind == "value_error":
+            return str(context["error"]), ""
+        if kind == "string_pattern_mismatch":
+            return f"{describe(given)} is not allowed here", f"it must match {context['pattern']}"
+        if kind in ("too_long", "too_short"):
+            most, bound = ("most", "max") if kind == "too_long" else ("least", "min")
+            wanted = context[f"{bound}_length"]
+            return f"expected at {most} {wanted} items, not {context['actual_length']}", ""
+        if kind in _WANTED or kind == "literal_error":
+            message = f"expected {self._expectation(details)}, not {describe(given)}"
+            return message, self._nearest_choice([details])
+        return f"{details['msg'][:1].lower()}{details['msg'][1:]}", ""
+
+    def _expectation(self, details: ErrorDetails) -> str:
+        """What the value should be, to follow "expected"."""
+        kind = details["type"]
+        if kind == "literal_error":
+            choices = _choices(details)
+            return choices[0] if len(choices) == 1 else f"one of {', '.join(choices)}"
+        if kind in _COMPARED:
+            return f"a number {self._bound(details)}"
+        return _WANTED[kind] if kind in _WANTED else self._one_value(details)[0]
+
+    def _bound(self, details: ErrorDetails) -> str:
+        bound, words = _COMPARED[details["type"]]
+        field = self._field_at(details["loc"])
+        unit = f" {unit_of(field)}" if field and unit_of(field) else ""
+        return f"{words} {details['ctx'][bound]:g}{unit}"
+
+    def _nearest_choice(self, found: Sequence[ErrorDetails]) -> str:
+        choices = [choice for details in found for choice in _choices(details)]
+        close = nearest(str(found[0]["input"]), choices)
+        return f"did you mean '{close}'?" if close else ""
+
+    def _type_at(self, location: _Location) -> Any:
+        annotation: Any = self.model
+        for part in location:
+            annotation = _step(annotation, part)
+        return annotation
+
+    def _field_at(self, location: _Location) -> FieldInfo | None:
+        """The innermost declared field that the location passes through."""
+        annotation: Any = self.model
+        field = None
+        for part in location:
+            for found in models_in(annotation):
+                field = found.model_fields.get(str(part), field)
+            annotation = _step(annotation, part)
+        return field
 
 
-def _missing(location: _Location, path: Path, model: type[BaseModel], noun: str) -> Finding:
-    name = location[-1]
-    if isinstance(name, int):
-        return Finding(path, f"{path[-1] if path else 'the list'}: has too few items")
-    field = _field_at(model, location)
-    words = field.description if field and field.description else ""
-    unit = f" [{unit_of(field)}]" if field and unit_of(field) else ""
-    hint = f"{name}: {words}{unit}" if words else ""
-    return Finding(path, f"{noun} '{name}' is missing", hint, at_key=bool(path))
+def _choices(details: ErrorDetails) -> list[str]:
+    if details["type"] != "literal_error":
+        return []
+    expected = str(details["ctx"]["expected"])
+    return re.findall(r"'([^']*)'", expected) or [expected]
 
 
-def _wrong_value(details: ErrorDetails, field: FieldInfo | None) -> tuple[str, str]:
-    kind, given, context = details["type"], details["input"], details.get("ctx", {})
-    unit = f" {unit_of(field)}" if field and unit_of(field) else ""
-    if kind in _COMPARED:
-        bound, words = _COMPARED[kind]
-        return f"{words} {context[bound]:g}{unit}, not {describe(given)}", ""
-    if kind == "literal_error":
-        choices = re.findall(r"'([^']*)'", str(context["expected"])) or [str(context["expected"])]
-        return f"there is no choice {describe(given)}", suggestion(str(given), choices, "choice")
-    if kind in _WANTED:
-        return f"expected {_WANTED[kind]}, not {describe(given)}", _reference_hint(given)
-    if kind == "value_error":
-        return str(context["error"]), ""
-    if kind == "string_pattern_mismatch":
-        return f"{describe(given)} is not allowed here", f"it must match {context['pattern']}"
-    if kind in ("too_long", "too_short"):
-        wanted = context.get("max_length" if kind == "too_long" else "min_length")
-        most = "at most" if kind == "too_long" else "at least"
-        return f"expected {most} {wanted} items, not {context['actual_length']}", ""
-    return f"{details['msg'][:1].lower()}{details['msg'][1:]}", ""
+def _owned(path: Path, message: str) -> str:
+    """The message after the name of the innermost field or port that it is about."""
+    owner = next((part for part in reversed(path) if isinstance(part, str)), "")
+    return f"{owner}: {message}" if owner else message
 
 
 def _reference_hint(given: Data) -> str:
@@ -198,21 +272,3 @@ def _step(annotation: Any, part: int | str) -> Any:
         if get_origin(member) is dict and part not in ("[key]",):
             return get_args(member)[1]
     return annotation
-
-
-def _names_at(model: type[BaseModel], location: _Location) -> set[str]:
-    annotation: Any = model
-    for part in location:
-        annotation = _step(annotation, part)
-    return {name for found in models_in(annotation) for name in found.model_fields}
-
-
-def _field_at(model: type[BaseModel], location: _Location) -> FieldInfo | None:
-    """The innermost declared field that the location passes through."""
-    annotation: Any = model
-    field = None
-    for part in location:
-        for found in models_in(annotation):
-            field = found.model_fields.get(str(part), field)
-        annotation = _step(annotation, part)
-    return field

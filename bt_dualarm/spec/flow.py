@@ -18,6 +18,7 @@ from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.language import Kind
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import (
+    KEY,
     REFERENCE,
     PortModel,
     key_name,
@@ -31,6 +32,8 @@ from bt_dualarm.spec.problems import Problem, suggestion
 
 _AGAIN = frozenset({"repeat", "retry", "while", "guard", "parallel"})
 """Nodes that may tick a child after one that comes later in the file."""
+
+_OWN_KEYS = "nothing writes a key here; each arm and each use of a subtree has keys of its own"
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +138,7 @@ class Flow:
     def _writes_of(self, node: NodeSpec) -> Iterator[Write]:
         if node.kind == "set":
             key, value = node.ports.get("key"), node.ports.get("value")
-            if isinstance(key, str):
+            if isinstance(key, str) and KEY.fullmatch(key_name(key)):
                 yield Write(node, "key", key, () if reference_of(value) else (value,))
             return
         kind = self.kinds.get(node.kind)
@@ -149,10 +152,12 @@ class Flow:
         if kind is None or node.kind == "subtree":
             return
         for port, key in references_in(kind.ports, node.ports).items():
-            yield Read(node, port, key, kind.ports)
+            if KEY.fullmatch(key_name(key)):  # else the parser has refused it
+                yield Read(node, port, key, kind.ports)
         for port in templates_of(kind.ports):
             for match in REFERENCE.finditer(str(node.ports.get(port, ""))):
-                yield Read(node, port, match[1])
+                if KEY.fullmatch(key_name(match[1])):
+                    yield Read(node, port, match[1])
 
 
 def _never_written(read: Read, everywhere: set[str]) -> Problem:
@@ -162,7 +167,7 @@ def _never_written(read: Read, everywhere: set[str]) -> Problem:
     else:
         scope = read.key.removesuffix(name)
         written = {key_name(key) for key in everywhere if key == scope + key_name(key)}
-        hint = suggestion(name, written, "key written")
+        hint = suggestion(name, written, "key") if written else _OWN_KEYS
     if read.node.user:
         hint += f"; the subtree is used at {read.node.user}"
     message = f"{read.node.kind}: no node before this one writes '{{{name}}}'"

@@ -56,13 +56,16 @@ def check_file(
     skills: Mapping[str, Kind] | None = None,
     params: Mapping[str, str] | None = None,
 ) -> tuple[Problem, ...]:
-    """Every error and warning of a tree file, in its order; arguments as `load_tree_file`."""
+    """Every error of a tree file in its order, else every warning; arguments as `load_tree_file`.
+
+    Warnings wait for the errors to be mended: some of them only follow from those.
+    """
     loading = _Loading(FilePath(path), skills, params or {})
     try:
         loading.run()
     except SpecError as error:
         return error.problems
-    return in_order(loading.problems)
+    return in_order(errors(loading.problems) or loading.problems)
 
 
 @dataclass
@@ -73,6 +76,7 @@ class _Loading:
     skills: Mapping[str, Kind] | None
     given: Mapping[str, str]
     problems: list[Problem] = field(default_factory=list)
+    used: set[SubtreeSpec] = field(default_factory=set)
 
     def run(self) -> TreeFile | None:
         """The file, or None; the reasons are among the problems.
@@ -124,14 +128,15 @@ class _Loading:
         parser = Parser()
         root = parser.node(site.data, site)
         self.problems += parser.problems
+        self.used |= parser.used
         return root
 
     def _examine_subtrees(
         self, source: Source, library: Mapping[str, SubtreeSpec], examination: Examination
     ) -> None:
-        """Look at this file's subtrees by themselves too: one may not be used yet."""
+        """Look at those of this file's subtrees, too, that no tree uses yet."""
         for subtree in library.values():
-            if subtree.source is not source:
+            if subtree.source is not source or subtree in self.used:
                 continue
             values = {
                 name: f"{{{name}}}" if spec.default is None else spec.default

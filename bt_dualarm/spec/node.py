@@ -21,6 +21,7 @@ class NodeSpec:
         slots: What each child is to this node: ``children``, ``child``, ``condition``, a case, …
         source: The file it stands in.
         path: Where in that file.
+        whole: Whether the parser could make sense of all that was written.
         user: Where the subtree that it is part of is used, if it is part of one.
     """
 
@@ -31,6 +32,7 @@ class NodeSpec:
     slots: tuple[str, ...] = ()
     source: Source = field(default_factory=lambda: Source("<none>", ()), repr=False)
     path: Path = field(default=(), repr=False)
+    whole: bool = field(default=True, repr=False)
     user: Place | None = field(default=None, repr=False)
 
     @property

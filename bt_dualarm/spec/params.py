@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, create_model, model_validator
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.explain import describe, explain
 from bt_dualarm.spec.plane import Plane
-from bt_dualarm.spec.ports import KEY, PortModel, validated
+from bt_dualarm.spec.ports import KEY, UNKNOWN, PortModel, validated
 from bt_dualarm.spec.problems import Place, Problem, SpecError, suggestion
 from bt_dualarm.spec.reader import read_text
 from bt_dualarm.spec.source import Data, Path, Source, with_tuples
@@ -144,6 +144,7 @@ def chosen(
         if value is None:
             hint = f"{name}: {specs[name].description}" if specs[name].description else ""
             problems.append(Problem(Place(file), f"parameter '{name}' must be given", hint))
+            values[name] = f"{{{UNKNOWN}{name}}}"
     return values, problems
 
 

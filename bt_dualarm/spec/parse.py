@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, TypeAlias
 
 from bt_dualarm.spec.expand import Expansion
 from bt_dualarm.spec.explain import describe
 from bt_dualarm.spec.language import LANGUAGE, Kind
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.ports import KEY, Template, WrittenKey, reference_of
+from bt_dualarm.spec.ports import KEY, REFERENCE, Template, WrittenKey, reference_of
 from bt_dualarm.spec.problems import Problem
-from bt_dualarm.spec.site import Site
+from bt_dualarm.spec.site import Site, SubtreeSpec
 from bt_dualarm.spec.source import Data
 
 MAX_EXPANDED: Final = 10_000
@@ -31,9 +31,11 @@ class Parser:
 
     Attributes:
         problems: Found so far.
+        used: Subtrees that it uses, directly or through others.
     """
 
     problems: list[Problem] = field(default_factory=list)
+    used: set[SubtreeSpec] = field(default_factory=set)
     _count: int = 0
     _uses: int = 0
 
@@ -57,8 +59,11 @@ class Parser:
 
     def _known_node(self, kind: Kind, body: Data, site: Site) -> NodeSpec:
         here = site.into(kind.name)
-        fields = self._fields(kind, body, here)
-        name = self._name(fields.get("name"), kind, fields, here)
+        fields = _fields(kind, body)
+        if fields is None:
+            self._add(here, *_not_a_body(kind, body))
+            node = NodeSpec(kind.name, kind.name, {}, whole=False)
+            return replace(node, source=site.source, path=site.path, user=site.user)
         children = list(self._children(kind, fields, here))
         ports = {
             port: self._port(kind, port, value, here.into(port))
@@ -69,31 +74,17 @@ class Parser:
             children += self._use(ports, here)
         return NodeSpec(
             kind.name,
-            name,
+            self._name(kind, fields, here),
             ports,
             tuple(child for _, child in children),
             tuple(slot for slot, _ in children),
             site.source,
             site.path,
-            site.user,
+            user=site.user,
         )
 
-    def _fields(self, kind: Kind, body: Data, here: Site) -> dict[str, Data]:
-        """The body of a node as a mapping, whichever notation it has."""
-        if body is None:
-            return {}
-        if isinstance(body, dict):
-            return dict(body)
-        if isinstance(body, list) and kind.many:
-            return {"children": body}
-        if kind.shorthand and not isinstance(body, list):
-            return {kind.shorthand: body}
-        wanted = "a list of nodes" if kind.many else "a mapping of ports"
-        hint = f"for example: {kind.example}" if kind.example else ""
-        self._add(here, f"{kind.name}: expected {wanted}, not {describe(body)}", hint)
-        return {}
-
-    def _name(self, given: Data, kind: Kind, fields: Mapping[str, Data], here: Site) -> str:
+    def _name(self, kind: Kind, fields: Mapping[str, Data], here: Site) -> str:
+        given = fields.get("name")
         default = fields.get("use") if kind.name == "subtree" else kind.name
         if given is None:
             return default if isinstance(default, str) else kind.name
@@ -147,13 +138,14 @@ class Parser:
 
     def _port(self, kind: Kind, port: str, value: Data, here: Site) -> Data:
         """The value of a port with its references resolved, as far as they can be by now."""
-        self._check_references(value, here)
         metadata = _metadata(kind, port)
-        if isinstance(value, str):
-            if Template in metadata:
-                return here.scope.fill_text(value)
-            if WrittenKey in metadata:
-                return self._written_key(value, here)
+        if Template in metadata and isinstance(value, str):
+            for match in REFERENCE.finditer(value):
+                self._check_references(match[0], here)
+            return here.scope.fill_text(value)
+        self._check_references(value, here)
+        if WrittenKey in metadata and isinstance(value, str):
+            return self._written_key(value, here)
         return here.scope.fill(value)
 
     def _written_key(self, value: str, here: Site) -> str:
@@ -178,11 +170,33 @@ class Parser:
         expansion = Expansion(here, ports, self._uses)
         site = expansion.site()
         self.problems += expansion.problems
+        self.used.update(site.uses if site is not None else ())
         root = self.node(site.data, site) if site is not None else None
         return [] if root is None else [("child", root)]
 
     def _add(self, site: Site, message: str, hint: str = "", *, key: bool = False) -> None:
         self.problems.append(site.problem(message, hint, key=key))
+
+
+def _fields(kind: Kind, body: Data) -> dict[str, Data] | None:
+    """The body of a node as a mapping, whichever notation it has; None if it has none."""
+    if body is None:
+        return {}
+    if isinstance(body, dict):
+        return dict(body)
+    if isinstance(body, list):
+        return {"children": body} if kind.many else None
+    return {kind.shorthand: body} if kind.shorthand else None
+
+
+def _not_a_body(kind: Kind, body: Data) -> tuple[str, str]:
+    hint = ""
+    if isinstance(body, str) and kind.slots:
+        hint = f"write {{{kind.slots[0].name}: {body}}}"
+    elif isinstance(body, list):
+        hint = "several nodes go below 'sequence:'" if kind.slots else ""
+    wanted = "a list of nodes" if kind.many else "a mapping of ports"
+    return f"{kind.name}: expected {wanted}, not {describe(body)}", hint
 
 
 def _metadata(kind: Kind, port: str) -> set[type[Any]]:

@@ -26,6 +26,10 @@ KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
 """What an author may call a key or a parameter."""
 
 
+UNKNOWN: Final = "?"
+"""Before the name of a parameter in a reference: it has no value, which is told elsewhere."""
+
+
 @dataclass(frozen=True, eq=False)
 class Unit:
     """Metadata of a number: how it is written in YAML.

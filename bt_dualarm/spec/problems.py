@@ -115,6 +115,4 @@ def suggestion(given: str, valid: Iterable[str], noun: str) -> str:
     close = nearest(given, names)
     if close:
         return f"did you mean '{close}'?"
-    if not names:
-        return f"there is no {noun} here"
-    return f"known here: {', '.join(names)}"
+    return f"known here: {', '.join(names)}" if names else f"no {noun} is known here"

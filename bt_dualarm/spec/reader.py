@@ -75,7 +75,11 @@ def _syntax_problem(source: Source, text: str, error: yaml.YAMLError) -> Problem
     if mark is not None:
         what = " ".join(str(part) for part in (error.context, error.problem) if part)  # type: ignore[attr-defined]
         span = Span(mark.line, mark.column, mark.line, mark.column + 1)
-        return Problem(source.at(span), f"not YAML: {what}", _syntax_hint(what))
+        hint = _syntax_hint(what)
+        began = getattr(error, "context_mark", None)
+        if hint and began is not None and began.line != mark.line:
+            hint = f"{hint}; it began in line {began.line + 1}"
+        return Problem(source.at(span), f"not YAML: {what}", hint)
     position = getattr(error, "position", 0) or 0
     before = text[:position].split("\n")
     span = Span(len(before) - 1, len(before[-1]), len(before) - 1, len(before[-1]) + 1)
@@ -87,6 +91,8 @@ def _syntax_hint(what: str) -> str:
         return "a colon too many, or a line indented differently from its neighbours"
     if "cannot start any token" in what:
         return "indent with spaces, not tabs; quote text that begins with @, ` or %"
+    if "unexpected end of stream" in what:
+        return "a quote is not closed"
     if "expected <block end>" in what or "did not find expected" in what:
         return "look at the indentation and for an unclosed bracket or quote above"
     return ""

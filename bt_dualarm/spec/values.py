@@ -64,7 +64,7 @@ def _quantity(value: Any, units: dict[str, float]) -> Any:
     match = _QUANTITY.fullmatch(value)
     if match is None or match[2] not in units:
         choices = ", ".join(units)
-        raise ValueError(f"'{value}' is neither a number nor a number with one of: {choices}")
+        raise ValueError(f"expected a number, or text with a unit ({choices}), not '{value}'")
     return float(match[1]) * units[match[2]]
 
 

@@ -45,4 +45,4 @@ def test_warnings_are_no_errors() -> None:
 def test_suggestion() -> None:
     assert suggestion("raduis", ["radius", "speed"], "port") == "did you mean 'radius'?"
     assert suggestion("zzz", ["radius", "speed"], "port") == "known here: radius, speed"
-    assert suggestion("zzz", [], "object") == "there is no object here"
+    assert suggestion("zzz", [], "object") == "no object is known here"
