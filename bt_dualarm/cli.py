@@ -33,6 +33,9 @@ def run(argv: Sequence[str] | None = None) -> int:
     """
     parser = command_line()
     arguments = parser.parse_args(argv)
+    # Before numpy is imported. Sums over threads depend on how many there are, and on matrices of
+    # 7 by 7 threads only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with stop_on_signals(StopRequest()) as stop:
         try:
             if arguments.version:

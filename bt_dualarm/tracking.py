@@ -27,7 +27,8 @@ SEARCH_SPEED = 0.1
 """Speed of the search in m/s."""
 
 _FACING = 0.5  # cosine between the camera's axis and the plane's normal
-_BANDWIDTH = (15.0, 60.0)  # rad/s; in between, the frame rate in Hz serves as the bandwidth
+_BANDWIDTH = (30.0, 100.0)  # rad/s, least and most
+_BANDWIDTH_PER_FPS = 2.0  # above it the noise of the estimate is followed, below it the target lags
 _STILL_M = 0.003  # a target that stays within this distance is still
 
 
@@ -94,7 +95,7 @@ class PlaneTracking:
             else OnPlaneOfSize(normal, target_size)
         )
         self._tracker = TargetTracker(camera, color, localiser)
-        self._bandwidth = float(np.clip(1.0 / camera.period, *_BANDWIDTH))
+        self._bandwidth = float(np.clip(_BANDWIDTH_PER_FPS / camera.period, *_BANDWIDTH))
         self._servo: PlanarServo | None = None
         self._goal = np.zeros(2)
         self._goal_stamp = -np.inf
