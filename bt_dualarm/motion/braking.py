@@ -1,10 +1,53 @@
-"""How far a joint still goes when it brakes as hard as its limits allow."""
+"""Whether a joint can still stop: how far it goes when it brakes as hard as its limits allow."""
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.pose import Vector
+from bt_dualarm.world.catalogue import JointLimits
+
+Flags: TypeAlias = npt.NDArray[np.bool_]
+"""One answer for each joint, of shape (dof,)."""
+
+ROUNDING = 1e-6
+"""In rad, and as a share of a rate's limit: floating point, not motion."""
+
+
+class Foresight:
+    """Tells states from which a joint can go on within its limits from those where it is too late.
+
+    Args:
+        limits: The arm's limits.
+    """
+
+    def __init__(self, limits: JointLimits) -> None:
+        self._limits = limits
+        # With less speed than this no acceleration within its limit can lead past the limit.
+        self._calm = limits.velocity - limits.acceleration**2 / (2 * limits.jerk)
+        # Far from its position limits a joint can stop from whatever speed it may have.
+        still = np.zeros_like(limits.velocity)
+        rates = limits.acceleration, limits.jerk
+        longest = 1.01 * stopping_distance(limits.velocity, still, *rates)
+        self._low, self._high = limits.lower + longest, limits.upper - longest
+
+    def can_go_on(self, q: Vector, v: Vector, a: Vector) -> Flags:
+        """Whether each joint can keep its limits from here, all three of shape (dof,)."""
+        easy: Flags = (np.abs(v) < self._calm) & (q > self._low) & (q < self._high)
+        return easy if easy.all() else easy | self._can_stop(q, v, a)
+
+    def _can_stop(self, q: Vector, v: Vector, a: Vector) -> Flags:
+        limits = self._limits
+        rates = limits.acceleration, limits.jerk
+        fast = np.abs(v + a * np.abs(a) / (2 * limits.jerk))
+        ahead = q + stopping_distance(v, a, *rates)
+        behind = q - stopping_distance(-v, -a, *rates)
+        in_reach = (behind >= limits.lower - ROUNDING) & (ahead <= limits.upper + ROUNDING)
+        kept: Flags = in_reach & (fast <= limits.velocity * (1 + ROUNDING))
+        return kept
 
 
 def stopping_distance(v: Vector, a: Vector, acceleration: Vector, jerk: Vector) -> Vector:

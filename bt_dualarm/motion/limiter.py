@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from bt_dualarm.motion.braking import stopping_distance
+from bt_dualarm.motion.braking import ROUNDING, Flags, Foresight
 from bt_dualarm.motion.pursuit import Pursuit
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
-
-_Flags: TypeAlias = npt.NDArray[np.bool_]
-
-_ROUNDING = 1e-6  # rad, and share of the rates' limits: floating point, not motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,28 +41,23 @@ class SetPointLimiter:
         self._limits = limits
         self._period = period
         self._pursuit = Pursuit(limits, period)
+        self._foresight = Foresight(limits)
         rates = np.array((limits.velocity, limits.acceleration, limits.acceleration, limits.jerk))
         steps = np.array((1.0, 1.0, period, period))[:, None]
         drift = limits.acceleration * period**2
-        self._bounds = np.vstack((rates * steps * (1 + _ROUNDING), drift))
+        self._bounds = np.vstack((rates * steps * (1 + ROUNDING), drift))
         self._found = np.empty_like(self._bounds)
-        # With less speed than this no acceleration within its limit can lead past the limit.
-        self._calm = limits.velocity - limits.acceleration**2 / (2 * limits.jerk)
-        # Far from its position limits a joint can stop from whatever speed it may have.
-        top, still = limits.velocity, np.zeros_like(start)
-        longest = 1.01 * stopping_distance(top, still, limits.acceleration, limits.jerk)
-        self._inner = limits.lower + longest, limits.upper - longest
 
     def send(self, wanted: SetPoint) -> SetPoint:
         """The set-point to follow now: ``wanted``, or the nearest that the limits allow."""
-        within = self._within(wanted)
-        if not within.all() or not self._holds_on(wanted).all():
+        q, v, a = wanted.q, wanted.v, wanted.a
+        if not self._within(wanted).all() or not self._foresight.can_go_on(q, v, a).all():
             self.clipped += 1
             wanted = self._bent(wanted)
         self.sent = wanted
         return wanted
 
-    def _within(self, wanted: SetPoint) -> _Flags:
+    def _within(self, wanted: SetPoint) -> Flags:
         """Which limits are kept from the last set-point to this one, of shape (5, dof)."""
         last, found = self.sent, self._found
         found[0] = wanted.v
@@ -77,26 +66,7 @@ class SetPointLimiter:
         np.subtract(wanted.a, last.a, out=found[3])
         np.subtract(wanted.q - last.q, (0.5 * self._period) * (wanted.v + last.v), out=found[4])
         np.abs(found, out=found)
-        kept: _Flags = found <= self._bounds
-        return kept
-
-    def _holds_on(self, wanted: SetPoint) -> _Flags:
-        """Whether a joint could go on from there without breaking a limit, of shape (dof,)."""
-        low, high = self._inner
-        q, v, a = wanted.q, wanted.v, wanted.a
-        easy: _Flags = (np.abs(v) < self._calm) & (q > low) & (q < high)
-        if easy.all():
-            return easy
-        return easy | self._can_go_on(q, v, a)
-
-    def _can_go_on(self, q: Vector, v: Vector, a: Vector) -> _Flags:
-        limits = self._limits
-        rates = limits.acceleration, limits.jerk
-        fast = np.abs(v + a * np.abs(a) / (2 * limits.jerk))
-        ahead = q + stopping_distance(v, a, *rates)
-        behind = q - stopping_distance(-v, -a, *rates)
-        in_reach = (behind >= limits.lower - _ROUNDING) & (ahead <= limits.upper + _ROUNDING)
-        kept: _Flags = in_reach & (fast <= limits.velocity * (1 + _ROUNDING))
+        kept: Flags = found <= self._bounds
         return kept
 
     def _bent(self, wanted: SetPoint) -> SetPoint:
@@ -106,9 +76,9 @@ class SetPointLimiter:
         ask = np.array((wanted.q, wanted.v, wanted.a))
         known = np.isfinite(ask).all(axis=0)
         goal = np.where(known, ask, now)
-        good = known & self._within(wanted).all(axis=0) & self._can_go_on(*goal)
+        good = known & self._within(wanted).all(axis=0) & self._foresight.can_go_on(*goal)
         step = self._pursuit.towards(self._reachable(goal), now)
-        safe = known & self._can_go_on(*step)
+        safe = known & self._foresight.can_go_on(*step)
         if not (safe | good).all():
             step = np.where(safe, step, self._pursuit.to_rest(now))
         step = np.where(good, ask, step)

@@ -1,11 +1,12 @@
 """Following a moving target in a plane, at the control rate, within the arm's limits.
 
 The tool's acceleration is ``a = â + 2w(v̂ + u - v)``, where (p̂, v̂, â) is the target's motion and
-``u`` points to the target: ``w/2`` times the distance near it, and no faster than the arm can
-brake farther away. Near the target that is ``e'' + 2we' + w²e = 0``. The third axis and the
-orientation are held. Joint accelerations follow from it by ``q'' = J⁺(x'' - J'q')`` and are
-integrated, so that positions, velocities and accelerations always belong together (closed-loop
-inverse kinematics, Siciliano et al., Robotics, 3.7.1 and 8.6.1).
+``u`` points to the target: ``w/2`` times the distance near it, and farther away no faster than the
+arm can brake. Near the target that is ``e'' + 2we' + w²e = 0``. The third axis and the orientation
+are held, and come first where the joints' accelerations do not suffice for both. Joint
+accelerations follow by ``q'' = J⁺(x'' - J'q')`` and are integrated, so that positions, velocities
+and accelerations always belong together (closed-loop inverse kinematics, Siciliano et al.,
+Robotics, 3.7.1 and 8.6.1).
 """
 
 from __future__ import annotations
@@ -15,8 +16,11 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.braking import Foresight
 from bt_dualarm.motion.ik import Kinematics
 from bt_dualarm.motion.limiter import SetPoint
+from bt_dualarm.motion.pursuit import Pursuit
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
 
@@ -26,10 +30,17 @@ HOLD_BANDWIDTH = 40.0
 POSTURE_BANDWIDTH = 4.0
 """With which a redundant arm returns to its posture at the start, rad/s."""
 
+LOST_M = 0.02
+"""How far the tool may leave its plane in m before it gives up."""
+
+LOST_RAD = 0.1
+"""How far the tool may turn from its orientation in rad before it gives up."""
+
 BRAKING_BANDWIDTH = 8.0
 """With which the tool comes to rest when there is no target, rad/s."""
 
 _BRAKE_SHARE = 0.5  # of the acceleration is planned for slowing down before the target
+_TOP_SHARE = 0.95  # of the velocity limits is planned for
 _DAMPING = 1e-6  # of the pseudo-inverse: keeps it finite at a singularity
 
 
@@ -74,7 +85,9 @@ class PlanarServo:
         self._axes = axes
         self._target = target
         self._bandwidth = bandwidth
-        self._now = start
+        self._sent = self._now = start
+        self._foresight = Foresight(limits)
+        self._pursuer = Pursuit(limits, period)
         self._posture = start.q
         self._origin = kinematics.matrix(start.q)
         self._normal = np.cross(axes[0], axes[1])
@@ -83,25 +96,29 @@ class PlanarServo:
         self.velocity = np.zeros(2)
 
     def __call__(self, time: float) -> SetPoint:
-        """The set-point for ``time``."""
+        """The set-point for ``time``.
+
+        Raises:
+            Failure: ``UNREACHABLE`` where the arm can no longer hold the plane or the orientation.
+        """
         q, v = self._now.q, self._now.v
         jacobian = self._kinematics.jacobian(q)
         tool = self._kinematics.matrix(q)
         twist = jacobian @ v
         self.displacement = self._axes @ (tool[:3, 3] - self._origin[:3, 3])
         self.velocity = self._axes @ twist[:3]
-        wanted = self._held(tool, twist)
         inverse = _pseudo_inverse(jacobian)
-        wanted[:3] += self._axes.T @ self._pursuit(time, inverse)
         drift = (jacobian - self._last_jacobian) @ v / self._period
         self._last_jacobian = jacobian
-        a = inverse @ (wanted - drift)
+        hold = inverse @ (self._held(tool, twist) - drift)
         if len(q) > 6:
             rest = POSTURE_BANDWIDTH**2 * (self._posture - q) - 2 * POSTURE_BANDWIDTH * v
-            a += rest - inverse @ (jacobian @ rest)
-        sent = SetPoint(q, v, self._within(a))
-        self._now = self._after(sent)
-        return sent
+            hold += rest - inverse @ (jacobian @ rest)
+        move = inverse[:, :3] @ (self._pursuit(time, inverse) @ self._axes)
+        a = self._within(hold, move)
+        self._sent = self._feasible(SetPoint(q, v, a))
+        self._now = self._after(self._sent)
+        return self._sent
 
     def _held(self, tool: Matrix, twist: Vector) -> Vector:
         """Acceleration, of shape (6,), that keeps the third axis and the orientation."""
@@ -112,6 +129,14 @@ class PlanarServo:
         turn = 0.5 * np.array(
             (skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1])
         )
+        if abs(off) > LOST_M or float(np.abs(turn).max()) > LOST_RAD:
+            raise Failure(
+                "UNREACHABLE",
+                f"the tool cannot follow there: it is {abs(off) * 1e3:.0f} mm out of its plane and "
+                f"{np.degrees(np.linalg.norm(turn)):.0f}° from its orientation",
+                plane_error_m=abs(off),
+                angle_error_rad=float(np.linalg.norm(turn)),
+            )
         return np.concatenate(
             ((w * w * off - 2 * w * speed) * self._normal, w * w * turn - 2 * w * twist[3:])
         )
@@ -126,22 +151,42 @@ class PlanarServo:
         braking = 2 * _BRAKE_SHARE * self._reachable_acceleration(inverse) * distance
         closing = min(0.5 * self._bandwidth * distance, float(np.sqrt(braking)))
         goal = target.velocity + away * (closing / distance)
-        return target.acceleration + 2 * self._bandwidth * (goal - self.velocity)
+        share = self._passable_share(inverse, goal)
+        ahead = target.acceleration if share == 1.0 else 0.0
+        return ahead + 2 * self._bandwidth * (share * goal - self.velocity)
+
+    def _passable_share(self, inverse: Matrix, velocity: Vector) -> float:
+        """Of a velocity in the plane, what the joints can do and stop from before their limits."""
+        limits, q = self._limits, self._now.q
+        rates = inverse[:, :3] @ (velocity @ self._axes)
+        room = np.maximum(np.where(rates > 0, limits.upper - q, q - limits.lower), 0.0)
+        braking = np.sqrt(2 * _BRAKE_SHARE * limits.acceleration * room)
+        most = np.minimum(braking, _TOP_SHARE * limits.velocity)
+        return min(1.0, float((most / np.maximum(np.abs(rates), 1e-9)).min()))
 
     def _reachable_acceleration(self, inverse: Matrix) -> float:
         """What the joints allow in the worse of the two directions, m/s²."""
         per_unit = np.abs(inverse[:, :3] @ self._axes.T).max(axis=1)
         return float((self._limits.acceleration / np.maximum(per_unit, 1e-6)).min())
 
-    def _within(self, a: Vector) -> Vector:
-        """The same direction, as much of it as jerk, acceleration and velocity allow."""
+    def _within(self, hold: Vector, move: Vector) -> Vector:
+        """Both accelerations, as much of the second as the limits leave, then less of both."""
         limits, dt = self._limits, self._period
-        a = a * min(1.0, 1.0 / float((np.abs(a) / limits.acceleration).max(initial=1e-9)))
+        left = limits.acceleration - hold * np.sign(move)
+        share = float((left / np.maximum(np.abs(move), 1e-9)).min())
+        a = hold + min(max(share, 0.0), 1.0) * move
+        a *= min(1.0, 1.0 / float((np.abs(a) / limits.acceleration).max(initial=1e-9)))
         change = a - self._now.a
         change *= min(1.0, 1.0 / float((np.abs(change) / (limits.jerk * dt)).max(initial=1e-9)))
-        a = self._now.a + change
-        fast = (np.abs(self._now.v + a * dt) > limits.velocity) & (a * self._now.v > 0)
-        return np.where(fast, 0.0, a)
+        within: Vector = self._now.a + change
+        return within
+
+    def _feasible(self, wanted: SetPoint) -> SetPoint:
+        """The set-point itself; the hardest brake where it would be too late for one."""
+        if self._foresight.can_go_on(wanted.q, wanted.v, wanted.a).all():
+            return wanted
+        last = self._sent
+        return SetPoint(*self._pursuer.to_rest(np.array((last.q, last.v, last.a))))
 
     def _after(self, sent: SetPoint) -> SetPoint:
         dt = self._period
