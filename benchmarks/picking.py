@@ -1,0 +1,246 @@
+"""Picking cubes from all over the table: how many succeed, how many are refused, and where.
+
+    python benchmarks/picking.py [--poses 50] [--seed 0] [--back 0] [--out DIR]
+
+Each pose, anywhere on the table top and turned at random, is a run of its own: attach the cube,
+then lift it by 0.2 m. What the tree says is compared with the simulator's true state. Exit code 1
+if a run said SUCCESS falsely, failed after it had begun to move, or if less than 95 % of the poses
+within reach were picked. Within reach: inverse kinematics alone puts the tool straight down on the
+cube and above it. All of the table is; ``--back 0.3`` moves the arm away, so that part is not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.registry import Registry
+from bt_dualarm.run.parts import RunView
+from bt_dualarm.run.session import Session
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.tree.report import LeafReport, StatusChange
+from bt_dualarm.world.world import World
+
+TABLE = ((0.05, 0.65), (-0.75, -0.25))
+"""Edges in x and y of the top of the scene ``table``, m."""
+
+EDGE, TOP = 0.05, 0.40  # of the cube; height of the table, m
+STANDOFF, LIFT = 0.10, 0.20  # m
+SCENE = """\
+bt_dualarm: 1
+world: {{scene: table, time_limit: 60}}
+objects:
+  cube:
+    {{shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, color: yellow,
+      pose: {{xyz: [{x:.6f}, {y:.6f}, 0.425], rpy: [0, 0, {yaw:.4f}]}}}}
+arms:
+  arm1:
+    robot: ur5
+    base: {{xyz: [0, {back:.3f}, 0.40]}}
+    tree:
+      sequence:
+        - approach_and_attach: {{object: cube}}
+        - selector:
+            - transport: {{object: cube, to: {{xyz: [{x:.6f}, {y:.6f}, 0.627]}}}}
+            - transport: {{object: cube, to: {{xyz: [0.30, -0.45, 0.650]}}}}
+"""
+
+Verdict: TypeAlias = Literal["picked", "refused", "failed", "lied"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a cube stands: metres, degrees."""
+
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What came of one place.
+
+    Attributes:
+        verdict: picked: attached and lifted, in truth. refused: failed before it moved.
+            failed: after it had moved. lied: said SUCCESS, and it was not so.
+        within_reach: As the inverse kinematics alone sees it.
+        reason: Why it was not picked.
+        seconds: Simulated time until the cube was attached.
+    """
+
+    place: Place
+    verdict: Verdict
+    within_reach: bool
+    reason: str
+    seconds: float
+
+
+def places(count: int, seed: int) -> list[Place]:
+    """Cubes that stand on the table with their whole base, uniformly spread."""
+    rng = np.random.default_rng(seed)
+    margin = EDGE / np.sqrt(2)
+    (left, right), (front, back) = TABLE
+    low, high = (left + margin, front + margin, -45.0), (right - margin, back - margin, 45.0)
+    return [Place(*row) for row in rng.uniform(low, high, size=(count, 3)).tolist()]
+
+
+class Onlooker:
+    """Sees what the simulator knows: how far the arm has moved, and how the cube goes with it."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._start = world.arms["arm1"].q
+        self._attached_at: tuple[float, Pose] | None = None
+        self.moved = 0.0
+        self.time_attached = np.nan
+
+    def on_event(self, change: StatusChange) -> None:
+        """Note the moment after attaching."""
+        if change.kind == "approach_and_attach" and change.new == "SUCCESS":
+            self.time_attached = change.time
+            height = self._world.object_pose("cube").position[2]
+            self._attached_at = float(height), self._cube_in_tool()
+
+    def after_ticks(self, run: RunView) -> None:
+        """Nothing to see."""
+
+    def after_step(self, time: float) -> None:  # noqa: ARG002 - the world has its own clock
+        """Keep the largest way of a joint, in rad."""
+        away = float(np.abs(self._world.arms["arm1"].q - self._start).max())
+        self.moved = max(self.moved, away)
+
+    def holds(self) -> bool:
+        """The cube is welded, was lifted, and has not moved in the hand."""
+        if self._attached_at is None or self._world.attachments.find("arm1", "cube") is None:
+            return False
+        height, in_tool = self._attached_at
+        rise = float(self._world.object_pose("cube").position[2]) - height
+        return rise > LIFT - 0.01 and in_tool.distance(self._cube_in_tool()) < 0.002
+
+    def _cube_in_tool(self) -> Pose:
+        return self._world.arms["arm1"].tool_pose.inverse @ self._world.object_pose("cube")
+
+
+def attempt(place: Place, registry: Registry, folder: Path, back: float = 0.0) -> Attempt:
+    """Run one place, with the arm so many metres farther from the table."""
+    path = folder / "pick.yaml"
+    path.write_text(SCENE.format(x=place.x, y=place.y, yaw=place.yaw, back=back), encoding="utf-8")
+    with Session(load_tree_file(path, registry.kinds), registry) as session:
+        world = session.assembly.world
+        reach = within_reach(world, place)
+        onlooker = Onlooker(world)
+        arm = session.run([onlooker], lambda: 0.0).arms[0]
+    failed = [leaf for leaf in arm.leaves if leaf.status == "FAILURE"]
+    said = arm.outcome == "SUCCESS"
+    verdict: Verdict = "failed"
+    if said or onlooker.holds():
+        verdict = "picked" if said and onlooker.holds() else "lied"
+    elif onlooker.moved < 1e-3:
+        verdict = "refused"
+    return Attempt(place, verdict, reach, _reasons(failed), onlooker.time_attached)
+
+
+def within_reach(world: World, place: Place) -> bool:
+    """Whether a tool that points straight down reaches the cube and the place above it."""
+    arm = world.arms["arm1"]
+    kinematics = Kinematics(arm.robot, arm.base)
+    top = (place.x, place.y, TOP + EDGE)
+    above = (place.x, place.y, TOP + EDGE + STANDOFF)
+    return any(
+        all(_reaches(kinematics, Pose.from_rpy(at, (np.pi, 0, turn)), arm.q) for at in (top, above))
+        for turn in np.deg2rad(np.arange(0, 360, 30))
+    )
+
+
+def _reaches(kinematics: Kinematics, target: Pose, near: Vector) -> bool:
+    try:
+        kinematics.solve(target, near)
+    except Failure:
+        return False
+    return True
+
+
+def _reasons(failed: Sequence[LeafReport]) -> str:
+    return "; ".join(f"{leaf.skill} {leaf.code}: {leaf.reason}" for leaf in failed)
+
+
+def report(attempts: Sequence[Attempt]) -> bool:
+    """Print the figures; whether all of them are as they should be."""
+    counts = Counter(attempt.verdict for attempt in attempts)
+    reachable = [attempt for attempt in attempts if attempt.within_reach]
+    picked = sum(attempt.verdict == "picked" for attempt in reachable)
+    share = picked / len(reachable) if reachable else 1.0
+    for number, one in enumerate(attempts):
+        if one.verdict != "picked":
+            where = f"({one.place.x:.3f}, {one.place.y:.3f}), {one.place.yaw:.0f}°"
+            reach = "within reach" if one.within_reach else "out of reach"
+            print(f"{number:3} {one.verdict:8} {reach:13} at {where:24} {one.reason}")
+    print(
+        "picked {picked}, refused {refused}, failed {failed}, lied {lied}".format_map(
+            {name: counts[name] for name in ("picked", "refused", "failed", "lied")}
+        )
+    )
+    print(f"within reach: {len(reachable)} of {len(attempts)}, picked {100 * share:.1f} % of them")
+    seconds = [one.seconds for one in attempts if one.verdict == "picked"]
+    if seconds:
+        print(
+            f"simulated time to attach: median {np.median(seconds):.2f} s, max {max(seconds):.2f} s"
+        )
+    return share >= 0.95 and counts["failed"] == counts["lied"] == 0
+
+
+def draw(attempts: Sequence[Attempt], back: float, path: Path) -> None:
+    """A map of the table with the outcome at each place."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+    figure = Figure(figsize=(7, 6), layout="constrained")
+    axes = figure.add_subplot()
+    (left, right), (front, back) = TABLE
+    axes.add_patch(Rectangle((left, front), right - left, back - front, color="#eee4d8", zorder=0))
+    styles = {"picked": ("o", "#2a8c4a"), "refused": ("s", "#8a8f98"), "failed": ("X", "#c2402f")}
+    for verdict, (marker, color) in {**styles, "lied": ("P", "#7a1fa2")}.items():
+        found = [one.place for one in attempts if one.verdict == verdict]
+        label = f"{verdict} ({len(found)})"
+        axes.scatter(
+            [p.x for p in found], [p.y for p in found], marker=marker, c=color, label=label
+        )
+    axes.plot(0, back, marker="^", color="black", linestyle="none", label="base of the arm")
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="Picking a cube from the table")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    figure.savefig(path, dpi=120)
+
+
+def main() -> int:
+    """Read the arguments, pick, report."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--poses", type=int, default=50, help="how many")
+    parser.add_argument("--seed", type=int, default=0, help="of the poses")
+    parser.add_argument("--back", type=float, default=0.0, help="arm farther away by so many m")
+    parser.add_argument("--out", type=Path, default=Path("out/picking"), help="folder of the map")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    registry = Registry.load()
+    attempts = [
+        attempt(place, registry, arguments.out, arguments.back)
+        for place in places(arguments.poses, arguments.seed)
+    ]
+    good = report(attempts)
+    draw(attempts, arguments.back, arguments.out / "picking.png")
+    print(f"map: {arguments.out / 'picking.png'}")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
