@@ -9,6 +9,7 @@ _INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 _CLOCK = re.compile(r"[-+]?[0-9]+(?::[0-5]?[0-9])+(?:\.[0-9]*)?")
 _OTHER_BASE = re.compile(r"[-+]?0[xXoObB][0-9a-fA-F_]+")
+_LEADING_ZERO = re.compile(r"[-+]?0[0-9]+")
 _GROUPED = re.compile(r"[-+]?[0-9][0-9_]*_[0-9_.]*")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|nan)", re.IGNORECASE)
 _LARGEST_INTEGER = 2**53
@@ -64,7 +65,7 @@ def _number_or_text(text: str) -> int | float | str:
         if len(text) > _LONGEST_NUMBER or abs(int(text)) > _LARGEST_INTEGER:
             raise ScalarError("this number is too large", f"at most {_LARGEST_INTEGER} is allowed")
         return int(text)
-    if _OTHER_BASE.fullmatch(text) or _GROUPED.fullmatch(text) or re.fullmatch(r"0[0-9]+", text):
+    if _OTHER_BASE.fullmatch(text) or _GROUPED.fullmatch(text) or _LEADING_ZERO.fullmatch(text):
         raise ScalarError(
             f"'{text}' is a number in some notations only",
             f"write it in plain decimal digits, or {quoted} if text is meant",

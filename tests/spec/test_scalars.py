@@ -39,6 +39,7 @@ def test_means_what_it_looks_like(text: str, value: object) -> None:
         ("0x1F", 'write it in plain decimal digits, or "0x1F" if text is meant'),
         ("0o17", 'write it in plain decimal digits, or "0o17" if text is meant'),
         ("017", 'write it in plain decimal digits, or "017" if text is meant'),
+        ("-00", 'write it in plain decimal digits, or "-00" if text is meant'),
         ("1_000", 'write it in plain decimal digits, or "1_000" if text is meant'),
         (".inf", 'or quote it as text: ".inf"'),
         ("-.NaN", 'or quote it as text: "-.NaN"'),
