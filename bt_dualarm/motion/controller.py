@@ -101,6 +101,7 @@ class JointController:
         self._robot = world.robots[name]
         self._limiter = SetPointLimiter(self._robot.limits, period, world.arms[name].q)
         self._motion: Motion | None = None
+        self._retreat: Motion | None = None
         self._hold = self.setpoint
         self._bind()
 
@@ -146,7 +147,9 @@ class JointController:
         self._motion, self.fault = StreamMotion(source), None
 
     def stop(self) -> None:
-        """Brake with bounded jerk and hold; harmless at rest."""
+        """Brake with bounded jerk and hold; harmless at rest, and where the arm gives in anyway."""
+        if self._motion is not None and self._motion is self._retreat:
+            return
         sent = self.setpoint
         if not sent.v.any() and not sent.a.any():
             self._motion, self._hold = None, sent
@@ -172,7 +175,8 @@ class JointController:
         if not (np.abs(torque) <= limit).all():
             if not np.isfinite(torque).all():
                 raise DivergenceError(
-                    f"the simulation diverged at {time:.3f} s: torques of {self._name} are no numbers"
+                    f"the simulation diverged at {time:.3f} s: "
+                    f"the torques of {self._name} are no numbers"
                 )
             self.saturated += 1
             torque = np.clip(torque, -limit, limit)
@@ -213,6 +217,7 @@ class JointController:
         here = np.clip(self._body.q, limits.lower, limits.upper)
         braking = timing.stop(sent.q, sent.v, sent.a, limits, self.period)
         self._go_on(braking.then(timing.point_to_point(braking.q[-1], here, limits, self.period)))
+        self._retreat = self._motion
 
     def _go_on(self, motion: Trajectory) -> None:
         """Follow a motion whose first set-point is the one that was sent last."""
