@@ -148,9 +148,16 @@ class Arm:
         return postures[name]
 
     def think(self) -> Iterator[None]:
-        """Let the simulated time of planning pass; plan afterwards, on the world as it is then."""
+        """Let the simulated time of planning pass; plan afterwards, on the world as it is then.
+
+        What an earlier leaf has begun is braked meanwhile: plans start where the arm stands.
+
+        Raises:
+            Failure: ``BUSY`` when another leaf moves the arm.
+        """
         until = self.time + PLANNING_S
-        while self.time < until:
+        while self.time < until or self.controller.motion is not None:
+            self._refuse_if_busy()
             yield
 
     def line(self, start: Pose, end: Pose) -> Matrix:
@@ -274,10 +281,13 @@ class Arm:
         return np.array([self.kinematics.matrix(q)[:3, 3] for q in trajectory.q])
 
     def _claim(self) -> None:
+        self._refuse_if_busy()
+        self._owner[0] = self._leaf
+
+    def _refuse_if_busy(self) -> None:
         owner = self._owner[0]
         if owner is not None and owner is not self._leaf and not self.controller.at_rest:
             raise Failure("BUSY", f"{owner} is moving {self.name} already", owner=str(owner))
-        self._owner[0] = self._leaf
 
     def settle(self) -> Iterator[float]:
         """Wait until the arm stands on its last set-point; yields once a tick.
