@@ -76,7 +76,9 @@ class _Loading:
     skills: Mapping[str, Kind] | None
     given: Mapping[str, str]
     problems: list[Problem] = field(default_factory=list)
-    used: set[SubtreeSpec] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self._parser = Parser(self.problems)
 
     def run(self) -> TreeFile | None:
         """The file, or None; the reasons are among the problems.
@@ -121,29 +123,22 @@ class _Loading:
         trees = {}
         for arm, body in arms.data.items() if isinstance(arms.data, dict) else ():
             if isinstance(body, dict) and "tree" in body:
-                trees[arm] = self._parsed(arms.into(arm, "tree")) or _STAND_IN
+                trees[arm] = self._parser.tree(arms.into(arm, "tree")) or _STAND_IN
         return trees
-
-    def _parsed(self, site: Site) -> NodeSpec | None:
-        parser = Parser()
-        root = parser.node(site.data, site)
-        self.problems += parser.problems
-        self.used |= parser.used
-        return root
 
     def _examine_subtrees(
         self, source: Source, library: Mapping[str, SubtreeSpec], examination: Examination
     ) -> None:
         """Look at those of this file's subtrees, too, that no tree uses yet."""
         for subtree in library.values():
-            if subtree.source is not source or subtree in self.used:
+            if subtree.source is not source or subtree in self._parser.used:
                 continue
             values = {
                 name: f"{{{name}}}" if spec.default is None else spec.default
                 for name, spec in subtree.params.items()
             }
             site = Site(source, subtree.path, Scope(values), subtree.library, (subtree,))
-            root = self._parsed(site)
+            root = self._parser.tree(site)
             if root is not None:
                 examination.nodes(root)
 

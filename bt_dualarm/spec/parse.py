@@ -15,8 +15,8 @@ from bt_dualarm.spec.problems import Problem
 from bt_dualarm.spec.site import Site, SubtreeSpec
 from bt_dualarm.spec.source import Data
 
-MAX_EXPANDED: Final = 10_000
-"""Nodes of one tree with every use of a subtree written out."""
+MAX_EXPANDED: Final = 5_000
+"""Nodes of all trees of a file with every use of a subtree written out."""
 
 _DEEPEST: Final = 64
 _LONGEST_NAME: Final = 60
@@ -27,11 +27,11 @@ _Place: TypeAlias = tuple[str, Data, Site]
 
 @dataclass
 class Parser:
-    """Parses one tree, writing out the subtrees that it uses.
+    """Parses the trees of one file, writing out the subtrees that they use.
 
     Attributes:
         problems: Found so far.
-        used: Subtrees that it uses, directly or through others.
+        used: Subtrees that the trees use, directly or through others.
     """
 
     problems: list[Problem] = field(default_factory=list)
@@ -39,12 +39,16 @@ class Parser:
     _count: int = 0
     _uses: int = 0
 
+    def tree(self, site: Site) -> NodeSpec | None:
+        """The tree at a place, or None with the reason among the problems."""
+        return self.node(site.data, site)
+
     def node(self, data: Data, site: Site) -> NodeSpec | None:
         """The node that ``data`` is, or None with the reason among the problems."""
         self._count += 1
         if self._count > MAX_EXPANDED:
             if self._count == MAX_EXPANDED + 1:
-                self._add(site, f"the tree has more than {MAX_EXPANDED} nodes")
+                self._add(site, f"the trees have more than {MAX_EXPANDED} nodes")
             return None
         if site.depth >= _DEEPEST:
             self._add(site, f"nodes are nested deeper than {_DEEPEST} levels")
@@ -171,7 +175,7 @@ class Parser:
         site = expansion.site()
         self.problems += expansion.problems
         self.used.update(site.uses if site is not None else ())
-        root = self.node(site.data, site) if site is not None else None
+        root = self.tree(site) if site is not None else None
         return [] if root is None else [("child", root)]
 
     def _add(self, site: Site, message: str, hint: str = "", *, key: bool = False) -> None:

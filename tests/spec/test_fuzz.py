@@ -1,0 +1,77 @@
+"""Mutated files: nothing but the project's own errors, in time, and check and builder agree."""
+
+from __future__ import annotations
+
+import logging
+import os
+import random
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from bt_dualarm.registry import Registry
+from bt_dualarm.share import share_dir
+from bt_dualarm.skill import SkillContext
+from bt_dualarm.spec.load import check_file, load_tree_file
+from bt_dualarm.spec.problems import errors
+from bt_dualarm.tree.build import build_tree
+from tests.spec.mutation import mutated
+from tests.spec.test_mistakes import FOLDER
+
+FILES = int(os.environ.get("BT_DUALARM_FUZZ_FILES", "20000"))
+"""How many; a longer run sets the variable to more."""
+
+CHUNKS = 8
+"""So that workers share the work; each has its own seed."""
+
+
+def seeds() -> list[Any]:
+    """What is mutated: all shipped trees, and those mistaken files that are YAML."""
+    found = []
+    for path in sorted([*share_dir("trees").rglob("*.yaml"), *FOLDER.glob("*.yaml")]):
+        try:
+            data = yaml.safe_load(path.read_text())
+        except (yaml.YAMLError, ValueError):
+            continue
+        if isinstance(data, dict) and len(str(data)) < 10_000:
+            found.append(data)
+    return found
+
+
+def build(path: Path, registry: Registry) -> None:
+    """Build every tree of an accepted file; nothing is ticked."""
+    arm: Any = SimpleNamespace(release=lambda: None, trouble=lambda: None)
+    log, rng = logging.getLogger("fuzz"), np.random.default_rng(0)
+    context = SkillContext("leaf", arm, lambda: 0.0, rng, log)
+    file = load_tree_file(path, registry.kinds)
+    for name, spec in file.arms.items():
+        build_tree(
+            name, spec.tree, registry.skills, lambda _: context, lambda: 0.0, lambda _: None
+        ).view()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_mutated_files(chunk: int, tmp_path: Path) -> None:
+    """No other exception, none over a second, none that is accepted and then not built."""
+    dice, data, registry = random.Random(chunk), seeds(), Registry.load()  # noqa: S311 - no secret
+    path, accepted = tmp_path / "task.yaml", 0
+    for number in range(FILES // CHUNKS):
+        text = mutated(dice.choice(data), dice)
+        path.write_text(text)
+        began = time.perf_counter()
+        try:
+            problems = check_file(path, registry.kinds)
+            assert all(str(problem) for problem in problems)
+            if not errors(problems) and "\narms:" in text:  # without it is one to include
+                accepted += 1
+                build(path, registry)
+        except Exception as error:
+            raise AssertionError(f"file {number} of seed {chunk}:\n{text}") from error
+        assert time.perf_counter() - began < 1.0, text
+    assert accepted > 0
