@@ -1,0 +1,201 @@
+"""How fast a run is, against the least that it can cost: bare physics and the same frames.
+
+    python benchmarks/real_time.py [TREE] [--repeats 3] [--renderer ray]
+
+The tree is run as ``bt-run`` does without a record; then, in the same process, MuJoCo alone goes
+through the same steps with the same torques, and the renderer alone draws the same parts of the
+same frames. Prints the real-time factor, the ratio of the two wall times, and what each part of a
+run costs. Times are the best of the repeats: other programs only ever add to them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.pose import Vector
+from bt_dualarm.registry import Registry
+from bt_dualarm.run.outcome import RunResult
+from bt_dualarm.run.session import Session, Wishes
+from bt_dualarm.run.shipped import find_tree
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.world.world import World
+
+
+@dataclass
+class Segment:
+    """The steps between two changes of the world's parts.
+
+    Attributes:
+        model: MuJoCo's, with the parts of that time.
+        state: At the first of the steps.
+        torques: One row a step.
+        frames: Arguments of each frame that was drawn, with the number of the step.
+    """
+
+    model: Any
+    state: Vector
+    torques: list[Vector] = field(default_factory=list)
+    frames: list[tuple[int, tuple[Any, ...], dict[str, Any]]] = field(default_factory=list)
+
+
+class Script:
+    """Writes down all that physics and renderer were asked to do."""
+
+    def __init__(self, session: Session) -> None:
+        self.segments: list[Segment] = []
+        self._world = session.assembly.world
+        self._generation = -1
+        _replace(self._world, "step", self._step)
+        if session.assembly.renderer is not None:
+            _replace(session.assembly.renderer, "render", self._render)
+
+    def _current(self) -> Segment:
+        world: World = self._world
+        if self._generation != world.generation:
+            self._generation = world.generation
+            self.segments.append(Segment(world.model, world.state()))
+        return self.segments[-1]
+
+    def _step(self, original: Callable[[], None]) -> None:
+        self._current().torques.append(self._world.data.ctrl.copy())
+        original()
+
+    def _render(
+        self, original: Callable[..., Any], model: Any, data: Any, *rest: Any, **options: Any
+    ) -> Any:
+        segment = self._current()
+        segment.frames.append((len(segment.torques), rest, options))
+        return original(model, data, *rest, **options)
+
+    def replay(self, render: Callable[..., Any] | None) -> float:
+        """Wall time in s of the same steps, with the same frames if there is a renderer."""
+        took = 0.0
+        for segment in self.segments:
+            data = mujoco.MjData(segment.model)
+            kind = mujoco.mjtState.mjSTATE_INTEGRATION
+            mujoco.mj_setState(segment.model, data, segment.state, kind)
+            frames = list(reversed(segment.frames)) if render else []
+            began = time.perf_counter()
+            for number, torques in enumerate(segment.torques):
+                while frames and frames[-1][0] == number:
+                    _, rest, options = frames.pop()
+                    render and render(segment.model, data, *rest, **options)
+                data.ctrl[:] = torques
+                mujoco.mj_step(segment.model, data)
+            took += time.perf_counter() - began
+        return took
+
+
+class Stopwatch:
+    """Wall time spent in each part of a run."""
+
+    def __init__(self, session: Session) -> None:
+        self.spent: dict[str, float] = {}
+        arms, world = session.assembly.arms, session.assembly.world
+        for part, owner, names in (
+            ("physics", world, ("step",)),
+            ("control", arms, ("control",)),
+            ("camera and vision", arms, ("capture", "deliver")),
+            ("trees and skills", arms, ("tick",)),
+        ):
+            for name in names:
+                _replace(owner, name, self._timed(part))
+
+    def _timed(self, part: str) -> Callable[..., Any]:
+        def measured(original: Callable[..., Any], *arguments: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return original(*arguments)
+            finally:
+                self.spent[part] = self.spent.get(part, 0.0) + time.perf_counter() - began
+
+        return measured
+
+
+def _replace(owner: Any, name: str, by: Callable[..., Any]) -> None:
+    """Put a function before a method of one object; it is given the method first."""
+    original = getattr(owner, name)
+    setattr(owner, name, lambda *arguments, **options: by(original, *arguments, **options))
+
+
+def _leave_alone(session: Session) -> None:
+    """Run it as it is."""
+    del session
+
+
+def play(tree: str, renderer: Any, look: Callable[[Session], None]) -> RunResult:
+    """Run a tree to its end."""
+    registry = Registry.load()
+    file = load_tree_file(find_tree(tree), registry.kinds)
+    with Session(file, registry, Wishes(renderer=renderer)) as session:
+        look(session)
+        return session.run([], time.perf_counter)
+
+
+def main() -> int:
+    """Read the arguments, run, report."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("tree", nargs="?", default="pick_and_track")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--renderer", choices=("auto", "gl", "ray"), default="ray")
+    arguments = parser.parse_args()
+
+    def again(look: Callable[[Session], None]) -> RunResult:
+        return play(arguments.tree, arguments.renderer, look)
+
+    plain = [again(_leave_alone) for _ in range(arguments.repeats)]
+    run = min(plain, key=lambda result: result.wall_time_s)
+    watches: list[Stopwatch] = []
+    watched = again(lambda session: watches.append(Stopwatch(session)))
+    scripts: list[Script] = []
+    renderers: list[Any] = []
+
+    def write_down(session: Session) -> None:
+        renderers.append(getattr(session.assembly.renderer, "render", None))
+        scripts.append(Script(session))
+
+    again(write_down)
+    (script,), (render,), (watch,) = scripts, renderers, watches
+    physics = min(script.replay(None) for _ in range(arguments.repeats))
+    floor = min(script.replay(render) for _ in range(arguments.repeats))
+    frames = sum(len(segment.frames) for segment in script.segments)
+    steps = sum(len(segment.torques) for segment in script.segments)
+    report(run, (physics, steps), (floor, frames))
+    breakdown(watched, watch)
+    return 0 if run.outcome == "SUCCESS" else 1
+
+
+def report(run: RunResult, bare: tuple[float, int], drawn: tuple[float, int]) -> None:
+    """Print the two figures that matter, and what they are made of.
+
+    Args:
+        run: As it is.
+        bare: Seconds and number of the steps of physics alone.
+        drawn: Seconds of both, and number of frames.
+    """
+    (physics, steps), (floor, frames) = bare, drawn
+    print(f"{run.outcome}: {run.sim_time_s:.2f} s simulated in {run.wall_time_s:.2f} s")
+    print(f"real-time factor  {run.real_time_factor:6.2f}")
+    print(f"bare physics      {physics:6.2f} s ({1e6 * physics / steps:.1f} us a step)")
+    print(f"and {frames:4} frames   {floor:6.2f} s")
+    print(f"run / bare        {run.wall_time_s / floor:6.2f}")
+
+
+def breakdown(run: RunResult, watch: Stopwatch) -> None:
+    """Print what each part of a run costs, of a run with stopwatches in it."""
+    rest = run.wall_time_s - sum(watch.spent.values())
+    for part, seconds in {**watch.spent, "the rest": rest}.items():
+        share = np.divide(100 * seconds, run.wall_time_s)
+        print(f"  {part:18} {seconds:6.2f} s  {share:4.1f} %")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
