@@ -124,14 +124,14 @@ def test_after_a_jump_it_joins_a_moving_stream(robot: str, seed: int) -> None:
     """Once it has caught up it passes the stream on, untouched and uncounted."""
     rng = np.random.default_rng(seed)
     limits = LIMITS[robot]
-    stream = sine(rng, limits, 0.5, 1500)
+    stream = sine(rng, limits, 0.5, 1000)
     start = np.clip(stream[0].q + rng.uniform(-0.3, 0.3), limits.lower, limits.upper)
     limiter = SetPointLimiter(limits, PERIOD, start)
-    sent_for(limiter, stream[:1000])
+    sent_for(limiter, stream[:800])
     clipped = limiter.clipped
-    rest = sent_for(limiter, stream[1000:])
+    rest = sent_for(limiter, stream[800:])
     assert limiter.clipped == clipped
-    assert (rest.q[1:] == [point.q for point in stream[1000:]]).all()
+    assert (rest.q[1:] == [point.q for point in stream[800:]]).all()
 
 
 @ROBOTS
