@@ -19,7 +19,8 @@ from pydantic import ValidationError
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.share import share_dir
 from bt_dualarm.skill import STANDARD_FAILURES, Skill
-from bt_dualarm.spec.language import LANGUAGE, Kind
+from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.ports import PortModel, only
 
 ENTRY_POINTS: Final = "bt_dualarm.skills"

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.errors import Number
+from bt_dualarm.spec.kind import NoPorts
 from bt_dualarm.spec.ports import PortModel
 
 if TYPE_CHECKING:
@@ -34,10 +35,6 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "EXCEPTION": "the skill has a bug: see the traceback in the log",
 }
 """Codes that any skill may fail with; a skill declares only those of its own."""
-
-
-class NoPorts(PortModel):
-    """Nothing to set."""
 
 
 Record: TypeAlias = Callable[[str, npt.ArrayLike, npt.ArrayLike], None]

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
-from bt_dualarm.skill import STANDARD_FAILURES, NoPorts, Skill, SkillContext
+from bt_dualarm.skill import STANDARD_FAILURES, Skill, SkillContext
+from bt_dualarm.spec.kind import NoPorts
 
 if TYPE_CHECKING:
     from bt_dualarm.arm import Arm

@@ -10,7 +10,7 @@ from pydantic.fields import FieldInfo
 
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.explain import describe, explain
-from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import key_name, reference_of, references_in, validate_literals
 from bt_dualarm.spec.problems import Problem, suggestion

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from bt_dualarm.spec.check import Declared, check_tree
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.flow import Flow
-from bt_dualarm.spec.language import LANGUAGE, Kind
+from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.outcomes import warnings
 from bt_dualarm.spec.presence import absent

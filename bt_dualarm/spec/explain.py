@@ -5,18 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias, get_args, get_origin
+from typing import Final, get_args
 
 from pydantic import BaseModel, ValidationError
-from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from bt_dualarm.spec.annotations import containers_in, models_in
+from bt_dualarm.spec.location import Location, field_at, path_in, type_at
 from bt_dualarm.spec.ports import UNKNOWN, key_name, reference_of, shown, unit_of
 from bt_dualarm.spec.problems import nearest, suggestion
 from bt_dualarm.spec.source import Data, Path
-
-_Location: TypeAlias = tuple[int | str, ...]
 
 _WANTED: Final = {
     "float_type": "a number",
@@ -78,7 +76,7 @@ def explain(
     # The members of a union each complain about the same value.
     by_path: dict[Path, list[ErrorDetails]] = {}
     for details in error.errors(include_url=False):
-        by_path.setdefault(_path_in(data, details["loc"]), []).append(details)
+        by_path.setdefault(path_in(data, details["loc"]), []).append(details)
     for path, found in by_path.items():
         yield from words.at(path, found, deeper=any(_is_below(other, path) for other in by_path))
 
@@ -134,28 +132,28 @@ class _Words:
         if values and not deeper and len(values) == len(found):
             yield self._value(path, values)
 
-    def _unknown(self, path: Path, location: _Location) -> Finding:
-        names = {n for m in models_in(self._type_at(location[:-1])) for n in m.model_fields}
+    def _unknown(self, path: Path, location: Location) -> Finding:
+        names = {n for m in models_in(type_at(self.model, location[:-1])) for n in m.model_fields}
         top = len(location) == 1
         noun = self.noun if top else "field"
         hint = suggestion(str(location[-1]), names | self.also if top else names, noun)
         return Finding(path, f"unknown {noun} '{location[-1]}'", hint, at_key=True)
 
-    def _missing(self, path: Path, location: _Location) -> Finding:
+    def _missing(self, path: Path, location: Location) -> Finding:
         name = location[-1]
         if isinstance(name, int):
             return Finding(path, _owned(path, self._too_few(location[:-1])))
-        field = self._field_at(location)
+        field = field_at(self.model, location)
         words = field.description if field and field.description else ""
         unit = f" [{unit_of(field)}]" if field and unit_of(field) else ""
         noun = "field" if path else self.noun
         hint = f"{name}: {words}{unit}" if words else ""
         return Finding(path, f"{noun} '{name}' is missing", hint, at_key=bool(path))
 
-    def _too_few(self, location: _Location) -> str:
-        wanted = [len(get_args(item)) for item in containers_in(self._type_at(location))]
+    def _too_few(self, location: Location) -> str:
+        wanted = [len(get_args(item)) for item in containers_in(type_at(self.model, location))]
         given = self.data
-        for part in _path_in(self.data, location):
+        for part in path_in(self.data, location):
             given = given[part]
         return f"expected {wanted[0]} items, not {len(given)}"
 
@@ -198,7 +196,7 @@ class _Words:
 
     def _bound(self, details: ErrorDetails) -> str:
         bound, words = _COMPARED[details["type"]]
-        field = self._field_at(details["loc"])
+        field = field_at(self.model, details["loc"])
         unit = f" {unit_of(field)}" if field and unit_of(field) else ""
         return f"{words} {details['ctx'][bound]:g}{unit}"
 
@@ -206,22 +204,6 @@ class _Words:
         choices = [choice for details in found for choice in _choices(details)]
         close = nearest(str(found[0]["input"]), choices)
         return f"did you mean '{close}'?" if close else ""
-
-    def _type_at(self, location: _Location) -> Any:
-        annotation: Any = self.model
-        for part in location:
-            annotation = _step(annotation, part)
-        return annotation
-
-    def _field_at(self, location: _Location) -> FieldInfo | None:
-        """The innermost declared field that the location passes through."""
-        annotation: Any = self.model
-        field = None
-        for part in location:
-            for found in models_in(annotation):
-                field = found.model_fields.get(str(part), field)
-            annotation = _step(annotation, part)
-        return field
 
 
 def _choices(details: ErrorDetails) -> list[str]:
@@ -244,31 +226,3 @@ def _reference_hint(given: Data) -> str:
     if key is None:
         return ""
     return f"there is no parameter '{key_name(key)}', and a key stands for a whole port only"
-
-
-def _path_in(data: Data, location: _Location) -> Path:
-    """Follow pydantic's location through the data, past its names of union members."""
-    path: Path = ()
-    for part in location:
-        if isinstance(part, int):
-            fits = isinstance(data, (list, tuple)) and part < len(data)
-        else:
-            fits = isinstance(data, dict) and part in data
-        if fits:
-            data = data[part]
-            path = (*path, part)
-    return path
-
-
-def _step(annotation: Any, part: int | str) -> Any:
-    """The type of a part of a value, or the same type where pydantic names a union's member."""
-    for model in models_in(annotation):
-        if part in model.model_fields:
-            return model.model_fields[str(part)].annotation
-    for member in containers_in(annotation):
-        if isinstance(part, int) and get_origin(member) in (tuple, list):
-            items = get_args(member)
-            return items[min(part, len(items) - 1)] if items[-1] is not ... else items[0]
-        if get_origin(member) is dict and part not in ("[key]",):
-            return get_args(member)[1]
-    return annotation

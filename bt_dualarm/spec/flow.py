@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from bt_dualarm.spec.explain import explain
-from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import (
     KEY,

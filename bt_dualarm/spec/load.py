@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.examine import Examination, declared_names
 from bt_dualarm.spec.explain import describe, explain
-from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.library import FORMAT, Libraries
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.params import chosen, declared

@@ -8,7 +8,8 @@ from typing import Any, Final, TypeAlias
 
 from bt_dualarm.spec.expand import Expansion
 from bt_dualarm.spec.explain import describe
-from bt_dualarm.spec.language import LANGUAGE, Kind
+from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import KEY, REFERENCE, Template, WrittenKey, reference_of
 from bt_dualarm.spec.problems import Problem

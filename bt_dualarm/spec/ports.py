@@ -118,6 +118,11 @@ def key_name(key: str) -> str:
     return key.rpartition("/")[2]
 
 
+def as_text(value: Data) -> str:
+    """A value as it is written out in a text: as YAML would have it."""
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
 def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str, str]:
     """The key behind each port of ``model`` that is given as a reference."""
     texts = templates_of(model)

@@ -8,7 +8,7 @@ from typing import Final
 
 from bt_dualarm.spec.check import Declared, refers_of
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import reference_of
 from bt_dualarm.spec.problems import Problem

@@ -15,7 +15,8 @@ from pydantic.fields import FieldInfo
 
 from bt_dualarm.spec.annotations import metadata_of, models_below
 from bt_dualarm.spec.document import NAME_PATTERN, ArmSpec, ObjectSpec, WorldSpec
-from bt_dualarm.spec.language import LANGUAGE, Kind
+from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.library import FORMAT
 from bt_dualarm.spec.params import ParamSpec
 from bt_dualarm.spec.ports import KEY, Unit

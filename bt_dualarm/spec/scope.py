@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from bt_dualarm.spec.ports import KEY, REFERENCE, reference_of
+from bt_dualarm.spec.ports import KEY, REFERENCE, as_text, reference_of
 from bt_dualarm.spec.source import Data
 
 
@@ -36,12 +36,7 @@ class Scope:
 
     def fill_text(self, text: str) -> str:
         """Text with parameters written out and keys made those of the arm's blackboard."""
-
-        def written(match: object) -> str:
-            filled = self.fill(match[0])  # type: ignore[index]
-            return filled if isinstance(filled, str) else f"{filled}"
-
-        return REFERENCE.sub(written, text)
+        return REFERENCE.sub(lambda match: as_text(self.fill(match[0])), text)
 
     def key(self, name: str) -> str:
         """The key of the arm's blackboard that a node writes under ``name``."""

@@ -6,8 +6,10 @@ Not py_trees' own: that is one dictionary for the whole process, so that two tre
 
 from __future__ import annotations
 
+import re
+
 from bt_dualarm.errors import Failure
-from bt_dualarm.spec.ports import REFERENCE, key_name, shown
+from bt_dualarm.spec.ports import REFERENCE, as_text, key_name, shown
 from bt_dualarm.spec.source import Data
 
 
@@ -33,4 +35,8 @@ class Board:
 
     def write_out(self, text: str) -> str:
         """Text with each ``{key}`` replaced by its value, as it is where it has none."""
-        return REFERENCE.sub(lambda match: str(self._values.get(match[1], shown(match[0]))), text)
+        return REFERENCE.sub(self._written, text)
+
+    def _written(self, match: re.Match[str]) -> str:
+        key = match[1]
+        return as_text(self._values[key]) if key in self._values else shown(match[0])

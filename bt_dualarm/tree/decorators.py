@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Final
+
 from py_trees import decorators
 from py_trees.behaviour import Behaviour
 from py_trees.common import OneShotPolicy, Status
@@ -10,6 +13,9 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.tree.composites import Node, Ticks
 from bt_dualarm.tree.time import reached
 from bt_dualarm.tree.watched import Watched
+
+_ROUNDING: Final = 1e-6
+"""Of a period, for times that are sums of time steps."""
 
 
 class Inverter(Watched, decorators.Inverter):
@@ -122,8 +128,8 @@ class Rate(Node):
         """The child when it is due; a late tick does not shift those that follow."""
         if not reached(self.time, self._due):
             return Status.RUNNING
-        while reached(self.time, self._due):
-            self._due += 1.0 / self.ports.hz
+        periods = math.floor((self.time - self._due) * self.ports.hz + _ROUNDING) + 1
+        self._due += periods / self.ports.hz
         yield from self.children[0].tick()
         return self.children[0].status
 

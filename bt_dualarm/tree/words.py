@@ -8,8 +8,9 @@ from typing import ClassVar, Final
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.skill import Skill
-from bt_dualarm.spec import language
+from bt_dualarm.spec import word_ports
 from bt_dualarm.spec.explain import describe
+from bt_dualarm.spec.kind import NoPorts
 from bt_dualarm.spec.ports import PortModel
 from bt_dualarm.spec.source import Data
 from bt_dualarm.tree.time import reached
@@ -18,8 +19,8 @@ from bt_dualarm.tree.time import reached
 class Wait(Skill):
     """Succeeds after a time."""
 
-    Ports = language.Seconds
-    ports: language.Seconds
+    Ports = word_ports.Seconds
+    ports: word_ports.Seconds
 
     def run(self) -> Iterator[None]:
         """Until the time is over."""
@@ -32,9 +33,9 @@ class Wait(Skill):
 class Set(Skill):
     """Writes a key of the blackboard."""
 
-    Ports = language.Set
-    Outputs: ClassVar[type[PortModel]] = language.SetOutputs
-    ports: language.Set
+    Ports = word_ports.Set
+    Outputs: ClassVar[type[PortModel]] = word_ports.SetOutputs
+    ports: word_ports.Set
 
     def run(self) -> Iterator[None]:
         """At once."""
@@ -45,8 +46,8 @@ class Set(Skill):
 class Compare(Skill):
     """Succeeds if a comparison holds."""
 
-    Ports = language.Compare
-    ports: language.Compare
+    Ports = word_ports.Compare
+    ports: word_ports.Compare
 
     def run(self) -> Iterator[None]:
         """At once."""
@@ -70,8 +71,8 @@ class Compare(Skill):
 class Log(Skill):
     """Writes a line to the log."""
 
-    Ports = language.Log
-    ports: language.Log
+    Ports = word_ports.Log
+    ports: word_ports.Log
 
     def run(self) -> Iterator[None]:
         """At once."""
@@ -83,8 +84,8 @@ class Log(Skill):
 class Fail(Skill):
     """Fails at once."""
 
-    Ports = language.Fail
-    ports: language.Fail
+    Ports = word_ports.Fail
+    ports: word_ports.Fail
 
     def run(self) -> Iterator[None]:
         """At once."""
@@ -95,7 +96,7 @@ class Fail(Skill):
 class Succeed(Skill):
     """Succeeds at once."""
 
-    Ports = language.NoPorts
+    Ports = NoPorts
 
     def run(self) -> Iterator[None]:
         """At once."""

@@ -58,7 +58,7 @@ def build(path: Path, registry: Registry) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_mutated_files(chunk: int, tmp_path: Path) -> None:
-    """No other exception, none over a second of the processor, none that is accepted and then not built."""
+    """No other exception, none over a second, none that is accepted and then not built."""
     dice, data, registry = random.Random(chunk), seeds(), Registry.load()  # noqa: S311 - no secret
     path, accepted = tmp_path / "task.yaml", 0
     for number in range(FILES // CHUNKS):

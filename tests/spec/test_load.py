@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 import pytest
 
-from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.load import check_file, load_tree_file
 from bt_dualarm.spec.ports import PortModel, port
 from bt_dualarm.spec.problems import SpecError

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError, model_validator
 
-from bt_dualarm.spec.language import Log
 from bt_dualarm.spec.ports import (
     PortModel,
     only,
@@ -17,6 +16,7 @@ from bt_dualarm.spec.ports import (
     validated,
 )
 from bt_dualarm.spec.values import Angle
+from bt_dualarm.spec.word_ports import Log
 
 
 class Ports(PortModel):

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from textwrap import dedent, indent
 
-from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.load import check_file, load_tree_file
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import PortModel, port

@@ -254,3 +254,13 @@ def test_deadlines_bear_the_rounding_of_summed_steps(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "wait: 1")
     letters = [stage.tick(0.1) for _ in range(11)]
     assert letters == ["R"] * 10 + ["S"]
+
+
+def test_rate_keeps_its_beat_when_ticks_come_late(tmp_path: Path) -> None:
+    """Due at 0, 1, 2 and 3, the child is ticked at 0, 1.3, 2 and 3.1."""
+    stage = Stage(tmp_path, "rate: {hz: 1, child: {act: {script: RRRS}}}")
+    letters = []
+    for time in (0.0, 0.9, 1.3, 2.0, 2.9, 3.1):
+        stage.now = time
+        letters.append(stage.tick(0.0))
+    assert letters == ["R R"] * 5 + ["S S"]

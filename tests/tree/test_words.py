@@ -100,3 +100,14 @@ def test_a_key_of_the_wrong_type_fails_the_leaf_that_reads_it(tmp_path: Path) ->
         "- set: {key: u, value: '{t}'}\n- wait: {seconds: '{u}'}",
     )
     assert stage.table(2)[-1] == "S S S S - S S"
+
+
+def test_values_are_written_out_as_in_yaml(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    Stage(
+        tmp_path,
+        "sequence: [{set: {key: v, value: {a: [true, 0.5, é]}}}, {log: 'v = {v}'}]",
+    ).tick()
+    assert caplog.messages == ['v = {"a": [true, 0.5, "é"]}']

@@ -1,0 +1,65 @@
+"""What may be written for a node: declared once, for the check, the schema and the docs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from bt_dualarm.spec.ports import PortModel
+
+
+class NoPorts(PortModel):
+    """Nothing to set."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A place for one child, by name."""
+
+    name: str
+    required: bool = True
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What may be written for one kind of node, a word of the language or a skill.
+
+    Attributes:
+        name: As in the file.
+        summary: One line for people.
+        ports: Inputs.
+        outputs: Values that it writes to the blackboard where the file names a key.
+        slots: Places for one child each.
+        many: Whether it takes a list of children.
+        cases: Whether it takes a mapping of children, ``cases``.
+        fixed: Ports that must be written out; no key of the blackboard can give them.
+        shorthand: The port that a bare value stands for: ``wait: 2``.
+        failures: Codes of its failures with their meaning.
+        example: YAML of one node.
+        origin: Where it comes from: a file for skills.
+    """
+
+    name: str
+    summary: str
+    ports: type[PortModel] = NoPorts
+    outputs: type[PortModel] = NoPorts
+    slots: tuple[Slot, ...] = ()
+    many: bool = False
+    cases: bool = False
+    fixed: frozenset[str] = frozenset()
+    shorthand: str = ""
+    failures: Mapping[str, str] = field(default_factory=dict)
+    example: str = ""
+    origin: str = "the language"
+
+    @property
+    def is_leaf(self) -> bool:
+        """Whether it has no children."""
+        return not (self.slots or self.many or self.cases)
+
+    @property
+    def places(self) -> frozenset[str]:
+        """What may stand beside the ports: the name, outputs and the places of children."""
+        lists = ["children"] * self.many + ["cases"] * self.cases
+        slots = (slot.name for slot in self.slots)
+        return frozenset({"name", *lists, *slots, *self.outputs.model_fields})

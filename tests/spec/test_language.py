@@ -1,0 +1,41 @@
+"""Every word of the language, and every shipped skill, is documented by an example that works."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.registry import Registry
+from bt_dualarm.spec.language import LANGUAGE
+from bt_dualarm.spec.load import check_file
+from tests.spec.writing import SKILLS, task
+
+BEFORE = """
+subtrees:
+  pause: {params: {time: {type: duration}}, tree: {wait: "{time}"}}
+objects:
+  cube: {shape: box, size: [0.05, 0.05, 0.05], mass: 0.1}
+"""
+
+
+@pytest.mark.parametrize("word", LANGUAGE)
+def test_words(word: str, tmp_path: Path) -> None:
+    """The example passes; each port and output has a description."""
+    kind = LANGUAGE[word]
+    problems = check_file(task(tmp_path, kind.example, BEFORE), SKILLS)
+    assert not [problem for problem in problems if problem.severity == "error"]
+    assert kind.example.startswith(word)
+    assert all(field.description for field in kind.ports.model_fields.values())
+    assert all(field.description for field in kind.outputs.model_fields.values())
+
+
+def test_examples_of_shipped_skills(tmp_path: Path) -> None:
+    kinds = Registry.load().kinds
+    for name, kind in kinds.items():
+        path = task(tmp_path, kind.example, BEFORE)
+        with path.open("a") as file:
+            file.write("  arm2: {robot: panda, tree: succeed}\n")
+        problems = check_file(path, kinds)
+        assert not [str(p) for p in problems if p.severity == "error"], name
+        assert kind.example.startswith(name)
