@@ -26,6 +26,9 @@ from bt_dualarm.spec.values import Duration, PoseSpec, Value
 NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_-]{0,47}$"
 """Names end up in MuJoCo's names (``arm1/wrist``), in file names and in paths of nodes."""
 
+LONGEST_NAME: Final = 100
+"""Characters that the name of a task may have."""
+
 Name: TypeAlias = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 
 NAMED_COLORS: Final[Mapping[str, tuple[float, float, float]]] = {
@@ -190,12 +193,18 @@ class TreeFile(Value):
         path: Where the file lies; relative paths in it start from its folder.
     """
 
-    name: Annotated[str, Field(min_length=1, max_length=100)]
+    name: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
     description: Annotated[str, Field(max_length=500)] = ""
     world: WorldSpec = WorldSpec()
     objects: Annotated[dict[Name, ObjectSpec], Field(default_factory=dict, max_length=200)]
     arms: Annotated[dict[Name, ArmSpec], Field(min_length=1, max_length=16)]
     path: InstanceOf[Path] = Path()
+
+    @model_validator(mode="after")
+    def _names_are_told_apart(self) -> TreeFile:
+        for name in self.objects.keys() & self.arms.keys():
+            raise ValueError(f"'{name}' is the name of an object and of an arm: rename one")
+        return self
 
     @property
     def root(self) -> Path:

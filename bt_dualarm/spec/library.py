@@ -111,7 +111,7 @@ class Libraries:
         shown = FilePath(source.file).parent / path
         try:
             resolved = shown.resolve()
-        except (OSError, RuntimeError) as error:  # a loop of symlinks
+        except (OSError, RuntimeError, ValueError) as error:  # a loop of symlinks, a NUL
             return self._refuse(source, place, f"'{path}' leads nowhere: {error}")
         if FilePath(path).is_absolute() or not resolved.is_relative_to(self.root.resolve()):
             return self._refuse(source, place, f"'{path}' is outside of the folder {self.root}")

@@ -9,7 +9,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from bt_dualarm.spec.document import TreeFile
+from bt_dualarm.spec.document import LONGEST_NAME, TreeFile
 from bt_dualarm.spec.examine import Examination, declared_names
 from bt_dualarm.spec.explain import describe, explain
 from bt_dualarm.spec.kind import Kind
@@ -149,7 +149,7 @@ class _Loading:
             return None  # a file to include
         data = {key: item for key, item in source.data.items() if key not in _NOT_OF_THE_MODEL}
         data = fill_parameters(data, values)
-        data.setdefault("name", self.path.stem)
+        data.setdefault("name", self.path.stem[:LONGEST_NAME])
         filled = with_tuples(data)
         for arm, root in trees.items():
             filled["arms"][arm]["tree"] = root

@@ -142,6 +142,7 @@ def test_a_parameter_that_must_be_given(write: Write) -> None:
         ("- succeed", "- a: 1\n              b: 2", "21:11: a node has one key"),
         ("- succeed", "- set: {key: 'a b', value: 1}", "key: text 'a b' cannot be a key"),
         ("- succeed", "- compare: {value: '{}', to: 1}", "'{}' is not a reference to a key"),
+        ("cube:", "arm1:", "'arm1' is the name of an object and of an arm: rename one"),
         ("range: [0.1, 1]", "range: [1, 0.1]", "speed: the range goes from 1 down to 0.1"),
         ("default: 0.5", "default: 5", "3:34: default of speed: must be at most 1, not 5"),
         ("type: integer", "type: int", "type: expected one of"),

@@ -154,7 +154,7 @@ def test_what_cannot_be_included(tmp_path: Path) -> None:
     (inside / "loop.yaml").symlink_to(inside / "loop.yaml")
     include = (
         "include: [../outside.yaml, link.yaml, /etc/passwd, missing.yaml, task2.yaml,"
-        " other.yaml, circle.yaml, 3, loop.yaml]\n"
+        ' other.yaml, circle.yaml, 3, loop.yaml, "a\\0b"]\n'
     )
     messages = "\n".join(said(task(inside, "look", include)))
     for expected in (
@@ -168,6 +168,7 @@ def test_what_cannot_be_included(tmp_path: Path) -> None:
         "include: files include each other: task.yaml → circle.yaml → task.yaml",
         "include: expected a file, not 3",
         "include: 'loop.yaml' leads nowhere",
+        "include: 'a\0b' leads nowhere",
     ):
         assert expected in messages
 
