@@ -26,7 +26,7 @@ BANDWIDTH = 60.0
 LEFT_BEHIND = 0.1
 """Joint error in rad at which a motion is given up: blocked, or beyond the arm's torque."""
 
-_STANDSTILL = 0.02  # rad/s
+_STANDSTILL = 0.005  # rad/s: a tool 0.8 m away creeps by less than 4 mm/s
 
 
 class Motion(Protocol):
