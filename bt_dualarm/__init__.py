@@ -29,14 +29,17 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from bt_dualarm.arm import Arm as Arm
+    from bt_dualarm.arrival import check_arrival as check_arrival
     from bt_dualarm.curve import follow_curve as follow_curve
     from bt_dualarm.errors import DualArmError as DualArmError
     from bt_dualarm.errors import Failure as Failure
     from bt_dualarm.errors import WorldError as WorldError
+    from bt_dualarm.motion.blending import blended as blended_path
     from bt_dualarm.motion.paths import circle as circle_path
     from bt_dualarm.motion.paths import line as line_path
     from bt_dualarm.motion.paths import lissajous as lissajous_path
     from bt_dualarm.motion.trajectory import Trajectory as Trajectory
+    from bt_dualarm.motion.turning import turned_about as turned_path
     from bt_dualarm.pose import Matrix as Matrix
     from bt_dualarm.pose import Pose as Pose
     from bt_dualarm.pose import Vector as Vector
@@ -44,6 +47,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill import Skill as Skill
     from bt_dualarm.skill import SkillContext as SkillContext
     from bt_dualarm.spec.color import Color as Color
+    from bt_dualarm.spec.offset import Offset as Offset
     from bt_dualarm.spec.plane import Plane as Plane
     from bt_dualarm.spec.ports import PortModel as PortModel
     from bt_dualarm.spec.ports import port as port
@@ -73,6 +77,7 @@ _CONTENTS: Final = {
     "Color": "spec.color:Color",
     "Duration": "spec.values:Duration",
     "ObjectName": "spec.values:ObjectName",
+    "Offset": "spec.offset:Offset",
     "Plane": "spec.plane:Plane",
     "PoseSpec": "spec.values:PoseSpec",
     "Speed": "spec.values:Speed",
@@ -87,7 +92,10 @@ _CONTENTS: Final = {
     "circle_path": "motion.paths:circle",
     "line_path": "motion.paths:line",
     "lissajous_path": "motion.paths:lissajous",
+    "blended_path": "motion.blending:blended",
+    "turned_path": "motion.turning:turned_about",
     "follow_curve": "curve:follow_curve",
+    "check_arrival": "arrival:check_arrival",
     "PlaneTracking": "tracking:PlaneTracking",
     "TrackingGains": "tracking:TrackingGains",
     "TrackingScore": "scoring:TrackingScore",
@@ -103,6 +111,7 @@ __all__ = [
     "Failure",
     "Matrix",
     "ObjectName",
+    "Offset",
     "Plane",
     "PlaneTracking",
     "PortModel",
@@ -118,11 +127,14 @@ __all__ = [
     "Vector3",
     "World",
     "WorldError",
+    "blended_path",
+    "check_arrival",
     "circle_path",
     "follow_curve",
     "line_path",
     "lissajous_path",
     "port",
+    "turned_path",
 ]
 
 

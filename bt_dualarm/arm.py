@@ -10,9 +10,10 @@ import numpy as np
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion import timing
 from bt_dualarm.motion.collision import CollisionChecker
-from bt_dualarm.motion.controller import JointController, Stream, TrajectoryMotion
+from bt_dualarm.motion.controller import JointController, Motion, Stream, TrajectoryMotion
 from bt_dualarm.motion.ik import Kinematics
 from bt_dualarm.motion.joint_motion import free_motion, refuse_contact
+from bt_dualarm.motion.joint_range import refuse_beyond
 from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.paths import line
 from bt_dualarm.motion.sweep import sweep_radii
@@ -61,6 +62,7 @@ class Arm:
         self._seed = seed
         self._owner: list[object] = [None]
         self._leaf: object = None
+        self._begun: Motion | None = None
 
     def for_leaf(self, leaf: object) -> Arm:
         """The same arm in the hands of one leaf."""
@@ -172,6 +174,17 @@ class Arm:
         """The motion through configurations, of shape (n, dof), at a share of the limits."""
         return timing.time_path(q, self.limits(speed), self.period)
 
+    def straight_to(self, goal: Vector, speed: float) -> Trajectory:
+        """The motion to the configuration ``goal`` in which all joints turn evenly.
+
+        Raises:
+            Failure: ``INVALID_TARGET``, ``JOINT_LIMIT`` or ``IN_COLLISION``.
+        """
+        refuse_beyond(self.robot.joints, goal, self.robot.limits)
+        motion = timing.point_to_point(self.setpoint.q, goal, self.limits(speed), self.period)
+        self.refuse_collision_along(motion.q)
+        return motion
+
     def plan_to_any(
         self, goals: Sequence[Vector], speed: float, ignore: frozenset[str] = frozenset()
     ) -> Trajectory:
@@ -229,18 +242,21 @@ class Arm:
     def begin(self, trajectory: Trajectory) -> TrajectoryMotion:
         """Begin a motion and leave it to the caller to watch it with ``check``."""
         self._claim()
-        return self.controller.follow(trajectory)
+        self._begun = motion = self.controller.follow(trajectory)
+        return motion
 
     def stream(self, source: Stream) -> None:
         """Follow a stream of set-points until ``release`` or ``halt``."""
         self._claim()
         self.controller.stream(source)
+        self._begun = self.controller.motion
 
     def halt(self) -> Iterator[None]:
         """Brake with bounded jerk; yields once a tick until the arm stands still.
 
         Where it stands does not matter: an arm that leans on something is at rest as well.
         """
+        self._begun = None
         self.controller.stop()
         while not self.controller.at_rest:
             yield None
@@ -256,24 +272,36 @@ class Arm:
         yield from self.follow(timing.point_to_point(self.setpoint.q, here, limits, self.period))
 
     def check(self) -> None:
-        """Raise what went wrong with the motion since it began."""
+        """Raise what went wrong with the motion since it began.
+
+        Raises:
+            Failure: Among others ``INTERRUPTED``, when something else has stopped it.
+        """
         if self.controller.fault is not None:
             raise self.controller.fault
+        begun = self._begun
+        if begun is not None and not begun.done and self.controller.motion is not begun:
+            self._begun = None
+            raise Failure("INTERRUPTED", f"something else has stopped the motion of {self.name}")
 
     def trouble(self) -> Exception | SystemExit | None:
         """What this leaf's motion, stream or camera callback has raised since last asked."""
         if self.camera is not None and self.camera.fault is not None:
             fault, self.camera.fault = self.camera.fault, None
             return fault
-        if self.controller.fault is None or self._leaf is None or self._owner[0] is not self._leaf:
+        if self._leaf is None or self._owner[0] is not self._leaf:
             return None
-        fault, self.controller.fault = self.controller.fault, None
-        return fault
+        try:
+            self.check()
+        except (Exception, SystemExit) as trouble:  # noqa: BLE001 - a stream may raise anything
+            self.controller.fault = None
+            return trouble
+        return None
 
     def release(self) -> None:
         """Stop the motion that this leaf has begun; harmless otherwise."""
         if self._leaf is not None and self._owner[0] is self._leaf:
-            self._owner[0] = None
+            self._owner[0] = self._begun = None
             self.controller.stop()
 
     def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:

@@ -7,18 +7,27 @@ from collections.abc import Generator, Iterator
 import numpy as np
 
 from bt_dualarm.arm import Arm
-from bt_dualarm.errors import Number
+from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.cartesian import trace
+from bt_dualarm.motion.controller import TrajectoryMotion
 from bt_dualarm.motion.paths import CartesianPath
+from bt_dualarm.pose import Matrix
 from bt_dualarm.scoring import path_error
 from bt_dualarm.skill import Record, nowhere
+
+TOLERANCE_M = 0.005
+"""How far in m the tool may be from where it was planned to be, unless said otherwise."""
 
 _SAME_BRANCH = 1.0  # rad: the start of the path is a short straight move away
 _ENTRY_SHARE = 0.1  # of the progress that is shown
 
 
 def follow_curve(
-    arm: Arm, path: CartesianPath, speed: float, record: Record = nowhere
+    arm: Arm,
+    path: CartesianPath,
+    speed: float,
+    record: Record = nowhere,
+    tolerance: float = TOLERANCE_M,
 ) -> Generator[float | None, None, dict[str, Number]]:
     """Go to the start of a path, then along it from rest to rest; the whole of it or nothing.
 
@@ -29,14 +38,16 @@ def follow_curve(
         path: Of its tool, in the world.
         speed: Share of its limits.
         record: Takes ``planned`` and ``executed`` tool positions.
+        tolerance: How far the tool may be from where it was planned to be, in metres.
 
     Returns:
         ``path_rms_m`` and ``path_max_m`` of executed against planned tool positions at equal
         times, and ``duration_s``.
 
     Raises:
-        Failure: ``PATH_BROKEN``, ``UNREACHABLE`` or ``IN_COLLISION`` before anything moves,
-            ``TRACKING_ERROR`` or ``BUSY``.
+        Failure: ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE`` or ``IN_COLLISION`` before
+            anything moves; ``TRACKING_ERROR`` as soon as the tool is beyond the tolerance;
+            ``INTERRUPTED`` or ``BUSY``.
     """
     yield from arm.think()
     limits = arm.limits(speed)
@@ -49,12 +60,34 @@ def follow_curve(
     while not running.done:
         yield _ENTRY_SHARE + (1 - _ENTRY_SHARE) * running.progress
         arm.check()
+        _refuse_beyond(tolerance, running, planned)
     yield from arm.settle()
     executed = np.array(running.executed)
     record("planned", times, planned)
     record("executed", times, executed)
     rms, worst = path_error(planned, executed)
+    if worst > tolerance:
+        raise Failure(
+            "TRACKING_ERROR",
+            f"the tool was up to {1e3 * worst:.1f} mm from where it was planned to be",
+            path_max_m=worst,
+        )
     return {"path_rms_m": rms, "path_max_m": worst, "duration_s": motion.duration}
+
+
+def _refuse_beyond(tolerance: float, motion: TrajectoryMotion, planned: Matrix) -> None:
+    """Compare the last place of the tool that was measured with what was planned for then."""
+    if not motion.executed:
+        return
+    last = len(motion.executed) - 1
+    away = float(np.linalg.norm(motion.executed[last] - planned[last]))
+    if away > tolerance:
+        raise Failure(
+            "TRACKING_ERROR",
+            f"the tool is {1e3 * away:.1f} mm from where it was planned to be",
+            path_error_m=away,
+            progress=motion.progress,
+        )
 
 
 def _enter(arm: Arm, path: CartesianPath, start: np.ndarray, speed: float) -> Iterator[float]:

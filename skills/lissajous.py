@@ -14,7 +14,7 @@ Frequency = Annotated[int, Field(ge=1, le=20)]
 
 
 class Lissajous(Skill):
-    """Trace A sin(a t + phase), B sin(b t) with the tool, keeping its orientation."""
+    """Trace A sin(a t + phase), B sin(b t) with the tool."""
 
     class Ports(PortModel):
         plane: Plane = port("yz", "plane of the curve")
@@ -30,14 +30,21 @@ class Lissajous(Skill):
         )
         waypoints: int = port(40, "points on the curve that the path goes through", ge=4, le=1000)
         repeats: int = port(1, "how often the whole curve", ge=1, le=100)
+        tilt: Angle = port(
+            0.0, "how far the tool leans towards the middle; 0 keeps its orientation", ge=-60, le=60
+        )
         speed: Speed = port(0.5, "share of the arm's limits of velocity, acceleration and jerk")
+        tolerance: float = port(
+            0.005, "how far the tool may be from its plan at any time", unit="m", ge=1e-4, le=0.1
+        )
 
     failures = {
         "INVALID_TARGET": "both amplitudes are 0",
         "UNREACHABLE": "no configuration of the arm reaches the curve",
+        "SINGULAR": "the curve leads through a singularity of the arm; nothing was executed",
         "PATH_BROKEN": "the arm can follow only a part of the curve; nothing was executed",
         "IN_COLLISION": "the arm would touch something on the way",
-        "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "TRACKING_ERROR": "the arm was blocked or left its plan by more than the tolerance",
         "BUSY": "another leaf moves the arm",
     }
     example = "lissajous: {amplitudes: [0.10, 0.05], frequencies: [1, 2], speed: 0.5}"
@@ -56,5 +63,8 @@ class Lissajous(Skill):
             mode=ports.start,
             waypoints=ports.waypoints,
             repeats=ports.repeats,
+            tilt=ports.tilt,
         )
-        self.metrics |= yield from follow_curve(self.arm, path, ports.speed, self.record)
+        self.metrics |= yield from follow_curve(
+            self.arm, path, ports.speed, self.record, ports.tolerance
+        )

@@ -3,39 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import degrees
-from typing import Literal
-
-import numpy as np
 
 from bt_dualarm import (
     Angle,
     Failure,
+    Offset,
     PortModel,
     Pose,
     PoseSpec,
     Skill,
     Speed,
     Vector,
-    Vector3,
+    check_arrival,
     port,
 )
-
-
-class Offset(PortModel):
-    """A step from where the tool is."""
-
-    xyz: Vector3 = port((0.0, 0.0, 0.0), "how far along x, y, z", unit="m")
-    rpy: Vector3 = port((0.0, 0.0, 0.0), "roll, pitch, yaw", unit="deg")
-    frame: Literal["world", "tool"] = port("world", "whose axes are meant")
-
-    def applied_to(self, tool: Pose) -> Pose:
-        """The tool's pose after the step."""
-        step = Pose.from_rpy(self.xyz, tuple(np.deg2rad(self.rpy)))
-        if self.frame == "tool":
-            return tool @ step
-        turned = step.rotation * tool.rotation
-        return Pose.from_rotation(tool.position + step.position, turned)
 
 
 class ReachToPose(Skill):
@@ -83,13 +64,10 @@ class ReachToPose(Skill):
         return arm.kinematics.solutions(target, arm.setpoint.q), target
 
     def _verify(self, target: Pose) -> None:
-        tool = self.arm.tool_pose
-        away, turn = tool.distance(target), tool.angle(target)
-        self.metrics |= {"position_error_m": away, "angle_error_rad": turn}
-        if away > self.ports.tolerance or turn > self.ports.angle_tolerance:
-            raise Failure(
-                "NOT_REACHED",
-                f"the tool is {1000 * away:.2f} mm and {degrees(turn):.2f}° from its target",
-                position_error_m=away,
-                angle_error_rad=turn,
-            )
+        self.metrics |= check_arrival(
+            "the tool",
+            self.arm.tool_pose,
+            target,
+            self.ports.tolerance,
+            self.ports.angle_tolerance,
+        )

@@ -16,7 +16,7 @@ LAYERS = (
     {"spec"},
     {"world"},
     {"motion", "vision"},
-    {"arm", "skill", "registry", "curve", "tracking", "scoring", "preflight"},
+    {"arm", "skill", "registry", "arrival", "curve", "tracking", "scoring", "preflight"},
     {"tree"},
     {"run"},
     {"cli"},

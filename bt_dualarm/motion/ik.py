@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bt_dualarm.errors import Failure
+from bt_dualarm.motion.broken import broken
 from bt_dualarm.motion.chain import Chain
 from bt_dualarm.motion.descent import Descent, PulledDescent
 from bt_dualarm.motion.target import (
@@ -154,10 +154,11 @@ class Kinematics(Chain):
 
         Raises:
             Failure: ``UNREACHABLE`` for the first pose; ``PATH_BROKEN`` with the largest
-                ``fraction`` of the path that could be followed.
+                ``fraction`` of the path that could be followed, or ``SINGULAR`` if a singularity
+                of the arm is what ends it there.
         """
         goals = [target_matrix(pose) for pose in poses]
-        best = 0
+        best: list[Vector] = []
         tried: list[Vector] = []
         for every in (False, True):
             for start in self.solutions(poses[0], near, tolerance, every_branch=every):
@@ -167,14 +168,9 @@ class Kinematics(Chain):
                 rows = self._follow_from(goals, start, tolerance, max_step)
                 if len(rows) == len(goals):
                     return np.array(rows)
-                best = max(best, len(rows))
-        fraction = best / len(goals)
-        raise Failure(
-            "PATH_BROKEN",
-            f"the arm can follow only {100.0 * fraction:.0f} % of the path without a jump",
-            fraction=fraction,
-            branches=len(tried),
-        )
+                best = max(best, rows, key=len)
+        end = best[-1] if best else tried[0]
+        raise broken(self, end, poses[len(best)], len(best) / len(goals), len(tried))
 
     def _follow_from(
         self, goals: Sequence[Matrix], start: Vector, tolerance: Tolerance, max_step: float

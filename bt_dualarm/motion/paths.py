@@ -96,8 +96,9 @@ def circle(
     waypoints: int = 20,
     turns: float = 1.0,
     direction: int = 1,
+    tilt: float = 0.0,
 ) -> CartesianPath:
-    """A circle, or an arc where ``turns`` is not a whole number; the orientation is kept.
+    """A circle, or an arc where ``turns`` is not a whole number.
 
     Args:
         tool: Centre of the circle, or with mode ``"from"`` its first point.
@@ -107,6 +108,8 @@ def circle(
         waypoints: Points on a turn that the path goes through.
         turns: How often around.
         direction: 1 or -1, which turns away from the second axis.
+        tilt: How far the tool's z axis leans towards the centre, in radians; 0 keeps the
+            orientation.
 
     Raises:
         Failure: ``INVALID_TARGET`` for what draws no circle.
@@ -119,7 +122,7 @@ def circle(
     count = waypoints if whole else max(math.ceil(waypoints * turns), 4)
     phase = np.linspace(0.0, direction * angle, count + 1)
     offsets = radius * np.column_stack((np.cos(phase), np.sin(phase)))
-    return _curve(tool, axes, offsets, mode, waypoints, int(turns) if whole else 0)
+    return _curve(tool, axes, offsets, mode, waypoints, int(turns) if whole else 0, tilt)
 
 
 def lissajous(
@@ -132,6 +135,7 @@ def lissajous(
     mode: Mode = "around",
     waypoints: int = 40,
     repeats: int = 1,
+    tilt: float = 0.0,
 ) -> CartesianPath:
     """The curve A sin(a t + phase) along the first axis, B sin(b t) along the second.
 
@@ -144,6 +148,8 @@ def lissajous(
         mode: See ``tool``.
         waypoints: Points on the curve that the path goes through.
         repeats: How often the whole curve is drawn.
+        tilt: How far the tool's z axis leans towards the centre where the curve is farthest from
+            it, in radians; in between as far as it is away. 0 keeps the orientation.
 
     Raises:
         Failure: ``INVALID_TARGET`` for what draws no curve.
@@ -157,7 +163,7 @@ def lissajous(
     offsets = np.column_stack(
         (amplitudes[0] * np.sin(first * t + phase), amplitudes[1] * np.sin(second * t))
     )
-    return _curve(tool, axes, offsets, mode, waypoints, repeats)
+    return _curve(tool, axes, offsets, mode, waypoints, repeats, tilt)
 
 
 def through(poses: Sequence[Pose], *, closed: bool = False) -> CartesianPath:
@@ -184,7 +190,13 @@ def through(poses: Sequence[Pose], *, closed: bool = False) -> CartesianPath:
 
 
 def _curve(
-    tool: Pose, axes: Axes, offsets: Matrix, mode: Mode, waypoints: int, repeats: int
+    tool: Pose,
+    axes: Axes,
+    offsets: Matrix,
+    mode: Mode,
+    waypoints: int,
+    repeats: int,
+    tilt: float,
 ) -> CartesianPath:
     """A plane curve through even waypoints; ``repeats`` is zero for one that does not close.
 
@@ -195,6 +207,7 @@ def _curve(
         mode: What ``tool`` is.
         waypoints: As asked for.
         repeats: Number of passes.
+        tilt: Towards the centre at the farthest waypoint, rad.
     """
     _require(waypoints >= 4, "a curve needs 4 waypoints or more", waypoints=waypoints)
     _require(bool(np.isfinite(offsets).all()), "a number of the curve is not finite")
@@ -209,8 +222,21 @@ def _curve(
     points = centre + offsets @ frame
     knots = np.arange(len(points), dtype=float)
     positions = _spline(knots, points, bool(repeats))(_refined(knots))
-    quaternions = np.tile(tool.quaternion, (len(positions), 1))
+    scale = float(np.linalg.norm(offsets, axis=1).max())
+    quaternions = _leaning(tool, (positions - centre) * (tilt / scale))
     return CartesianPath(positions, quaternions, points, bool(repeats), max(repeats, 1))
+
+
+def _leaning(tool: Pose, lean: Matrix) -> Matrix:
+    """Orientations, of shape (n, 4), with the tool's z axis turned against each row of ``lean``.
+
+    By the row's length in rad, as far as the row is perpendicular to that axis.
+    """
+    if not lean.any():
+        return np.tile(tool.quaternion, (len(lean), 1))
+    turns = Rotation.from_rotvec(np.cross(lean, tool.rotation_matrix[:, 2]))
+    quaternions: Matrix = (turns * tool.rotation).as_quat(scalar_first=True)
+    return quaternions
 
 
 def _spline(knots: Vector, points: Matrix, closed: bool) -> CubicSpline:

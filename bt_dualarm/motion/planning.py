@@ -15,6 +15,7 @@ import numpy as np
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.collision import CollisionChecker
+from bt_dualarm.motion.joint_range import refuse_beyond
 from bt_dualarm.motion.sweep import interpolated, sweep_radii
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
@@ -159,16 +160,7 @@ class _Validity:
 
 
 def _check_end(checker: CollisionChecker, q: Vector, limits: JointLimits) -> None:
-    if np.any(q < limits.lower - 1e-9) or np.any(q > limits.upper + 1e-9):
-        beyond = np.maximum(limits.lower - q, q - limits.upper)
-        joint = int(np.argmax(beyond))
-        name = checker.body.robot.joints[joint]
-        raise Failure(
-            "JOINT_LIMIT",
-            f"{name} would be {np.rad2deg(beyond[joint]):.1f}° beyond its limit",
-            joint=name,
-            beyond_rad=float(beyond[joint]),
-        )
+    refuse_beyond(checker.body.robot.joints, q, limits)
     contact = checker.contact(q)
     if contact is not None:
         raise contact.failure()

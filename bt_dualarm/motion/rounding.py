@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 
 from bt_dualarm.motion.collision import CollisionChecker
+from bt_dualarm.motion.corner import corner_curve
 from bt_dualarm.motion.planning import FINE
 from bt_dualarm.motion.sweep import interpolated
 from bt_dualarm.pose import Matrix, Vector
@@ -16,8 +17,6 @@ _CUTS = (0.5, 0.3, 0.18, 0.1, 0.05)
 
 _SPACING = 0.02
 """Most that a point of the arm moves between two samples, in metres."""
-
-_SHARE = np.linspace(0.0, 1.0, 33)[:, None]
 
 
 def rounded(corners: Matrix, checker: CollisionChecker, radii: Vector) -> list[Matrix]:
@@ -51,22 +50,8 @@ def _cut(
     for share in _CUTS:
         start = corner + arriving * (share * length / (np.abs(arriving) @ radii))
         end = corner + leaving * (share * length / (np.abs(leaving) @ radii))
-        curve = _curve(start, corner, end)
+        curve = corner_curve(start, corner, end)
         steps = itertools.pairwise(curve)
         if all(checker.first_contact(interpolated(a, b, radii, FINE)) is None for a, b in steps):
             return curve
     return None
-
-
-def _curve(start: Vector, corner: Vector, end: Vector) -> Matrix:
-    """A Bézier curve of degree five, without curvature at its ends, where it meets the lines."""
-    t, u = _SHARE, 1.0 - _SHARE
-    towards, away = (start + corner) / 2.0, (corner + end) / 2.0
-    curve: Matrix = (
-        u**5 * start
-        + 5 * u**4 * t * towards
-        + 10 * (u**3 * t**2 + u**2 * t**3) * corner
-        + 5 * u * t**4 * away
-        + t**5 * end
-    )
-    return curve

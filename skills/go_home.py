@@ -1,0 +1,34 @@
+"""Move the arm to its home posture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bt_dualarm import PortModel, Skill, Speed, port
+
+
+class GoHome(Skill):
+    """Move the arm to the home posture of its catalogue page, around what is in the way."""
+
+    class Ports(PortModel):
+        speed: Speed = port(0.5, "share of the arm's limits")
+
+    failures = {
+        "IN_COLLISION": "the arm would touch something at home",
+        "NO_PLAN": "no way home free of collisions was found",
+        "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "BUSY": "another leaf moves the arm",
+    }
+    example = "go_home: {speed: 0.5}"
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Plan, go, measure."""
+        arm = self.arm
+        home = arm.posture("home")
+        yield from arm.think()
+        yield from arm.follow(arm.plan_to(home, self.ports.speed))
+        error = np.abs(arm.world.arms[arm.name].q - home)
+        self.metrics["joint_error_rad"] = float(error.max())

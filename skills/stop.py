@@ -1,0 +1,28 @@
+"""Stop the arm, whoever moves it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bt_dualarm import Failure, PortModel, Skill, port
+
+
+class Stop(Skill):
+    """Brake with bounded jerk until the arm stands; a leaf that moves it fails as INTERRUPTED."""
+
+    class Ports(PortModel):
+        longest: float = port(5.0, "how long that may take", unit="s", gt=0, le=60)
+
+    failures = {"TIMED_OUT": "the arm did not come to rest in time"}
+    example = "stop: {}"
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Brake, wait for rest, measure how long that took."""
+        began = self.time
+        for _ in self.arm.halt():
+            took = self.time - began
+            if took > self.ports.longest:
+                raise Failure("TIMED_OUT", f"{self.arm.name} still moves after {took:.2f} s")
+            yield
+        self.metrics["stopping_s"] = self.time - began

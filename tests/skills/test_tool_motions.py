@@ -1,0 +1,143 @@
+"""Lines, turns, blended lines and leaning curves: the tool goes where they say, or stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.pose import Pose
+from bt_dualarm.world.world import World
+from tests.plays import Play, Stage
+
+WORLD = """
+name: test
+world: {scene: empty}
+arms:
+  arm1:
+    robot: ROBOT
+    base: {xyz: [0, 0, 0.4]}
+    posture: POSTURE
+    tree: {SKILL}
+"""
+NEAR = 4e-4  # m
+
+
+def staged(stage: Stage, skill: str, robot: str = "ur5") -> Play:
+    posture = "present" if robot == "ur5" else "home"
+    text = WORLD.replace("SKILL", skill).replace("ROBOT", robot).replace("POSTURE", posture)
+    return stage.play(text)
+
+
+def tool(world: World) -> Pose:
+    return world.arms["arm1"].tool_pose
+
+
+def path_of(play: Play) -> list[Pose]:
+    """The tool at every step of the run, which is made."""
+    places: list[Pose] = []
+    play.watchers.append(lambda world: places.append(tool(world)))
+    play.run()
+    return places
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+def test_move_linear_is_straight(stage: Stage, robot: str) -> None:
+    skill = "move_linear: {offset: {xyz: [0, 0.1, 0.05], rpy: [10, 0, 0]}, speed: 1.0}"
+    play = staged(stage, skill, robot)
+    start = tool(play.world)
+    places = path_of(play)
+    assert play.leaf("move_linear").status == "SUCCESS"
+    way = np.array((0.0, 0.1, 0.05))
+    assert places[-1].position - start.position == pytest.approx(way, abs=NEAR)
+    assert np.degrees(places[-1].angle(start)) == pytest.approx(10.0, abs=0.05)
+    offsets = np.array([place.position - start.position for place in places])
+    aside = offsets - np.outer(offsets @ way / (way @ way), way)
+    assert np.linalg.norm(aside, axis=1).max() < 3e-4
+
+
+def test_move_linear_in_the_tool_frame_goes_along_the_tool(stage: Stage) -> None:
+    play = staged(stage, "move_linear: {offset: {xyz: [0, 0, -0.1], frame: tool}}")
+    start = tool(play.world)
+    play.run()
+    assert start.inverse.apply(tool(play.world).position) == pytest.approx((0, 0, -0.1), abs=NEAR)
+
+
+def test_move_linear_to_a_place_keeps_the_orientation(stage: Stage) -> None:
+    play = staged(stage, "move_linear: {to: {xyz: [0.6, 0.15, 0.75]}}")
+    start = tool(play.world)
+    play.run()
+    assert tool(play.world).position == pytest.approx((0.6, 0.15, 0.75), abs=NEAR)
+    assert tool(play.world).angle(start) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("skill", "code"),
+    [
+        ("move_linear: {}", "INVALID_TARGET"),
+        ("rotate_tool: {axis: z, angle: 720}", "PATH_BROKEN"),
+        ("move_linear: {offset: {xyz: [0.6, 0, 0]}}", "SINGULAR"),
+        ("rotate_tool: {angle: 0}", "INVALID_TARGET"),
+        ("rotate_tool: {angle: 30, axis: [0, 0, 0]}", "INVALID_TARGET"),
+        ("move_through: {poses: [{xyz: [0.6, 0, 0.7]}, {xyz: [0.6, 0, 0.7]}]}", "INVALID_TARGET"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_at_rest(stage: Stage, skill: str, code: str) -> None:
+    play = staged(stage, skill)
+    play.run()
+    leaf = play.leaf(skill.partition(":")[0])
+    assert (leaf.status, leaf.code) == ("FAILURE", code), leaf.reason
+    assert play.speed_after(0.0) < 0.02
+    if code in ("PATH_BROKEN", "SINGULAR"):
+        assert 0.0 < float(leaf.metrics["fraction"]) < 1.0
+
+
+def test_rotate_tool_keeps_the_point_in_its_place(stage: Stage) -> None:
+    play = staged(stage, "rotate_tool: {axis: y, angle: 25, point: [0, 0, 0.1], speed: 1.0}")
+    tip = np.array((0.0, 0.0, 0.1))
+    start = tool(play.world)
+    places = path_of(play)
+    away = [np.linalg.norm(place.apply(tip) - start.apply(tip)) for place in places]
+    assert max(away) < 3e-4
+    turn = start.inverse @ tool(play.world)
+    assert np.degrees(turn.rotation.as_rotvec()) == pytest.approx((0, 25, 0), abs=0.05)
+
+
+def test_rotate_tool_about_an_axis_of_the_world(stage: Stage) -> None:
+    play = staged(stage, "rotate_tool: {axis: z, angle: -20, frame: world}")
+    start = tool(play.world)
+    play.run()
+    turn = (tool(play.world).rotation * start.rotation.inv()).as_rotvec(degrees=True)
+    assert turn == pytest.approx((0, 0, -20), abs=0.05)
+
+
+def test_move_through_rounds_corners_within_the_blend_and_does_not_stop(stage: Stage) -> None:
+    skill = (
+        "move_through: {poses: [{xyz: [0.6, 0.2, 0.8]}, {xyz: [0.6, 0.0, 0.8]}, "
+        "{xyz: [0.6, 0.0, 0.65]}], blend: 0.03}"
+    )
+    play = staged(stage, skill)
+    places = np.array([place.position for place in path_of(play)])
+    assert places[-1] == pytest.approx((0.6, 0.0, 0.65), abs=NEAR)
+    for corner in ((0.6, 0.2, 0.8), (0.6, 0.0, 0.8)):
+        away = np.linalg.norm(places - corner, axis=1)
+        nearest = int(np.argmin(away))
+        assert away[nearest] < 0.03
+        assert np.linalg.norm(places[nearest + 1] - places[nearest]) > 1e-5  # in one step of 2 ms
+
+
+def test_circle_leans_towards_its_middle(stage: Stage) -> None:
+    """Tool axis along x, circle in yz: the axes of all places meet in one point."""
+    play = staged(stage, "circle: {plane: yz, radius: 0.05, tilt: 20}")
+    start = tool(play.world)
+    lean = [np.degrees(place.angle(start)) for place in path_of(play)]
+    assert play.leaf("circle").status == "SUCCESS"
+    assert max(lean) == pytest.approx(20.0, abs=0.1)
+
+
+def test_an_arc_ends_where_it_should(stage: Stage) -> None:
+    """Half a turn from the circle's point at +y of its middle, over +z, to -y."""
+    play = staged(stage, "circle: {plane: yz, radius: 0.05, turns: 0.5, start: from}")
+    start = tool(play.world)
+    play.run()
+    moved = tool(play.world).position - start.position
+    assert moved == pytest.approx((0, -0.1, 0), abs=NEAR)
