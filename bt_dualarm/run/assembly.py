@@ -69,7 +69,8 @@ class _Parts:
         spec = self.file.arms[name]
         camera = None
         if spec.camera is not None and self.renderer is not None:
-            camera = Camera(f"{name}/camera", spec.camera, self.renderer)
+            camera_name = f"{name}/camera"
+            camera = Camera(camera_name, spec.camera, self.renderer, self._rng(camera_name))
         period = control_period(self.world.timestep)
         controller = JointController(self.world, name, float(period))
         arm = Arm(self.world, name, controller, camera, self.seed)
@@ -83,13 +84,16 @@ class _Parts:
         )
         return Equipment(spec.robot, tree, controller, camera, 1 / exact(spec.tick_hz), period)
 
+    def _rng(self, owner: str) -> np.random.Generator:
+        """Randomness hangs on the seed and on who uses it, not on who runs first."""
+        return np.random.default_rng([self.seed, zlib.crc32(owner.encode())])
+
     def _context(self, arm: Arm, path: str) -> SkillContext:
-        """Randomness hangs on seed, arm and leaf, not on who runs first."""
         return SkillContext(
             name=path,
             arm=arm.for_leaf(path),
             clock=self.clock,
-            rng=np.random.default_rng([self.seed, zlib.crc32(f"{arm.name}:{path}".encode())]),
+            rng=self._rng(f"{arm.name}:{path}"),
             log=logging.getLogger(f"bt_dualarm.skills.{arm.name}"),
             record=partial(self.series.add, arm.name, path),
         )

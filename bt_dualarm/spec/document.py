@@ -140,6 +140,9 @@ class CameraSpec(Value):
         fov: Vertical field of view in degrees.
         fps: Frames per simulated second.
         latency: Seconds from a frame's capture to its delivery.
+        drop: Share of the frames that get lost on their way.
+        noise: Pixels, standard deviation along x and y of a shake that nobody measures: each
+            exposure looks past where it believes to look, so all that it sees is shifted.
     """
 
     mount: Annotated[
@@ -152,6 +155,8 @@ class CameraSpec(Value):
     fov: Annotated[float, Field(ge=5.0, le=150.0)] = 50.0
     fps: Annotated[float, Field(gt=0.0, le=1000.0)] = 30.0
     latency: Annotated[Duration, Field(le=10.0)] = 0.0
+    drop: Annotated[float, Field(ge=0.0, le=0.9)] = 0.0
+    noise: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
 
     @property
     def fov_rad(self) -> float:

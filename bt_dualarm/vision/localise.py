@@ -82,12 +82,7 @@ class OnPlane:
         if depth <= 0.0:
             raise LocaliseError("the plane of the target lies behind the camera")
         across = depth / frame.focal_px
-        sigma = (
-            PIXEL_SIGMA
-            * frame.stride
-            * across
-            * np.sqrt(np.maximum(1.0 - np.square(self.normal), 0.0))
-        )
+        sigma = across * _sigma_px(frame) * np.sqrt(np.maximum(1.0 - np.square(self.normal), 0.0))
         return Sighting(
             detection.stamp,
             frame.pose.position + depth * ray,
@@ -110,7 +105,7 @@ class OfSize:
         """Along the line of sight, as far as the size says; see ``Localiser``."""
         side_px = math.sqrt(detection.area_px)
         depth = frame.focal_px * self.side / side_px
-        across = PIXEL_SIGMA * frame.stride * depth / frame.focal_px
+        across = _sigma_px(frame) * depth / frame.focal_px
         # The area of a square with n pixels a side is as uncertain as its 4 n edge pixels.
         along = PIXEL_SIGMA * frame.stride * depth / side_px
         view = frame.pose.turn(np.array((0.0, 0.0, 1.0)))
@@ -164,3 +159,8 @@ class OnPlaneOfSize:
         if self._count == 0:
             return self._by_size.locate(detection, frame)
         return OnPlane(self._offset * self._normal, self._normal).locate(detection, frame)
+
+
+def _sigma_px(frame: Frame) -> float:
+    """Standard deviation of a centroid along x and y: of its pixels and of the camera's shake."""
+    return math.hypot(PIXEL_SIGMA * frame.stride, frame.noise_px)

@@ -35,6 +35,7 @@ class TrackerSettings:
         max_area: Largest.
         window_sigmas: Half-width of the search window in standard deviations of the prediction.
         window_margin_px: And in pixels besides.
+        window_shakes: And in standard deviations of the camera's shake.
         search_stride: Coarseness of the image while there is nothing to aim at.
     """
 
@@ -46,6 +47,7 @@ class TrackerSettings:
     max_area: float = math.inf
     window_sigmas: float = 4.0
     window_margin_px: float = 6.0
+    window_shakes: float = 4.0
     search_stride: int = 3
 
 
@@ -81,6 +83,7 @@ class TargetTracker:
         self._side = 0.0
         self._extent_px = 0.0
         self._focal_px = 0.0
+        self._noise_px = 0.0
         self._camera = camera
         self._unsubscribe: Callable[[], None] = camera.subscribe(self.on_frame)
         camera.aim = self.window
@@ -122,7 +125,7 @@ class TargetTracker:
     def on_frame(self, frame: Frame) -> None:
         """Take in one frame."""
         self.frames += 1
-        self._focal_px = frame.focal_px
+        self._focal_px, self._noise_px = frame.focal_px, frame.noise_px
         chosen = self._choose(frame, self._candidates(frame))
         if chosen is None:
             self.detection = None
@@ -143,7 +146,7 @@ class TargetTracker:
         sigma = math.sqrt(float(self._estimate.variance(stamp).max()))
         settings = self._settings
         half = 0.5 * self._extent_px + settings.window_margin_px
-        half += settings.window_sigmas * sigma * scale
+        half += settings.window_sigmas * sigma * scale + settings.window_shakes * self._noise_px
         x, y = width / 2.0 + scale * point[0], height / 2.0 + scale * point[1]
         if not (-half < x < width + half and -half < y < height + half):
             return everything

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -33,6 +34,7 @@ class Frame:
         fov_rad: Vertical field of view.
         region: Part of the image that was exposed.
         stride: Edge of the blocks of pixels that share one sample; 1 for a full image.
+        noise_px: Standard deviation along x and y of a shift of the whole image.
     """
 
     stamp: float
@@ -41,6 +43,7 @@ class Frame:
     fov_rad: float
     region: Region
     stride: int = 1
+    noise_px: float = 0.0
 
     @property
     def width(self) -> int:
@@ -55,7 +58,7 @@ class Frame:
     @property
     def focal_px(self) -> float:
         """Focal length in pixels, the same in x and y."""
-        return self.height / 2.0 / math.tan(self.fov_rad / 2.0)
+        return focal_length_px(self.height, self.fov_rad)
 
     def ray(self, pixel: tuple[float, float]) -> Vector:
         """Direction in the world, of shape (3,), through a pixel; 1 m deep along the view axis."""
@@ -88,6 +91,14 @@ class CameraTiming(Protocol):
     def latency(self) -> float:
         """From the exposure to the delivery of a frame, in s."""
 
+    @property
+    def drop(self) -> float:
+        """Share of the frames that are never delivered."""
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the shake along x and y, in pixels."""
+
 
 class SeenWorld(Protocol):
     """The part of a world that a camera looks at."""
@@ -113,19 +124,28 @@ class Camera:
 
     Args:
         name: Of the camera in the model, for example ``arm2/camera``.
-        spec: Resolution, frame rate and latency; the field of view is the model's.
+        spec: Resolution, frame rate, latency and faults; the field of view is the model's.
         renderer: Draws the images; may serve several cameras.
+        rng: Of its faults.
     """
 
-    def __init__(self, name: str, spec: CameraTiming, renderer: Renderer) -> None:
+    def __init__(
+        self,
+        name: str,
+        spec: CameraTiming,
+        renderer: Renderer,
+        rng: np.random.Generator | None = None,
+    ) -> None:
         self.name = name
         self.latency = float(spec.latency)
+        self.drop, self.noise = float(spec.drop), float(spec.noise)
         self.period = 1.0 / float(spec.fps)
         self.width, self.height = (int(n) for n in spec.resolution)
         self.aim: Aim | None = None
         self.latest: Frame | None = None
         self.frames = 0
         self._renderer = renderer
+        self._rng = rng or np.random.default_rng(0)
         self._next_index = 0
         self._pending: deque[Frame] = deque()
         self._callbacks: list[FrameCallback] = []
@@ -152,7 +172,7 @@ class Camera:
         return time >= self._next_index * self.period - _CLOCK_TOLERANCE_S
 
     def capture(self, world: SeenWorld) -> Frame:
-        """Expose now, whether due or not; the frame waits for ``deliver``.
+        """Expose now, whether due or not; the frame waits for ``deliver``, unless it gets lost.
 
         Raises:
             WorldError: The model has no camera of this name (any more).
@@ -168,12 +188,15 @@ class Camera:
         time, pose = float(data.time), camera_pose(data, camera_id)
         window = self.aim(time, pose, self.width, self.height) if self.aim else Window()
         region = self._exposed(window)
-        image = self._renderer.render(
-            model, data, camera_id, self.width, self.height, region, stride=window.stride
-        )
         fov_rad = math.radians(float(model.cam_fovy[camera_id]))
-        frame = Frame(time, image, pose, fov_rad, region, window.stride)
-        self._pending.append(frame)
+        shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
+        with _turned(data, camera_id, shake):
+            image = self._renderer.render(
+                model, data, camera_id, self.width, self.height, region, stride=window.stride
+            )
+        frame = Frame(time, image, pose, fov_rad, region, window.stride, self.noise)
+        if self._rng.random() >= self.drop:
+            self._pending.append(frame)
         self._next_index = math.floor((time + _CLOCK_TOLERANCE_S) / self.period) + 1
         self.frames += 1
         return frame
@@ -193,6 +216,26 @@ class Camera:
             for callback in tuple(self._callbacks):
                 callback(frame)
         return ready
+
+
+def focal_length_px(height: int, fov_rad: float) -> float:
+    """Focal length in pixels of an image ``height`` pixels high."""
+    return height / 2.0 / math.tan(fov_rad / 2.0)
+
+
+@contextmanager
+def _turned(data: Any, camera_id: int, angles: Vector) -> Iterator[None]:
+    """The camera turned about its x and y axes by ``angles`` of shape (2,), in rad, meanwhile."""
+    if not angles.any():
+        yield
+        return
+    straight = data.cam_xmat[camera_id].copy()
+    turn = Rotation.from_rotvec([*angles, 0.0]).as_matrix()
+    data.cam_xmat[camera_id] = (straight.reshape(3, 3) @ turn).ravel()
+    try:
+        yield
+    finally:
+        data.cam_xmat[camera_id] = straight
 
 
 def camera_pose(data: Any, camera_id: int) -> Pose:

@@ -201,3 +201,39 @@ def test_a_camera_that_is_gone_is_named() -> None:
     eye = Camera("arm9/camera", CameraSpec(), Recorder())
     with pytest.raises(WorldError, match="arm9/camera"):
         eye.capture(world())
+
+
+def test_frames_get_lost_as_often_as_declared() -> None:
+    """A third of 300, within three standard deviations, and the same ones for the same seed."""
+
+    def delivered(seed: int) -> list[float]:
+        spec = CameraSpec(fps=100.0, resolution=(16, 16), drop=1.0 / 3.0)
+        eye = Camera("arm/camera", spec, Recorder(), np.random.default_rng(seed))
+        stage = world()
+        for step in range(300):
+            stage.data.time = 0.01 * step
+            eye.capture(stage)
+        return [frame.stamp for frame in eye.deliver(10.0)]
+
+    assert len(delivered(1)) == pytest.approx(200, abs=3 * (300 * 2 / 9) ** 0.5)
+    assert delivered(1) == delivered(1)
+    assert delivered(1) != delivered(2)
+
+
+def test_a_shake_moves_the_image_and_nothing_else() -> None:
+    """A point on the axis appears ``noise`` pixels off in x and in y; the pose is not told."""
+    stage, focal = world(), 120.0 / np.tan(np.radians(30.0))
+    seen = []
+
+    class Axis(Recorder):
+        def render(self, model: Any, data: Any, camera_id: int, *_: Any, **__: Any) -> Image:
+            forward = -data.cam_xmat[camera_id].reshape(3, 3)[:, 2]
+            seen.append((focal * forward[0] / forward[1], focal * forward[2] / forward[1]))
+            return np.zeros((240, 320, 3), np.uint8)
+
+    eye = Camera("arm/camera", CameraSpec(noise=2.0), Axis(), np.random.default_rng(0))
+    poses = [eye.capture(stage).pose for _ in range(400)]
+    assert np.std(seen, axis=0) == pytest.approx([2.0, 2.0], rel=0.1)
+    assert np.mean(seen, axis=0) == pytest.approx([0.0, 0.0], abs=0.4)
+    assert {tuple(pose.position) for pose in poses} == {tuple(poses[0].position)}
+    assert np.allclose(poses[-1].rotation_matrix, poses[0].rotation_matrix, atol=0.0)
