@@ -30,21 +30,6 @@ def containers_in(annotation: Any) -> Iterator[Any]:
             yield from containers_in(member)
 
 
-def models_below(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
-    """Every model that a field of this one holds, at any depth."""
-    for field in model.model_fields.values():
-        for found in _models_anywhere(field.annotation):
-            yield found
-            yield from models_below(found)
-
-
-def _models_anywhere(annotation: Any) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for member in get_args(annotation):
-        yield from _models_anywhere(member)
-
-
 def metadata_of(field: FieldInfo, wanted: type[_T]) -> _T | None:
     """The first metadata of this type on a field, or on a member of its type."""
     return _metadata_in([*field.metadata, field.annotation], wanted)

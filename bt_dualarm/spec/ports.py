@@ -18,6 +18,7 @@ from pydantic.fields import FieldInfo
 
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.source import Data
+from bt_dualarm.spec.unit import Unit
 
 REFERENCE: Final = re.compile(r"\{([^{}]*)\}")
 """A whole text that stands for a value of the blackboard, or for a parameter."""
@@ -28,19 +29,6 @@ KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
 
 UNKNOWN: Final = "?"
 """Before the name of a parameter in a reference: it has no value, which is told elsewhere."""
-
-
-@dataclass(frozen=True, eq=False)
-class Unit:
-    """Metadata of a number: how it is written in YAML.
-
-    Attributes:
-        yaml: Unit of a bare number.
-        others: Units that text may give, in units of that one.
-    """
-
-    yaml: str
-    others: Mapping[str, float]
 
 
 @dataclass(frozen=True)

@@ -11,21 +11,20 @@ from collections.abc import Mapping
 from typing import Any, Final, TypeAlias
 
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
-from bt_dualarm.spec.annotations import metadata_of, models_below
 from bt_dualarm.spec.document import NAME_PATTERN, ArmSpec, ObjectSpec, WorldSpec
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.library import FORMAT
 from bt_dualarm.spec.params import ParamSpec
-from bt_dualarm.spec.ports import KEY, Unit
+from bt_dualarm.spec.ports import KEY
 
 Schema: TypeAlias = dict[str, Any]
 
 _REFERENCE: Final[Schema] = {"$ref": "#/$defs/reference"}
 _NODE: Final[Schema] = {"$ref": "#/$defs/node"}
 _KEY_PATTERN: Final = f"^{KEY.pattern}$"
+# pydantic leaves its own names of bounds that follow a validator or are those of a union.
 _BOUNDS: Final = {
     "ge": "minimum",
     "gt": "exclusiveMinimum",
@@ -136,51 +135,19 @@ def _body(kind: Kind, definitions: Schema) -> Schema:
 
 def _model(model: type[BaseModel], definitions: Schema) -> Schema:
     """The schema of a model; those of the models in it go to the definitions."""
-    schema = _patched(model)
-    for name, inner in schema.pop("$defs", {}).items():
-        definitions.setdefault(name, inner)
+    plain = model.model_json_schema()
+    for name, inner in plain.pop("$defs", {}).items():
+        definitions.setdefault(name, _with_references(inner))
+    schema = _with_references(plain)
     schema.setdefault("properties", {})
     schema.setdefault("additionalProperties", False)
     schema.pop("title", None)
     return schema
 
 
-def _patched(model: type[BaseModel]) -> Schema:
-    schema = model.model_json_schema()
-    inner = {found.__name__: found for found in models_below(model)}
-    for name, definition in schema.get("$defs", {}).items():
-        _let_quantities_have_units(definition, inner[name])
-    _let_quantities_have_units(schema, model)
-    patched = _with_references(schema)
-    patched["$defs"] = {n: _with_references(d) for n, d in schema.get("$defs", {}).items()}
-    return patched
-
-
-def _let_quantities_have_units(schema: Schema, model: type[BaseModel]) -> None:
-    for name, field in model.model_fields.items():
-        unit = metadata_of(field, Unit)
-        if unit is not None and name in schema.get("properties", {}):
-            kept = schema["properties"][name]
-            kept = {key: kept[key] for key in ("description", "default") if key in kept}
-            schema["properties"][name] = {**_quantity(field, unit), **kept}
-
-
-def _quantity(field: FieldInfo, unit: Unit) -> Schema:
-    number: Schema = {"type": "number"}
-    for item in field.metadata:
-        bounds = {bound: getattr(item, bound, None) for bound in _BOUNDS}
-        number |= {_BOUNDS[bound]: value for bound, value in bounds.items() if value is not None}
-    digits = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
-    pattern = rf"^\s*{digits}\s*({'|'.join(unit.others)})\s*$"
-    forms: list[Schema] = [number, {"type": "string", "pattern": pattern}]
-    if type(None) in getattr(field.annotation, "__args__", ()):
-        forms.append({"type": "null"})
-    return {"anyOf": forms}
-
-
 def _with_references(schema: Schema) -> Schema:
     """The same schema, where every value in a mapping or a list can be a reference, too."""
-    changed = {key: value for key, value in schema.items() if key not in ("title", "$defs")}
+    changed = {_BOUNDS.get(key, key): value for key, value in schema.items() if key != "title"}
     if "description" in changed:
         changed["description"] = changed["description"].partition("\n\n")[0]
     if "oneOf" in changed:  # a reference may fit several

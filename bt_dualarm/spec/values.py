@@ -22,7 +22,7 @@ from pydantic import (
 )
 
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.spec.ports import Unit
+from bt_dualarm.spec.unit import Unit
 
 Vector3: TypeAlias = tuple[float, float, float]
 """Three numbers; the field that uses it gives frame and unit."""
