@@ -10,11 +10,12 @@ import numpy as np
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion import timing
 from bt_dualarm.motion.collision import CollisionChecker
-from bt_dualarm.motion.controller import JointController, Motion, Stream, TrajectoryMotion
+from bt_dualarm.motion.controller import JointController
 from bt_dualarm.motion.ik import Kinematics
 from bt_dualarm.motion.joint_motion import free_motion, refuse_contact
 from bt_dualarm.motion.joint_range import refuse_beyond
 from bt_dualarm.motion.limiter import SetPoint
+from bt_dualarm.motion.motions import Motion, Stream, TrajectoryMotion
 from bt_dualarm.motion.paths import line
 from bt_dualarm.motion.sweep import sweep_radii
 from bt_dualarm.motion.trajectory import Trajectory

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 
 import numpy as np
 
 from bt_dualarm.arm import Arm
 from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.cartesian import trace
-from bt_dualarm.motion.controller import TrajectoryMotion
+from bt_dualarm.motion.motions import TrajectoryMotion
 from bt_dualarm.motion.paths import CartesianPath
 from bt_dualarm.pose import Matrix
 from bt_dualarm.scoring import path_error
@@ -56,13 +56,15 @@ def follow_curve(
     yield from _enter(arm, path, motion.q[0], speed)
     planned = arm.planned_tool_positions(motion)
     running = arm.begin(motion)
-    times = arm.time + arm.period * np.arange(len(motion))
+    began = arm.time
     while not running.done:
         yield _ENTRY_SHARE + (1 - _ENTRY_SHARE) * running.progress
         arm.check()
         _refuse_beyond(tolerance, running, planned)
     yield from arm.settle()
     executed = np.array(running.executed)
+    times = began + arm.period * np.arange(len(executed))
+    planned = _planned_at(running.places, planned, motion.dt)
     record("planned", times, planned)
     record("executed", times, executed)
     rms, worst = path_error(planned, executed)
@@ -79,8 +81,8 @@ def _refuse_beyond(tolerance: float, motion: TrajectoryMotion, planned: Matrix) 
     """Compare the last place of the tool that was measured with what was planned for then."""
     if not motion.executed:
         return
-    last = len(motion.executed) - 1
-    away = float(np.linalg.norm(motion.executed[last] - planned[last]))
+    last = _planned_at(motion.places[-1:], planned, motion.trajectory.dt)
+    away = float(np.linalg.norm(motion.executed[-1] - last[0]))
     if away > tolerance:
         raise Failure(
             "TRACKING_ERROR",
@@ -88,6 +90,16 @@ def _refuse_beyond(tolerance: float, motion: TrajectoryMotion, planned: Matrix) 
             path_error_m=away,
             progress=motion.progress,
         )
+
+
+def _planned_at(places: Sequence[float], planned: Matrix, dt: float) -> Matrix:
+    """Tool positions, of shape (n, 3), planned for places in s on a motion."""
+    index = np.array(places) / dt
+    low = np.clip(index.astype(int), 0, max(len(planned) - 2, 0))
+    high = np.minimum(low + 1, len(planned) - 1)
+    u = np.clip(index - low, 0.0, 1.0)[:, None]
+    between: Matrix = planned[low] + u * (planned[high] - planned[low])
+    return between
 
 
 def _enter(arm: Arm, path: CartesianPath, start: np.ndarray, speed: float) -> Iterator[float]:

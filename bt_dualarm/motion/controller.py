@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Protocol, TypeAlias
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,13 +11,11 @@ from bt_dualarm.errors import DivergenceError, Failure
 from bt_dualarm.motion import timing
 from bt_dualarm.motion.limiter import SetPoint, SetPointLimiter
 from bt_dualarm.motion.load import Load
+from bt_dualarm.motion.motions import Motion, Stream, StreamMotion, TrajectoryMotion
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.world import World
-
-Stream: TypeAlias = Callable[[float], SetPoint]
-"""Gives the set-point for a simulated time in seconds; asked once a control period."""
 
 BANDWIDTH = 60.0
 """Natural frequency of the error dynamics in rad/s: e'' + 2we' + w²e = 0 (critically damped)."""
@@ -27,55 +24,6 @@ LEFT_BEHIND = 0.1
 """Joint error in rad at which a motion is given up: blocked, or beyond the arm's torque."""
 
 _STANDSTILL = 0.005  # rad/s: a tool 0.8 m away creeps by less than 4 mm/s
-
-
-class Motion(Protocol):
-    """What a controller is following: a trajectory or a stream."""
-
-    def next(self, time: float) -> SetPoint:
-        """The set-point for now."""
-
-    @property
-    def done(self) -> bool:
-        """Whether its last set-point has been sent."""
-
-
-class TrajectoryMotion:
-    """Follows a trajectory set-point by set-point and records where the tool really was.
-
-    Attributes:
-        executed: Measured tool positions at each set-point's time, each of shape (3,), m.
-    """
-
-    def __init__(self, trajectory: Trajectory) -> None:
-        self.trajectory = trajectory
-        self.executed: list[Vector] = []
-        self._next = 0
-
-    @property
-    def done(self) -> bool:
-        """Whether the last set-point has been sent."""
-        return self._next >= len(self.trajectory)
-
-    @property
-    def progress(self) -> float:
-        """Share of the set-points that were sent, from 0 to 1."""
-        return self._next / len(self.trajectory)
-
-    def next(self, time: float) -> SetPoint:  # noqa: ARG002 - a trajectory counts its own time
-        """The next set-point."""
-        i = min(self._next, len(self.trajectory) - 1)
-        self._next += 1
-        return SetPoint(self.trajectory.q[i], self.trajectory.v[i], self.trajectory.a[i])
-
-
-class StreamMotion:
-    """Follows whatever a function says, until it is stopped."""
-
-    done = False
-
-    def __init__(self, stream: Stream) -> None:
-        self.next = stream
 
 
 class JointController:
@@ -153,6 +101,12 @@ class JointController:
         sent = self.setpoint
         if not sent.v.any() and not sent.a.any():
             self._motion, self._hold = None, sent
+            return
+        on_path = None
+        if isinstance(self._motion, TrajectoryMotion):
+            on_path = self._motion.halt(self._robot.limits)
+        if on_path is not None:
+            self._go_on(on_path)
             return
         self._go_on(timing.stop(sent.q, sent.v, sent.a, self._robot.limits, self.period))
 

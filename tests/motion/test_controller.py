@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from bt_dualarm.errors import DivergenceError, Failure
-from bt_dualarm.motion.controller import JointController, Stream
+from bt_dualarm.motion.controller import JointController
 from bt_dualarm.motion.limiter import SetPoint
+from bt_dualarm.motion.motions import Stream
 from bt_dualarm.motion.timing import point_to_point
 from bt_dualarm.motion.trajectory import Trajectory, use_of_limits
 from bt_dualarm.pose import Pose, Vector
