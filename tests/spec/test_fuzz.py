@@ -23,8 +23,8 @@ from bt_dualarm.tree.build import build_tree
 from tests.spec.mutation import mutated
 from tests.spec.test_mistakes import FOLDER
 
-FILES = int(os.environ.get("BT_DUALARM_FUZZ_FILES", "5000"))
-"""How many; a longer run sets the variable to more."""
+FILES = int(os.environ.get("BT_DUALARM_FUZZ_FILES", "20000"))
+"""How many: half a minute of two cores; a longer run sets the variable to more, say 200000."""
 
 CHUNKS = 8
 """So that workers share the work; each has its own seed."""
