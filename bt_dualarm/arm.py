@@ -192,7 +192,8 @@ class Arm:
         """As ``plan_to``, to the first of several goals that has a way.
 
         Raises:
-            Failure: Why the first goal has none, if no goal has one.
+            Failure: Why the first goal has none, if no goal has one; ``NO_PLAN`` if one of them
+                at least is free, and only the way to it is not.
         """
         refusals = []
         for goal in goals:
@@ -200,7 +201,7 @@ class Arm:
                 return self.plan_to(goal, speed, ignore)
             except Failure as refusal:
                 refusals.append(refusal)
-        raise refusals[0]
+        raise next((one for one in refusals if one.code == "NO_PLAN"), refusals[0])
 
     def attach(self, thing: str) -> None:
         """Weld an object to the tool as it lies now; again changes nothing."""

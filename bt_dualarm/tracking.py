@@ -18,7 +18,7 @@ from bt_dualarm.world.camera import camera_pose
 from bt_dualarm.world.guarded_camera import GuardedCamera
 
 STALE_S = 0.1
-"""Age of the newest sighting in seconds from which nothing moves towards the target."""
+"""Age of the newest sighting, its latency aside, in seconds from which nothing moves towards it."""
 
 HOLD_S = 0.5
 """How long the tool holds still before the search begins, in seconds."""
@@ -95,6 +95,8 @@ class PlaneTracking:
             else OnPlaneOfSize(normal, target_size)
         )
         self._tracker = TargetTracker(camera, color, localiser)
+        self._latency = camera.latency
+        self._beyond_since: float | None = None
         self._bandwidth = float(np.clip(_BANDWIDTH_PER_FPS / camera.period, *_BANDWIDTH))
         self._servo: PlanarServo | None = None
         self._goal = np.zeros(2)
@@ -110,12 +112,22 @@ class PlaneTracking:
     @property
     def in_view(self) -> bool:
         """Whether the newest sighting is fresh enough to move towards."""
-        return self._tracker.locked and self._tracker.age(self._arm.time) <= STALE_S
+        return self._tracker.locked and self._stale_for(self._arm.time) <= 0.0
+
+    @property
+    def follows(self) -> bool:
+        """Whether the target is in view and where the tool may go."""
+        return self.in_view and self._beyond_since is None
 
     @property
     def unseen_for(self) -> float:
         """Seconds since the target was last seen."""
         return self._tracker.age(self._arm.time)
+
+    @property
+    def beyond_for(self) -> float:
+        """Seconds for which the target has been farther away than the tool may go."""
+        return 0.0 if self._beyond_since is None else self._arm.time - self._beyond_since
 
     @property
     def still_for(self) -> float:
@@ -161,32 +173,33 @@ class PlaneTracking:
 
     def _target(self, time: float) -> PlaneTarget | None:
         """Predictive control: where the target is now, by all that was seen of it."""
-        if not self._tracker.locked or self._tracker.age(time) > STALE_S:
+        if not self._tracker.locked or self._stale_for(time) > 0.0:
             return self._search(time)
         motion = self._tracker.predict(time)
         place = self._axes @ motion.position - self._center
-        if float(np.hypot(*place)) > self._reach:
+        if not self._may_go_to(place, time):
             return None
         return PlaneTarget(place, self._axes @ motion.velocity, self._axes @ motion.acceleration)
 
     def _proportional_target(self, time: float) -> PlaneTarget | None:
         """Proportional control: one step for each new image."""
         detection, servo, gains = self._tracker.detection, self._servo, self._gains
-        if detection is None or self._tracker.age(time) > STALE_S:
+        if detection is None or self._stale_for(time) > 0.0:
             return self._search(time)
         if servo is not None and gains is not None and detection.stamp > self._goal_stamp:
             error = np.where(np.abs(detection.centroid) > gains.dead_band, detection.centroid, 0.0)
             step = (self._image_axes @ error) * (gains.u, gains.v)
             self._goal, self._goal_stamp = servo.displacement + step, detection.stamp
-        if float(np.hypot(*self._goal)) > self._reach:
+        if not self._may_go_to(self._goal, time):
             return None
         return PlaneTarget(self._goal, np.zeros(2), np.zeros(2))
 
     def _search(self, time: float) -> PlaneTarget | None:
         """Hold, then wind around where the target was last believed to be, within the radius."""
+        self._beyond_since = None
         if self._servo is None or self._search_radius == 0.0:
             return None
-        lost_for = self._tracker.age(time) - STALE_S - HOLD_S
+        lost_for = self._stale_for(time) - HOLD_S
         if lost_for < 0.0:
             self._goal = self._servo.displacement.copy()
             return None
@@ -196,6 +209,18 @@ class PlaneTracking:
         if float(np.hypot(*place)) > self._reach:
             return None
         return PlaneTarget(place, np.zeros(2), np.zeros(2))
+
+    def _stale_for(self, time: float) -> float:
+        """Seconds since the newest sighting became too old to move by; below 0 it is fresh."""
+        return self._tracker.age(time) - self._latency - STALE_S
+
+    def _may_go_to(self, place: Vector, time: float) -> bool:
+        """Whether a place is within reach; notes since when it has not been."""
+        if float(np.hypot(*place)) <= self._reach:
+            self._beyond_since = None
+        elif self._beyond_since is None:
+            self._beyond_since = time
+        return self._beyond_since is None
 
 
 def _facing_camera(arm: Arm, plane: Plane) -> tuple[GuardedCamera, Pose]:

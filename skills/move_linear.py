@@ -33,7 +33,6 @@ class MoveLinear(Skill):
         "INVALID_TARGET": "not exactly one of to, offset",
         "SINGULAR": "the line leads through a singularity of the arm; nothing was executed",
         "PATH_BROKEN": "the arm can follow only a part of the line; nothing was executed",
-        "UNREACHABLE": "no configuration of the arm reaches the line",
         "IN_COLLISION": "the arm would touch something on the way",
         "TRACKING_ERROR": "the arm was blocked or left its plan by more than the tolerance",
         "BUSY": "another leaf moves the arm",

@@ -29,7 +29,6 @@ class MoveThrough(Skill):
         "INVALID_TARGET": "two poses in a row are alike",
         "SINGULAR": "the path leads through a singularity of the arm; nothing was executed",
         "PATH_BROKEN": "the arm can follow only a part of the path; nothing was executed",
-        "UNREACHABLE": "no configuration of the arm reaches the path",
         "IN_COLLISION": "the arm would touch something on the way",
         "TRACKING_ERROR": "the arm was blocked or left its plan by more than the tolerance",
         "BUSY": "another leaf moves the arm",

@@ -38,7 +38,6 @@ class RotateTool(Skill):
         "INVALID_TARGET": "the axis has no direction, or the angle is 0",
         "SINGULAR": "the turn leads through a singularity of the arm; nothing was executed",
         "PATH_BROKEN": "the arm can follow only a part of the turn; nothing was executed",
-        "UNREACHABLE": "no configuration of the arm reaches the turn",
         "IN_COLLISION": "the arm would touch something on the way",
         "TRACKING_ERROR": "the arm was blocked or left its plan by more than the tolerance",
         "BUSY": "another leaf moves the arm",

@@ -66,7 +66,7 @@ class Track(Skill):
         "NO_CAMERA": "the arm has no camera of its own, or it does not face the plane",
         "NOT_SEEN": "the target did not come into view in time",
         "LOST": "the target was out of view for longer than lost_timeout",
-        "UNREACHABLE": "the target is farther away than the arm may follow",
+        "UNREACHABLE": "the target stayed farther away than the arm may follow",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -121,6 +121,15 @@ class Track(Skill):
                 raise Failure(
                     "LOST", f"the target was last seen {unseen:.1f} s ago", unseen_s=unseen
                 )
+            if tracking.beyond_for > ports.lost_timeout:
+                raise Failure(
+                    "UNREACHABLE",
+                    f"the target has been more than {ports.reach:.2f} m away from where the arm "
+                    f"began to follow for {tracking.beyond_for:.1f} s",
+                    beyond_s=tracking.beyond_for,
+                )
+            if not tracking.follows:
+                continue
             if ports.duration is not None and self.time - began >= ports.duration:
                 return
             if ports.until_still is not None and tracking.still_for >= ports.until_still:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.registry import Registry
@@ -35,8 +37,9 @@ class Play:
         session: Not run yet, or run.
         deeds: Done once each, at the first step at or after their simulated time in seconds.
         changes: Of the status of all nodes.
-        speeds: Times and largest joint speed, by arm, at every step.
-        set_points: Times and commanded velocities, by arm, at every step.
+        speeds: Times and largest joint speed in rad/s, by arm, at every step.
+        ways: Largest way of a joint from its start in rad, by arm.
+        errors: What a deed has raised.
     """
 
     session: Session
@@ -44,7 +47,10 @@ class Play:
     watchers: list[Callable[[World], None]] = field(default_factory=list)
     changes: list[StatusChange] = field(default_factory=list)
     speeds: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+    ways: dict[str, float] = field(default_factory=dict)
+    _starts: dict[str, Vector] = field(default_factory=dict)
     result: RunResult | None = None
+    errors: list[Exception] = field(default_factory=list)
 
     @property
     def world(self) -> World:
@@ -55,6 +61,8 @@ class Play:
         """Run to the end."""
         with self.session:
             self.result = self.session.run([self], lambda: 0.0, stop)
+        if self.errors:
+            raise self.errors[0]
         return self.result
 
     def on_event(self, change: StatusChange) -> None:
@@ -65,12 +73,21 @@ class Play:
         """Nothing to see."""
 
     def after_step(self, time: float) -> None:
-        """Do what is due, and look at the arms."""
+        """Do what is due, and look at the arms; an observer that raises would be dropped."""
+        try:
+            self._look(time)
+        except Exception as error:  # noqa: BLE001 - raised again when the run is over
+            self.errors.append(error)
+
+    def _look(self, time: float) -> None:
         while self.deeds and time >= self.deeds[0][0] - 1e-9:
             self.deeds.pop(0)[1](self.world)
         for name, body in self.world.arms.items():
             speed = float(np.abs(body.v).max())
             self.speeds.setdefault(name, []).append((time, speed))
+            start = self._starts.setdefault(name, body.q)
+            away = float(np.abs(body.q - start).max())
+            self.ways[name] = max(away, self.ways.get(name, 0.0))
         for watch in self.watchers:
             watch(self.world)
 
@@ -108,7 +125,7 @@ class Stage:
 
     def play(
         self,
-        text: str,
+        content: str | dict[str, Any],
         *,
         seed: int = 0,
         duration: float | None = None,
@@ -117,23 +134,29 @@ class Stage:
         """Check the file and assemble its world; nothing has moved yet.
 
         Args:
-            text: YAML, indented as it may stand in a test.
+            content: YAML, indented as it may stand in a test; or what it would be read as.
             seed: Of everything random.
             duration: Simulated seconds after which the run ends.
             deeds: As in `Play`, in the order of their times.
         """
         self._count += 1
         path = self._folder / f"play{self._count}.yaml"
-        path.write_text("bt_dualarm: 1\n" + textwrap.dedent(text), encoding="utf-8")
+        text = textwrap.dedent(content) if isinstance(content, str) else _as_yaml(content)
+        path.write_text("bt_dualarm: 1\n" + text, encoding="utf-8")
         file = load_tree_file(path, self._registry.kinds)
         wishes = Wishes(seed=seed, duration=duration, renderer="ray")
         return Play(Session(file, self._registry, wishes), list(deeds))
 
-    def run(self, text: str, **wishes: Any) -> Play:
+    def run(self, content: str | dict[str, Any], **wishes: Any) -> Play:
         """As ``play``, and run it to its end."""
-        play = self.play(text, **wishes)
+        play = self.play(content, **wishes)
         play.run()
         return play
+
+
+def _as_yaml(content: dict[str, Any]) -> str:
+    """Without the aliases that equal parts of it would become."""
+    return yaml.safe_dump(json.loads(json.dumps(content)), sort_keys=False)
 
 
 def joints(world: World, arm: str = "arm1") -> Vector:

@@ -78,6 +78,7 @@ class Leaf(Behaviour):
             if progress is not None and self.skill is not None:
                 self.skill.progress = progress
         except StopIteration:
+            self._let_go()  # a motion that was left running has nobody to watch it any more
             self._end(Status.SUCCESS)
         except Failure as failure:
             self._fail(failure.code, failure.reason, failure.numbers)

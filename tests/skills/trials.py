@@ -1,0 +1,257 @@
+"""For each skill and each code that it declares, a world in which it fails with that code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from bt_dualarm.world.world import World
+from tests.plays import Deed
+from tests.skills.scenarios import (
+    CUBE,
+    LOOKING,
+    ON_TABLE,
+    PICK,
+    PRESENTING,
+    SCENARIOS,
+    WALL,
+    Scenario,
+    Tree,
+)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How to make a skill fail.
+
+    Attributes:
+        node: The leaf, alone or with others around it.
+        changes: Fields of the skill's scenario that are others here.
+        deeds: What happens to the world, at simulated seconds after the run began.
+        moves: Whether the arm may have moved when it fails.
+    """
+
+    node: Tree
+    changes: dict[str, Any] = field(default_factory=dict)
+    deeds: tuple[tuple[float, Deed], ...] = ()
+    moves: bool = False
+
+    def scenario(self, skill: str) -> Scenario:
+        """The skill's own, with the changes."""
+        return replace(SCENARIOS[skill], **self.changes)
+
+
+def pushes(body: str, newton: float) -> Deed:
+    """Push on a body along x from now on."""
+
+    def push(world: World) -> None:
+        world.data.xfrc_applied[world.model.body(body).id, 0] = newton
+
+    return push
+
+
+def steals(name: str) -> Deed:
+    """Put an object far away."""
+
+    def steal(world: World) -> None:
+        joint = world.model.body_jntadr[world.object_body(name)]
+        world.data.qpos[world.model.jnt_qposadr[joint]] += 2.0
+
+    return steal
+
+
+def hides(name: str) -> Deed:
+    """Take an object out of the world."""
+    return lambda world: world.remove_object(name)
+
+
+def shifts(name: str, metres: float) -> Deed:
+    """Move a fixed object along y."""
+
+    def shift(world: World) -> None:
+        world.model.body_pos[world.object_body(name), 1] += metres
+
+    return shift
+
+
+def while_moving(node: Tree) -> Tree:
+    """Begin a node while another leaf moves the arm."""
+    slow = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}, "speed": 0.05}}
+    return {"parallel": [slow, {"delay": {"seconds": 0.3, "child": node}}]}
+
+
+def slab(xyz: list[float], size: list[float], **fields: Any) -> dict[str, Any]:
+    """A fixed box."""
+    return WALL | {"size": size, "pose": {"xyz": xyz}, "spawned": True} | fields
+
+
+def knocks(body: str, at: float) -> tuple[tuple[float, Deed], ...]:
+    """Push so hard for 0.15 s that no arm can hold against it."""
+    return (at, pushes(body, 400.0)), (at + 0.15, pushes(body, 0.0))
+
+
+FAR = {"xyz": [3.0, 0.0, 0.5]}
+HAND = "arm1/tool0"
+REMOVED = ({"remove": {"object": "cube"}},)
+CUBE_AWAY = {"cube": CUBE | {"pose": {"xyz": [2.5, 2.5, 0.025]}}}
+BESIDE = {"slab": slab([0.68, 0.25, 0.70], [0.4, 0.05, 0.4])}
+LOW_CEILING = {"slab": slab([0.45, 0.1, 0.65], [0.6, 0.6, 0.1])}
+AT_HOME = {"slab": slab([0.487, 0.109, 0.80], [0.08, 0.08, 0.08])}
+MIRRORED: Tree = {"move_joints": {"to": [180, -90, 90, -90, -90, 0]}}
+HALVES = {
+    name: slab([0.608 * side, -0.608 * side, 1.3], [0.02, 1.5, 2.6], spawned=False)
+    | {"pose": {"xyz": [0.608 * side, -0.608 * side, 1.3], "rpy": [0, 0, 45]}}
+    for name, side in (("left", -1), ("right", 1))
+}
+"""Two walls beside the base, so near and so high that no way leads around them."""
+
+CROSSING = {
+    "left": slab([0, 0.86, 1.3], [0.02, 1.5, 2.6], spawned=False),
+    "right": slab([0, -0.86, 1.3], [0.02, 1.5, 2.6], spawned=False),
+}
+"""Likewise, turned so that they leave an arm alone that reaches over the table."""
+
+SPLIT: tuple[Tree, ...] = ({"spawn": {"object": "left"}}, {"spawn": {"object": "right"}})
+BLIND = {name: item for name, item in LOOKING.items() if name != "camera"}
+PANDA = {"robot": "panda"}
+
+STOP_AT_ONCE: Tree = {"delay": {"seconds": 1.0, "child": {"stop": {"longest": 0.03}}}}
+CARRY: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.3, -0.4, 0.6]}}}
+LET_GO: Tree = {"detach": {"object": "cube"}}
+TRACK: Tree = {"track": {"duration": 3.0, "lost_timeout": 0.5, "wait": 1.0, "reach": 0.1}}
+
+
+def moving(skill: str, node: Tree, at: float, body: str = HAND) -> dict[tuple[str, str], Trial]:
+    """What can happen to every motion: the arm is knocked, or another leaf moves it."""
+    return {
+        (skill, "TRACKING_ERROR"): Trial(node, deeds=knocks(body, at), moves=True),
+        (skill, "BUSY"): Trial(while_moving(node), moves=True),
+    }
+
+
+TRIALS: dict[tuple[str, str], Trial] = {
+    ("spawn", "INVALID_TARGET"): Trial({"spawn": {}}),
+    ("spawn", "NOT_SPAWNED"): Trial(
+        {"sequence": [{"spawn": {"object": "cube"}}, {"spawn": {"object": "cube"}}]}
+    ),
+    ("remove", "INVALID_TARGET"): Trial({"remove": {"arm": "arm1"}}),
+    ("remove", "NOT_REMOVED"): Trial({"remove": {"object": "cube"}}, {"before": REMOVED}),
+    ("stop", "TIMED_OUT"): Trial(
+        {
+            "parallel": {
+                "policy": "any",
+                "on_failure": "continue",
+                "children": [{"circle": {}}, STOP_AT_ONCE],
+            }
+        },
+        {"arm": PRESENTING},
+        moves=True,
+    ),
+    # Motions of the joints
+    ("reach_to_pose", "INVALID_TARGET"): Trial({"reach_to_pose": {}}),
+    ("reach_to_pose", "UNREACHABLE"): Trial({"reach_to_pose": {"to": FAR}}),
+    ("reach_to_pose", "IN_COLLISION"): Trial(
+        {"reach_to_pose": {"to": {"xyz": [0.45, 0.1, 0.65], "rpy": [180, 0, 0]}}},
+        {"objects": LOW_CEILING},
+    ),
+    ("reach_to_pose", "NO_PLAN"): Trial(
+        {"reach_to_pose": {"posture": "home"}},
+        {"objects": HALVES, "before": (MIRRORED, *SPLIT)},
+        moves=True,
+    ),
+    ("reach_to_pose", "NOT_REACHED"): Trial(
+        {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}, "tolerance": 1e-4}},
+        deeds=((0.0, pushes(HAND, 4.0)),),
+        moves=True,
+    ),
+    **moving("reach_to_pose", {"reach_to_pose": {"posture": "up"}}, 0.5),
+    ("go_home", "IN_COLLISION"): Trial({"go_home": {}}, {"objects": AT_HOME}),
+    ("go_home", "NO_PLAN"): Trial(
+        {"go_home": {}},
+        {"arm": SCENARIOS["reach_to_pose"].arm, "objects": HALVES, "before": (MIRRORED, *SPLIT)},
+        moves=True,
+    ),
+    **moving("go_home", {"go_home": {}}, 0.5),
+    ("move_joints", "INVALID_TARGET"): Trial({"move_joints": {"by": [10, 20]}}),
+    ("move_joints", "JOINT_LIMIT"): Trial({"move_joints": {"by": {"elbow_joint": 300}}}),
+    ("move_joints", "IN_COLLISION"): Trial({"move_joints": {"by": {"shoulder_lift_joint": 120}}}),
+    **moving("move_joints", {"move_joints": {"by": {"shoulder_lift_joint": 30}}}, 0.4),
+    # Motions of the tool
+    ("circle", "UNREACHABLE"): Trial({"circle": {"radius": 2.0}}),
+    ("circle", "SINGULAR"): Trial({"circle": {"radius": 0.5, "start": "from"}}),
+    ("circle", "PATH_BROKEN"): Trial({"circle": {"radius": 0.25, "plane": "xz"}}, {"arm": PANDA}),
+    ("circle", "IN_COLLISION"): Trial({"circle": {}}, {"objects": BESIDE}),
+    **moving("circle", {"circle": {}}, 1.0),
+    ("lissajous", "INVALID_TARGET"): Trial({"lissajous": {"amplitudes": [0.0, 0.0]}}),
+    ("lissajous", "UNREACHABLE"): Trial({"lissajous": {"amplitudes": [2.0, 2.0], "phase": 90}}),
+    ("lissajous", "SINGULAR"): Trial({"lissajous": {"amplitudes": [0.5, 0.1]}}),
+    ("lissajous", "PATH_BROKEN"): Trial(
+        {"lissajous": {"amplitudes": [0.2, 0.25], "plane": "xz"}}, {"arm": PANDA}
+    ),
+    ("lissajous", "IN_COLLISION"): Trial({"lissajous": {}}, {"objects": BESIDE}),
+    **moving("lissajous", {"lissajous": {}}, 1.0),
+    ("move_linear", "INVALID_TARGET"): Trial({"move_linear": {}}),
+    ("move_linear", "SINGULAR"): Trial({"move_linear": {"offset": {"xyz": [0.6, 0, 0]}}}),
+    ("move_linear", "PATH_BROKEN"): Trial(
+        {"move_linear": {"offset": {"rpy": [0, 90, 0], "frame": "tool"}}}, {"arm": PANDA}
+    ),
+    ("move_linear", "IN_COLLISION"): Trial(
+        {"move_linear": {"offset": {"xyz": [0, 0.12, 0]}}}, {"objects": BESIDE}
+    ),
+    **moving("move_linear", {"move_linear": {"offset": {"xyz": [0, 0.1, 0]}}}, 0.4),
+    ("move_through", "INVALID_TARGET"): Trial(
+        {"move_through": {"poses": [{"xyz": [0.4, 0, 0.7]}, {"xyz": [0.4, 0, 0.7]}]}}
+    ),
+    ("move_through", "SINGULAR"): Trial({"move_through": {"poses": [FAR]}}),
+    ("move_through", "PATH_BROKEN"): Trial(
+        {"move_through": {"poses": [{"xyz": [0.3, 0, 0.487], "rpy": [180, -90, 0]}]}},
+        {"arm": PANDA},
+    ),
+    ("move_through", "IN_COLLISION"): Trial(
+        {"move_through": {"poses": [{"xyz": [0.45, 0.1, 0.5]}]}}, {"objects": LOW_CEILING}
+    ),
+    **moving("move_through", {"move_through": {"poses": [{"xyz": [0.5, 0.2, 0.7]}]}}, 0.4),
+    ("rotate_tool", "INVALID_TARGET"): Trial({"rotate_tool": {"angle": 0}}),
+    ("rotate_tool", "SINGULAR"): Trial(
+        {"rotate_tool": {"axis": "y", "angle": -90, "point": [-0.4, 0, 0]}}
+    ),
+    ("rotate_tool", "PATH_BROKEN"): Trial({"rotate_tool": {"angle": 720}}),
+    ("rotate_tool", "IN_COLLISION"): Trial(
+        {"rotate_tool": {"axis": "y", "angle": 40, "point": [0, 0, -0.5]}}, {"objects": BESIDE}
+    ),
+    **moving("rotate_tool", {"rotate_tool": {"angle": 90}}, 0.4),
+    # Handling objects
+    ("approach_and_attach", "INVALID_TARGET"): Trial(
+        {"approach_and_attach": {"object": "cube", "direction": [0, 0, 0]}}
+    ),
+    ("approach_and_attach", "NOT_THERE"): Trial(PICK, {"before": REMOVED}),
+    ("approach_and_attach", "OUT_OF_REACH"): Trial(PICK, {"objects": CUBE_AWAY}),
+    ("approach_and_attach", "PROXIMITY_NOT_REACHED"): Trial(
+        PICK, deeds=((1.0, steals("cube")),), moves=True
+    ),
+    **moving("approach_and_attach", PICK, 1.0),
+    ("transport", "NOT_ATTACHED"): Trial(CARRY, {"before": ()}),
+    ("transport", "UNREACHABLE"): Trial({"transport": {"object": "cube", "to": FAR}}, moves=True),
+    ("transport", "IN_COLLISION"): Trial(
+        {"transport": {"object": "cube", "to": {"xyz": [0.4, -0.45, 0.40]}}}, moves=True
+    ),
+    ("transport", "NO_PLAN"): Trial(
+        {"transport": {"object": "cube", "to": {"xyz": [-0.4, -0.35, 0.6]}}},
+        {"objects": ON_TABLE | CROSSING, "before": (PICK, *SPLIT)},
+        moves=True,
+    ),
+    ("transport", "NOT_REACHED"): Trial(
+        {"transport": CARRY["transport"] | {"tolerance": 1e-4}},
+        deeds=((4.0, pushes(HAND, 4.0)),),
+        moves=True,
+    ),
+    **moving("transport", CARRY, 4.6),
+    ("detach", "NOT_THERE"): Trial(LET_GO, {"before": REMOVED}),
+    ("detach", "NOT_AT_REST"): Trial(LET_GO, {"before": (PICK, CARRY)}, moves=True),
+    # Following
+    ("track", "NO_CAMERA"): Trial(TRACK, {"arm": BLIND}),
+    ("track", "NOT_SEEN"): Trial({"track": TRACK["track"] | {"color": "red"}}),
+    ("track", "LOST"): Trial(TRACK, deeds=((1.0, hides("cube")),), moves=True),
+    ("track", "UNREACHABLE"): Trial(TRACK, deeds=((1.0, shifts("cube", 0.14)),), moves=True),
+    **moving("track", TRACK, 1.0, "arm1/panda_hand"),
+}
