@@ -16,8 +16,8 @@ class Spawn(Skill):
         at: PoseSpec | None = port(None, "where the object comes, instead of its declared pose")
 
     failures = {
-        "INVALID_TARGET": "not exactly one of object and arm was given",
-        "NOT_SPAWNED": "the world cannot take it: it is there already, or not declared",
+        "INVALID_TARGET": "not exactly one of object and arm was given, or a place for an arm",
+        "NOT_SPAWNED": "the world cannot take it: it or another thing is there already",
     }
     example = "spawn: {object: cube}"
     ports: Ports
@@ -27,6 +27,8 @@ class Spawn(Skill):
         world, ports = self.arm.world, self.ports
         if (ports.object is None) == (ports.arm is None):
             raise Failure("INVALID_TARGET", "give either an object or an arm to spawn")
+        if ports.arm is not None and ports.at is not None:
+            raise Failure("INVALID_TARGET", "an arm comes where its base is declared: leave out at")
         try:
             if ports.object is not None:
                 world.spawn_object(ports.object, ports.at.pose if ports.at else None)

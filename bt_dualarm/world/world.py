@@ -17,6 +17,7 @@ from bt_dualarm.world.attachments import Attachment, Attachments
 from bt_dualarm.world.catalogue import Robot, load_robot
 from bt_dualarm.world.footing import Footing, footing_below
 from bt_dualarm.world.names import must_be_among
+from bt_dualarm.world.overlap import overlap
 from bt_dualarm.world.stepping import advance
 from bt_dualarm.world.view import WorldView
 
@@ -71,7 +72,7 @@ class World(WorldView):
         """Add a declared arm in its initial posture.
 
         Raises:
-            WorldError: Not declared, or present already.
+            WorldError: Not declared, present already, or something is in its place.
         """
         must_be_among(name, self._file.arms, "arm", "declared")
         if name in self.arms:
@@ -80,6 +81,10 @@ class World(WorldView):
         self._recompile()
         self._take_posture(name)
         mujoco.mj_step1(self.model, self.data)
+        inside = overlap(self.model, self.data, name)
+        if inside is not None:
+            self.remove_arm(name)
+            raise _no_room(f"arm {name!r}", *inside)
 
     def remove_arm(self, name: str) -> None:
         """Take an arm away; what it held falls.
@@ -97,7 +102,7 @@ class World(WorldView):
         """Add a declared object at rest, at its declared pose or at ``pose``.
 
         Raises:
-            WorldError: Not declared, or present already.
+            WorldError: Not declared, present already, or something is in its place.
         """
         must_be_among(name, self._file.objects, "object", "declared")
         if name in self.objects:
@@ -106,6 +111,10 @@ class World(WorldView):
         composition.add_object(self._spec, name, thing, pose or self._poses[name])
         self.objects[name] = thing
         self._recompile()
+        inside = overlap(self.model, self.data, name)
+        if inside is not None:
+            self.remove_object(name)
+            raise _no_room(f"object {name!r}", *inside)
 
     def remove_object(self, name: str) -> None:
         """Take an object away, out of any arm's hold.
@@ -123,10 +132,12 @@ class World(WorldView):
         """Weld an object to an arm's tool link with the relative pose of this moment.
 
         Raises:
-            WorldError: Arm or object is not present.
+            WorldError: Arm or object is not present, or the object is fixed.
         """
         must_be_among(arm, self.arms, "arm", "in the world")
         must_be_among(thing, self.objects, "object", "in the world")
+        if self.objects[thing].fixed:
+            raise WorldError(f"object {thing!r} is fixed: no arm can carry it")
         relative = self.arms[arm].tool_link_pose.inverse @ self.object_pose(thing)
         link = f"{arm}/{self.robots[arm].tool_link}"
         return self.attachments.attach(arm, link, thing, relative, self.time)
@@ -218,3 +229,7 @@ class World(WorldView):
         """Put an arm that has just come into its initial posture: before its first step only."""
         posture = self.robots[name].postures[self._file.arms[name].posture]
         self.data.qpos[self.arms[name].qpos_ids] = posture
+
+
+def _no_room(what: str, other: str, depth: float) -> WorldError:
+    return WorldError(f"{what} would be {1000 * depth:.0f} mm deep in {other}")
