@@ -45,8 +45,8 @@ class ApproachAndAttach(Skill):
         approach_speed: Speed = port(0.1, "share of the arm's limits on the straight part")
 
     failures = {
-        "INVALID_TARGET": "the direction has no length",
-        "NOT_THERE": "the object is not in the world",
+        "INVALID_TARGET": "the direction has no length, or the object is fixed",
+        "NOT_THERE": "the object is not in the world, or was taken away meanwhile",
         "OUT_OF_REACH": "no way of the arm to the object: unreachable or in collision",
         "PROXIMITY_NOT_REACHED": "the tool did not come near enough, or never touched",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
@@ -61,8 +61,21 @@ class ApproachAndAttach(Skill):
         name = self.ports.object
         if name in self.arm.held:
             return
-        if name not in self.arm.world.objects:
-            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        self._refuse_if_gone()
+        if self.arm.world.objects[name].fixed:
+            raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
+        for progress in self._go():
+            yield progress
+            self._refuse_if_gone()
+        self._attach()
+        yield from self.arm.relax()
+
+    def _refuse_if_gone(self) -> None:
+        if self.ports.object not in self.arm.world.objects:
+            raise Failure("NOT_THERE", f"object {self.ports.object!r} is not in the world")
+
+    def _go(self) -> Iterator[float | None]:
+        """Move until the object is near, and stop there."""
         yield from self.arm.think()
         approach = self._approach()
         for progress in self.arm.follow(approach.to_standoff):
@@ -73,8 +86,6 @@ class ApproachAndAttach(Skill):
             self.arm.check()
         yield from self.arm.halt()
         yield from self._settle_on_contact()
-        self._attach()
-        yield from self.arm.relax()
 
     def _approach(self) -> Approach:
         """The first way that is reachable and free, turning the tool about its axis."""
@@ -114,7 +125,7 @@ class ApproachAndAttach(Skill):
         touch = surface @ Pose.from_rpy((0, 0, 0.002))
         q_line = arm.line(standoff, touch)
         touched = frozenset({ports.object})
-        arm.refuse_collision(q_line[-1], ignore=touched)
+        arm.refuse_collision_along(q_line, ignore=touched)
         to_standoff = arm.plan_to(q_line[0], ports.speed)
         return Approach(to_standoff, arm.time_path(q_line, ports.approach_speed))
 

@@ -9,6 +9,7 @@ import numpy as np
 from bt_dualarm import Duration, Failure, ObjectName, PortModel, Skill, port
 
 _STILL = 0.01  # m/s and rad/s
+_REST_S = 0.1  # still for so long: what was let go in the air is slow, too, for a moment
 
 
 class Detach(Skill):
@@ -35,16 +36,20 @@ class Detach(Skill):
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
         left_at = world.object_pose(name)
         self.arm.detach(name)
-        began, moved = self.arm.time, 0.0
-        yield
-        while np.abs(world.object_velocity(name)).max() > _STILL:
-            if self.arm.time - began > self.ports.settle:
-                break
+        began = still_since = self.arm.time
+        while True:
             yield
+            if name not in world.objects:
+                raise Failure("NOT_THERE", f"object {name!r} was taken out of the world")
+            speed = float(np.abs(world.object_velocity(name)).max())
+            if speed > _STILL:
+                still_since = self.arm.time
+            rested = self.arm.time - still_since >= _REST_S
+            if rested or self.arm.time - began > max(self.ports.settle, _REST_S):
+                break
         moved = world.object_pose(name).distance(left_at)
-        speed = float(np.abs(world.object_velocity(name)).max())
         self.metrics["moved_m"] = moved
-        if moved > self.ports.tolerance or speed > _STILL:
+        if moved > self.ports.tolerance or not rested:
             raise Failure(
                 "NOT_AT_REST",
                 f"{name!r} moved {1000 * moved:.1f} mm after it was let go",

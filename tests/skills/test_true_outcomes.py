@@ -1,0 +1,119 @@
+"""Outcomes that were once not true, or had no reason that a reader understands."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.plays import Play, Stage
+
+ONE_ARM = """
+    world: {{scene: empty, timestep: {timestep}, time_limit: 20}}
+    objects:
+      cube:
+        {{shape: box, size: [0.05, 0.05, 0.05], mass: 0.1,
+         {cube}, pose: {{xyz: [0.5, 0.1, 0.026]}}}}
+    arms:
+      arm1:
+        robot: ur5
+        tick_hz: {tick_hz}
+        tree: {{sequence: {leaves}}}
+      arm2:
+        robot: ur3
+        base: {{xyz: {beside}}}
+        spawned: false
+        tree: {{succeed: {{}}}}
+"""
+
+
+def run(
+    stage: Stage,
+    leaves: str,
+    *,
+    cube: str = "fixed: false",
+    tick_hz: int = 50,
+    timestep: float = 0.002,
+    beside: str = "[2, 0, 0]",
+) -> Play:
+    """Play these leaves of one arm beside a cube."""
+    return stage.run(
+        ONE_ARM.format(leaves=leaves, cube=cube, tick_hz=tick_hz, timestep=timestep, beside=beside)
+    )
+
+
+def test_letting_go_in_the_air_fails_at_a_thousand_ticks_a_second(stage: Stage) -> None:
+    """In the first millisecond of its fall a cube is as slow as one that rests."""
+    lifted = "{transport: {object: cube, to: {xyz: [0.5, 0.1, 0.15]}, speed: 1.0}}"
+    leaves = f"[{{approach_and_attach: {{object: cube}}}}, {lifted}, {{detach: {{object: cube}}}}]"
+    leaf = run(stage, leaves, tick_hz=1000, timestep=0.001).leaf("detach")
+    assert (leaf.status, leaf.code) == ("FAILURE", "NOT_AT_REST")
+    assert float(leaf.metrics["moved_m"]) > 0.1
+
+
+def test_a_fixed_object_is_not_attached(stage: Stage) -> None:
+    """It can be reached, but never carried: refused before the arm moves."""
+    play = run(stage, "[{approach_and_attach: {object: cube}}]", cube="fixed: true")
+    leaf = play.leaf("approach_and_attach")
+    assert (leaf.status, leaf.code) == ("FAILURE", "INVALID_TARGET")
+    assert leaf.ended_s == 0.0
+    assert not play.session.assembly.world.attachments
+
+
+def test_an_object_that_is_taken_away_meanwhile_is_not_there(stage: Stage) -> None:
+    """The reason is the object, not an exception of the skill."""
+    text = ONE_ARM.format(
+        leaves="[{approach_and_attach: {object: cube}}]",
+        cube="fixed: false",
+        tick_hz=50,
+        timestep=0.002,
+        beside="[2, 0, 0]",
+    )
+    play = stage.run(text, deeds=[(1.5, lambda world: world.remove_object("cube"))])
+    leaf = play.leaf("approach_and_attach")
+    assert (leaf.status, leaf.code) == ("FAILURE", "NOT_THERE")
+    assert leaf.ended_s == pytest.approx(1.52, abs=0.03)
+
+
+def test_nothing_is_spawned_inside_an_arm(stage: Stage) -> None:
+    """The world stays as it was: no cube in it, none thrown about."""
+    play = run(
+        stage,
+        "[{spawn: {object: cube, at: {xyz: [0, 0, 0.1]}}}]",
+        cube="spawned: false",
+    )
+    leaf = play.leaf("spawn")
+    assert (leaf.status, leaf.code) == ("FAILURE", "NOT_SPAWNED")
+    assert "deep in arm1/" in leaf.reason
+    assert "cube" not in play.session.assembly.world.objects
+
+
+def test_no_arm_is_spawned_inside_another(stage: Stage) -> None:
+    """It would stand there as a ghost until both are torn apart."""
+    play = run(stage, "[{spawn: {arm: arm2}}]", beside="[0.05, 0, 0]")
+    leaf = play.leaf("spawn")
+    assert (leaf.status, leaf.code) == ("FAILURE", "NOT_SPAWNED")
+    assert "arm2" not in play.session.assembly.world.arms
+    assert play.arm("arm2").outcome == "NOT_SPAWNED"
+
+
+def test_a_place_for_an_arm_is_refused_not_ignored(stage: Stage) -> None:
+    """An arm comes where its base is declared."""
+    leaf = run(stage, "[{spawn: {arm: arm2, at: {xyz: [3, 0, 0]}}}]").leaf("spawn")
+    assert (leaf.status, leaf.code) == ("FAILURE", "INVALID_TARGET")
+
+
+def test_the_straight_part_of_an_approach_is_free(stage: Stage) -> None:
+    """What only the upper arm sweeps on its way is seen before the arm moves."""
+    play = stage.run(
+        """
+        world: {scene: empty, time_limit: 20}
+        objects:
+          cube: {shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, pose: {xyz: [0.5, 0.1, 0.026]}}
+          knob: {shape: sphere, size: [0.02], mass: 1, fixed: true, pose: {xyz: [0.1, 0.14, 0.46]}}
+        arms:
+          arm1: {robot: ur5, tree: {approach_and_attach: {object: cube, standoff: 0.4}}}
+        """
+    )
+    leaf = play.leaf("approach_and_attach")
+    assert (leaf.status, leaf.code) == ("FAILURE", "OUT_OF_REACH")
+    assert "knob" in leaf.reason
+    assert play.speed_after(0.0) < 0.001
