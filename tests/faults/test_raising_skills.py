@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import logging
+import textwrap
 from pathlib import Path
 
 import pytest
 
+from bt_dualarm import cli
 from bt_dualarm.registry import Registry
-from tests.commands import BtRun
+from tests.commands import BtRun, Ran
 from tests.plays import STOPPED, Play, Stage
 
 HERE = Path(__file__).parent
+
+PHASES = ("constructor", "before", "after", "ending", "stream", "camera", "aim")
+"""Of `Raiser`; in ``ending`` the clean-up of a skill raises that has come to its own end."""
 
 TWO_ARMS = """
     world: {{scene: empty, time_limit: 20}}
@@ -39,7 +44,7 @@ def check_other_arm(play: Play) -> None:
 
 
 @pytest.mark.parametrize("error", ["ValueError", "SystemExit", "StopIteration"])
-@pytest.mark.parametrize("phase", ["constructor", "before", "after", "stream", "camera", "aim"])
+@pytest.mark.parametrize("phase", PHASES)
 def test_leaf_fails_and_the_other_arm_goes_on(
     phase: str, error: str, stage: Stage, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -55,6 +60,30 @@ def test_leaf_fails_and_the_other_arm_goes_on(
     assert play.speed_after(leaf.ended_s + 1.0, "faulty") < STOPPED
     assert play.arm("faulty").outcome == "FAILURE"
     check_other_arm(play)
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_record_log_and_report_tell_of_it(
+    phase: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the command: code 1, the reason on the screen, the traceback in the log, a whole record.
+
+    The leaf that comes after the broken one never begins.
+    """
+    file, record = tmp_path / "raising.yaml", tmp_path / "record"
+    tree = f"{{sequence: [{{raiser: {{phase: {phase}}}}}, {{circle: {{}}}}]}}"
+    file.write_text("bt_dualarm: 1\n" + textwrap.dedent(TWO_ARMS.format(tree=tree)))
+    options = ("--skills", HERE / "skills", "--renderer", "ray", "--record", record)
+    code = cli.run([str(part) for part in (file, *options)])
+    assert code == 1
+    ran = Ran(code, *capsys.readouterr(), record)
+    arms = ran.summary["arms"]
+    assert [arms[name]["outcome"] for name in ("faulty", "other")] == ["FAILURE", "SUCCESS"]
+    (leaf,) = arms["faulty"]["leaves"]
+    assert (leaf["status"], leaf["code"]) == ("FAILURE", "EXCEPTION")
+    assert f"on purpose, in {phase}" in leaf["reason"]
+    assert "on purpose" in ran.out
+    assert "Traceback" in (record / "run.log").read_text()
 
 
 def test_moving_before_the_fault(stage: Stage) -> None:

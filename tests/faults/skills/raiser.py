@@ -44,8 +44,11 @@ class Raiser(Skill):
                 if self.time - began > 0.3:
                     self._raise_in("after")
                     self._raise_in("metrics")
+                    if self.ports.phase == "ending":
+                        return
         finally:
             self._raise_in("finally")
+            self._raise_in("ending")
             if unsubscribe is not None:
                 unsubscribe()
 
