@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import correlate, correlation_lags
+from scipy.interpolate import CubicSpline
 
 from bt_dualarm.arm import Arm
 from bt_dualarm.errors import Number
@@ -16,6 +16,8 @@ SETTLE_S = 1.0
 
 _NEAR_M = 0.3  # an object farther from where the target is believed to be is not the target
 _LAG_S = 0.5  # largest lag that is looked for
+_STILL_M = 2e-4  # who moves less has no lag
+_MIN_SAMPLES = 8
 
 
 def path_error(planned: Matrix, executed: Matrix) -> tuple[float, float]:
@@ -66,8 +68,12 @@ class TrackingScore:
         self._tool.append(self._arm.tool_pose.position)
         self._truth.append(world.object_pose(self._target).position)
 
-    def metrics(self) -> dict[str, Number]:
-        """``yz_rms_m``, ``yz_max_m``, ``lag_s``; empty when nothing was followed long enough."""
+    def metrics(self, tracking: PlaneTracking) -> dict[str, Number]:
+        """What it comes to; empty when nothing was followed long enough.
+
+        ``yz_rms_m`` and ``yz_max_m`` in the plane, ``lag_s``, and ``sighting_sd_m``: how far a
+        single sighting is off along an axis of the plane, as standard deviation.
+        """
         if len(self.times) < 2:
             return {}
         tool, truth = np.array(self._tool) @ self._axes.T, np.array(self._truth) @ self._axes.T
@@ -77,6 +83,7 @@ class TrackingScore:
             "yz_rms_m": float(np.sqrt(np.mean(away**2))),
             "yz_max_m": float(away.max()),
             "lag_s": lag(truth, tool, float(np.median(np.diff(self.times)))),
+            "sighting_sd_m": self._sighting_sd(*tracking.sightings()),
         }
 
     def paths(self) -> dict[str, Matrix]:
@@ -88,6 +95,15 @@ class TrackingScore:
             return {}
         tool, truth = np.array(self._tool), np.array(self._truth)
         return {"target": truth, "tracked": tool - (tool - truth).mean(axis=0)}
+
+    def _sighting_sd(self, stamps: Vector, points: Matrix) -> float:
+        times, truth = np.array(self.times), np.array(self._truth) @ self._axes.T
+        during = (stamps >= times[0]) & (stamps <= times[-1])
+        if not during.any():
+            return 0.0
+        # A straight line between samples 20 ms apart would be wrong by more than a sighting is.
+        error = points[during] @ self._axes.T - CubicSpline(times, truth)(stamps[during])
+        return float(np.sqrt(np.mean(error.var(axis=0))))
 
     def _nearest(self, point: Vector) -> str | None:
         world = self._arm.world
@@ -102,21 +118,30 @@ class TrackingScore:
 def lag(leader: Matrix, follower: Matrix, period: float) -> float:
     """Seconds by which the follower is late, by cross-correlation; 0 where nothing moves.
 
+    The shift at which the two differ least where they overlap: plain correlation would favour
+    small shifts, as they overlap more.
+
     Args:
         leader: Samples of shape (n, k), evenly spaced.
         follower: The same.
         period: Seconds between samples.
     """
-    a, b = leader - leader.mean(axis=0), follower - follower.mean(axis=0)
-    if float(np.abs(a).max()) < 1e-4:
+    if float(np.ptp(leader, axis=0).max()) < _STILL_M or len(leader) < _MIN_SAMPLES:
         return 0.0
-    match = sum(correlate(b[:, k], a[:, k]) for k in range(a.shape[1]))
-    lags = correlation_lags(len(b), len(a))
-    near = np.abs(lags) * period <= _LAG_S
-    match, lags = match[near], lags[near]
-    best = int(np.argmax(match))
-    if not 0 < best < len(lags) - 1:
-        return float(lags[best] * period)
-    left, middle, right = match[best - 1 : best + 2]
+    most = min(round(_LAG_S / period), len(leader) // 2)
+    shifts = range(-most, most + 1)
+    differences = np.array([_difference(leader, follower, shift) for shift in shifts])
+    best = int(np.argmin(differences))
+    if not 0 < best < len(shifts) - 1:
+        return float(shifts[best] * period)
+    left, middle, right = differences[best - 1 : best + 2]
     vertex = 0.5 * (left - right) / (left - 2 * middle + right)
-    return float((lags[best] + vertex) * period)
+    return float((shifts[best] + vertex) * period)
+
+
+def _difference(leader: Matrix, follower: Matrix, shift: int) -> float:
+    """Mean square of follower less leader ``shift`` samples earlier, a constant offset aside."""
+    n = len(leader)
+    late, early = max(shift, 0), max(-shift, 0)
+    away = follower[late : n - early] - leader[early : n - late]
+    return float(away.var(axis=0).sum())

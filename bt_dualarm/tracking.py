@@ -9,7 +9,7 @@ import numpy as np
 from bt_dualarm.arm import Arm
 from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.servo import PlanarServo, PlaneTarget
-from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.vision.localise import Localiser, OnPlane, OnPlaneOfSize
@@ -18,7 +18,11 @@ from bt_dualarm.world.camera import camera_pose
 from bt_dualarm.world.guarded_camera import GuardedCamera
 
 STALE_S = 0.1
-"""Age of the newest sighting, its latency aside, in seconds from which nothing moves towards it."""
+"""Age of the newest sighting in seconds from which nothing moves towards the target.
+
+A camera whose frames are about as old when they come gets two frames' time more than its latency:
+else its arm would never move.
+"""
 
 HOLD_S = 0.5
 """How long the tool holds still before the search begins, in seconds."""
@@ -29,7 +33,9 @@ SEARCH_SPEED = 0.1
 _FACING = 0.5  # cosine between the camera's axis and the plane's normal
 _BANDWIDTH = (30.0, 100.0)  # rad/s, least and most
 _BANDWIDTH_PER_FPS = 2.0  # above it the noise of the estimate is followed, below it the target lags
-_STILL_M = 0.003  # a target that stays within this distance is still
+_PATIENCE_FRAMES = 2
+_STILL_M = 0.003  # a target that stays within this distance is still,
+_STILL_SIGMAS = 4.0  # and by as much as it may seem to move
 
 
 @dataclass(frozen=True)
@@ -56,7 +62,8 @@ class PlaneTracking:
         plane: In which the tool moves.
         speed: Share of the arm's limits.
         distance: Depth of the target in front of the camera in m.
-        target_size: Edge of the target in m; measures its depth instead, where given.
+        target_size: Edge in m of a target that is a cube with a face along the plane: measures
+            its depth instead, and takes out what is seen of its flanks.
         gains: Of proportional control; None to predict the target.
         reach: Farthest that the tool leaves its start, in m.
         search_radius: How far the search goes, in m.
@@ -92,10 +99,10 @@ class PlaneTracking:
         localiser: Localiser = (
             OnPlane(view.position + distance * forward, normal)
             if target_size is None
-            else OnPlaneOfSize(normal, target_size)
+            else OnPlaneOfSize(normal, target_size, cube=True)
         )
         self._tracker = TargetTracker(camera, color, localiser)
-        self._latency = camera.latency
+        self._stale = max(STALE_S, camera.latency + _PATIENCE_FRAMES * camera.period)
         self._beyond_since: float | None = None
         self._bandwidth = float(np.clip(_BANDWIDTH_PER_FPS / camera.period, *_BANDWIDTH))
         self._servo: PlanarServo | None = None
@@ -160,12 +167,19 @@ class PlaneTracking:
         if not self.in_view:
             return
         at = self._axes @ self.target
-        if float(np.hypot(*(at - self._still_at))) > _STILL_M:
+        doubt = float(np.sqrt(self._tracker.variance(self._arm.time).max()))
+        if float(np.hypot(*(at - self._still_at))) > _STILL_M + _STILL_SIGMAS * doubt:
             self._still_at, self._still_since = at, self._arm.time
 
     def close(self) -> None:
         """Let go of the camera."""
         self._tracker.close()
+
+    def sightings(self) -> tuple[Vector, Matrix]:
+        """When and where in the world the target was seen: shapes (n,) and (n, 3)."""
+        seen = self._tracker.sightings
+        points = np.array([sighting.point for sighting in seen]).reshape(-1, 3)
+        return np.array([sighting.stamp for sighting in seen]), points
 
     def metrics(self) -> dict[str, Number]:
         """Frames looked at, and how often the target was lost."""
@@ -212,7 +226,7 @@ class PlaneTracking:
 
     def _stale_for(self, time: float) -> float:
         """Seconds since the newest sighting became too old to move by; below 0 it is fresh."""
-        return self._tracker.age(time) - self._latency - STALE_S
+        return self._tracker.age(time) - self._stale
 
     def _may_go_to(self, place: Vector, time: float) -> bool:
         """Whether a place is within reach; notes since when it has not been."""

@@ -38,7 +38,7 @@ class Track(Skill):
             0.35, "depth of the target in front of the camera", unit="m", gt=0.02, le=5
         )
         target_size: float | None = port(
-            None, "edge of the target, to measure its depth instead", unit="m", gt=0.001, le=1
+            None, "edge of a cube facing the plane, to measure its depth", unit="m", gt=0.001, le=1
         )
         gain_u: float = port(
             0.05, "proportional: step along the plane's first axis per unit error", unit="m", ge=0
@@ -96,7 +96,7 @@ class Track(Skill):
             yield from self.arm.halt()
         finally:
             tracking.close()
-            self.metrics |= {**score.metrics(), **tracking.metrics()}
+            self.metrics |= {**score.metrics(tracking), **tracking.metrics()}
             for name, positions in score.paths().items():
                 self.record(name, score.times, positions)
 

@@ -19,6 +19,7 @@ LAYERS = (
     {"arm", "skill", "registry", "arrival", "curve", "tracking", "scoring", "preflight"},
     {"tree"},
     {"run"},
+    {"experiments"},
     {"cli"},
 )
 """The rooms of the package, lowest first; a room may use its own layer and those before it."""

@@ -75,6 +75,7 @@ class TargetTracker:
         self.lost_count = 0
         self.last_stamp = -math.inf
         self.lost_since: float | None = None
+        self.sightings: list[Sighting] = []
         self._color = ColorFilter(color)
         self._localiser = localiser
         self._estimate = estimate or TargetEstimate()
@@ -208,6 +209,7 @@ class TargetTracker:
             self._in_row = 0
             self._side = sighting.side
         self._estimate.update(sighting.stamp, sighting.point, sighting.sigma)
+        self.sightings.append(sighting)
         self._in_row += 1
         self.last_stamp = max(self.last_stamp, sighting.stamp)
         if not detection.touches_border:

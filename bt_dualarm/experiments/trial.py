@@ -1,0 +1,132 @@
+"""One run of one experiment, and what was measured in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from bt_dualarm.errors import DualArmError
+from bt_dualarm.experiments.cases import TREE, Cell
+from bt_dualarm.experiments.margins import Margins, MarginWatch
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.registry import Registry
+from bt_dualarm.run.outcome import RunResult
+from bt_dualarm.run.series import SeriesLog
+from bt_dualarm.run.session import Session, Wishes
+from bt_dualarm.run.shipped import find_tree
+from bt_dualarm.scoring import lag
+from bt_dualarm.spec.load import load_tree_file
+
+LEADER, FOLLOWER = "arm1", "arm2"
+_PLANE = slice(1, 3)  # y and z
+
+
+class TrialError(DualArmError):
+    """A run came to no measurement; the message says what it ended with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One run of a cell, while the leading arm drew its curve.
+
+    Attributes:
+        seed: Of everything random.
+        times: Seconds since the curve began, of shape (n,).
+        planned: Where the cube was to be, of shape (n, 2): y and z in m.
+        cube: Where it truly was.
+        tracked: Where the following tool was, less its mean distance from the cube.
+        lost_count: How often the target was lost.
+        frames: Images that were looked at: the waypoints of the follower.
+        sighting_sd: Standard deviation of a single sighting along an axis, in m.
+        margins: How far the follower stayed from its limits.
+        outcome: Of the run.
+        rest: What the follower's tree reported besides, if it failed.
+    """
+
+    seed: int
+    times: Vector
+    planned: Matrix
+    cube: Matrix
+    tracked: Matrix
+    lost_count: int
+    frames: int
+    sighting_sd: float
+    margins: Margins
+    outcome: str
+    rest: str = ""
+
+    @property
+    def error(self) -> Vector:
+        """Distance of the tool from the cube in the plane, of shape (n,), in m."""
+        away: Vector = np.linalg.norm(self.tracked - self.cube, axis=1)
+        return away
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of `error`, in m."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+    @property
+    def lag(self) -> float:
+        """Seconds by which the tool is late, by cross-correlation."""
+        return lag(self.cube, self.tracked, float(np.median(np.diff(self.times))))
+
+    @property
+    def amplitude_ratio(self) -> float:
+        """Spread of the tracked path over that of the true one; 1 if none is lost."""
+        return float(np.sqrt(self.tracked.var(axis=0).sum() / self.cube.var(axis=0).sum()))
+
+    @property
+    def speed_rms(self) -> float:
+        """Root mean square of the cube's speed, in m/s."""
+        velocity = np.gradient(self.cube, self.times, axis=0)
+        return float(np.sqrt(np.mean(np.sum(velocity**2, axis=1))))
+
+
+def run_trial(cell: Cell, seed: int, registry: Registry) -> Trial:
+    """Run a cell once.
+
+    Raises:
+        TrialError: The curve was not drawn, or not followed at all.
+        DualArmError: The file or the renderer cannot be used.
+    """
+    file = load_tree_file(find_tree(TREE), registry.kinds, cell.params)
+    with Session(file, registry, Wishes(seed=seed, renderer=cell.renderer)) as session:
+        watch = MarginWatch(session.assembly.world, FOLLOWER)
+        result = session.run([watch], perf_counter)
+        return _trial(seed, result, session.assembly.series, watch.margins)
+
+
+def _trial(seed: int, result: RunResult, log: SeriesLog, margins: Margins) -> Trial:
+    series = {(one.arm, one.name): one for one in log}
+    try:
+        plan = series[LEADER, "planned"]
+        target, tracked = series[FOLLOWER, "target"], series[FOLLOWER, "tracked"]
+    except KeyError as missing:
+        reasons = "; ".join(
+            leaf.reason for arm in result.arms for leaf in arm.leaves if leaf.reason
+        )
+        raise TrialError(f"nothing to measure, {missing} is missing: {reasons}") from None
+    begin, end = plan.time[0], plan.time[-1]
+    during = (target.time >= begin) & (target.time <= end)
+    if during.sum() < 3:
+        raise TrialError(f"the target was followed for {during.sum()} of {len(during)} samples")
+    times = target.time[during]
+    cube, tool = target.values[during][:, _PLANE], tracked.values[during][:, _PLANE]
+    planned = np.column_stack([np.interp(times, plan.time, c) for c in plan.values[:, _PLANE].T])
+    leaf = next(leaf for arm in result.arms if arm.name == FOLLOWER for leaf in arm.leaves)
+    return Trial(
+        seed=seed,
+        times=times - begin,
+        planned=planned - (planned - cube).mean(axis=0),
+        cube=cube,
+        tracked=tool - (tool - cube).mean(axis=0),
+        lost_count=int(leaf.metrics["lost_count"]),
+        frames=int(leaf.metrics["frames"]),
+        sighting_sd=float(leaf.metrics["sighting_sd_m"]),
+        margins=margins,
+        outcome=str(result.outcome),
+        rest=leaf.reason,
+    )

@@ -1,0 +1,97 @@
+"""Numbers and reports of the experiments, from trials made up by hand."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bt_dualarm.experiments.bounds import estimator_bound, proportional_bound
+from bt_dualarm.experiments.cases import CASES, Cell
+from bt_dualarm.experiments.margins import Margins
+from bt_dualarm.experiments.report import HEADER, row, write_report
+from bt_dualarm.experiments.results import Result
+from bt_dualarm.experiments.trial import Trial
+from bt_dualarm.pose import Matrix, Vector
+
+
+def made_up(late: float = 0.02, seed: int = 0) -> Trial:
+    """A tool that is ``late`` seconds behind a cube on a circle of 0.1 m in 2 s."""
+    times = np.linspace(0.0, 5.98, 300)
+
+    def circle(at: Vector) -> Matrix:
+        return 0.1 * np.column_stack([np.cos(np.pi * at), np.sin(np.pi * at)])
+
+    return Trial(
+        seed=seed,
+        times=times,
+        planned=circle(times),
+        cube=circle(times),
+        tracked=circle(times - late),
+        lost_count=0,
+        frames=360,
+        sighting_sd=1e-4,
+        margins=Margins(0.5, 0.4, 0.3),
+        outcome="SUCCESS",
+    )
+
+
+def test_a_late_tool_is_measured_as_late() -> None:
+    """On a circle every error is the chord of the lag, and nothing of the amplitude is lost."""
+    trial = made_up(late=0.03)
+    chord = 2 * 0.1 * np.sin(np.pi * 0.03 / 2)
+    assert trial.rms == pytest.approx(chord, rel=1e-9)
+    assert trial.error.max() == pytest.approx(chord, rel=1e-9)
+    assert trial.lag == pytest.approx(0.03, abs=2e-3)
+    assert trial.amplitude_ratio == pytest.approx(1.0, abs=1e-3)
+    assert trial.speed_rms == pytest.approx(0.1 * np.pi, rel=1e-2)
+
+
+def test_bounds_grow_with_latency_and_noise() -> None:
+    cell, trial = Cell("circle", 1.0), made_up()
+    assert estimator_bound(trial, cell) < estimator_bound(trial, replace(cell, latency=0.05))
+    assert estimator_bound(trial, cell) < estimator_bound(replace(trial, sighting_sd=1e-3), cell)
+    assert estimator_bound(trial, cell) < 1e-3
+    assert proportional_bound(0.3, cell) == pytest.approx(0.3 * 0.025 * 2 / np.pi)
+
+
+def test_every_case_reads_as_a_command() -> None:
+    for case, speed in CASES:
+        command = Cell(case, speed).command(4)
+        assert f"--seed 4 --param case={case} --param speed={speed}" in command
+
+
+def test_json_has_a_number_a_seed() -> None:
+    result = Result(Cell("circle", 1.0), [made_up(seed=0), made_up(seed=1)])
+    content = json.loads(json.dumps(result.as_json()))
+    for name in ("seeds", "yz_rms_m", "yz_max_m", "lag_s", "lost_count", "bound_m"):
+        assert len(content[name]) == 2
+
+
+def test_the_report_stands_alone(tmp_path: Path) -> None:
+    """HTML without a reference to another file, Markdown whose pictures lie beside it."""
+    results = [
+        Result(Cell("circle", 1.0, "proportional"), [made_up(0.03)]),
+        Result(Cell("circle", 1.0, "predictive"), [made_up(0.001)]),
+    ]
+    write_report(tmp_path, results)
+    sources: list[str] = []
+
+    class Sources(HTMLParser):
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            sources.extend(value or "" for name, value in attrs if name in ("src", "href"))
+
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    Sources().feed(page)
+    assert len(sources) == 2
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    for name in ("circle_1_ray_plane.png", "circle_1_ray_time.png"):
+        assert f"({name})" in text
+        assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
+    assert len(row(results[0])) == len(HEADER)
+    assert all(cell in page for cell in row(results[0]))
