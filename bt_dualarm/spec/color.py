@@ -23,7 +23,7 @@ _NAMED_HUES: Final[Mapping[str, tuple[float, float]]] = {
     "orange": (14.0, 40.0),
     "yellow": (42.0, 70.0),
     "green": (80.0, 165.0),
-    "blue": (200.0, 260.0),
+    "blue": (216.0, 260.0),  # not the joints of a UR
 }
 
 
