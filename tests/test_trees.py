@@ -14,6 +14,9 @@ TREES = sorted(path.stem for path in share_dir("trees").glob("*.yaml"))
 
 RUN_FIELDS = {
     "outcome": str,
+    "ending": str,
+    "error": str,
+    "at_rest": bool,
     "sim_time_s": float,
     "wall_time_s": float,
     "real_time_factor": float,
@@ -23,7 +26,13 @@ RUN_FIELDS = {
     "attachments": list,
     "arms": dict,
 }
-ARM_FIELDS = {"outcome": str, "robot": str, "clipped_setpoints": int, "leaves": list}
+ARM_FIELDS = {
+    "outcome": str,
+    "robot": str,
+    "fault": str,
+    "clipped_setpoints": int,
+    "leaves": list,
+}
 LEAF_FIELDS = {
     "path": str,
     "skill": str,

@@ -25,7 +25,7 @@ from bt_dualarm.run.whole_files import write_text, write_whole
 from bt_dualarm.tree.report import StatusChange
 
 SUMMARY, EVENTS, SAMPLES = "summary.json", "events.jsonl", "samples.npz"
-LOG, DIVERGENCE = "run.log", "divergence.npz"
+LOG, DIVERGENCE, OVERVIEW = "run.log", "divergence.npz", "overview.png"
 
 
 class RecordError(DualArmError):
@@ -59,14 +59,25 @@ def prepare_folder(path: Path) -> Path:
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
+        plots = _plots_of_earlier_run(path / SUMMARY)
         write_text(path / SUMMARY, "")
-        for name in (SUMMARY, EVENTS, SAMPLES, LOG, DIVERGENCE):
+        for name in (SUMMARY, EVENTS, SAMPLES, LOG, DIVERGENCE, *plots):
             (path / name).unlink(missing_ok=True)
     except FileExistsError:
         raise RecordError(f"cannot record to {path}: it is there and is not a folder") from None
     except OSError as error:
         raise RecordError(f"cannot record to {path}: {error.strerror or error}") from error
     return path
+
+
+def _plots_of_earlier_run(summary: Path) -> list[str]:
+    """Names of the plots that belong to a summary: none where it is not one of ours."""
+    try:
+        arms = [str(name) for name in json.loads(summary.read_bytes())["arms"]]
+    except (FileNotFoundError, NotADirectoryError, ValueError, KeyError, TypeError):
+        return []
+    plots = [f"{name}_{kind}.png" for name in arms for kind in ("plane", "time")]
+    return [OVERVIEW, *(name for name in plots if Path(name).name == name)]
 
 
 class Recorder:

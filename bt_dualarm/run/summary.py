@@ -49,6 +49,9 @@ def summary_of(
     """
     summary = {
         "outcome": result.outcome,
+        "ending": result.ending,
+        "error": result.error,
+        "at_rest": result.at_rest,
         "sim_time_s": result.sim_time_s,
         "wall_time_s": result.wall_time_s,
         "real_time_factor": result.real_time_factor,
@@ -67,6 +70,7 @@ def _arm(arm: ArmResult) -> dict[str, Any]:
     return {
         "outcome": arm.outcome,
         "robot": arm.robot,
+        "fault": arm.fault,
         "clipped_setpoints": arm.clipped_setpoints,
         "leaves": [leaf.as_dict() for leaf in arm.leaves],
     }

@@ -134,6 +134,9 @@ def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path)
     summary = record(tmp_path / "new" / "folder")
     assert list(summary) == [
         "outcome",
+        "ending",
+        "error",
+        "at_rest",
         "sim_time_s",
         "wall_time_s",
         "real_time_factor",
@@ -147,7 +150,10 @@ def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path)
     assert (summary["outcome"], summary["seed"], summary["renderer"]) == ("SUCCESS", 5, "ray")
     assert summary["real_time_factor"] == 6.0
     assert summary["versions"]["mujoco"] == mujoco.__version__
-    assert list(summary["arms"]["arm1"]) == ["outcome", "robot", "clipped_setpoints", "leaves"]
+    assert summary["ending"] == "every tree has ended"
+    assert (summary["error"], summary["at_rest"]) == ("", True)
+    arm = summary["arms"]["arm1"]
+    assert list(arm) == ["outcome", "robot", "fault", "clipped_setpoints", "leaves"]
     leaf = summary["arms"]["arm1"]["leaves"][0]
     assert list(leaf) == [
         "path",
@@ -275,6 +281,30 @@ def test_an_earlier_record_is_replaced_and_other_files_stay(tmp_path: Path) -> N
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert not (tmp_path / "divergence.npz").exists()
     assert not list(tmp_path.glob(".*")), "nothing half written is left"
+
+
+def test_plots_of_an_earlier_run_do_not_outlive_it(tmp_path: Path) -> None:
+    """They would be taken for those of the new run; pictures of somebody else stay."""
+    record(tmp_path)
+    assert (tmp_path / "arm1_plane.png").exists()
+    (tmp_path / "mine_plane.png").write_bytes(b"")
+    prepare_folder(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine_plane.png"]
+
+
+@pytest.mark.parametrize(
+    "text", ["junk", "[]", '{"arms": 3}', '{"arms": {"../secret": {}}}', "\xff"]
+)
+def test_a_summary_of_somebody_else_takes_nothing_along(text: str, tmp_path: Path) -> None:
+    """Whatever stands in the file that is replaced."""
+    folder = tmp_path / "record"
+    folder.mkdir()
+    (tmp_path / "secret_time.png").write_bytes(b"")
+    (folder / "arm1_time.png").write_bytes(b"")
+    (folder / "summary.json").write_text(text, encoding="latin-1")
+    prepare_folder(folder)
+    assert (tmp_path / "secret_time.png").exists()
+    assert (folder / "arm1_time.png").exists()
 
 
 def test_a_file_is_no_folder(tmp_path: Path) -> None:
