@@ -46,6 +46,9 @@ if TYPE_CHECKING:
     from bt_dualarm.scoring import TrackingScore as TrackingScore
     from bt_dualarm.skill import Skill as Skill
     from bt_dualarm.skill import SkillContext as SkillContext
+    from bt_dualarm.spec.aims import CarriedPose as CarriedPose
+    from bt_dualarm.spec.aims import PostureName as PostureName
+    from bt_dualarm.spec.aims import ToolPose as ToolPose
     from bt_dualarm.spec.color import Color as Color
     from bt_dualarm.spec.offset import Offset as Offset
     from bt_dualarm.spec.plane import Plane as Plane
@@ -74,13 +77,16 @@ _CONTENTS: Final = {
     # Types of ports
     "Angle": "spec.values:Angle",
     "ArmName": "spec.values:ArmName",
+    "CarriedPose": "spec.aims:CarriedPose",
     "Color": "spec.color:Color",
     "Duration": "spec.values:Duration",
     "ObjectName": "spec.values:ObjectName",
     "Offset": "spec.offset:Offset",
     "Plane": "spec.plane:Plane",
     "PoseSpec": "spec.values:PoseSpec",
+    "PostureName": "spec.aims:PostureName",
     "Speed": "spec.values:Speed",
+    "ToolPose": "spec.aims:ToolPose",
     "Vector3": "spec.values:Vector3",
     # What a skill works with
     "Arm": "arm:Arm",
@@ -105,6 +111,7 @@ __all__ = [
     "Angle",
     "Arm",
     "ArmName",
+    "CarriedPose",
     "Color",
     "DualArmError",
     "Duration",
@@ -117,9 +124,11 @@ __all__ = [
     "PortModel",
     "Pose",
     "PoseSpec",
+    "PostureName",
     "Skill",
     "SkillContext",
     "Speed",
+    "ToolPose",
     "TrackingGains",
     "TrackingScore",
     "Trajectory",

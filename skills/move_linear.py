@@ -9,9 +9,9 @@ from bt_dualarm import (
     Offset,
     PortModel,
     Pose,
-    PoseSpec,
     Skill,
     Speed,
+    ToolPose,
     follow_curve,
     line_path,
     port,
@@ -22,7 +22,7 @@ class MoveLinear(Skill):
     """Move the tool along a straight line to a pose or by an offset, turning evenly."""
 
     class Ports(PortModel):
-        to: PoseSpec | None = port(None, "tool pose in the world; turned as now if only xyz")
+        to: ToolPose | None = port(None, "tool pose in the world; turned as now if only xyz")
         offset: Offset | None = port(None, "step from the current tool pose")
         speed: Speed = port(0.5, "share of the arm's limits of velocity, acceleration and jerk")
         tolerance: float = port(

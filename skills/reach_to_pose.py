@@ -10,9 +10,10 @@ from bt_dualarm import (
     Offset,
     PortModel,
     Pose,
-    PoseSpec,
+    PostureName,
     Skill,
     Speed,
+    ToolPose,
     Vector,
     check_arrival,
     port,
@@ -23,9 +24,9 @@ class ReachToPose(Skill):
     """Move the tool to a pose, by an offset, or the joints to a named posture."""
 
     class Ports(PortModel):
-        to: PoseSpec | None = port(None, "tool pose in the world; turned as now if only xyz")
+        to: ToolPose | None = port(None, "tool pose in the world; turned as now if only xyz")
         offset: Offset | None = port(None, "step from the current tool pose")
-        posture: str | None = port(None, "posture of the robot's catalogue page, such as home")
+        posture: PostureName | None = port(None, "a posture of the robot, such as home")
         speed: Speed = port(0.5, "share of the arm's limits")
         tolerance: float = port(0.001, "largest distance at the end", unit="m", ge=1e-4, le=0.1)
         angle_tolerance: Angle = port(0.5, "largest turn at the end", ge=0.01, le=30)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import degrees
 
-from bt_dualarm import Angle, Failure, ObjectName, PortModel, Pose, PoseSpec, Skill, Speed, port
+from bt_dualarm import Angle, CarriedPose, Failure, ObjectName, PortModel, Pose, Skill, Speed, port
 
 
 class Transport(Skill):
@@ -13,7 +13,7 @@ class Transport(Skill):
 
     class Ports(PortModel):
         object: ObjectName = port(..., "object to carry; it must be attached to this arm")
-        to: PoseSpec = port(..., "pose of the object in the world; turned as now if only xyz")
+        to: CarriedPose = port(..., "pose of the object in the world; turned as now if only xyz")
         speed: Speed = port(0.5, "share of the arm's limits")
         tolerance: float = port(
             0.005, "largest distance of the object at the end", unit="m", ge=1e-4, le=0.1

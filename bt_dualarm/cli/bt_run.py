@@ -1,10 +1,9 @@
-"""The command ``bt-run``: the only place that reads arguments, prints, and decides an exit code."""
+"""``bt-run``: from a tree file to an exit code."""
 
 from __future__ import annotations
 
 import argparse
 import logging
-import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -12,8 +11,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bt_dualarm.cli.run_arguments import command_line
+from bt_dualarm.cli.words import FAILED, SUCCEEDED, UNUSABLE, complain, nobody_reads, one_thread
 from bt_dualarm.errors import DualArmError
-from bt_dualarm.run.arguments import command_line
 from bt_dualarm.run.signals import StopRequest, stop_on_signals
 
 if TYPE_CHECKING:
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from bt_dualarm.run.session import Session
     from bt_dualarm.spec.document import TreeFile
 
-SUCCEEDED, FAILED, UNUSABLE = 0, 1, 2
+_ENDLESS = 10**4
+"""Lines of a terminal that is not to fold any tree."""
 
 
 def run(argv: Sequence[str] | None = None) -> int:
@@ -33,9 +34,7 @@ def run(argv: Sequence[str] | None = None) -> int:
     """
     parser = command_line()
     arguments = parser.parse_args(argv)
-    # Before numpy is imported. Sums over threads depend on how many there are, and on matrices of
-    # 7 by 7 threads only wait for each other.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    one_thread()
     with stop_on_signals(StopRequest()) as stop:
         try:
             if arguments.version:
@@ -46,12 +45,10 @@ def run(argv: Sequence[str] | None = None) -> int:
                 parser.error("which tree file? (bt-run --list names the shipped ones)")
             code = _run(arguments, stop)
         except DualArmError as error:
-            _complain(error)
+            complain("bt-run", error)
             code = UNUSABLE
         except BrokenPipeError:
-            # Whoever read our output has gone; what Python flushes at its exit must go somewhere.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = FAILED
+            code = nobody_reads()
         return stop.exit_code or code
 
 
@@ -78,17 +75,40 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
 
     path = find_tree(arguments.file)
 
+    from bt_dualarm.preflight.check import check
     from bt_dualarm.registry import Registry
     from bt_dualarm.run.session import Session, Wishes
-    from bt_dualarm.spec.load import load_tree_file
 
     registry = Registry.load(arguments.skills)
-    file = load_tree_file(path, registry.kinds, dict(arguments.param))
+    # The session composes the world itself, and says the same of what cannot be composed.
+    checked = check(path, registry.kinds, dict(arguments.param), build=False)
+    file = checked.runnable()
+    if arguments.display != "quiet":
+        for warning in checked.problems:
+            print(warning, file=sys.stderr)
     wishes = Wishes(arguments.seed, arguments.duration, arguments.renderer)
     with Session(file, registry, wishes) as session:
+        if arguments.dry_run:
+            return _show_trees(arguments, file, session)
         recorder = session.recorder(arguments.record) if arguments.record else None
         with _logging(recorder):
             return _show(arguments, file, session, recorder, stop)
+
+
+def _show_trees(arguments: argparse.Namespace, file: TreeFile, session: Session) -> int:
+    """Bring in everything that the file declares, and draw the trees of all arms."""
+    from bt_dualarm.run.display import Terminal, suited_symbols
+    from bt_dualarm.run.layout import Picture
+
+    world, arms = session.assembly.world, session.assembly.arms
+    for name in file.arms.keys() - world.arms.keys():
+        world.spawn_arm(name)
+    arms.follow(0, ticked_from=0)
+    console = Terminal(highlight=False, height=_ENDLESS)
+    symbols = suited_symbols(console, ascii_only=arguments.ascii)
+    renderer = session.renderer_name or ""
+    console.print(Picture(file.name, 0.0, None, renderer, arms.views(), symbols))
+    return SUCCEEDED
 
 
 def _show(
@@ -135,7 +155,7 @@ def _written(recorder: Recorder, result: RunResult, stop: StopRequest) -> bool:
     try:
         recorder.write(result, stop)
     except RecordError as error:
-        _complain(error)
+        complain("bt-run", error)
         return False
     return True
 
@@ -154,14 +174,6 @@ def _say_what_broke(result: RunResult, folder: Path | None) -> None:
         print(f"bt-run: error: {result.error}; {where}", file=sys.stderr)
     elif result.error:
         print(f"bt-run: internal error: {result.error}", file=sys.stderr)
-
-
-def _complain(error: DualArmError) -> None:
-    """Errors that name their place say it all; the others say who is talking."""
-    from bt_dualarm.spec.problems import SpecError
-
-    prefix = "" if isinstance(error, SpecError) else "bt-run: error: "
-    print(f"{prefix}{error}", file=sys.stderr)
 
 
 class _ToTerminal(logging.Handler):

@@ -6,6 +6,8 @@ import argparse
 import math
 from pathlib import Path
 
+from bt_dualarm.cli.words import add_params, add_skills
+
 _EXAMPLES = """\
 examples:
   bt-run pick_and_track                     a shipped tree, by name from any folder
@@ -47,22 +49,9 @@ def command_line() -> argparse.ArgumentParser:
         help="of the cameras: OpenGL, ray casting, or OpenGL where it works (default: the file's)",
     )
     add("--real-time", action="store_true", help="run no faster than the clock on the wall")
-    add(
-        "--skills",
-        metavar="DIR",
-        type=Path,
-        action="append",
-        default=[],
-        help="a folder with skills of your own, besides the shipped ones (may be repeated)",
-    )
-    add(
-        "--param",
-        metavar="NAME=VALUE",
-        type=_assignment,
-        action="append",
-        default=[],
-        help="set a parameter that the file declares (may be repeated)",
-    )
+    add("--dry-run", action="store_true", help="build everything, move nothing, print the trees")
+    add_skills(parser)
+    add_params(parser)
     add("--version", action="store_true", help="print the version and end")
     return parser
 
@@ -81,10 +70,3 @@ def _seconds(text: str) -> float:
     if not (seconds > 0 and math.isfinite(seconds)):
         raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds above 0")
     return seconds
-
-
-def _assignment(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not name or not equals:
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
-    return name, value

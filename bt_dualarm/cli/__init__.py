@@ -1,0 +1,6 @@
+"""The commands: the only place that reads arguments, prints, and decides an exit code."""
+
+from bt_dualarm.cli.bt_check import check
+from bt_dualarm.cli.bt_run import run
+
+__all__ = ["check", "run"]

@@ -1,0 +1,115 @@
+"""``bt-check``: everything that is wrong with tree files, before anything moves."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bt_dualarm.cli.words import (
+    FAILED,
+    SUCCEEDED,
+    UNUSABLE,
+    add_params,
+    add_skills,
+    complain,
+    nobody_reads,
+    one_thread,
+)
+from bt_dualarm.errors import DualArmError
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from bt_dualarm.spec.problems import Problem
+
+_EPILOG = """\
+examples:
+  bt-check my_tree.yaml            every error and warning, each with its place
+  bt-check trees/*.yaml --json     for programs
+
+exit code:
+  0 no errors (there may be warnings)   1 a file has errors   2 the command is wrong
+"""
+
+
+def check(argv: Sequence[str] | None = None) -> int:
+    """Check tree files; returns the exit code.
+
+    Args:
+        argv: Arguments without the program's name; those of the process by default.
+    """
+    arguments = _command_line().parse_args(argv)
+    one_thread()
+    try:
+        return _check(arguments)
+    except DualArmError as error:
+        complain("bt-check", error)
+        return UNUSABLE
+    except BrokenPipeError:
+        return nobody_reads()
+
+
+def _command_line() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="bt-check",
+        description="Check tree files as bt-run does, and say everything that is wrong with them.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("files", metavar="FILE", nargs="+", help="a tree file, or a shipped one")
+    parser.add_argument("--json", action="store_true", help="one JSON array of problems")
+    add_skills(parser)
+    add_params(parser)
+    return parser
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from bt_dualarm.preflight.check import check as check_file
+    from bt_dualarm.registry import Registry
+    from bt_dualarm.run.shipped import find_tree
+    from bt_dualarm.spec.problems import errors
+
+    paths = [find_tree(given) for given in arguments.files]
+    registry, params = Registry.load(arguments.skills), dict(arguments.param)
+    found = [(path, check_file(path, registry.kinds, params).problems) for path in paths]
+    problems = [problem for _, some in found for problem in some]
+    if arguments.json:
+        print(json.dumps([problem.as_dict() for problem in problems], indent=2))
+    else:
+        _print(found)
+    return FAILED if errors(problems) else SUCCEEDED
+
+
+def _print(found: Sequence[tuple[Path, Sequence[Problem]]]) -> None:
+    """Problems as text, coloured in a terminal, then a line a file."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from bt_dualarm.spec.problems import errors
+
+    console = Console(highlight=False, soft_wrap=True)
+    for path, problems in found:
+        for problem in problems:
+            console.print(_coloured(Text(str(problem)), problem.severity))
+        wrong = len(errors(problems))
+        words = (_count(wrong, "error"), _count(len(problems) - wrong, "warning"))
+        verdict = ", ".join(word for word in words if word) or "fine"
+        console.print(Text.assemble((f"{path}: ", "bold"), verdict))
+
+
+def _coloured(text: Text, severity: str) -> Text:
+    """The word in its colour, the underlining too, places dim."""
+    color = "red" if severity == "error" else "yellow"
+    text.highlight_regex(rf"(?<=: ){severity}(?=: )", f"bold {color}")
+    text.highlight_regex(r"(?m)^ +\| +\^+$", color)
+    text.highlight_regex(r"(?m)^ += .*$", "cyan")
+    return text
+
+
+def _count(number: int, noun: str) -> str:
+    if not number:
+        return ""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -1,0 +1,57 @@
+"""How near an arm's tool can get to a point, whichever way it is turned."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bt_dualarm.motion.chain import TOOL, Chain
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.world.catalogue import Robot
+
+_STARTS = 8
+_ITERATIONS = 40
+_STEP = 0.4  # rad: most that a joint moves in one iteration
+_DAMPING = 1e-3  # m: keeps steps short where the arm is stretched
+_REACHED = 1e-4  # m
+_STALLED = 1e-4  # rad
+
+
+class Reach(Chain):
+    """One arm's tool, with its orientation left free.
+
+    Args:
+        robot: The arm.
+        base: Pose of its base link in the world.
+    """
+
+    def __init__(self, robot: Robot, base: Pose) -> None:
+        super().__init__(robot, base)
+        scatter = np.random.default_rng(0).uniform(0.2, 0.8, (_STARTS, self.dof))
+        spread = np.clip(self.upper - self.lower, 0.0, 2 * np.pi)
+        middle = np.clip(0.0, self.lower + spread / 2, self.upper - spread / 2)
+        self._starts = [*robot.postures.values(), *(middle + (scatter - 0.5) * spread)]
+
+    def gap(self, point: Vector) -> float:
+        """Distance in metres, 0 where it is reached, from the tool to a point of shape (3,)."""
+        nearest = float("inf")
+        for start in self._starts:
+            nearest = min(nearest, self._descend(point, start))
+            if nearest < _REACHED:
+                return 0.0
+        return nearest
+
+    def _descend(self, point: Vector, q: Vector) -> float:
+        """Distance to which damped least squares (Wampler 1986) brings the tool from ``q``."""
+        for _ in range(_ITERATIONS):
+            jacobian = self.jacobian(q)[:3]
+            error = point - self.placo.get_T_world_frame(TOOL)[:3, 3]
+            if np.linalg.norm(error) < _REACHED:
+                break
+            normal = jacobian @ jacobian.T + _DAMPING * np.eye(3)
+            step = jacobian.T @ np.linalg.solve(normal, error)
+            step *= min(1.0, _STEP / max(float(np.abs(step).max()), 1e-12))
+            moved = np.clip(q + step, self.lower, self.upper)
+            if np.abs(moved - q).max() < _STALLED:
+                break
+            q = moved
+        return float(np.linalg.norm(point - self.matrix(q)[:3, 3]))

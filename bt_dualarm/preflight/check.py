@@ -1,0 +1,74 @@
+"""Everything that can be known of a file before its run, in one go."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bt_dualarm.errors import CatalogueError, WorldError
+from bt_dualarm.preflight.reaching import out_of_reach
+from bt_dualarm.preflight.robots import Names
+from bt_dualarm.spec.document import TreeFile
+from bt_dualarm.spec.language import LANGUAGE, Kind
+from bt_dualarm.spec.load import check_file, load_tree_file
+from bt_dualarm.spec.problems import Place, Problem, SpecError, errors, in_order
+from bt_dualarm.world.world import World
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A file and what was found in it.
+
+    Attributes:
+        file: None where it has errors, or subtrees only.
+        problems: Every error in the file's order; where there is none, every warning.
+    """
+
+    file: TreeFile | None
+    problems: tuple[Problem, ...]
+
+    def runnable(self) -> TreeFile:
+        """The file.
+
+        Raises:
+            SpecError: It has errors, or nothing to run.
+        """
+        if self.file is None:
+            raise SpecError(errors(self.problems))
+        return self.file
+
+
+def check(
+    path: Path,
+    skills: Mapping[str, Kind],
+    params: Mapping[str, str] | None = None,
+    *,
+    build: bool = True,
+) -> Checked:
+    """Check a file, and the robots, postures, mounts, scene and poses that it names.
+
+    Args:
+        path: Of the file.
+        skills: The installed skills by name.
+        params: Values of the file's parameters as text, as given on the command line.
+        build: Compile the world, too, as a run would.
+    """
+    problems = check_file(path, skills, params)
+    if errors(problems):
+        return Checked(None, problems)
+    try:
+        file = load_tree_file(path, skills, params)
+    except SpecError as error:
+        return Checked(None, error.problems)
+    kinds = {**LANGUAGE, **skills}
+    names = Names(file, next(iter(file.arms.values())).tree.source, kinds)
+    names.look_up()
+    if names.problems:
+        return Checked(None, in_order(names.problems))
+    if build:
+        try:
+            World(file, file.world.seed)
+        except (CatalogueError, WorldError) as error:
+            return Checked(None, (Problem(Place(str(path)), str(error)),))
+    return Checked(file, in_order((*problems, *out_of_reach(file, names.robots, kinds))))

@@ -1,0 +1,105 @@
+"""Robots, postures, camera mounts and scenes that a file names: whether they exist, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from bt_dualarm.errors import CatalogueError
+from bt_dualarm.spec.aims import OnRobotPage
+from bt_dualarm.spec.annotations import metadata_of
+from bt_dualarm.spec.document import ArmSpec, TreeFile
+from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.ports import reference_of
+from bt_dualarm.spec.problems import Problem, suggestion
+from bt_dualarm.spec.source import Path, Source
+from bt_dualarm.world.catalogue import Robot, load_robot, robot_names
+from bt_dualarm.world.composition import names_in, scene_names, scene_spec
+
+
+@dataclass
+class Names:
+    """Looks up what a file names outside of itself.
+
+    Args:
+        file: Without errors of its own.
+        source: Of the file.
+        kinds: Of every node.
+
+    Attributes:
+        robots: Those that could be read, by the arm's name.
+        problems: Found by `look_up`.
+    """
+
+    file: TreeFile
+    source: Source
+    kinds: Mapping[str, Kind]
+    robots: dict[str, Robot] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+
+    def look_up(self) -> None:
+        """Find every name that leads nowhere."""
+        self._scene()
+        for name, arm in self.file.arms.items():
+            robot = self._robot(("arms", name, "robot"), arm.robot)
+            if robot is not None:
+                self.robots[name] = robot
+                self._arm(("arms", name), arm, robot)
+                self.problems += self._nodes(arm.tree, robot)
+
+    def _scene(self) -> None:
+        world = self.file.world
+        if world.scene not in scene_names():
+            self._unknown(("world", "scene"), "scene", world.scene, scene_names())
+            return
+        try:
+            taken = names_in(scene_spec(world, self.file.root))
+        except CatalogueError as error:
+            self._add(("world", "scene"), f"scene '{world.scene}' cannot be used", str(error))
+            return
+        for part, names in (("objects", self.file.objects), ("arms", self.file.arms)):
+            for name in names:
+                if name in taken:
+                    message = f"'{name}' is the name of a part of the scene '{world.scene}' already"
+                    self._add((part, name), message, "call it differently", key=True)
+
+    def _robot(self, path: Path, name: str) -> Robot | None:
+        if not name.endswith((".yaml", ".yml")) and name not in robot_names():
+            self._unknown(path, "robot", name, robot_names())
+            return None
+        try:
+            return load_robot(name, self.file.root)
+        except CatalogueError as error:
+            self._add(path, f"robot '{name}' cannot be used", str(error))
+            return None
+
+    def _arm(self, path: Path, arm: ArmSpec, robot: Robot) -> None:
+        if arm.posture not in robot.postures:
+            what = f"posture of {robot.name}"
+            self._unknown((*path, "posture"), what, arm.posture, robot.postures)
+        camera = arm.camera
+        if camera and isinstance(camera.mount, str) and camera.mount not in robot.cameras:
+            what = f"camera mount of {robot.name}"
+            self._unknown((*path, "camera", "mount"), what, camera.mount, robot.cameras)
+
+    def _nodes(self, root: NodeSpec, robot: Robot) -> Iterator[Problem]:
+        for node in root.walk():
+            fields = self.kinds[node.kind].ports.model_fields if node.kind in self.kinds else {}
+            for port, declared in fields.items():
+                value = node.ports.get(port)
+                if not isinstance(value, str) or reference_of(value) is not None:
+                    continue
+                if metadata_of(declared, OnRobotPage) and value not in robot.postures:
+                    message = f"{node.kind}: there is no posture of {robot.name} '{value}'"
+                    yield node.port_problem((port,), message, _known(value, robot.postures))
+
+    def _unknown(self, path: Path, what: str, given: str, known: Iterable[str]) -> None:
+        self._add(path, f"there is no {what} '{given}'", _known(given, known))
+
+    def _add(self, path: Path, message: str, hint: str = "", *, key: bool = False) -> None:
+        self.problems.append(self.source.problem(path, message, hint, key=key))
+
+
+def _known(given: str, known: Iterable[str]) -> str:
+    return suggestion(given, known, "one")

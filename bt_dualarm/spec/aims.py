@@ -1,0 +1,40 @@
+"""Types of ports that name what an arm is to do: the check asks whether this arm can."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, TypeAlias
+
+from bt_dualarm.spec.values import PoseSpec
+
+
+@dataclass(frozen=True)
+class Aim:
+    """Metadata of a pose in the world: the arm goes there.
+
+    Attributes:
+        carried: Whether an object that the arm holds comes there, and not the tool itself.
+    """
+
+    carried: bool = False
+
+
+@dataclass(frozen=True)
+class OnRobotPage:
+    """Metadata of a text port: it names something of the robot's catalogue page.
+
+    Attributes:
+        what: ``"posture"``.
+    """
+
+    what: str
+
+
+ToolPose: TypeAlias = Annotated[PoseSpec, Aim()]
+"""A pose in the world that the tool is to take; the check warns if it is out of reach."""
+
+CarriedPose: TypeAlias = Annotated[PoseSpec, Aim(carried=True)]
+"""A pose in the world that a held object is to take; the check warns if it is out of reach."""
+
+PostureName: TypeAlias = Annotated[str, OnRobotPage("posture")]
+"""A posture of the robot's catalogue page; the check knows which there are."""

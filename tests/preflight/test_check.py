@@ -1,0 +1,108 @@
+"""The whole check: what the file says of itself, and the robots, scenes and poses that it names."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.preflight.check import check
+from bt_dualarm.registry import Registry
+from bt_dualarm.share import share_dir
+from bt_dualarm.spec.problems import Problem, SpecError
+
+FILE = """\
+bt_dualarm: 1
+name: task
+world: {{scene: {scene}}}
+objects:
+  {thing}: {{shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, pose: {{xyz: [0.4, 0, 0.1]}}}}
+arms:
+  arm1:
+    robot: {robot}
+    posture: {posture}
+    camera: {{mount: {mount}}}
+    tree: {tree}
+"""
+GOOD = {
+    "scene": "empty",
+    "thing": "cube",
+    "robot": "ur5",
+    "posture": "home",
+    "mount": "wrist",
+    "tree": "{wait: {seconds: 1}}",
+}
+
+
+@pytest.fixture(scope="module")
+def registry() -> Registry:
+    return Registry.load()
+
+
+def problems_of(tmp_path: Path, registry: Registry, **changes: str) -> tuple[Problem, ...]:
+    path = tmp_path / "task.yaml"
+    path.write_text(FILE.format(**{**GOOD, **changes}))
+    return check(path, registry.kinds).problems
+
+
+def test_a_good_file_has_no_problems(tmp_path: Path, registry: Registry) -> None:
+    assert problems_of(tmp_path, registry) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "given", "message", "nearest"),
+    [
+        ("scene", "tabel", "there is no scene 'tabel'", "table"),
+        ("robot", "ur55", "there is no robot 'ur55'", "ur5"),
+        ("posture", "hoem", "there is no posture of ur5 'hoem'", "home"),
+        ("mount", "wirst", "there is no camera mount of ur5 'wirst'", "wrist"),
+        (
+            "tree",
+            "{reach_to_pose: {posture: hoem}}",
+            "reach_to_pose: there is no posture of ur5 'hoem'",
+            "home",
+        ),
+    ],
+)
+def test_a_name_that_leads_nowhere_is_an_error_with_the_nearest_one(
+    tmp_path: Path, registry: Registry, change: str, given: str, message: str, nearest: str
+) -> None:
+    (problem,) = problems_of(tmp_path, registry, **{change: given})
+    assert (problem.severity, problem.message) == ("error", message)
+    assert f"'{nearest}'" in problem.hint
+
+
+def test_a_name_that_the_scene_has_already_is_an_error(tmp_path: Path, registry: Registry) -> None:
+    (problem,) = problems_of(tmp_path, registry, thing="floor")
+    assert problem.severity == "error"
+    assert "part of the scene" in problem.message
+
+
+@pytest.mark.parametrize(
+    ("tree", "words"),
+    [
+        ("{reach_to_pose: {to: {xyz: [5, 0, 0.3]}}}", "out of reach of arm1"),
+        ("{reach_to_pose: {to: {xyz: [0.3, 0.2, 0.8], rpy: [0, 0, 0]}}}", ""),
+        ("{transport: {object: cube, to: {xyz: [0, 0, 3]}}}", "out of reach of arm1"),
+        ("{transport: {object: cube, to: {xyz: [0.4, 0.2, 0.4]}}}", ""),
+    ],
+)
+def test_a_pose_out_of_reach_is_a_warning_and_no_error(
+    tmp_path: Path, registry: Registry, tree: str, words: str
+) -> None:
+    found = problems_of(tmp_path, registry, tree=tree)
+    assert [problem.severity for problem in found] == (["warning"] if words else [])
+    assert all(words in problem.message for problem in found)
+
+
+def test_what_is_wrong_is_raised_where_a_file_is_wanted(tmp_path: Path, registry: Registry) -> None:
+    path = tmp_path / "task.yaml"
+    path.write_text(textwrap.dedent(FILE.format(**{**GOOD, "robot": "ur55"})))
+    with pytest.raises(SpecError, match="ur55"):
+        check(path, registry.kinds).runnable()
+
+
+@pytest.mark.parametrize("path", sorted(share_dir("trees").rglob("*.yaml")), ids=lambda p: p.stem)
+def test_shipped_trees_are_fine(path: Path, registry: Registry) -> None:
+    assert check(path, registry.kinds).problems == ()
