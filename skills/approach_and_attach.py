@@ -121,13 +121,17 @@ class ApproachAndAttach(Skill):
     def _way_to(self, surface: Pose) -> Approach:
         arm, ports = self.arm, self.ports
         standoff = surface @ Pose.from_rpy((0, 0, -ports.standoff))
-        # A little beyond the surface, so that the tool does touch it; it stops as soon as it does.
-        touch = surface @ Pose.from_rpy((0, 0, 0.002))
-        q_line = arm.line(standoff, touch)
+        q_line = arm.line(standoff, surface @ Pose.from_rpy((0, 0, self._depth())))
         touched = frozenset({ports.object})
         arm.refuse_collision_along(q_line, ignore=touched)
         to_standoff = arm.plan_to(q_line[0], ports.speed)
         return Approach(to_standoff, arm.time_path(q_line, ports.approach_speed))
+
+    def _depth(self) -> float:
+        """How far beyond the surface the straight part leads; the tool stops before its end."""
+        if self.ports.contact:
+            return 0.002  # so that it does touch
+        return -min(0.8 * self.ports.proximity, 0.5 * self.ports.standoff)
 
     def _gap(self) -> float:
         return self.arm.world.tool_gap(self.arm.name, self.ports.object)

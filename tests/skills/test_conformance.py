@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 from bt_dualarm.registry import Registry, faults
 from bt_dualarm.skill import Skill
 from bt_dualarm.spec.annotations import metadata_of
-from bt_dualarm.spec.ports import Unit
+from bt_dualarm.spec.unit import Unit
 from tests.plays import STOPPED, Play, Stage
 from tests.skills.scenarios import SCENARIOS, Scenario, Tree, after, node_of
 

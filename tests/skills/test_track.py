@@ -1,0 +1,196 @@
+"""Following by camera: how well, at what frame rates and latencies, and what a loss leads to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.pose import Vector
+from bt_dualarm.world.world import World
+from tests.plays import STOPPED, Deed, Play, Stage
+from tests.skills.scenarios import CUBE, LOOKING, SCENARIOS, Scenario, Tree
+
+CENTER = np.array((0.68, 0.11, 0.70))
+TRACK: Tree = {"track": {"duration": 6.0, "score": "cube"}}
+STALE_S, HOLD_S = 0.1, 0.5  # as the skill promises
+PERIOD_S = 1 / 30
+BRAKING_S = 0.4  # more than the tool takes to come to rest
+
+
+def scenario(camera: dict[str, Any] | None = None, **objects: Any) -> Scenario:
+    """The Panda before a cube that hangs in the air, with another camera or more objects."""
+    arm = LOOKING | {"camera": LOOKING["camera"] | (camera or {})}  # type: ignore[operator]
+    return Scenario(SCENARIOS["track"].objects | objects, arm=arm)
+
+
+def carried(place: Callable[[float], Vector]) -> Callable[[World], None]:
+    """Somebody carries the cube along a curve around the centre, in the YZ plane."""
+
+    def carry(world: World) -> None:
+        if "cube" in world.objects:
+            world.model.body_pos[world.object_body("cube")] = CENTER + place(world.time)
+
+    return carry
+
+
+def circling(time: float) -> Vector:
+    """0.1 m around the centre in 4 s, wound up in two seconds."""
+    grown = min(1.0, time / 2.0)
+    radius = 0.1 * grown**3 * (10 - 15 * grown + 6 * grown**2)
+    angle = 2 * np.pi * time / 4.0
+    return np.array((0.0, radius * np.cos(angle), radius * np.sin(angle)))
+
+
+def swaying(time: float) -> Vector:
+    """Up to 0.03 m/s along y."""
+    return np.array((0.0, 0.05 * np.sin(0.6 * time), 0.0))
+
+
+def follow(stage: Stage, node: Tree, where: Scenario, place: Callable[[float], Vector]) -> Play:
+    play = stage.play(where.file(node))
+    play.watchers.append(carried(place))
+    play.run()
+    return play
+
+
+@pytest.mark.parametrize(
+    ("fps", "latency", "rms"),
+    [
+        (15, 0.0, 0.006),
+        (30, 0.0, 0.002),
+        (60, 0.0, 0.001),
+        (30, 0.05, 0.003),
+        (60, 0.05, 0.002),
+        (30, 0.1, 0.008),
+        (60, 0.1, 0.008),
+    ],
+)
+def test_prediction_makes_up_for_rate_and_latency(
+    fps: int, latency: float, rms: float, stage: Stage
+) -> None:
+    """0.16 m/s on a circle: without prediction 50 ms of latency alone would cost 8 mm."""
+    play = follow(stage, TRACK, scenario({"fps": fps, "latency": latency}), circling)
+    leaf = play.leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["lost_count"] == 0
+    assert float(leaf.metrics["yz_rms_m"]) < rms
+    assert abs(float(leaf.metrics["lag_s"])) < 0.01
+    assert play.arm().clipped_setpoints == 0
+
+
+def test_proportional_control_works_at_low_speed(stage: Stage) -> None:
+    """It lags behind, as it must, but within some centimetres and without a loss."""
+    node: Tree = {"track": TRACK["track"] | {"controller": "proportional", "duration": 10.0}}
+    leaf = follow(stage, node, scenario(), swaying).leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["lost_count"] == 0
+    assert float(leaf.metrics["yz_rms_m"]) < 0.02
+
+
+@pytest.mark.parametrize("controller", ["predictive", "proportional"])
+def test_others_of_another_colour_and_of_the_same_do_not_distract(
+    controller: str, stage: Stage
+) -> None:
+    """A red cube beside the target, and later a larger yellow one at the edge of the image."""
+    others = {
+        "red": CUBE | {"color": "red", "fixed": True, "pose": {"xyz": [0.68, 0.20, 0.70]}},
+        "large": CUBE
+        | {"size": [0.01, 0.08, 0.08], "fixed": True, "spawned": False}
+        | {"pose": {"xyz": [0.5, 0.11, 0.90]}},
+    }
+    node: Tree = {"track": TRACK["track"] | {"controller": controller, "duration": 4.0}}
+    play = stage.play(
+        scenario(**others).file(node), deeds=((2.0, lambda w: w.spawn_object("large")),)
+    )
+    play.run()
+    leaf = play.leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert play.ways["arm1"] < 0.05, "the target stood still"
+
+
+def lost_at(time: float) -> tuple[tuple[float, Deed], ...]:
+    return ((time, lambda world: world.remove_object("cube")),)
+
+
+@pytest.mark.parametrize("controller", ["predictive", "proportional"])
+def test_a_lost_target_means_hold_then_search_then_failure(controller: str, stage: Stage) -> None:
+    """Nothing moves by what was seen more than 0.1 s ago; the search stays within its radius."""
+    gone, timeout, radius = 3.0, 2.0, 0.05
+    ports = {"controller": controller, "lost_timeout": timeout, "search_radius": radius}
+    play = stage.play(scenario().file({"track": TRACK["track"] | ports}), deeds=lost_at(gone))
+    play.watchers.append(carried(circling if controller == "predictive" else swaying))
+    tools: list[tuple[float, Vector]] = []
+    play.watchers.append(lambda w: tools.append((w.time, w.arms["arm1"].tool_pose.position)))
+    play.run()
+    leaf = play.leaf("track")
+    assert leaf.code == "LOST", leaf.reason
+    assert leaf.ended_s == pytest.approx(gone + timeout, abs=0.1)
+    still = (gone + STALE_S + BRAKING_S, gone - PERIOD_S + STALE_S + HOLD_S)
+    assert max(v for at, v in play.speeds["arm1"] if still[0] < at < still[1]) < STOPPED
+    held = next(place for at, place in tools if at > still[0])
+    search = [place for at, place in tools if at > still[1]]
+    assert max(np.linalg.norm(place - held) for place in search) < radius + 0.005
+    assert max(np.linalg.norm(place - held) for place in search) > 0.3 * radius, "it does search"
+    assert play.speed_after((leaf.ended_s or 0.0) + 1.0) < STOPPED
+
+
+def test_set_points_only_brake_on_old_data(stage: Stage) -> None:
+    """From 0.1 s after the last frame with the target until the search, speed only falls."""
+    gone = 3.0
+    play = stage.play(scenario().file(TRACK), deeds=lost_at(gone))
+    play.watchers.append(carried(circling))
+    speeds: list[tuple[float, float]] = []
+
+    def note(world: World) -> None:
+        (station,) = play.session.assembly.arms.present
+        controller: Any = station._controller
+        speeds.append((world.time, float(np.linalg.norm(controller.setpoint.v))))
+
+    play.watchers.append(note)
+    play.run()
+    # The last frame with the target is up to a period older; jerk takes a little to turn around.
+    begin, end = gone + STALE_S + 0.05, gone - PERIOD_S + STALE_S + HOLD_S
+    falling = np.array([speed for at, speed in speeds if begin < at < end])
+    assert falling[0] > 0.05
+    assert (np.diff(falling) <= 1e-9).all()
+
+
+def test_a_target_that_comes_back_is_followed_again(stage: Stage) -> None:
+    """Away for less than the time that is allowed: counted, not failed."""
+    there_and_back = ((2.0, hide), (2.8, lambda world: world.spawn_object("cube")))
+    play = stage.play(scenario().file(TRACK), deeds=there_and_back)
+    play.run()
+    leaf = play.leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["lost_count"] == 1
+
+
+def hide(world: World) -> None:
+    world.remove_object("cube")
+
+
+def test_success_is_not_said_without_the_target(stage: Stage) -> None:
+    """The duration is over while the target is away: it has to come back first."""
+    node: Tree = {"track": TRACK["track"] | {"duration": 2.0, "lost_timeout": 1.0}}
+    play = stage.play(scenario().file(node), deeds=lost_at(1.8))
+    play.run()
+    assert play.leaf("track").code == "LOST"
+
+
+@pytest.mark.parametrize(
+    "camera", [{"mount": {"xyz": [1.2, 0.11, 0.7], "look_at": [0.68, 0.11, 0.7]}}]
+)
+def test_a_camera_that_stands_in_the_world_cannot_lead_the_arm(
+    camera: dict[str, Any], stage: Stage
+) -> None:
+    play = stage.run(scenario(camera).file(TRACK))
+    assert play.leaf("track").code == "NO_CAMERA"
+
+
+def test_a_camera_that_looks_along_the_plane_cannot_lead_the_arm(stage: Stage) -> None:
+    play = stage.run(scenario().file({"track": TRACK["track"] | {"plane": "xz"}}))
+    assert play.leaf("track").code == "NO_CAMERA"
+    assert "normal" in play.leaf("track").reason
