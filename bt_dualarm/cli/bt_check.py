@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,12 +23,15 @@ from bt_dualarm.errors import DualArmError
 if TYPE_CHECKING:
     from rich.text import Text
 
+    from bt_dualarm.spec.document import TreeFile
+    from bt_dualarm.spec.kind import Kind
     from bt_dualarm.spec.problems import Problem
 
 _EPILOG = """\
 examples:
   bt-check my_tree.yaml            every error and warning, each with its place
   bt-check trees/*.yaml --json     for programs
+  bt-check my_tree.yaml --graph my_tree.svg
 
 exit code:
   0 no errors (there may be warnings)   1 a file has errors   2 the command is wrong
@@ -60,6 +63,12 @@ def _command_line() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("files", metavar="FILE", nargs="+", help="a tree file, or a shipped one")
+    parser.add_argument(
+        "--graph",
+        metavar="OUT",
+        type=Path,
+        help="draw the trees of the file to OUT.svg, OUT.dot (Graphviz) or OUT.mmd (Mermaid)",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON array of problems")
     add_skills(parser)
     add_params(parser)
@@ -72,15 +81,43 @@ def _check(arguments: argparse.Namespace) -> int:
     from bt_dualarm.run.shipped import find_tree
     from bt_dualarm.spec.problems import errors
 
+    _refuse_graph(arguments)
     paths = [find_tree(given) for given in arguments.files]
     registry, params = Registry.load(arguments.skills), dict(arguments.param)
-    found = [(path, check_file(path, registry.kinds, params).problems) for path in paths]
+    checked = [check_file(path, registry.kinds, params) for path in paths]
+    found = [(path, one.problems) for path, one in zip(paths, checked, strict=True)]
     problems = [problem for _, some in found for problem in some]
+    if arguments.graph is not None and checked[0].file is not None:
+        _draw(checked[0].file, registry.kinds, arguments.graph)
     if arguments.json:
         print(json.dumps([problem.as_dict() for problem in problems], indent=2))
     else:
         _print(found)
     return FAILED if errors(problems) else SUCCEEDED
+
+
+def _refuse_graph(arguments: argparse.Namespace) -> None:
+    """One file can be drawn, to an ending that says how."""
+    from bt_dualarm.tree.graph import FORMATS
+
+    target = arguments.graph
+    if target is not None and target.suffix.removeprefix(".") not in FORMATS:
+        endings = ", ".join(f".{name}" for name in FORMATS)
+        raise DualArmError(f"--graph {target}: the file must end with one of {endings}")
+    if target is not None and len(arguments.files) > 1:
+        raise DualArmError("--graph draws one file, not several")
+
+
+def _draw(file: TreeFile, kinds: Mapping[str, Kind], target: Path) -> None:
+    """Write the drawing, whole or not at all."""
+    from bt_dualarm.run.whole_files import write_text
+    from bt_dualarm.tree import graph
+
+    draw = {".svg": graph.svg, ".dot": graph.dot, ".mmd": graph.mermaid}[target.suffix]
+    try:
+        write_text(target, draw(graph.items(file, kinds)))
+    except OSError as error:
+        raise DualArmError(f"cannot write {target}: {error.strerror or error}") from error
 
 
 def _print(found: Sequence[tuple[Path, Sequence[Problem]]]) -> None:
