@@ -266,12 +266,18 @@ class Arm:
     def relax(self) -> Iterator[float]:
         """Take the set-point back to where the arm is, so that it no longer presses on anything.
 
+        Where it comes to stand does not matter: what it has pressed on pushes it away a little.
+
         Raises:
-            Failure: As ``follow``.
+            Failure: ``BUSY`` or ``TRACKING_ERROR``, as ``follow``.
         """
         limits = self.robot.limits
         here = np.clip(self.world.arms[self.name].q, limits.lower, limits.upper)
-        yield from self.follow(timing.point_to_point(self.setpoint.q, here, limits, self.period))
+        way = timing.point_to_point(self.setpoint.q, here, limits, self.period)
+        motion, until = self.begin(way), self.time + way.duration + SETTLE_S
+        while not self.controller.at_rest and self.time < until:
+            yield motion.progress
+            self.check()
 
     def check(self) -> None:
         """Raise what went wrong with the motion since it began.
