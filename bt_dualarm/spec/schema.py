@@ -7,6 +7,7 @@ to a pose, a size that fits its shape), quantities with units are in range, para
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any, Final, TypeAlias
 
@@ -171,3 +172,8 @@ def _or_reference(schema: Schema) -> Schema:
     plain: Schema = {key: value for key, value in schema.items() if key not in told}
     forms = plain["anyOf"] if plain.keys() == {"anyOf"} else [plain]
     return {**told, "anyOf": [*forms, _REFERENCE]}
+
+
+def schema_text(skills: Mapping[str, Kind]) -> str:
+    """`json_schema` as it is written to a file, for editors."""
+    return json.dumps(json_schema(skills), indent=1, ensure_ascii=False) + "\n"
