@@ -1,0 +1,122 @@
+"""What may be written for a node, as plain data: for the reference, and for ``bt-skills``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic.fields import FieldInfo
+
+from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.notation import notation_of, range_of
+from bt_dualarm.spec.ports import PortModel, unit_of
+
+
+@dataclass(frozen=True)
+class PortDescription:
+    """One port or output, every part of it in words.
+
+    Attributes:
+        name: As in the file.
+        type: What is written there, such as ``number`` or ``list of 3 numbers``.
+        unit: Of a bare number, empty if it has none.
+        range: Bounds of its numbers, of its length or of its text, empty if there are none.
+        default: In YAML's notation, empty if there is none.
+        description: One line.
+        required: Whether a node cannot do without.
+    """
+
+    name: str
+    type: str
+    unit: str
+    range: str
+    default: str
+    description: str
+    required: bool
+
+
+@dataclass(frozen=True)
+class Description:
+    """One word of the language, or one skill.
+
+    Attributes:
+        name: As in the file.
+        summary: One line.
+        ports: In the order of their declaration.
+        outputs: Values that it writes to the blackboard where the file names a key.
+        children: Places for children, each with the words that say what stands there.
+        shorthand: The port that a bare value stands for, if there is one.
+        failures: Codes of its failures with their meaning.
+        example: YAML of one node.
+        origin: Where it comes from.
+    """
+
+    name: str
+    summary: str
+    ports: tuple[PortDescription, ...]
+    outputs: tuple[PortDescription, ...]
+    children: Mapping[str, str]
+    shorthand: str
+    failures: Mapping[str, str]
+    example: str
+    origin: str
+
+
+def describe(kind: Kind) -> Description:
+    """Everything that an author of tree files can know of a node."""
+    return Description(
+        kind.name,
+        kind.summary,
+        ports_of(kind.ports),
+        ports_of(kind.outputs),
+        _children_of(kind),
+        kind.shorthand,
+        dict(kind.failures),
+        kind.example,
+        kind.origin,
+    )
+
+
+def ports_of(model: type[PortModel]) -> tuple[PortDescription, ...]:
+    """The fields of a model, each in words."""
+    return tuple(_port(name, field) for name, field in model.model_fields.items())
+
+
+def _port(name: str, field: FieldInfo) -> PortDescription:
+    return PortDescription(
+        name,
+        notation_of(field),
+        unit_of(field),
+        range_of(field),
+        _default_of(field),
+        field.description or "",
+        field.is_required(),
+    )
+
+
+def _default_of(field: FieldInfo) -> str:
+    if field.is_required() or field.default is None:
+        return ""
+    return _written(field.default)
+
+
+def _written(value: Any) -> str:
+    """A value as a file would have it."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_written, value))}]"
+    if isinstance(value, float):
+        return f"{value:g}"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _children_of(kind: Kind) -> dict[str, str]:
+    children = {slot.name: "a node" if slot.required else "a node, or none" for slot in kind.slots}
+    if kind.many:
+        children = {"children": "a list of nodes", **children}
+    if kind.cases:
+        children = {"cases": "a mapping from values to nodes", **children}
+    return children

@@ -1,0 +1,69 @@
+"""Nodes in words: every type, bound and default as an author would write it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import pytest
+
+from bt_dualarm.registry import Registry
+from bt_dualarm.spec.describe import PortDescription, describe, ports_of
+from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.language import LANGUAGE
+from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.values import Angle, Duration, ObjectOrArmName, PoseSpec, Speed
+
+
+class Ports(PortModel):
+    radius: float = port(0.1, "radius", unit="m", ge=0.005, le=2)
+    tilt: Angle | None = port(None, "lean", gt=-60)
+    pause: Duration = port(..., "pause", gt=0)
+    speed: Speed = port(1, "share")
+    way: tuple[PoseSpec, ...] = port(..., "poses", min_length=1, max_length=9)
+    axis: Literal["x", "y"] | tuple[float, float, float] = port("x", "axis")
+    at: ObjectOrArmName = port("cube", "thing")
+    code: str = port("A", "code", pattern="^[A-Z]$")
+    deep: dict[str, tuple[bool, int]] = port({}, "anything")
+
+
+@pytest.mark.parametrize(
+    "expected",
+    [
+        PortDescription("radius", "number", "m", "≥ 0.005, ≤ 2", "0.1", "radius", False),
+        PortDescription("tilt", "angle", "deg", "> -60", "", "lean", False),
+        PortDescription("pause", "duration", "s", "> 0", "", "pause", True),
+        PortDescription("speed", "number", "", "> 0, ≤ 1", "1", "share", False),
+        PortDescription("way", "list of poses", "", "length 1 to 9", "", "poses", True),
+        PortDescription("axis", "x or y or list of 3 numbers", "", "", "x", "axis", False),
+        PortDescription("at", "name of an object or arm", "", "", "cube", "thing", False),
+        PortDescription("code", "text", "", "matches ^[A-Z]$", "A", "code", False),
+    ],
+    ids=lambda expected: expected.name,
+)
+def test_a_port_in_words(expected: PortDescription) -> None:
+    assert expected in ports_of(Ports)
+
+
+def kinds() -> list[Kind]:
+    return [*LANGUAGE.values(), *Registry.load().kinds.values()]
+
+
+@pytest.mark.parametrize("kind", kinds(), ids=lambda kind: kind.name)
+def test_no_type_is_left_in_the_words_of_python(kind: Kind) -> None:
+    """What has no words yet would show brackets or dots."""
+    told = describe(kind)
+    assert [port for port in told.ports + told.outputs if set(port.type) & set("[].<_")] == [
+        port
+        for port in told.ports
+        if port.name == "relation"  # its choices have underscores
+    ]
+    assert all(port.description for port in told.ports + told.outputs)
+
+
+def test_children_are_told_by_their_place() -> None:
+    assert describe(LANGUAGE["if"]).children == {
+        "condition": "a node",
+        "then": "a node",
+        "else": "a node, or none",
+    }
+    assert set(describe(LANGUAGE["switch"]).children) == {"cases", "default"}
