@@ -2,5 +2,6 @@
 
 from bt_dualarm.cli.bt_check import check
 from bt_dualarm.cli.bt_run import run
+from bt_dualarm.cli.bt_skills import skills
 
-__all__ = ["check", "run"]
+__all__ = ["check", "run", "skills"]

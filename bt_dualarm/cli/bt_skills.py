@@ -1,0 +1,174 @@
+"""``bt-skills``: what may be written in a tree file, and the schema for editors."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bt_dualarm.cli.words import SUCCEEDED, UNUSABLE, add_skills, complain, nobody_reads, one_thread
+from bt_dualarm.errors import DualArmError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from bt_dualarm.spec.describe import PortDescription
+    from bt_dualarm.spec.kind import Kind
+
+_EPILOG = """\
+examples:
+  bt-skills                    every skill and every word of the language
+  bt-skills circle             its ports, failures and an example
+  bt-skills --schema tree.schema.json
+                               for editors: begin a tree file with the line
+                               # yaml-language-server: $schema=tree.schema.json
+"""
+
+_STDOUT = Path("-")
+
+
+def skills(argv: Sequence[str] | None = None) -> int:
+    """Show the installed skills; returns the exit code.
+
+    Args:
+        argv: Arguments without the program's name; those of the process by default.
+    """
+    arguments = _command_line().parse_args(argv)
+    one_thread()
+    try:
+        return _skills(arguments)
+    except DualArmError as error:
+        complain("bt-skills", error)
+        return UNUSABLE
+    except BrokenPipeError:
+        return nobody_reads()
+
+
+def _command_line() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="bt-skills",
+        description="Show what may be written in a tree file.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("name", metavar="NAME", nargs="?", help="a skill or a word of the language")
+    parser.add_argument("--json", action="store_true", help="for programs")
+    parser.add_argument(
+        "--schema",
+        metavar="FILE",
+        type=Path,
+        nargs="?",
+        const=_STDOUT,
+        help="write the JSON Schema of the whole format with the installed skills",
+    )
+    add_skills(parser)
+    return parser
+
+
+def _skills(arguments: argparse.Namespace) -> int:
+    from bt_dualarm.registry import Registry
+    from bt_dualarm.spec.language import LANGUAGE
+
+    kinds = Registry.load(arguments.skills).kinds
+    if arguments.schema is not None:
+        return _write_schema(kinds, arguments.schema)
+    everything = {**kinds, **LANGUAGE}
+    if arguments.name is None:
+        return _list(kinds, LANGUAGE, as_json=arguments.json)
+    if arguments.name not in everything:
+        from bt_dualarm.spec.problems import suggestion
+
+        hint = suggestion(arguments.name, everything, "name")
+        raise DualArmError(f"there is no skill or word '{arguments.name}'; {hint}")
+    return _show(everything[arguments.name], as_json=arguments.json)
+
+
+def _write_schema(kinds: Mapping[str, Kind], target: Path) -> int:
+    from bt_dualarm.run.whole_files import write_text
+    from bt_dualarm.spec.schema import schema_text
+
+    text = schema_text(kinds)
+    if target == _STDOUT:
+        sys.stdout.write(text)
+        return SUCCEEDED
+    try:
+        write_text(target, text)
+    except OSError as error:
+        raise DualArmError(f"cannot write {target}: {error.strerror or error}") from error
+    return SUCCEEDED
+
+
+def _list(kinds: Mapping[str, Kind], words: Mapping[str, Kind], *, as_json: bool) -> int:
+    if as_json:
+        found = {name: kind.summary for name, kind in {**kinds, **words}.items()}
+        print(json.dumps(found, indent=2))
+        return SUCCEEDED
+    width = max(map(len, {**kinds, **words}))
+    for title, some in (("skills", kinds), ("words of the language", words)):
+        print(f"{title}:")
+        for name, kind in sorted(some.items()):
+            print(f"  {name:<{width}}  {kind.summary}")
+    return SUCCEEDED
+
+
+def _show(kind: Kind, *, as_json: bool) -> int:
+    """One kind: what it takes, what it gives, how it fails, an example."""
+    from bt_dualarm.spec.describe import describe
+
+    description = describe(kind)
+    if as_json:
+        print(json.dumps(asdict(description), indent=2, ensure_ascii=False))
+        return SUCCEEDED
+
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print(f"[bold]{description.name}[/bold]  {_escape(description.summary)}")
+    for title, ports in (("ports", description.ports), ("outputs", description.outputs)):
+        if ports:
+            console.print(f"\n{title}:")
+            console.print(_table(ports))
+    for title, words in (("children", description.children), ("failures", description.failures)):
+        if words:
+            console.print(f"\n{title}:")
+            console.print(_pairs(words))
+    console.print("\nexample:")
+    console.print(f"  {_escape(description.example)}", soft_wrap=True)
+    console.print(f"\nfrom {_escape(description.origin)}", style="dim", soft_wrap=True)
+    return SUCCEEDED
+
+
+def _escape(text: str) -> str:
+    """Text in which rich is to see no markup."""
+    from rich.markup import escape as escaped
+
+    return escaped(text)
+
+
+def _table(ports: Sequence[PortDescription]) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("  port", no_wrap=True)
+    for title in ("type", "unit", "range", "default", ""):
+        table.add_column(title)
+    for port in ports:
+        default = "required" if port.required else port.default
+        words = (port.type, port.unit, port.range, default, port.description)
+        table.add_row(f"  {port.name}", *map(_escape, words))
+    return table
+
+
+def _pairs(words: Mapping[str, str]) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for name, meaning in words.items():
+        table.add_row(f"  {name}", _escape(meaning))
+    return table
