@@ -1,0 +1,97 @@
+"""Circles and Lissajous curves as the tool really drew them."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from bt_dualarm.pose import Pose
+from bt_dualarm.spec.plane import Plane
+from bt_dualarm.world.world import World
+from tests.plays import Play, Stage
+from tests.skills.scenarios import PRESENTING, Scenario, Tree
+
+NEAR = 4e-4
+"""Servo error and the spline between waypoints, m."""
+
+PLANES = {name: Plane.model_validate(name) for name in ("yz", "xz", "xy")}
+
+Points = npt.NDArray[np.float64]
+
+
+def drawn(stage: Stage, node: Tree) -> tuple[Play, Pose, list[Pose]]:
+    """The play, where the tool was, and where it has been while the curve was followed."""
+    play = stage.play(Scenario(arm=PRESENTING).file(node))
+    start = play.world.arms["arm1"].tool_pose
+    poses: list[Pose] = []
+
+    def note(world: World) -> None:
+        poses.append(world.arms["arm1"].tool_pose)
+
+    play.watchers.append(note)
+    play.run()
+    (leaf,) = play.arm().leaves
+    assert leaf.status == "SUCCESS", leaf.reason
+    return play, start, poses
+
+
+def in_plane(points: Points, plane: Plane) -> tuple[Points, Points]:
+    """Coordinates along the plane's axes, of shape (n, 2), and heights above it."""
+    u, v = (np.array(axis) for axis in plane.axes)
+    return np.stack((points @ u, points @ v), axis=1), points @ np.cross(u, v)
+
+
+@pytest.mark.parametrize("plane", ["yz", "xz", "xy"])
+def test_circle_is_round_flat_and_keeps_the_orientation(plane: str, stage: Stage) -> None:
+    node: Tree = {"circle": {"plane": plane, "radius": 0.06, "turns": 2, "speed": 1.0}}
+    play, start, poses = drawn(stage, node)
+    points = np.array([pose.position for pose in poses]) - start.position
+    flat, height = in_plane(points, PLANES[plane])
+    assert np.abs(height).max() < NEAR
+    radius = np.hypot(*flat.T)
+    on_it = np.argmax(radius > 0.06 - NEAR)
+    assert np.abs(radius[on_it:] - 0.06).max() < NEAR
+    angle = np.unwrap(np.arctan2(flat[on_it:, 1], flat[on_it:, 0]))
+    assert angle[-1] - angle[0] == pytest.approx(4 * np.pi, abs=0.02)
+    assert np.diff(angle).min() > -1e-4, "it never turns back"
+    assert max(pose.angle(start) for pose in poses) < 2e-3
+    metrics = play.arm().leaves[0].metrics
+    assert 0.0 < float(metrics["path_rms_m"]) <= float(metrics["path_max_m"]) < NEAR
+
+
+def test_clockwise_and_from_the_circle(stage: Stage) -> None:
+    """It starts where the tool is, without a way to the start, and goes round the other way."""
+    node: Tree = {"circle": {"radius": 0.05, "start": "from", "direction": "clockwise"}}
+    _, start, poses = drawn(stage, node)
+    flat, _ = in_plane(np.array([pose.position for pose in poses]) - start.position, PLANES["yz"])
+    center = np.array((-0.05, 0.0))
+    assert np.abs(np.hypot(*(flat - center).T) - 0.05).max() < NEAR
+    quarter = flat[np.argmax(flat[:, 0] < -0.05)]
+    assert quarter[1] < 0.0
+
+
+def test_lissajous_is_the_curve_of_its_formula(stage: Stage) -> None:
+    """Every point drawn lies on it, and all of it is drawn: 0.08 sin t, 0.05 sin 2t."""
+    node: Tree = {"lissajous": {"amplitudes": [0.08, 0.05], "frequencies": [1, 2], "speed": 1.0}}
+    _, start, poses = drawn(stage, node)
+    points, height = in_plane(
+        np.array([pose.position for pose in poses]) - start.position, PLANES["yz"]
+    )
+    t = np.linspace(0, 2 * np.pi, 4000)
+    curve = np.stack((0.08 * np.sin(t), 0.05 * np.sin(2 * t)), axis=1)
+    away = np.linalg.norm(points[::2, None, :] - curve[None], axis=2)
+    assert away.min(axis=1).max() < NEAR
+    assert away.min(axis=0).max() < 2e-3
+    assert np.abs(height).max() < NEAR
+
+
+def test_more_speed_takes_less_time_within_the_limits(stage: Stage) -> None:
+    """A share s of velocity, acceleration and jerk: twice the share, clearly faster."""
+    times = []
+    for speed in (0.25, 0.5, 1.0):
+        play, _, _ = drawn(stage, {"circle": {"speed": speed}})
+        leaf = play.arm().leaves[0]
+        times.append(float(leaf.metrics["duration_s"]))
+        assert play.arm().clipped_setpoints == 0
+    assert times[0] > 1.3 * times[1] > 1.3 * 1.3 * times[2]

@@ -1,0 +1,98 @@
+"""Reaching: the tool is where it was said to go, or the arm has not moved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.pose import Pose
+from bt_dualarm.world.catalogue import load_robot
+from bt_dualarm.world.world import World
+from tests.plays import Play, Stage, joints
+from tests.skills.scenarios import ABOVE, Scenario, Tree
+
+SCENARIO = Scenario()
+
+
+def reached(stage: Stage, node: Tree, scenario: Scenario = SCENARIO) -> tuple[Play, Pose, Pose]:
+    """The play, and the tool's true pose before and after."""
+    play = stage.play(scenario.file({"reach_to_pose": node}))
+    start = play.world.arms["arm1"].tool_pose
+    play.run()
+    assert play.leaf("reach_to_pose").status == "SUCCESS", play.leaf("reach_to_pose").reason
+    return play, start, play.world.arms["arm1"].tool_pose
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0])
+def test_absolute_pose(speed: float, stage: Stage) -> None:
+    node = {"to": {"xyz": [0.4, 0.2, 0.6], "rpy": [180, 0, 30]}, "speed": speed}
+    play, _, end = reached(stage, node)
+    wanted = Pose.from_rpy((0.4, 0.2, 0.6), (np.pi, 0.0, np.pi / 6))
+    assert end.distance(wanted) < 1e-3
+    assert end.angle(wanted) < np.deg2rad(0.5)
+    metrics = play.leaf("reach_to_pose").metrics
+    assert float(metrics["position_error_m"]) == pytest.approx(end.distance(wanted), abs=2e-4)
+
+
+def test_place_without_orientation_keeps_it(stage: Stage) -> None:
+    _, start, end = reached(stage, {"to": {"xyz": [0.4, 0.1, 0.7]}})
+    assert end.angle(start) < np.deg2rad(0.5)
+    assert end.position == pytest.approx((0.4, 0.1, 0.7), abs=1e-3)
+
+
+def test_offset_in_the_world(stage: Stage) -> None:
+    _, start, end = reached(stage, {"offset": {"xyz": [0.0, 0.1, -0.05], "rpy": [0, 0, 20]}})
+    assert end.position - start.position == pytest.approx((0.0, 0.1, -0.05), abs=1e-3)
+    turn = (end.rotation * start.rotation.inv()).as_rotvec(degrees=True)
+    assert turn == pytest.approx((0, 0, 20), abs=0.5)
+
+
+def test_offset_in_the_tool(stage: Stage) -> None:
+    node = {"offset": {"xyz": [0, 0, -0.1], "rpy": [0, 0, 20], "frame": "tool"}}
+    _, start, end = reached(stage, node)
+    step = start.inverse @ end
+    assert step.position == pytest.approx((0, 0, -0.1), abs=1e-3)
+    assert step.rotation.as_rotvec(degrees=True) == pytest.approx((0, 0, 20), abs=0.5)
+
+
+def test_posture(stage: Stage) -> None:
+    play, _, _ = reached(stage, {"posture": "up"})
+    assert joints(play.world) == pytest.approx(load_robot("ur5").postures["up"], abs=1e-3)
+
+
+def test_it_goes_around_what_is_in_the_way(stage: Stage) -> None:
+    """A wall comes between start and goal: reached without a touch."""
+    wall = {
+        "shape": "box",
+        "size": [0.3, 0.02, 0.5],
+        "mass": 5,
+        "fixed": True,
+        "spawned": False,
+        "pose": {"xyz": [0.55, 0.0, 0.65]},
+    }
+    scenario = Scenario({"wall": wall}, arm={"robot": "ur5", "base": ABOVE})
+    play = stage.play(
+        scenario.file(
+            {"reach_to_pose": {"to": {"xyz": [0.5, 0.3, 0.6], "rpy": [180, 0, 0]}}},
+            {"spawn": {"object": "wall"}},
+            {"reach_to_pose": {"to": {"xyz": [0.5, -0.3, 0.6], "rpy": [180, 0, 0]}}},
+        )
+    )
+    touched = []
+
+    def note(world: World) -> None:
+        if "wall" in world.objects:
+            touched.append((world.data.contact.geom == world.object_geom("wall")).any())
+
+    play.watchers.append(note)
+    play.run()
+    assert [leaf.status for leaf in play.arm().leaves] == ["SUCCESS"] * 3, play.arm()
+    assert not any(touched)
+
+
+@pytest.mark.parametrize("robot", ["ur3", "ur10", "panda", "xarm7"])
+def test_every_arm_of_the_catalogue(robot: str, stage: Stage) -> None:
+    """A step down and to the side, from the home posture, and back home."""
+    scenario = Scenario(arm={"robot": robot, "base": ABOVE})
+    _, start, end = reached(stage, {"offset": {"xyz": [0, 0.08, -0.05]}}, scenario)
+    assert end.position - start.position == pytest.approx((0, 0.08, -0.05), abs=1e-3)
