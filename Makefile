@@ -18,7 +18,7 @@ STAMP := $(VENV)/.installed
 # As many test processes as cores, but never more than eight: each of them loads every robot.
 WORKERS ?= logical
 
-.PHONY: help setup demo test lint format check constraints clean
+.PHONY: help setup demo test lint format check docs constraints clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' Makefile
@@ -41,6 +41,9 @@ format: $(STAMP) ## Format the code and apply the safe fixes
 	@$(BIN)/ruff format
 
 check: lint test ## What every commit passes: lint, then test
+
+docs: $(STAMP) ## Renew docs/reference.md from the code
+	@$(BIN)/python docs/reference.py
 
 constraints: ## Resolve the ranges of pyproject.toml anew into constraints.txt
 	@scratch=$$(mktemp -d) && trap 'rm -rf "$$scratch"' EXIT \

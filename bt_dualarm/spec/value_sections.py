@@ -1,0 +1,67 @@
+"""Values with a notation of their own, explained for the reference from their own docstrings."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from typing import Any, Final, get_args
+
+from pydantic import BaseModel
+
+from bt_dualarm.spec.color import Color, HsvRange
+from bt_dualarm.spec.notation import model_name, notation_of, range_of
+from bt_dualarm.spec.offset import Offset
+from bt_dualarm.spec.plane import Plane
+from bt_dualarm.spec.ports import unit_of
+from bt_dualarm.spec.unit import Unit
+from bt_dualarm.spec.values import Angle, Duration, PoseSpec
+
+_MODELS: Final[tuple[type[BaseModel], ...]] = (PoseSpec, Offset, Plane, Color, HsvRange)
+_QUANTITIES: Final = {
+    "duration": ("Simulated time", Duration, "500 ms"),
+    "angle": ("A turn", Angle, "90 deg"),
+}
+VALUE_NAMES: Final = (*_QUANTITIES, *map(model_name, _MODELS))
+"""What the reference explains, as types are called there."""
+
+_ATTRIBUTE: Final = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
+
+
+def value_sections() -> Iterator[str]:
+    """A section of Markdown for each."""
+    for name, (title, annotation, example) in _QUANTITIES.items():
+        unit = next(item for item in get_args(annotation) if isinstance(item, Unit))
+        others = ", ".join(f"`{other}`" for other in unit.others)
+        yield f"### {name}\n"
+        yield f"{title}: a number in {unit.yaml}, or text with a unit ({others}): `{example}`.\n"
+    for model in _MODELS:
+        yield from _section(model)
+
+
+def _section(model: type[BaseModel]) -> Iterator[str]:
+    summary, attributes = _docstring(model)
+    yield f"### {model_name(model)}\n"
+    yield f"{summary}\n"
+    names = _names(model)
+    if names:
+        yield f"Names: {', '.join(f'`{name}`' for name in names)}.\n"
+    yield "| field | type | unit | range | |\n|---|---|---|---|---|"
+    for name, field in model.model_fields.items():
+        words = field.description or attributes.get(name, "")
+        cells = (f"`{name}`", notation_of(field), unit_of(field), range_of(field), words)
+        yield f"| {' | '.join(cells)} |"
+    yield ""
+
+
+def _docstring(model: type[BaseModel]) -> tuple[str, dict[str, str]]:
+    """The first paragraph of a docstring, and what it says of each attribute."""
+    text = (inspect.getdoc(model) or "").replace("``", "`")
+    attributes = {name: " ".join(words.split()) for name, words in _ATTRIBUTE.findall(text)}
+    return text.partition("\n\n")[0].replace("\n", " "), attributes
+
+
+def _names(model: type[BaseModel]) -> list[str]:
+    """Names that may be written instead of the fields."""
+    forms: list[dict[str, Any]] = model.model_json_schema().get("anyOf", [])
+    return [name for form in forms for name in form.get("enum", [])]
