@@ -31,6 +31,9 @@ SETTLE_S = 1.0
 SETTLED_RAD = 5e-4
 """Largest joint error at which a motion counts as executed."""
 
+_RELAXATIONS = 4
+_YIELD_S = 0.1  # that a contact gets to push the arm away
+
 PLANNING_S = 0.1
 """Simulated seconds that planning costs, whatever it costs on the wall."""
 
@@ -266,18 +269,25 @@ class Arm:
     def relax(self) -> Iterator[float]:
         """Take the set-point back to where the arm is, so that it no longer presses on anything.
 
-        Where it comes to stand does not matter: what it has pressed on pushes it away a little.
+        What it has pressed on pushes it away as it yields, so this takes a few times; where it
+        comes to stand in the end does not matter.
 
         Raises:
             Failure: ``BUSY`` or ``TRACKING_ERROR``, as ``follow``.
         """
         limits = self.robot.limits
-        here = np.clip(self.world.arms[self.name].q, limits.lower, limits.upper)
-        way = timing.point_to_point(self.setpoint.q, here, limits, self.period)
-        motion, until = self.begin(way), self.time + way.duration + SETTLE_S
-        while not self.controller.at_rest and self.time < until:
-            yield motion.progress
-            self.check()
+        for _ in range(_RELAXATIONS):
+            here = np.clip(self.world.arms[self.name].q, limits.lower, limits.upper)
+            way = timing.point_to_point(self.setpoint.q, here, limits, self.period)
+            motion, began = self.begin(way), self.time
+            latest = began + way.duration + SETTLE_S
+            while self.time < began + _YIELD_S or not self.controller.at_rest:
+                if self.time > latest:
+                    break
+                yield motion.progress
+                self.check()
+            if self._servo_error < SETTLED_RAD:
+                return
 
     def check(self) -> None:
         """Raise what went wrong with the motion since it began.
@@ -316,6 +326,11 @@ class Arm:
         """Where each set-point of a motion puts the tool, of shape (n, 3)."""
         return np.array([self.kinematics.matrix(q)[:3, 3] for q in trajectory.q])
 
+    @property
+    def _servo_error(self) -> float:
+        """Largest joint error in rad."""
+        return float(np.abs(self.setpoint.q - self.world.arms[self.name].q).max())
+
     def _claim(self) -> None:
         self._refuse_if_busy()
         self._owner[0] = self._leaf
@@ -334,7 +349,7 @@ class Arm:
         began = self.time
         while True:
             self.check()
-            error = float(np.abs(self.setpoint.q - self.world.arms[self.name].q).max())
+            error = self._servo_error
             if self.controller.at_rest and error < SETTLED_RAD:
                 return
             if self.time - began > SETTLE_S:

@@ -149,3 +149,25 @@ def test_a_ball_is_taken_from_the_floor_and_put_back(
     )
     assert [leaf.reason for leaf in play.arm().leaves if leaf.status != "SUCCESS"] == []
     assert play.arm().outcome == "SUCCESS"
+
+
+def test_an_arm_stands_still_with_its_payload(stage: Stage) -> None:
+    """3 kg at the wrist of an xArm7, 0.5 kg below what it may carry, once shook it for good."""
+    play = stage.run(
+        """
+        world: {scene: empty, time_limit: 20}
+        objects:
+          ball: {shape: sphere, size: [0.05], mass: 3, pose: {xyz: [0.45, 0.1, 0.051]}}
+        arms:
+          arm1:
+            robot: xarm7
+            tree:
+              sequence:
+                - approach_and_attach: {object: ball}
+                - transport: {object: ball, to: {xyz: [0.45, 0.1, 0.3]}}
+                - wait: {seconds: 1.0}
+        """
+    )
+    assert play.arm().outcome == "SUCCESS"
+    assert play.result is not None
+    assert play.speed_after(play.result.sim_time_s - 0.5) < 0.001
