@@ -31,8 +31,8 @@ SEARCH_SPEED = 0.1
 """Speed of the search in m/s."""
 
 _FACING = 0.5  # cosine between the camera's axis and the plane's normal
-_BANDWIDTH = (30.0, 100.0)  # rad/s, least and most
-_BANDWIDTH_PER_FPS = 2.0  # above it the noise of the estimate is followed, below it the target lags
+_BANDWIDTH = (30.0, 150.0)  # rad/s, least and most
+_BANDWIDTH_PER_FPS = 4.0  # above it the noise of the estimate is followed, below it the target lags
 _PATIENCE_FRAMES = 2
 _STILL_M = 0.003  # a target that stays within this distance is still,
 _STILL_SIGMAS = 4.0  # and by as much as it may seem to move
@@ -104,7 +104,8 @@ class PlaneTracking:
         self._tracker = TargetTracker(camera, color, localiser)
         self._stale = max(STALE_S, camera.latency + _PATIENCE_FRAMES * camera.period)
         self._beyond_since: float | None = None
-        self._bandwidth = float(np.clip(_BANDWIDTH_PER_FPS / camera.period, *_BANDWIDTH))
+        bandwidth = _BANDWIDTH_PER_FPS / camera.period / (1.0 + camera.noise)
+        self._bandwidth = float(np.clip(bandwidth, *_BANDWIDTH))
         self._servo: PlanarServo | None = None
         self._goal = np.zeros(2)
         self._goal_stamp = -np.inf

@@ -8,9 +8,10 @@ from scipy.interpolate import CubicSpline
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.trial import Trial
 from bt_dualarm.vision.estimate import TargetEstimate
+from bt_dualarm.vision.motion_model import MotionModel
 
 _ASKED_A_FRAME = 4
-_SETTLE_S = 0.3
+_REST_S = 0.5  # that the filter has seen before the curve begins
 
 
 def bound(cell: Cell, trial: Trial) -> float:
@@ -31,23 +32,24 @@ def proportional_bound(speed: float, cell: Cell) -> float:
     return 2.0 / np.pi * speed * delay
 
 
-def estimator_bound(trial: Trial, cell: Cell) -> float:
+def estimator_bound(trial: Trial, cell: Cell, model: MotionModel | None = None) -> float:
     """The filter's error where camera and arm are perfect: true positions plus white noise.
 
-    The true path is sampled at the camera's rate with the measured deviation of a sighting,
-    each sample is known one latency later, and the prediction to now compared with the truth.
+    The true path, with the rest before it, is sampled at the camera's rate with the measured
+    deviation of a sighting; each sample is known one latency later, and the prediction to now
+    compared with the truth.
     """
     rng = np.random.default_rng(trial.seed)
-    path = CubicSpline(trial.times, trial.cube)
-    stamps = np.arange(trial.times[0], trial.times[-1], 1.0 / cell.fps)
-    estimate, errors = TargetEstimate(), []
-    for stamp in stamps:
+    spline = CubicSpline(trial.times, trial.cube)
+    begin, end = trial.times[0], trial.times[-1]
+    estimate, errors = TargetEstimate(model), []
+    for stamp in np.arange(begin - _REST_S, end, 1.0 / cell.fps):
         if rng.random() < cell.drop:
             continue
-        seen = path(stamp) + rng.normal(0.0, trial.sighting_sd, 2)
+        seen = spline(max(stamp, begin)) + rng.normal(0.0, trial.sighting_sd, 2)
         estimate.update(float(stamp), seen, max(trial.sighting_sd, 1e-6))
         for share in range(_ASKED_A_FRAME):
             now = stamp + cell.latency_s + share / _ASKED_A_FRAME / cell.fps
-            if stamps[0] + _SETTLE_S < now <= trial.times[-1]:
-                errors.append(estimate.predict(now).position - path(now))
+            if begin <= now <= end:
+                errors.append(estimate.predict(now).position - spline(now))
     return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1)))) if errors else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -13,11 +14,14 @@ from bt_dualarm.experiments.margins import Margins, MarginWatch
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.registry import Registry
 from bt_dualarm.run.outcome import RunResult
+from bt_dualarm.run.parts import Observer
 from bt_dualarm.run.series import SeriesLog
 from bt_dualarm.run.session import Session, Wishes
 from bt_dualarm.run.shipped import find_tree
 from bt_dualarm.scoring import lag
+from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.world.world import World
 
 LEADER, FOLLOWER = "arm1", "arm2"
 _PLANE = slice(1, 3)  # y and z
@@ -85,17 +89,32 @@ class Trial:
         return float(np.sqrt(np.mean(np.sum(velocity**2, axis=1))))
 
 
-def run_trial(cell: Cell, seed: int, registry: Registry) -> Trial:
+def run_trial(
+    cell: Cell,
+    seed: int,
+    registry: Registry,
+    objects: Mapping[str, ObjectSpec] | None = None,
+    meddler: Callable[[World], Observer] | None = None,
+) -> Trial:
     """Run a cell once.
+
+    Args:
+        cell: The experiment.
+        seed: Of everything random.
+        registry: The installed skills.
+        objects: In the world besides those of the tree file.
+        meddler: Makes an observer that may reach into the world: to cover or distract.
 
     Raises:
         TrialError: The curve was not drawn, or not followed at all.
         DualArmError: The file or the renderer cannot be used.
     """
     file = load_tree_file(find_tree(TREE), registry.kinds, cell.params)
+    file = file.model_copy(update={"objects": {**file.objects, **(objects or {})}})
     with Session(file, registry, Wishes(seed=seed, renderer=cell.renderer)) as session:
-        watch = MarginWatch(session.assembly.world, FOLLOWER)
-        result = session.run([watch], perf_counter)
+        world = session.assembly.world
+        watch = MarginWatch(world, FOLLOWER)
+        result = session.run([watch, *([meddler(world)] if meddler else [])], perf_counter)
         return _trial(seed, result, session.assembly.series, watch.margins)
 
 

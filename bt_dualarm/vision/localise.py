@@ -59,6 +59,9 @@ class Localiser(Protocol):
             LocaliseError: The line of sight leads nowhere.
         """
 
+    def learn(self, detection: Detection, frame: Frame) -> None:
+        """Take up what the target, and surely the target seen whole, tells of its place."""
+
 
 @dataclass(frozen=True, eq=False)
 class OnPlane:
@@ -90,6 +93,9 @@ class OnPlane:
             math.sqrt(detection.area_px) * across,
         )
 
+    def learn(self, detection: Detection, frame: Frame) -> None:
+        """Nothing: the plane is known."""
+
 
 @dataclass(frozen=True)
 class OfSize:
@@ -113,11 +119,15 @@ class OfSize:
         point = frame.pose.position + depth * frame.ray(detection.centroid_px)
         return Sighting(detection.stamp, point, sigma, self.side)
 
+    def learn(self, detection: Detection, frame: Frame) -> None:
+        """Nothing: each image tells its own depth."""
+
 
 class OnPlaneOfSize:
     """The target stays on a plane of known direction, whose place its known size tells.
 
-    The place is a running mean over ``_PLANE_MEMORY_FRAMES``: much steadier than one image's.
+    The place is a running mean over the last ``_PLANE_MEMORY_FRAMES`` that were learnt: much
+    steadier than one image's.
 
     Args:
         normal: Unit vector of the plane, of shape (3,).
@@ -135,13 +145,18 @@ class OnPlaneOfSize:
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
         """Where the line of sight meets the plane; see ``Localiser``."""
-        if self._cube:
-            detection = self._without_flanks(detection, frame)
-        if not detection.touches_border:
-            offset = float(self._normal @ self._by_size.locate(detection, frame).point)
-            self._count = min(self._count + 1, _PLANE_MEMORY_FRAMES)
-            self._offset += (offset - self._offset) / self._count
-        return self._meet(detection, frame)
+        return self._meet(self._face(detection, frame), frame)
+
+    def learn(self, detection: Detection, frame: Frame) -> None:
+        """Take its size into the mean; one that is cut off says nothing."""
+        if detection.touches_border:
+            return
+        found = self._by_size.locate(self._face(detection, frame), frame)
+        self._count = min(self._count + 1, _PLANE_MEMORY_FRAMES)
+        self._offset += (float(self._normal @ found.point) - self._offset) / self._count
+
+    def _face(self, detection: Detection, frame: Frame) -> Detection:
+        return self._without_flanks(detection, frame) if self._cube else detection
 
     def _without_flanks(self, detection: Detection, frame: Frame) -> Detection:
         """Better each time, as the place gets better; a third would change micrometres."""

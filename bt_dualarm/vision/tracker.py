@@ -19,6 +19,8 @@ from bt_dualarm.world.guarded_camera import GuardedCamera
 
 _MIN_DEPTH_M = 0.02
 _SIDE_MEMORY_FRAMES = 10
+_STRANGE_MEMORY_FRAMES = 60  # another size is believed only if it stays
+_STRANGE = 1.1  # times the side of one, or less than one by it: merged, or covered in part
 _PERSISTENCE = 4.0  # the shift of a covered target is the same for many frames: unlike noise
 
 
@@ -82,6 +84,7 @@ class TargetTracker:
         self._settings = settings or TrackerSettings()
         self._in_row = 0
         self._side = 0.0
+        self._sized = 0
         self._extent_px = 0.0
         self._focal_px = 0.0
         self._noise_px = 0.0
@@ -133,7 +136,8 @@ class TargetTracker:
             self._missed(frame.stamp)
             return
         self.detection, sighting = chosen
-        self._seen(self.detection, sighting)
+        if self._seen(self.detection, sighting):
+            self._localiser.learn(self.detection, frame)
 
     def window(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
         """Where the target will be seen at ``stamp``, wide enough for what is not known."""
@@ -178,14 +182,15 @@ class TargetTracker:
         return found
 
     def _doubted(self, detection: Detection, sighting: Sighting) -> Sighting:
-        """Allow for the shift of the centre of a target that is cut off or covered in part."""
+        """Allow for the shift of the centre of a target that is cut off, covered or merged."""
         whole = self._side**2
-        hidden = 1.0 - sighting.side**2 / whole if whole > 0.0 else 0.0
+        # Less is seen than there is: something covers it. More: something alike stands beside it.
+        strange = abs(1.0 - sighting.side**2 / whole) if whole > 0.0 else 0.0
         if detection.touches_border:
-            hidden = max(hidden, 0.5)
-        if hidden < 0.1:
+            strange = max(strange, 0.5)
+        if strange < 0.1:
             return sighting
-        shift = _PERSISTENCE * 0.5 * hidden * max(self._side, sighting.side)
+        shift = _PERSISTENCE * 0.5 * strange * max(self._side, sighting.side)
         return replace(sighting, sigma=np.hypot(sighting.sigma, shift))
 
     def _choose(
@@ -202,22 +207,32 @@ class TargetTracker:
         sigma = np.hypot(sighting.sigma, self._settings.gate_sigma)
         return self._estimate.surprise(stamp, sighting.point, sigma)
 
-    def _seen(self, detection: Detection, sighting: Sighting) -> None:
+    def _seen(self, detection: Detection, sighting: Sighting) -> bool:
+        """Take in a sighting; whether the target was seen whole in it."""
         if self._hunting:
             self._estimate.reset()
             self.lost_since = None
             self._in_row = 0
-            self._side = sighting.side
+            self._side, self._sized = sighting.side, 0
         self._estimate.update(sighting.stamp, sighting.point, sighting.sigma)
         self.sightings.append(sighting)
         self._in_row += 1
         self.last_stamp = max(self.last_stamp, sighting.stamp)
-        if not detection.touches_border:
-            self._side += (sighting.side - self._side) / min(self._in_row, _SIDE_MEMORY_FRAMES)
+        whole = not detection.touches_border and self._learn_size(sighting)
         left, top, right, bottom = detection.bounds_px
         # Cut off at the window's edge it is larger than it looks.
         growth = 2.0 if detection.touches_border else 1.0
         self._extent_px = growth * max(right - left, bottom - top)
+        return whole
+
+    def _learn_size(self, sighting: Sighting) -> bool:
+        """Take in the size of a target seen to its edges; whether it is the one that is known."""
+        self._sized += 1
+        known = self._sized > _SIDE_MEMORY_FRAMES
+        strange = not self._side / _STRANGE < sighting.side < _STRANGE * self._side
+        memory = _STRANGE_MEMORY_FRAMES if known and strange else _SIDE_MEMORY_FRAMES
+        self._side += (sighting.side - self._side) / min(self._sized, memory)
+        return not (known and strange)
 
     def _missed(self, stamp: float) -> None:
         if self._hunting:

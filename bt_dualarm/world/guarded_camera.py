@@ -34,6 +34,11 @@ class GuardedCamera:
         return self._camera.latency
 
     @property
+    def noise(self) -> float:
+        """Standard deviation of the camera's shake along x and y, in pixels."""
+        return self._camera.noise
+
+    @property
     def latest(self) -> Frame | None:
         """The frame that was delivered last."""
         return self._camera.latest

@@ -22,6 +22,7 @@ def error_mm(studio: Studio, localiser: Localiser, x: float, z: float) -> Vector
     frame = studio.camera.capture(studio)
     found = detect(frame, YELLOW)
     assert found is not None
+    localiser.learn(found, frame)
     error: Vector = 1e3 * (localiser.locate(found, frame).point - FACE - np.array([x, 0.0, z]))
     return error
 

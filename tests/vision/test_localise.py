@@ -100,6 +100,7 @@ def test_the_place_of_a_plane_is_averaged() -> None:
         wavering = Detection(
             **{**vars(exact), "area_px": exact.area_px * (1.0 + rng.normal(0.0, 0.04))}
         )
+        localiser.learn(wavering, frame)
         depths.append(localiser.locate(wavering, frame).point[2])
     assert np.std(depths[30:]) < 0.2 * 0.02 * 0.5
     assert np.mean(depths[30:]) == pytest.approx(0.5, rel=0.005)
@@ -108,6 +109,17 @@ def test_the_place_of_a_plane_is_averaged() -> None:
 def test_a_target_that_is_cut_off_says_nothing_of_the_plane() -> None:
     frame, point = frame_from(Pose.identity()), np.array([0.0, 0.0, 0.5])
     localiser = OnPlaneOfSize(np.array([0.0, 0.0, 1.0]), SIDE_M)
-    localiser.locate(seen(frame, point), frame)
+    localiser.learn(seen(frame, point), frame)
     closer = seen(frame, np.array([0.0, 0.0, 0.3]), touches_border=True)
+    localiser.learn(closer, frame)
     assert localiser.locate(closer, frame).point[2] == pytest.approx(0.5)
+
+
+def test_looking_at_another_thing_does_not_change_the_plane() -> None:
+    """Candidates are located to be compared; only the target is learnt from."""
+    point = np.array([0.0, 0.0, 0.5])
+    frame = frame_from(Pose.identity())
+    localiser = OnPlaneOfSize(np.array([0.0, 0.0, 1.0]), SIDE_M)
+    localiser.learn(seen(frame, point), frame)
+    localiser.locate(seen(frame, np.array([0.05, 0.0, 1.5])), frame)
+    assert localiser.locate(seen(frame, point), frame).point == pytest.approx(point, abs=1e-9)

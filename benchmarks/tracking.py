@@ -1,0 +1,330 @@
+"""Tracking by vision alone, in figures: error, bound, faults of the camera, cover, twins, cost.
+
+    python benchmarks/tracking.py [--quick] [--seeds 10] [--figure N ...] [--out DIR]
+
+Prints every figure with its goal, and ends with exit code 1 if one misses it. 60 Hz, 320x240, one
+frame of latency, gains and filter as shipped. ``--quick`` takes one seed and thins the others out.
+
+    1  the five experiments, and five curves that nothing was tuned on, at 60 Hz
+    2  the same at 30 Hz; predictive against proportional control
+    3  measured error against the bound of the estimator at its measured noise
+    4  a map over latency, lost frames and shake of the camera (``tracking_map.png``)
+    5  a screen before the target for 0.05 to 2 s
+    6  a twin that crosses; other colours
+    7  what it costs
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bt_dualarm.experiments.cases import CASES, Cell
+from bt_dualarm.experiments.results import Result
+from bt_dualarm.experiments.trial import Trial, TrialError, run_trial
+from bt_dualarm.motion.servo import PlanarServo
+from bt_dualarm.pose import Vector
+from bt_dualarm.registry import Registry
+from bt_dualarm.run.parts import RunView
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import PoseSpec
+from bt_dualarm.tree.report import StatusChange
+from bt_dualarm.world.camera import Camera
+from bt_dualarm.world.world import World
+
+UNTUNED: tuple[Cell, ...] = (
+    Cell("circle", 1.0, more={"radius": "0.06"}),
+    Cell("circle", 0.7, more={"radius": "0.13"}),
+    Cell("lissajous", 1.0, more={"a": "3", "b": "2", "turns": "1", "waypoints": "60"}),
+    Cell("lissajous", 0.8, more={"radius": "0.07", "a": "2", "b": "1"}),
+    Cell("lissajous", 0.6, more={"a": "1", "b": "1", "radius": "0.08", "waypoints": "8"}),
+)
+AWAY = PoseSpec(xyz=(3.0, 3.0, 0.5))
+SCREEN = ObjectSpec(
+    shape="box", size=(0.002, 0.6, 0.6), mass=1, color="grey", pose=AWAY, fixed=True
+)
+BEHIND_SCREEN_M = 0.85  # x of the screen, between the cube and the camera
+TWIN_X_M = (0.60, 0.76)  # behind the cube and before it
+
+
+@dataclass
+class Bench:
+    """What all figures need; every printed line goes through `say`.
+
+    Attributes:
+        seeds: Repetitions.
+        quick: Thin out.
+        out: Where pictures go.
+        missed: The goals that were missed.
+    """
+
+    seeds: int
+    quick: bool
+    out: Path
+    registry: Registry = field(default_factory=Registry.load)
+    missed: list[str] = field(default_factory=list)
+    _known: dict[str, Result] = field(default_factory=dict)
+
+    def say(self, what: str, value: float, goal: float, unit: str = "mm") -> None:
+        """One figure with its goal: an upper limit."""
+        good = value <= goal
+        verdict = "ok" if good else "MISSED"
+        print(f"  {what:<58} {value:9.2f} {unit:<3} (goal ≤ {goal:g}) {verdict}", flush=True)
+        if not good:
+            self.missed.append(what)
+
+    def result(self, cell: Cell) -> Result:
+        """All seeds of a cell, run once."""
+        key = cell.command(0)
+        if key not in self._known:
+            trials = [run_trial(cell, seed, self.registry) for seed in range(self.seeds)]
+            self._known[key] = Result(cell, trials)
+        return self._known[key]
+
+
+def experiments(fps: float) -> Iterator[Cell]:
+    """The five that the filter was chosen on, then the others."""
+    for cell in (*(Cell(case, speed) for case, speed in CASES), *UNTUNED):
+        yield replace(cell, fps=fps)
+
+
+def title(cell: Cell) -> str:
+    """A cell in few words."""
+    return " ".join([cell.name, *(f"{name}={value}" for name, value in cell.more.items())])
+
+
+def errors(bench: Bench, fps: float, rms: float, worst: float) -> None:
+    """Figures 1 and 2."""
+    for cell in experiments(fps):
+        result = bench.result(cell)
+        lost = sum(trial.lost_count for trial in result.trials)
+        bench.say(f"{title(cell)}: RMS", 1e3 * result.rms, rms)
+        bench.say(f"{title(cell)}: max", 1e3 * result.worst, worst)
+        bench.say(f"{title(cell)}: losses", lost, 0, "")
+
+
+def figure_1(bench: Bench) -> None:
+    """60 Hz."""
+    errors(bench, 60.0, 1.0, 3.0)
+
+
+def figure_2(bench: Bench) -> None:
+    """30 Hz, and against proportional control."""
+    errors(bench, 30.0, 2.5, 7.0)
+    for case, speed in CASES:
+        if speed == 1.0:
+            cell = Cell(case, speed)
+            plain = bench.result(replace(cell, controller="proportional"))
+            ratio = bench.result(cell).rms / plain.rms
+            bench.say(f"{title(cell)}: predictive ÷ proportional", ratio, 1 / 12, "")
+
+
+def figure_3(bench: Bench) -> None:
+    """Against the estimator's bound."""
+    for cell in experiments(60.0):
+        result = bench.result(cell)
+        bound = float(np.mean(result.bounds))
+        noise = 1e3 * result.mean("sighting_sd")
+        print(f"  {title(cell)}: noise {noise:.3f} mm, bound {1e3 * bound:.2f} mm")
+        bench.say(f"{title(cell)}: RMS ÷ bound", result.rms / bound, 1.5, "")
+
+
+def figure_4(bench: Bench) -> None:
+    """The map of a faulty camera; unstable is who ends worse than proportional control."""
+    latencies = (0.0, 0.05, 0.1) if bench.quick else (0.0, 0.02, 0.04, 0.06, 0.08, 0.1)
+    drops, noises = (0.0, 0.15, 0.3), (0.0, 1.0, 2.0)
+    grid = np.zeros((len(drops), len(noises), len(latencies)))
+    unstable = 0
+    for (i, drop), (j, noise), (k, late) in itertools.product(
+        enumerate(drops), enumerate(noises), enumerate(latencies)
+    ):
+        cell = Cell("circle", 0.5, latency=late, drop=drop, noise=noise, more={"turns": "2"})
+        try:
+            trial = run_trial(cell, 0, bench.registry)
+        except TrialError as error:
+            grid[i, j, k] = np.nan
+            unstable += 1
+            print(f"  {cell.params}: {error}")
+            continue
+        grid[i, j, k] = 1e3 * trial.rms
+        late_error, early = np.array_split(trial.error, 2)[::-1]
+        unstable += trial.outcome != "SUCCESS" or late_error.max() > 3 * early.max() + 0.02
+    print(np.array_str(grid, precision=2))
+    _draw_map(bench.out / "tracking_map.png", grid, latencies, drops, noises)
+    bench.say("cells of the map without stability", unstable, 0, "")
+
+
+def _draw_map(
+    path: Path,
+    grid: np.ndarray[Any, np.dtype[np.float64]],
+    latencies: tuple[float, ...],
+    drops: tuple[float, ...],
+    noises: tuple[float, ...],
+) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 3.6), dpi=110, layout="constrained")
+    for axes, rows, drop in zip(figure.subplots(1, len(drops)), grid, drops, strict=True):
+        axes.imshow(rows, vmin=0, vmax=np.nanmax(grid), cmap="viridis", aspect="auto")
+        for (j, k), value in np.ndenumerate(rows):
+            axes.text(k, j, f"{value:.1f}", ha="center", va="center", color="w", fontsize=9)
+        axes.set_title(f"{drop:.0%} of the frames lost", fontsize=10)
+        axes.set_xticks(range(len(latencies)), [f"{1e3 * late:.0f}" for late in latencies])
+        axes.set_yticks(range(len(noises)), [f"{noise:g}" for noise in noises])
+        axes.set_xlabel("latency [ms]")
+        axes.set_ylabel("shake [px]")
+    figure.suptitle("RMS in mm: circle at speed 0.5, 60 Hz")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+
+
+class Mover:
+    """Moves a thing that is fixed in the world, and lets it pass through everything.
+
+    Args:
+        world: In which it is.
+        name: Of the thing.
+        place: Where it is at a time.
+    """
+
+    def __init__(self, world: World, name: str, place: Callable[[float], Vector]) -> None:
+        self._world, self._name, self._place = world, name, place
+
+    def on_event(self, change: StatusChange) -> None:
+        """Nothing."""
+
+    def after_ticks(self, run: RunView) -> None:
+        """Nothing."""
+
+    def after_step(self, now: float) -> None:
+        """Put it in its place, for the next step."""
+        model, body = self._world.model, self._world.object_body(self._name)
+        geom = self._world.object_geom(self._name)
+        model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
+        model.body_pos[body] = self._place(now)
+
+
+def figure_5(bench: Bench) -> None:
+    """Covered: regained, and no motion on old data."""
+    rng = np.random.default_rng(0)
+    times = 3 if bench.quick else 20
+    for length in (0.05, 0.1, 0.5, 2.0):
+        regained = 0
+        for seed in range(times):
+            begin = float(rng.uniform(5.0, 9.0))
+            trial = _covered(bench, seed, begin, length)
+            regained += trial is not None and trial.outcome == "SUCCESS"
+        bench.say(f"covered for {length} s: not regained of {times}", times - regained, 0, "")
+
+
+def _covered(bench: Bench, seed: int, begin: float, length: float) -> Trial | None:
+    def place(now: float) -> Vector:
+        covered = begin <= now < begin + length
+        return np.array([BEHIND_SCREEN_M, 0.11, 0.70] if covered else AWAY.xyz)
+
+    cell = Cell("circle", 0.5, more={"turns": "3"})
+    try:
+        return run_trial(
+            cell, seed, bench.registry, {"screen": SCREEN}, lambda w: Mover(w, "screen", place)
+        )
+    except TrialError as error:
+        print(f"  covered from {begin:.2f} s for {length} s: {error}")
+        return None
+
+
+def figure_6(bench: Bench) -> None:
+    """A twin crosses; cubes of other colours."""
+    times = 4 if bench.quick else 20
+    rng = np.random.default_rng(1)
+    thefts = 0
+    for seed in range(times):
+        trial = _crossed(bench, seed, float(rng.uniform(-0.05, 0.05)), TWIN_X_M[seed % 2])
+        if trial.error.max() > 0.03 or trial.lost_count:
+            print(f"  crossing {seed}: {1e3 * trial.error.max():.1f} mm, {trial.lost_count} lost")
+            thefts += trial.error[-25:].mean() > 0.02
+    bench.say(f"thefts by a twin that crosses {times} times", thefts, 0, "")
+    yellow = bench.result(Cell("circle", 1.0)).rms
+    for color in ("red", "green", "blue", "orange"):
+        rms = bench.result(Cell("circle", 1.0, more={"color": color})).rms
+        bench.say(f"{color}: RMS by that of yellow", rms / yellow, 1.2, "")
+
+
+def _crossed(bench: Bench, seed: int, height: float, depth: float) -> Trial:
+    twin = ObjectSpec(
+        shape="box", size=(0.05, 0.05, 0.05), mass=1, color="yellow", pose=AWAY, fixed=True
+    )
+
+    def place(now: float) -> Vector:
+        across = 0.3 * (now - 7.0)
+        crossing = abs(across) < 0.35
+        return np.array([depth, 0.11 + across, 0.70 + height] if crossing else AWAY.xyz)
+
+    cell = Cell("circle", 0.5, more={"turns": "3"})
+    return run_trial(cell, seed, bench.registry, {"twin": twin}, lambda w: Mover(w, "twin", place))
+
+
+def figure_7(bench: Bench) -> None:
+    """Processor time of each part by simulated time, while one run goes on."""
+    spent: dict[str, float] = {}
+    parts: Mapping[str, tuple[type, str]] = {
+        "camera": (Camera, "capture"),
+        "detection and estimation": (Camera, "deliver"),
+        "following": (PlanarServo, "__call__"),
+    }
+    plain = {name: getattr(kind, method) for name, (kind, method) in parts.items()}
+    for name, (kind, method) in parts.items():
+        setattr(kind, method, _timed(plain[name], name, spent))
+    try:
+        trial = run_trial(Cell("circle", 1.0), 0, bench.registry)
+    finally:
+        for name, (kind, method) in parts.items():
+            setattr(kind, method, plain[name])
+    simulated = trial.frames / 60.0
+    for name, seconds in spent.items():
+        print(f"  {name:<58} {100 * seconds / simulated:9.2f} %")
+    bench.say(
+        "all together, of a core at real time", 100 * sum(spent.values()) / simulated, 40, "%"
+    )
+
+
+def _timed(function: Callable[..., Any], name: str, spent: dict[str, float]) -> Callable[..., Any]:
+    def timed(*arguments: Any) -> Any:
+        began = time.process_time()
+        try:
+            return function(*arguments)
+        finally:
+            spent[name] = spent.get(name, 0.0) + time.process_time() - began
+
+    return timed
+
+
+FIGURES = (figure_1, figure_2, figure_3, figure_4, figure_5, figure_6, figure_7)
+
+
+def main() -> int:
+    """Measure what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--figure", type=int, action="append", choices=range(1, 8))
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    arguments = parser.parse_args()
+    bench = Bench(1 if arguments.quick else arguments.seeds, arguments.quick, arguments.out)
+    for number, figure in enumerate(FIGURES, start=1):
+        if arguments.figure is None or number in arguments.figure:
+            print(f"{number}  {figure.__doc__}", flush=True)
+            figure(bench)
+    print(f"goals missed: {', '.join(bench.missed) or 'none'}")
+    return 1 if bench.missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
