@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+import zlib
+from collections.abc import Generator, Iterator, Sequence
 
 import numpy as np
 
@@ -11,12 +12,14 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.motion import timing
 from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.motion.controller import JointController
+from bt_dualarm.motion.guard import clearance
 from bt_dualarm.motion.ik import Kinematics
 from bt_dualarm.motion.joint_motion import free_motion, refuse_contact
 from bt_dualarm.motion.joint_range import refuse_beyond
 from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.motions import Motion, Stream, TrajectoryMotion
 from bt_dualarm.motion.paths import line
+from bt_dualarm.motion.plan_watch import PlanWatch
 from bt_dualarm.motion.sweep import sweep_radii
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose, Vector
@@ -36,6 +39,22 @@ _YIELD_S = 0.1  # that a contact gets to push the arm away
 
 PLANNING_S = 0.1
 """Simulated seconds that planning costs, whatever it costs on the wall."""
+
+
+PATIENCE_S = (0.5, 2.0)
+"""Simulated seconds, drawn between these, that an arm waits for another one to clear its way."""
+
+WAIT_S = 5.0
+"""Simulated seconds that an arm waits for another one to leave its goal, unless said otherwise."""
+
+REPLANS = 1
+"""How often an arm plans anew when something has moved into its way."""
+
+PLANNING_MARGIN_M = 0.045
+"""Distance in metres that plans keep from other arms: more than the guard asks for."""
+
+
+_IN_THE_WAY = ("IN_COLLISION", "TIMED_OUT")
 
 
 class Arm:
@@ -67,6 +86,8 @@ class Arm:
         self._owner: list[object] = [None]
         self._leaf: object = None
         self._begun: Motion | None = None
+        self._patience_rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+        self._patience = self._draw_patience()
 
     def for_leaf(self, leaf: object) -> Arm:
         """The same arm in the hands of one leaf."""
@@ -119,8 +140,19 @@ class Arm:
 
         Args:
             ignore: Objects that may be touched.
+
+        Returns:
+            One that keeps `PLANNING_MARGIN_M` from other arms.
         """
-        return CollisionChecker(self.world, self.name, ignore=ignore)
+        clear = PLANNING_MARGIN_M
+        while True:  # nearer to another arm already: keep what there is
+            checker = CollisionChecker(self.world, self.name, max(clear, 0.0), ignore)
+            contact = checker.contact(self.setpoint.q) if clear > 0.0 else None
+            if contact is None or contact.second.partition("/")[0] not in self.world.arms:
+                return checker
+            if -contact.depth <= 0.0:
+                return checker
+            clear = min(clearance(-contact.depth, clear), clear - 1e-4)
 
     def refuse_collision(self, q: Vector, ignore: frozenset[str] = frozenset()) -> None:
         """Check a configuration before anything moves.
@@ -189,6 +221,85 @@ class Arm:
         self.refuse_collision_along(motion.q)
         return motion
 
+    def travel(
+        self,
+        goals: Sequence[Vector],
+        speed: float,
+        ignore: frozenset[str] = frozenset(),
+        *,
+        give_way: bool = False,
+        patience: float = WAIT_S,
+    ) -> Iterator[float | None]:
+        """Plan to the first of several goals that has a way, and follow the plan.
+
+        Where another arm stands at the goal or in the way, it waits for that to change. When
+        something has moved into the way meanwhile, the arm stops and plans once more, from where
+        it stands, around what is there then.
+
+        Args:
+            goals: Configurations of shape (dof,), the preferred one first.
+            speed: Share of the limits.
+            ignore: Objects that may be touched.
+            give_way: Wait at home, so that two arms do not wait for each other.
+            patience: Seconds that it waits at most.
+
+        Raises:
+            Failure: As ``plan_to_any`` and ``follow``.
+        """
+        replans = REPLANS
+        while True:
+            motion = yield from self._plan_when_clear(
+                goals, speed, ignore, patience, give_way=give_way
+            )
+            try:
+                yield from self.follow(motion, ignore)
+            except Failure as failure:
+                in_the_way = failure.code in _IN_THE_WAY and "progress" in failure.numbers
+                if not in_the_way or replans == 0:
+                    raise
+            else:
+                return
+            replans -= 1
+            yield from self.halt()
+            yield from self.think()
+
+    def _plan_when_clear(
+        self,
+        goals: Sequence[Vector],
+        speed: float,
+        ignore: frozenset[str],
+        patience: float,
+        *,
+        give_way: bool,
+    ) -> Generator[float | None, None, Trajectory]:
+        began = self.time
+        while True:
+            try:
+                return self.plan_to_any(goals, speed, ignore)
+            except Failure as refusal:
+                if not self._may_clear(refusal) or self.time - began > patience:
+                    raise
+            until = self.time + self._draw_patience()
+            while self.time < until:
+                yield None
+            if give_way:
+                yield from self._give_way(speed, ignore)
+
+    def _give_way(self, speed: float, ignore: frozenset[str]) -> Iterator[float | None]:
+        """Go home, as far as that is possible."""
+        try:
+            yield from self.follow(self.plan_to(self.posture("home"), speed, ignore), ignore)
+        except Failure as failure:
+            if failure.code not in (*_IN_THE_WAY, "NO_PLAN"):
+                raise
+            yield from self.halt()
+
+    def _may_clear(self, refusal: Failure) -> bool:
+        """Whether another arm is the reason, or may be."""
+        others = self.world.arms.keys() - {self.name}
+        owner = str(refusal.numbers.get("second", "")).partition("/")[0]
+        return owner in others or (refusal.code == "NO_PLAN" and bool(others))
+
     def plan_to_any(
         self, goals: Sequence[Vector], speed: float, ignore: frozenset[str] = frozenset()
     ) -> Trajectory:
@@ -231,23 +342,62 @@ class Arm:
             self._seed,
         )
 
-    def follow(self, trajectory: Trajectory) -> Iterator[float]:
+    def follow(
+        self, trajectory: Trajectory, ignore: frozenset[str] = frozenset()
+    ) -> Iterator[float]:
         """Execute a motion; yields its progress once a tick until the arm stands at its end.
+
+        Args:
+            trajectory: From where the last set-point was.
+            ignore: Objects that may be touched.
 
         Raises:
             Failure: ``BUSY`` when another leaf moves the arm, ``TRACKING_ERROR`` when the arm
-                cannot follow.
+                cannot follow, ``IN_COLLISION`` when something has come into the way,
+                ``TIMED_OUT`` when another arm does not leave it, ``INTERRUPTED``.
         """
         motion = self.begin(trajectory)
+        watch = self.watch(motion, ignore)
         while not motion.done:
             yield motion.progress
             self.check()
+            watch.look(self.time)
+            self.refuse_when_held_up(motion)
         yield from self.settle()
 
-    def begin(self, trajectory: Trajectory) -> TrajectoryMotion:
-        """Begin a motion and leave it to the caller to watch it with ``check``."""
+    def watch(self, motion: TrajectoryMotion, ignore: frozenset[str] = frozenset()) -> PlanWatch:
+        """A check of a motion against the world as it becomes while it runs."""
+        return PlanWatch(self.world, self.name, motion, ignore)
+
+    def refuse_when_held_up(self, motion: TrajectoryMotion) -> None:
+        """End a motion that the guard has stopped for longer than an arm waits.
+
+        Raises:
+            Failure: ``TIMED_OUT`` with what is in the way.
+        """
+        if motion.held_since is None or self.time - motion.held_since <= self._patience:
+            return
+        self._patience = self._draw_patience()
+        raise Failure(
+            "TIMED_OUT",
+            f"held up: {motion.held_up}",
+            progress=motion.progress,
+            waited_s=self.time - motion.held_since,
+        )
+
+    def _draw_patience(self) -> float:
+        """Seconds; drawn, so that two arms in each other's way do not try at the same time."""
+        return float(self._patience_rng.uniform(*PATIENCE_S))
+
+    def begin(self, trajectory: Trajectory, *, along_path: bool = False) -> TrajectoryMotion:
+        """Begin a motion and leave it to the caller to watch it with ``check``.
+
+        Args:
+            trajectory: From where the last set-point was.
+            along_path: The tool's path matters, not only its end.
+        """
         self._claim()
-        self._begun = motion = self.controller.follow(trajectory)
+        self._begun = motion = self.controller.follow(trajectory, along_path=along_path)
         return motion
 
     def stream(self, source: Stream) -> None:
@@ -351,6 +501,8 @@ class Arm:
             self.check()
             error = self._servo_error
             if self.controller.at_rest and error < SETTLED_RAD:
+                if self._owner[0] is self._leaf:
+                    self._owner[0] = None  # what comes next need not wait for the last tremor
                 return
             if self.time - began > SETTLE_S:
                 raise Failure(

@@ -54,12 +54,16 @@ def follow_curve(
     motion = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
     arm.refuse_collision_along(motion.q)
     yield from _enter(arm, path, motion.q[0], speed)
+    arm.refuse_collision_along(motion.q)  # the world has gone on meanwhile
     planned = arm.planned_tool_positions(motion)
-    running = arm.begin(motion)
+    running = arm.begin(motion, along_path=True)
+    watch = arm.watch(running)
     began = arm.time
     while not running.done:
         yield _ENTRY_SHARE + (1 - _ENTRY_SHARE) * running.progress
         arm.check()
+        watch.look(arm.time)
+        arm.refuse_when_held_up(running)
         _refuse_beyond(tolerance, running, planned)
     yield from arm.settle()
     executed = np.array(running.executed)

@@ -29,6 +29,6 @@ class GoHome(Skill):
         arm = self.arm
         home = arm.posture("home")
         yield from arm.think()
-        yield from arm.follow(arm.plan_to(home, self.ports.speed))
+        yield from arm.travel([home], self.ports.speed)
         error = np.abs(arm.world.arms[arm.name].q - home)
         self.metrics["joint_error_rad"] = float(error.max())

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from bt_dualarm import (
     Angle,
+    Duration,
     Failure,
     Offset,
     PortModel,
@@ -27,6 +28,10 @@ class ReachToPose(Skill):
         to: ToolPose | None = port(None, "tool pose in the world; turned as now if only xyz")
         offset: Offset | None = port(None, "step from the current tool pose")
         posture: PostureName | None = port(None, "a posture of the robot, such as home")
+        patience: Duration = port(5.0, "how long to wait for an arm that is in the way", le=600)
+        give_way: bool = port(
+            False, "wait at home while another arm is in the way, instead of where the arm is"
+        )
         speed: Speed = port(0.5, "share of the arm's limits")
         tolerance: float = port(0.001, "largest distance at the end", unit="m", ge=1e-4, le=0.1)
         angle_tolerance: Angle = port(0.5, "largest turn at the end", ge=0.01, le=30)
@@ -37,6 +42,7 @@ class ReachToPose(Skill):
         "IN_COLLISION": "the arm would touch something there",
         "NO_PLAN": "no way there free of collisions was found",
         "NOT_REACHED": "the tool ended farther away than the tolerance",
+        "TIMED_OUT": "another arm did not leave the way",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -47,8 +53,12 @@ class ReachToPose(Skill):
         """Refuse what cannot be reached, go there, verify."""
         goal, target = self._goal()
         yield from self.arm.think()
-        trajectory = self.arm.plan_to_any(goal, self.ports.speed)
-        yield from self.arm.follow(trajectory)
+        yield from self.arm.travel(
+            goal,
+            self.ports.speed,
+            give_way=self.ports.give_way,
+            patience=self.ports.patience,
+        )
         self._verify(target)
 
     def _goal(self) -> tuple[list[Vector], Pose]:

@@ -43,8 +43,7 @@ class Transport(Skill):
         tool_goal = goal @ object_in_tool.inverse
         yield from arm.think()
         configurations = arm.kinematics.solutions(tool_goal, arm.setpoint.q)
-        trajectory = arm.plan_to_any(configurations, self.ports.speed)
-        yield from arm.follow(trajectory)
+        yield from arm.travel(configurations, self.ports.speed)
         self._verify(name, goal)
 
     def _verify(self, name: str, goal: Pose) -> None:

@@ -132,7 +132,7 @@ def test_a_blocked_arm_fails_and_gives_in_though_it_is_released() -> None:
     motion = point_to_point(start, goal, limits, bench.first.period)
     with pytest.raises(Failure) as caught:
         bench.run(bench.first.follow(motion))
-    assert caught.value.code == "TRACKING_ERROR"
+    assert caught.value.code == "IN_COLLISION"
     bench.first.release()
     for _ in range(90):
         bench.tick()

@@ -31,6 +31,7 @@ ARM_FIELDS = {
     "robot": str,
     "fault": str,
     "clipped_setpoints": int,
+    "guard": dict,
     "leaves": list,
 }
 LEAF_FIELDS = {

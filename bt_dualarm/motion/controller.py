@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from bt_dualarm.errors import DivergenceError, Failure
+from bt_dualarm.errors import DivergenceError, Failure, Number
 from bt_dualarm.motion import timing
+from bt_dualarm.motion.guard import Guard
 from bt_dualarm.motion.limiter import SetPoint, SetPointLimiter
 from bt_dualarm.motion.load import Load
 from bt_dualarm.motion.motions import Motion, Stream, StreamMotion, TrajectoryMotion
@@ -26,6 +28,9 @@ an xArm7 shakes at its payload: the weld gives way a little between wrist and lo
 
 LEFT_BEHIND = 0.1
 """Joint error in rad at which a motion is given up: blocked, or beyond the arm's torque."""
+
+BACK_OFF_S = 0.1
+"""Planned seconds that an arm which touches something goes back."""
 
 _STANDSTILL = 0.005  # rad/s: a tool 0.8 m away creeps by less than 4 mm/s
 
@@ -54,6 +59,8 @@ class JointController:
         self._limiter = SetPointLimiter(self._robot.limits, period, world.arms[name].q)
         self._motion: Motion | None = None
         self._retreat: Motion | None = None
+        self._followed: Motion | None = None
+        self._guard = Guard(world, name)
         self._hold = self.setpoint
         self._bind()
 
@@ -68,6 +75,11 @@ class JointController:
         return self._limiter.clipped
 
     @property
+    def guard(self) -> Mapping[str, Number]:
+        """What the guard has seen and done so far, as in `GuardReport`."""
+        return self._guard.report.as_dict()
+
+    @property
     def motion(self) -> Motion | None:
         """What is being followed, None while holding."""
         return self._motion
@@ -77,8 +89,12 @@ class JointController:
         """No motion is commanded and the arm stands still."""
         return self._motion is None and bool((np.abs(self._body.v) < _STANDSTILL).all())
 
-    def follow(self, trajectory: Trajectory) -> TrajectoryMotion:
+    def follow(self, trajectory: Trajectory, *, along_path: bool = False) -> TrajectoryMotion:
         """Begin a motion; it must start where the last set-point was.
+
+        Args:
+            trajectory: From rest to rest.
+            along_path: The tool's path matters, not only its end.
 
         Raises:
             Failure: ``TRACKING_ERROR`` if it starts elsewhere.
@@ -90,13 +106,15 @@ class JointController:
                 f"the motion starts {np.degrees(away):.3g}° from where the arm is",
                 start_error_rad=away,
             )
-        motion = TrajectoryMotion(trajectory)
+        motion = TrajectoryMotion(trajectory, along_path)
         self._motion, self.fault = motion, None
+        self._followed = motion
         return motion
 
     def stream(self, source: Stream) -> None:
         """Follow a stream of set-points until ``stop``."""
         self._motion, self.fault = StreamMotion(source), None
+        self._followed = self._motion
 
     def stop(self) -> None:
         """Brake with bounded jerk and hold; harmless at rest, and where the arm gives in anyway."""
@@ -122,6 +140,8 @@ class JointController:
         """
         if self._generation != self._world.generation:
             self._bind()
+        if self._motion is not None and self._motion is self._followed and self._guard.due(time):
+            self._heed(self._guard.look(self._motion, self.setpoint, time))
         sent = self._limiter.send(self._wanted(time))
         data, body = self._world.data, self._body
         error = sent.q - data.qpos[body.qpos_ids]
@@ -139,6 +159,19 @@ class JointController:
             self.saturated += 1
             torque = np.clip(torque, -limit, limit)
         data.ctrl[body.actuator_ids] = torque
+
+    def _heed(self, refusal: Failure | None) -> None:
+        """Give up the motion if the guard says so."""
+        if refusal is None or self.fault is not None:
+            return
+        self.fault = refusal
+        motion = self._motion
+        if "depth_m" not in refusal.numbers:  # nothing is touched yet
+            self.stop()
+        elif isinstance(motion, TrajectoryMotion):  # back the way that it came
+            self._give_in(motion.configuration(max(motion.place.s - BACK_OFF_S, 0.0)))
+        else:
+            self._give_in(self._body.q)
 
     def _wanted(self, time: float) -> SetPoint:
         motion = self._motion
@@ -167,12 +200,12 @@ class JointController:
                 "the arm is blocked or its torque does not suffice",
                 joint_error_rad=worst,
             )
-            self._give_in()
+            self._give_in(self._body.q)
 
-    def _give_in(self) -> None:
-        """Brake, then let the set-point return to the arm: it must not go on pushing."""
+    def _give_in(self, place: Vector) -> None:
+        """Brake, then let the set-point return to a place where the arm does not push."""
         limits, sent = self._robot.limits, self.setpoint
-        here = np.clip(self._body.q, limits.lower, limits.upper)
+        here = np.clip(place, limits.lower, limits.upper)
         braking = timing.stop(sent.q, sent.v, sent.a, limits, self.period)
         self._go_on(braking.then(timing.point_to_point(braking.q[-1], here, limits, self.period)))
         self._retreat = self._motion

@@ -34,11 +34,17 @@ class TrajectoryMotion:
     Attributes:
         executed: Measured tool positions at each set-point's time, each of shape (3,), m.
         places: Seconds on the trajectory at the same times.
-        held_up: Why it goes slower than planned, empty while it does not.
+        along_path: The tool's path matters, not only its end.
+        goal_pace: The pace that it has, or is changing to.
+        held_since: Simulated time in s since which it stands, None while it moves.
+        held_up: Why it stands.
     """
 
-    def __init__(self, trajectory: Trajectory) -> None:
+    def __init__(self, trajectory: Trajectory, along_path: bool = False) -> None:
         self.trajectory = trajectory
+        self.along_path = along_path
+        self.goal_pace = 1.0
+        self.held_since: float | None = None
         self.executed: list[Vector] = []
         self.places: list[float] = []
         self.held_up = ""
@@ -80,12 +86,13 @@ class TrajectoryMotion:
         self.places.append(i * self.trajectory.dt)
         return SetPoint(self.trajectory.q[i], self.trajectory.v[i], self.trajectory.a[i])
 
-    def go_at(self, pace: float, limits: JointLimits) -> bool:
+    def go_at(self, pace: float, limits: JointLimits, *, promptly: bool = False) -> bool:
         """Begin to change the pace, 0 to stand still on the path; whether the limits allow it."""
-        change = change_pace(self.trajectory, self.place, pace, limits)
+        change = change_pace(self.trajectory, self.place, pace, limits, promptly=promptly)
         if change is None:
             return False
         self._place, self._change, self._row = self.place, change, 0
+        self.goal_pace = pace
         return True
 
     def halt(self, limits: JointLimits) -> Trajectory | None:
@@ -93,10 +100,16 @@ class TrajectoryMotion:
         change = change_pace(self.trajectory, self.place, 0.0, limits)
         return None if change is None else change.motion
 
-    def stopping_place(self, limits: JointLimits) -> Vector:
-        """Configuration, of shape (dof,), in which it would come to rest if it were halted now."""
-        motion = self.halt(limits)
-        place: Vector = self.trajectory.q[-1] if motion is None else motion.q[-1]
+    def stopping_place(self, limits: JointLimits) -> float | None:
+        """Place in s where it would stand if it went at pace 0 from now on; None if it cannot."""
+        change = change_pace(self.trajectory, self.place, 0.0, limits, promptly=True)
+        return None if change is None else float(change.places[-1, 0])
+
+    def configuration(self, s: float) -> Vector:
+        """Joint angles, of shape (dof,), at a place in s, on the grid."""
+        place: Vector = self.trajectory.q[
+            min(round(s / self.trajectory.dt), len(self.trajectory) - 1)
+        ]
         return place
 
     def _next_at_pace(self, now: Place) -> SetPoint:

@@ -16,7 +16,7 @@ from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.catalogue import JointLimits
 
-TIMES = (0.05, 0.08, 0.12, 0.16, 0.2, 0.25, 0.3, 0.4, 0.55, 0.75, 1.0)
+TIMES = (0.08, 0.12, 0.18, 0.25, 0.35, 0.5)
 """Seconds from full pace to rest that are tried, shortest first."""
 
 _ROUNDING = 1.0 + 1e-6
@@ -51,7 +51,7 @@ class Stretch:
 
 
 def change_pace(
-    motion: Trajectory, begin: Place, pace: float, limits: JointLimits
+    motion: Trajectory, begin: Place, pace: float, limits: JointLimits, *, promptly: bool = False
 ) -> Stretch | None:
     """The quickest change to another pace that keeps the limits, None if there is none.
 
@@ -60,13 +60,25 @@ def change_pace(
         begin: Where it is now.
         pace: That it shall have, from 0 to 1.
         limits: Acceleration, velocity and jerk that no set-point may pass.
+        promptly: Slow down in little more time than braking each joint by itself takes, or not
+            at all: what other arms foresee of this one.
     """
+    longest = _longest(motion, begin, limits) if promptly and pace < begin.pace else TIMES[-1]
     for time in TIMES:
+        if time > longest:
+            return None
         places = _profile(begin, pace, time, motion.dt)
         stretch = Stretch(places, at_places(motion, places))
         if _within(stretch.motion, limits):
             return stretch
     return None
+
+
+def _longest(motion: Trajectory, begin: Place, limits: JointLimits) -> float:
+    """Seconds that slowing down may take."""
+    speed = np.abs(motion.v[min(round(begin.s / motion.dt), len(motion) - 1)]) * begin.pace
+    each = speed / limits.acceleration + limits.acceleration / limits.jerk
+    return max(1.2 * float(each.max()) + 0.03, 0.2)
 
 
 def at_places(motion: Trajectory, places: Matrix) -> Trajectory:

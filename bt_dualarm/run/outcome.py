@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
 
+from bt_dualarm.errors import Number
 from bt_dualarm.tree.report import LeafReport
 
 
@@ -45,6 +46,7 @@ class ArmResult:
         clipped_setpoints: How many set-points its controller had to clip to its limits.
         leaves: Every run of every leaf, in the order in which they began.
         fault: What broke the tree itself rather than a leaf of it, else empty.
+        guard: Smallest distances while it moved, and what its guard did.
     """
 
     name: str
@@ -54,6 +56,7 @@ class ArmResult:
     clipped_setpoints: int = 0
     leaves: tuple[LeafReport, ...] = ()
     fault: str = ""
+    guard: Mapping[str, Number] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from bt_dualarm.errors import Number
 from bt_dualarm.run.outcome import Outcome
 from bt_dualarm.tree.report import LeafReport, NodeView, StatusChange, StatusName
 
@@ -43,6 +44,10 @@ class Controller(Protocol):
     @property
     def clipped(self) -> int:
         """Set-points that had to be clipped so far."""
+
+    @property
+    def guard(self) -> Mapping[str, Number]:
+        """Smallest distances while the arm moved, and what its guard did."""
 
     def update(self, time: float) -> None:
         """Compute the actuators' commands for the step that begins at ``time``."""

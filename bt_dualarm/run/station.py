@@ -127,6 +127,7 @@ class Station:
             outcome=self.outcome or Outcome.UNFINISHED,
             ended_s=self.ended_s,
             clipped_setpoints=self._controller.clipped,
+            guard=self._controller.guard,
             leaves=tuple(self._tree.leaves),
             fault=self.fault,
         )

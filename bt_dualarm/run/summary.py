@@ -72,6 +72,7 @@ def _arm(arm: ArmResult) -> dict[str, Any]:
         "robot": arm.robot,
         "fault": arm.fault,
         "clipped_setpoints": arm.clipped_setpoints,
+        "guard": arm.guard,
         "leaves": [leaf.as_dict() for leaf in arm.leaves],
     }
 

@@ -171,9 +171,9 @@ def test_a_blocked_arm_is_a_fault_and_the_arm_stops_pushing() -> None:
     controller.follow(point_to_point(start, goal, limits, controller.period))
     run(world, 2.0, controller)
     assert isinstance(controller.fault, Failure)
-    assert controller.fault.code == "TRACKING_ERROR"
-    assert "shoulder_pan_joint" in controller.fault.reason
-    assert float(controller.fault.numbers["joint_error_rad"]) > 0.1
+    assert controller.fault.code == "IN_COLLISION"
+    assert controller.fault.numbers["second"] == "wall"
+    assert float(controller.fault.numbers["depth_m"]) > 0.0
     assert controller.at_rest
     push = np.abs(world.data.ctrl[world.arms["arm1"].actuator_ids][0])
     assert push < 0.1 * limits.effort[0]

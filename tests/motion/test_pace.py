@@ -63,9 +63,9 @@ def test_a_motion_slows_down_stands_and_goes_on(name: str) -> None:
     whole = point_to_point(start, start + 0.5, robot.limits.scaled(0.5), DT)
     motion = TrajectoryMotion(whole)
     parts = [sent(motion, len(whole) // 3)]
-    for pace in (0.4, 0.0, 1.0):
+    for pace in (0.0, 0.4, 1.0):
         assert motion.go_at(pace, robot.limits)
-        parts.append(sent(motion, 120))
+        parts.append(sent(motion, 180))
         if pace == 0.0:
             assert not parts[-1].v[-1].any()
             assert not motion.done

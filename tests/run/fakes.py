@@ -50,6 +50,7 @@ class FakeController:
     def __init__(self, name: str, world: FakeWorld, updates_to_stop: int = 3) -> None:
         self.name = name
         self.clipped = 7
+        self.guard = {"stopped": 0}
         self.updates_to_stop = updates_to_stop
         self.stops = 0
         self.breaks_at: int | None = None

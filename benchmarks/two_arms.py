@@ -1,0 +1,143 @@
+"""Two arms in each other's way: python benchmarks/two_arms.py [REACHES].
+
+A UR5 and a Panda stand face to face and reach for random poses in the space between them, both at
+once, knowing nothing of each other's aims. Printed: how many of the reaches succeeded, why the
+others did not, in how many physics steps the arms touched, and how near they came.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.pose import Pose
+from bt_dualarm.registry import Registry
+from bt_dualarm.run.outcome import RunResult
+from bt_dualarm.run.session import Session, Wishes
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.world.catalogue import load_robot
+from bt_dualarm.world.world import World
+
+REACHES = 200
+PER_RUN = 20
+
+HEAD = """
+bt_dualarm: 1
+name: two_arms
+world: {scene: empty, time_limit: 600}
+arms:
+"""
+ARM = """
+  NAME:
+    robot: ROBOT
+    base: {xyz: [X, 0, 0.3], rpy: [0, 0, YAW]}
+    tree:
+      sequence:
+"""
+LEAF = """
+        - force_success:
+            child:
+              reach_to_pose:
+                {to: {xyz: XYZ, quat: QUAT}, speed: 0.5, give_way: true, patience: 20}
+"""
+
+
+class Contacts:
+    """Counts the physics steps in which the arms touch."""
+
+    def __init__(self, world: World) -> None:
+        self.steps = 0
+        self._world = world
+        self._of = np.full(world.model.ngeom, -1)
+        for number, body in enumerate(world.arms.values()):
+            self._of[list(body.geom_ids)] = number
+
+    def on_event(self, change: object) -> None:
+        """Nothing to see."""
+
+    def after_ticks(self, run: object) -> None:
+        """Nothing to see."""
+
+    def after_step(self, time: float) -> None:  # noqa: ARG002 - an observer's signature
+        """Look at all contacts."""
+        data = self._world.data
+        if data.ncon:
+            owners = self._of[data.contact.geom]
+            touching = (owners >= 0).all(axis=1) & (owners[:, 0] != owners[:, 1])
+            self.steps += bool((touching & (data.contact.dist < 0.0)).any())
+
+
+def target(arm: Kinematics, rng: np.random.Generator) -> Pose:
+    """A random pose of the tool, pointing down, in the box between the arms; within reach."""
+    while True:
+        place = rng.uniform((0.3, -0.35, 0.5), (0.7, 0.35, 0.9))
+        turn = rng.uniform((155, -25, -180), (205, 25, 180))
+        pose = Pose.from_rpy(place.round(3).tolist(), np.radians(turn.round(1)).tolist())
+        try:
+            arm.solve(pose, arm.robot.postures["home"])
+        except Failure:
+            continue
+        return pose
+
+
+def tree(rng: np.random.Generator, reaches: int) -> str:
+    """A file in which both arms reach for places in one box between them."""
+    text = HEAD
+    for name, robot, x, yaw in (("arm1", "ur5", 0.0, 0), ("arm2", "panda", 1.0, 180)):
+        text += ARM.replace("NAME", name).replace("ROBOT", robot)
+        text = text.replace("X,", f"{x},").replace("YAW", str(yaw))
+        base = Pose.from_rpy((x, 0.0, 0.3), (0.0, 0.0, np.radians(yaw)))
+        arm = Kinematics(load_robot(robot), base)
+        for _ in range(reaches // 2):
+            pose = target(arm, rng)
+            text += LEAF.replace("XYZ", str(pose.position.tolist())).replace(
+                "QUAT", str(pose.quaternion.tolist())
+            )
+    return text
+
+
+def run(text: str, seed: int, registry: Registry) -> tuple[RunResult, int]:
+    """The result, and the number of steps in which the arms touched."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "two_arms.yaml")
+        path.write_text(text, encoding="utf-8")
+        file = load_tree_file(path, registry.kinds)
+    with Session(file, registry, Wishes(seed=seed)) as session:
+        contacts = Contacts(session.assembly.world)
+        result = session.run([contacts], time.perf_counter, None)
+    return result, contacts.steps
+
+
+def main(reaches: int) -> None:
+    """Print what came of all reaches."""
+    registry = Registry.load()
+    rng = np.random.default_rng(7)
+    codes: Counter[str] = Counter()
+    touched, nearest, sim, wall = 0, float("inf"), 0.0, 0.0
+    for seed in range(-(-reaches // PER_RUN)):
+        result, steps = run(tree(rng, PER_RUN), seed, registry)
+        touched += steps
+        sim, wall = sim + result.sim_time_s, wall + result.wall_time_s
+        for arm in result.arms:
+            nearest = min(nearest, float(arm.guard.get("nearest_arm_m", "inf")))
+            leaves = [leaf for leaf in arm.leaves if leaf.skill == "reach_to_pose"]
+            codes.update(leaf.code or leaf.status for leaf in leaves)
+    count = sum(codes.values())
+    print(f"{count} reaches in {sim:.0f} s simulated, {wall:.0f} s on the wall")
+    print(f"succeeded            {codes['SUCCESS']:4d}  {100 * codes['SUCCESS'] / count:.1f} %")
+    for code, number in codes.most_common():
+        if code != "SUCCESS":
+            print(f"{code:20} {number:4d}")
+    print(f"steps with a contact {touched:4d}")
+    print(f"nearest              {1e3 * nearest:6.1f} mm")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else REACHES)
