@@ -42,7 +42,6 @@ class ReachToPose(Skill):
         "IN_COLLISION": "the arm would touch something there",
         "NO_PLAN": "no way there free of collisions was found",
         "NOT_REACHED": "the tool ended farther away than the tolerance",
-        "TIMED_OUT": "another arm did not leave the way",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
