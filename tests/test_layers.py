@@ -19,7 +19,7 @@ LAYERS = (
     {"arm", "skill", "registry", "arrival", "curve", "tracking", "scoring", "preflight"},
     {"tree"},
     {"run"},
-    {"experiments"},
+    {"experiments", "testing"},
     {"cli"},
 )
 """The rooms of the package, lowest first; a room may use its own layer and those before it."""

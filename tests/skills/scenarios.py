@@ -2,47 +2,14 @@
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
-
-import yaml
-
-Tree: TypeAlias = dict[str, Any]
+from bt_dualarm.testing.scenario import Scenario as Scenario
+from bt_dualarm.testing.scenario import Tree as Tree
+from bt_dualarm.testing.scenario import after as after
+from bt_dualarm.testing.scenario import node_of as node_of
 
 ABOVE = {"xyz": [0, 0, 0.40]}
 CUBE = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1, "color": "yellow"}
 WALL = {"shape": "box", "mass": 50, "fixed": True, "spawned": False}
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """A world with one arm, and what the arm does before it is the skill's turn.
-
-    Attributes:
-        objects: As in a tree file.
-        arm: Fields of the arm but its tree.
-        before: Leaves that bring about what the skill needs.
-        scene: Of the world.
-        again: How a second run of the same leaf ends after a success.
-    """
-
-    objects: dict[str, Any] = field(default_factory=dict)
-    arm: dict[str, Any] = field(default_factory=lambda: {"robot": "ur5", "base": ABOVE})
-    before: tuple[Tree, ...] = ()
-    scene: str = "empty"
-    again: str = "SUCCESS"
-
-    def file(self, *leaves: Tree) -> dict[str, Any]:
-        """The content of a tree file with these leaves after those that come before."""
-        tree = {"sequence": [*copy.deepcopy(self.before), *leaves]}
-        return {
-            "world": {"scene": self.scene, "time_limit": 30.0},
-            "objects": copy.deepcopy(self.objects),
-            "arms": {"arm1": {**self.arm, "tree": tree}},
-        }
-
-
 ON_TABLE = {"cube": CUBE | {"pose": {"xyz": [0.40, -0.45, 0.425]}}}
 PICK: Tree = {"approach_and_attach": {"object": "cube"}}
 PRESENTING = {"robot": "ur5", "base": ABOVE, "posture": "present"}
@@ -73,14 +40,3 @@ SCENARIOS = {
     "track": Scenario(TARGET, arm=LOOKING),
 }
 """By skill. A new skill needs one: the conformance tests say so."""
-
-
-def node_of(example: str) -> Tree:
-    """The node that a skill's example writes."""
-    node: Tree = yaml.safe_load(example)
-    return node
-
-
-def after(seconds: float, node: Tree) -> Tree:
-    """Halt a node after so many seconds, and succeed whatever it did."""
-    return {"force_success": {"child": {"timeout": {"seconds": seconds, "child": node}}}}
