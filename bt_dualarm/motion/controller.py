@@ -157,7 +157,7 @@ class JointController:
                     f"the torques of {self._name} are no numbers"
                 )
             self.saturated += 1
-            torque = np.clip(torque, -limit, limit)
+            torque = self._within_effort(torque)
         data.ctrl[body.actuator_ids] = torque
 
     def _heed(self, refusal: Failure | None) -> None:
@@ -226,6 +226,23 @@ class JointController:
         for load in self._loads:
             torque += load.torque(meant + _LOAD_FEEDBACK * correction)
         return torque
+
+    def _within_effort(self, wanted: Vector) -> Vector:
+        """As much of the wanted torques as the joints can give, in their direction.
+
+        Clipped joint by joint they would turn an arm that was knocked elsewhere, and feed it with
+        energy until it whirls.
+        """
+        limit, nothing = self._robot.limits.effort, np.zeros_like(wanted)
+        rest = self._torque(nothing, nothing)
+        drive = wanted - rest
+        if (np.abs(rest) > limit).any():  # so fast that no path can be held: brake, nothing else
+            drive = self._torque(nothing, -2 * BANDWIDTH * self._body.v) - rest
+            rest = nothing
+        room = np.where(drive > 0.0, limit - rest, limit + rest)
+        share = float((room / np.maximum(np.abs(drive), 1e-9)).min())
+        within: Vector = np.clip(rest + min(1.0, share) * drive, -limit, limit)
+        return within
 
     def _bind(self) -> None:
         """Look up what a recompilation of the world has moved."""

@@ -238,6 +238,16 @@ def test_a_pushed_arm_saturates_and_says_so() -> None:
     assert controller.saturated > 0
 
 
+def test_a_knocked_arm_comes_to_rest() -> None:
+    """Efforts cut joint by joint would go on feeding it with energy: it would whirl for ever."""
+    world = world_with("panda")
+    controller = controlled(world)
+    world.data.qvel[world.arms["arm1"].dof_ids] = (0, 20, 0, -25, 0, 30, 0)
+    run(world, 1.5, controller)
+    assert controller.saturated > 0
+    assert controller.at_rest
+
+
 def test_a_motion_must_begin_where_the_arm_is() -> None:
     world = world_with("ur5")
     controller = controlled(world)

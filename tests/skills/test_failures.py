@@ -6,6 +6,7 @@ import pytest
 
 from bt_dualarm.registry import Registry
 from tests.plays import STOPPED, Stage
+from tests.skills.scenarios import Tree
 from tests.skills.trials import TRIALS, Trial
 
 DECLARED = {
@@ -36,3 +37,16 @@ def test_failure_is_truthful(skill: str, code: str, stage: Stage) -> None:
     assert play.speed_after(leaf.ended_s + 1.0) < STOPPED
     if not trial.moves:
         assert play.ways["arm1"] < STANDS_RAD
+
+
+@pytest.mark.parametrize(
+    ("skill", "code"), sorted(key for key, trial in TRIALS.items() if not trial.moves), ids=str
+)
+def test_starts_again_after_failure(skill: str, code: str, stage: Stage) -> None:
+    """Tried again it fails alike: nothing of the first time is left to trip over."""
+    trial: Trial = TRIALS[skill, code]
+    again: Tree = {"retry": {"times": 2, "child": trial.node}}
+    play = stage.run(trial.scenario(skill).file(again), deeds=trial.deeds)
+    failed = [leaf.code for leaf in play.leaves(skill) if leaf.status == "FAILURE"]
+    assert failed == [code] * 2
+    assert play.ways["arm1"] < STANDS_RAD
