@@ -33,6 +33,7 @@ SEARCH_SPEED = 0.1
 _FACING = 0.5  # cosine between the camera's axis and the plane's normal
 _BANDWIDTH = (30.0, 150.0)  # rad/s, least and most
 _BANDWIDTH_PER_FPS = 4.0  # above it the noise of the estimate is followed, below it the target lags
+_OLD_S = 0.1  # latency that halves the bandwidth
 _PATIENCE_FRAMES = 2
 _STILL_M = 0.003  # a target that stays within this distance is still,
 _STILL_SIGMAS = 4.0  # and by as much as it may seem to move
@@ -104,8 +105,7 @@ class PlaneTracking:
         self._tracker = TargetTracker(camera, color, localiser)
         self._stale = max(STALE_S, camera.latency + _PATIENCE_FRAMES * camera.period)
         self._beyond_since: float | None = None
-        bandwidth = _BANDWIDTH_PER_FPS / camera.period / (1.0 + camera.noise)
-        self._bandwidth = float(np.clip(bandwidth, *_BANDWIDTH))
+        self._bandwidth = _bandwidth(camera)
         self._servo: PlanarServo | None = None
         self._goal = np.zeros(2)
         self._goal_stamp = -np.inf
@@ -236,6 +236,13 @@ class PlaneTracking:
         elif self._beyond_since is None:
             self._beyond_since = time
         return self._beyond_since is None
+
+
+def _bandwidth(camera: GuardedCamera) -> float:
+    """Of the servo, in rad/s: the less, the rarer, the older and the shakier the images are."""
+    doubt = 1.0 + camera.noise + camera.latency / _OLD_S
+    least, most = _BANDWIDTH
+    return max(least, min(most, _BANDWIDTH_PER_FPS / camera.period) / doubt)
 
 
 def _facing_camera(arm: Arm, plane: Plane) -> tuple[GuardedCamera, Pose]:
