@@ -68,7 +68,11 @@ class ApproachAndAttach(Skill):
             yield progress
             self._refuse_if_gone()
         self._attach()
-        yield from self.arm.relax()
+        try:
+            yield from self.arm.relax()
+        except Failure:
+            self.arm.detach(name)  # what is not carried safely is not held at all
+            raise
 
     def _refuse_if_gone(self) -> None:
         if self.ports.object not in self.arm.world.objects:

@@ -146,7 +146,8 @@ def _show(
     elif result.outcome != "SUCCESS":
         errors = Terminal(stderr=True, highlight=False)
         errors.print(Report(file.name, result, arguments.record, symbols))
-    return SUCCEEDED if result.outcome == "SUCCESS" and complete else FAILED
+    good = result.outcome == "SUCCESS" and result.at_rest and complete
+    return SUCCEEDED if good else FAILED
 
 
 def _written(recorder: Recorder, result: RunResult, stop: StopRequest) -> bool:

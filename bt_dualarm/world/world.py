@@ -34,7 +34,7 @@ class World(WorldView):
 
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
-        WorldError: The parts do not compile to one world.
+        WorldError: The parts do not compile to one world, or two of them are in one place.
     """
 
     def __init__(self, file: TreeFile, seed: int = 0, *, visuals: bool = False) -> None:
@@ -171,6 +171,11 @@ class World(WorldView):
         for name in self.arms:
             self._take_posture(name)
         mujoco.mj_step1(self.model, self.data)
+        for kind, names in (("arm", self.arms), ("object", self.objects)):
+            for name in names:
+                inside = overlap(self.model, self.data, name)
+                if inside is not None:
+                    raise _no_room(f"{kind} {name!r}", *inside)
 
     def _add_objects(self, *, fixed: bool) -> None:
         for name, thing in self._file.objects.items():

@@ -214,14 +214,14 @@ def test_a_state_is_restored_bit_for_bit() -> None:
     assert ways[0] == ways[1]
 
 
-def noisy(xyz: Place = (0.5, 0.4, 0.2)) -> ObjectSpec:
-    return box(xyz, noise=NoiseSpec(xyz=(0.1, 0.2, 0.0), yaw=45.0))
+def noisy(xyz: Place = (0.5, 0.4, 0.2), **fields: Any) -> ObjectSpec:
+    return box(xyz, noise=NoiseSpec(xyz=(0.1, 0.2, 0.0), yaw=45.0), **fields)
 
 
 def test_noise_depends_on_the_seed_and_the_name_alone() -> None:
     """Other objects, their order and when it arrives change nothing."""
     alone = file_of({"arm1": arm("ur5")}, {"cube": noisy()})
-    others = {"a": noisy(), "cube": noisy().model_copy(update={"spawned": False}), "z": noisy()}
+    others = {"a": noisy(), "cube": noisy(spawned=False), "z": noisy()}
     among = World(file_of({"arm1": arm("ur5")}, others), seed=7)
     among.spawn_object("cube")
     pose = World(alone, seed=7).object_pose("cube")
@@ -232,12 +232,17 @@ def test_noise_depends_on_the_seed_and_the_name_alone() -> None:
 
 
 def test_noise_stays_within_its_widths() -> None:
-    file = file_of({"arm1": arm("ur5")}, {f"cube{i}": noisy() for i in range(40)})
-    world = World(file, seed=1)
-    away = np.array([world.object_pose(name).position for name in file.objects]) - (0.5, 0.4, 0.2)
+    names = [f"cube{i}" for i in range(40)]
+    file = file_of({"arm1": arm("ur5")}, {name: noisy(spawned=False) for name in names})
+    world, poses = World(file, seed=1), {}
+    for name in names:  # one after the other: they would be inside one another
+        world.spawn_object(name)
+        poses[name] = world.object_pose(name)
+        world.remove_object(name)
+    away = np.array([pose.position for pose in poses.values()]) - (0.5, 0.4, 0.2)
     assert (np.abs(away) <= (0.1, 0.2, 1e-12)).all()
     assert (np.ptp(away, axis=0)[:2] > (0.1, 0.2)).all()
-    turns = [world.object_pose(name).angle(Pose.identity()) for name in file.objects]
+    turns = [pose.angle(Pose.identity()) for pose in poses.values()]
     assert np.radians(30.0) < max(turns) <= np.radians(45.0)
 
 
@@ -396,3 +401,15 @@ def test_a_camera_that_stands_in_the_world_goes_with_its_arm() -> None:
     assert world.model.ncam == 0
     world.spawn_arm("arm1")
     assert world.model.ncam == 1
+
+
+def test_a_world_in_which_two_arms_are_in_one_place_is_refused() -> None:
+    file = file_of({"arm1": arm("ur5", (0.0, 0.0, 0.0)), "arm2": arm("panda", (0.1, 0.0, 0.0))})
+    with pytest.raises(WorldError, match=r"arm 'arm1' would be \d+ mm deep in arm2/"):
+        World(file)
+
+
+def test_a_world_in_which_an_object_is_in_the_floor_is_refused() -> None:
+    file = file_of({"arm1": arm("ur5")}, {"cube": box((0.5, 0.4, 0.0))})
+    with pytest.raises(WorldError, match=r"object 'cube' would be \d+ mm deep in floor"):
+        World(file)
