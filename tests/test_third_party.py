@@ -1,0 +1,163 @@
+"""A skill by others: installed into a fresh environment, used from YAML, held to the laws."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import sysconfig
+import textwrap
+import venv
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+PACKAGE = {
+    "pyproject.toml": """
+        [build-system]
+        requires = ["hatchling"]
+        build-backend = "hatchling.build"
+
+        [project]
+        name = "nodding"
+        version = "1.0"
+
+        [project.entry-points."bt_dualarm.skills"]
+        nod = "nodding:Nod"
+    """,
+    "nodding.py": '''
+        """Lower the tool and lift it again."""
+
+        from bt_dualarm import Failure, PortModel, Pose, Skill, Speed, port
+
+
+        class Nod(Skill):
+            """Lower the tool and lift it again."""
+
+            class Ports(PortModel):
+                depth: float = port(0.05, "how far down", unit="m", gt=0, le=0.3)
+                speed: Speed = port(0.5, "share of the arm's limits")
+
+            failures = {"NOT_BACK": "the tool did not end where it began"}
+            example = "nod: {depth: 0.05}"
+            needs = ("toppra",)
+
+            def run(self):
+                start = self.arm.commanded_tool_pose
+                low = Pose.from_rotation(start.position - (0, 0, self.ports.depth), start.rotation)
+                way = self.arm.line(start, low)
+                for path in (way, way[::-1]):
+                    yield from self.arm.follow(self.arm.time_path(path, self.ports.speed))
+                away = self.arm.tool_pose.distance(start)
+                if away > 0.001:
+                    raise Failure("NOT_BACK", f"{1000 * away:.1f} mm off", away_m=away)
+    ''',
+    "test_nod.py": """
+        import pytest
+        from bt_dualarm.registry import Registry
+        from bt_dualarm.testing import LAWS, Candidate
+
+
+        @pytest.mark.parametrize("law", LAWS)
+        def test_nod_keeps_to(law):
+            LAWS[law](Candidate("nod", Registry.load()))
+    """,
+}
+TREE = """
+    bt_dualarm: 1
+    world: {scene: empty}
+    arms:
+      arm1:
+        robot: ur5
+        base: {xyz: [0, 0, 0.4]}
+        tree: {nod: {depth: 0.08}}
+"""
+TRAP = "from pathlib import Path\nPath(__file__).with_name('sprung').touch()\n"
+"""Leaves a trace as soon as somebody imports it."""
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    folder.mkdir(exist_ok=True)
+    path = folder / name
+    path.write_text(textwrap.dedent(text).lstrip(), encoding="utf-8")
+    return path
+
+
+def run(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(part) for part in command],
+        cwd=cwd,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+
+@pytest.fixture(scope="module")
+def python(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A fresh environment with the package in it; the rest is that of this environment."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder / "venv")
+    python = folder / "venv" / "bin" / "python"
+    site = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder)
+    # `addsitedir` heeds the files of an editable install, too, which a plain path does not.
+    here = sysconfig.get_path("purelib")
+    link = f"import site; site.addsitedir({here!r})\n"
+    (Path(site.stdout.strip()) / "parent.pth").write_text(link, encoding="utf-8")
+    for name, text in PACKAGE.items():
+        write(folder / "nodding", name, text)
+    options = ("--no-deps", "--no-build-isolation", "--no-index", "--quiet")
+    done = run(python, "-m", "pip", "install", *options, folder / "nodding", cwd=folder)
+    assert done.returncode == 0, done.stdout
+    yield python
+    shutil.rmtree(folder)
+
+
+def bt_run(python: Path | str, *arguments: str | Path, cwd: Path) -> tuple[int, str]:
+    """As the script ``bt-run`` does it: what lies in ``cwd`` is not on Python's path (-P)."""
+    code = "from bt_dualarm.cli import run; raise SystemExit(run())"
+    done = run(python, "-P", "-c", code, *arguments, "--display", "log", cwd=cwd)
+    return done.returncode, done.stdout
+
+
+def test_an_installed_skill_is_used_from_yaml(python: Path, tmp_path: Path) -> None:
+    code, said = bt_run(python, write(tmp_path, "tree.yaml", TREE), cwd=tmp_path)
+    assert code == 0, said
+    assert "nod" in said
+
+
+def test_an_installed_skill_is_held_to_the_laws(python: Path, tmp_path: Path) -> None:
+    test = write(tmp_path, "test_nod.py", PACKAGE["test_nod.py"])
+    done = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", test, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("name", ["nod.py", "tree.py", "circle.py", "yaml.py", "conftest.py"])
+def test_nothing_beside_a_tree_is_executed(python: Path, tmp_path: Path, name: str) -> None:
+    """Not by the tree's name, nor by a skill's, nor by that of a module that is imported."""
+    tree = write(tmp_path, "tree.yaml", TREE)
+    write(tmp_path, name, TRAP)
+    code, said = bt_run(python, tree, cwd=tmp_path)
+    assert code == 0, said
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_a_folder_is_executed_only_when_the_user_names_it(python: Path, tmp_path: Path) -> None:
+    """The trap of the other test does spring."""
+    tree = write(tmp_path, "tree.yaml", TREE)
+    write(tmp_path, "trap.py", TRAP)
+    code, said = bt_run(python, tree, "--skills", tmp_path, cwd=tmp_path)
+    assert (code, "trap.py: has no subclass of Skill" in said) == (2, True), said
+    assert (tmp_path / "sprung").exists()
+
+
+def test_without_the_package_the_skill_is_unknown(tmp_path: Path) -> None:
+    """What the other tests use is the installed package, and nothing that lies about."""
+    code, said = bt_run(sys.executable, write(tmp_path, "tree.yaml", TREE), cwd=tmp_path)
+    assert code == 2
+    assert "there is no node or skill 'nod'" in said
