@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from pathlib import Path
 
+from bt_dualarm.tree import composites, decorators, words
 from tests.tree.ticking import Stage, rows
 
 PAGE = Path(__file__).parents[2] / "docs" / "ticking.md"
@@ -17,3 +19,11 @@ def test_the_table_of_the_page(tmp_path: Path) -> None:
     stage = Stage(tmp_path, found[1])
     expected = rows(found[2])[1:]  # after the heading
     assert [stage.tick() for _ in expected] == expected
+
+
+def test_the_page_has_every_code_that_the_words_fail_with() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    sources = [inspect.getsource(module) for module in (composites, decorators, words)]
+    codes = re.findall(r'Failure\(\s*"([A-Z_]+)"', "".join(sources))
+    assert len(codes) >= 8
+    assert [code for code in codes if f"`{code}`" not in text] == []
