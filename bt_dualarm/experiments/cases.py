@@ -27,7 +27,7 @@ HARDEST: Final = ("lissajous", 1.0)
 GAIN: Final = 3.0
 """Of proportional control: a step is so many times the error that the image shows.
 
-The best of a sweep from 0.35 to 5 on circle and Lissajous at speed 1.0 and 60 Hz; docs/tracking.md.
+Near the best of a sweep from 0.35 to 3.5 on the circle at speed 1.0 and 60 Hz; docs/tracking.md.
 Above one, because the arm comes only a part of the way until the next image.
 """
 

@@ -26,8 +26,8 @@ _TURN = 2.0 * np.pi
 class Kinematics(Chain):
     """Forward and inverse kinematics of one arm.
 
-    All poses are of the tool frame in the world. Equal arguments give equal answers, whatever was
-    asked before. Answers keep the position limits. Not for use by two threads at once.
+    All poses are of the tool frame in the world. Equal arguments give equal answers (to 1e-8 rad),
+    whatever was asked before. Answers keep the position limits. Not for use by two threads at once.
 
     Args:
         robot: The arm.

@@ -62,6 +62,8 @@ class ParamSpec(Value):
             raise ValueError(f"a {self.type} has no range; types with one: {', '.join(_RANGED)}")
         if self.range and self.range[0] > self.range[1]:
             raise ValueError(f"the range goes from {self.range[0]:g} down to {self.range[1]:g}")
+        if self.range and self.type == "integer" and not all(x.is_integer() for x in self.range):
+            raise ValueError("the range of an integer is one of whole numbers")
         if self.choices and self.type != "text":
             raise ValueError("only a text has choices")
         return self
