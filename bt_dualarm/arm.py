@@ -31,6 +31,9 @@ from bt_dualarm.world.world import World
 SETTLE_S = 1.0
 """Simulated seconds that the arm gets to stand still after the last set-point of a motion."""
 
+HALT_S = 5.0
+"""Simulated seconds that an arm gets to come to rest; the hardest stop takes less than one."""
+
 SETTLED_RAD = 5e-4
 """Largest joint error at which a motion counts as executed."""
 
@@ -410,10 +413,16 @@ class Arm:
         """Brake with bounded jerk; yields once a tick until the arm stands still.
 
         Where it stands does not matter: an arm that leans on something is at rest as well.
+
+        Raises:
+            Failure: ``TRACKING_ERROR`` when it still moves after ``HALT_S``.
         """
         self._begun = None
         self.controller.stop()
+        began = self.time
         while not self.controller.at_rest:
+            if self.time - began > HALT_S:
+                raise Failure("TRACKING_ERROR", f"the arm still moves {HALT_S:g} s after its stop")
             yield None
 
     def relax(self) -> Iterator[float]:

@@ -103,6 +103,7 @@ class PlaneTracking:
             else OnPlaneOfSize(normal, target_size, cube=True)
         )
         self._tracker = TargetTracker(camera, color, localiser)
+        self._latency = camera.latency
         self._stale = max(STALE_S, camera.latency + _PATIENCE_FRAMES * camera.period)
         self._beyond_since: float | None = None
         self._bandwidth = _bandwidth(camera)
@@ -129,8 +130,8 @@ class PlaneTracking:
 
     @property
     def unseen_for(self) -> float:
-        """Seconds since the target was last seen."""
-        return self._tracker.age(self._arm.time)
+        """Seconds for which frames have shown no target; their latency is not its absence."""
+        return max(0.0, self._tracker.age(self._arm.time) - self._latency)
 
     @property
     def beyond_for(self) -> float:

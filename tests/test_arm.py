@@ -149,8 +149,9 @@ def test_an_unknown_posture_is_refused_with_those_there_are() -> None:
 
 
 def test_a_target_in_an_object_is_refused_before_anything_moves() -> None:
-    bench = Bench(wall=box((0.487, 0.109, 0.827), 0.2, fixed=True))
+    bench = Bench(wall=box((-0.487, -0.109, 0.827), 0.2, fixed=True))
+    turned = bench.controller.setpoint.q + np.array((np.pi, 0, 0, 0, 0, 0))
     with pytest.raises(Failure, match="wall") as caught:
-        bench.first.refuse_collision(bench.controller.setpoint.q)
+        bench.first.refuse_collision(turned)
     assert caught.value.code == "IN_COLLISION"
-    bench.first.refuse_collision(bench.controller.setpoint.q, frozenset({"wall"}))
+    bench.first.refuse_collision(turned, frozenset({"wall"}))
