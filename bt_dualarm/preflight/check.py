@@ -68,7 +68,7 @@ def check(
         return Checked(None, in_order(names.problems))
     if build:
         try:
-            World(file, file.world.seed)
+            World(file, file.world.seed).refuse_overlaps()
         except (CatalogueError, WorldError) as error:
             return Checked(None, (Problem(Place(str(path)), str(error)),))
     return Checked(file, in_order((*problems, *out_of_reach(file, names.robots, kinds))))

@@ -119,7 +119,7 @@ def assemble(
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
         RendererError: The renderer asked for cannot work here.
-        WorldError: The parts do not compile to one world.
+        WorldError: The parts do not compile to one world, or two of them are in one place.
     """
     seed = file.world.seed if seed is None else seed
     drawing, message = None, ""
@@ -127,6 +127,7 @@ def assemble(
         choice = choose_renderer(renderer or file.world.renderer)
         drawing, message = choice.create(), choice.message
     world = World(file, seed)
+    world.refuse_overlaps()
     series = SeriesLog()
     parts = _Parts(file, world, registry, drawing, on_event, series, seed)
     declared = {name: arm.robot for name, arm in file.arms.items()}

@@ -34,7 +34,7 @@ class World(WorldView):
 
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
-        WorldError: The parts do not compile to one world, or two of them are in one place.
+        WorldError: The parts do not compile to one world.
     """
 
     def __init__(self, file: TreeFile, seed: int = 0, *, visuals: bool = False) -> None:
@@ -67,6 +67,18 @@ class World(WorldView):
             DivergenceError: A torque or the state is not finite, or time did not advance.
         """
         advance(self.model, self.data)
+
+    def refuse_overlaps(self) -> None:
+        """Look whether everything has a place of its own, as a run must begin.
+
+        Raises:
+            WorldError: An arm or object is inside another thing.
+        """
+        for kind, names in (("arm", self.arms), ("object", self.objects)):
+            for name in names:
+                inside = overlap(self.model, self.data, name)
+                if inside is not None:
+                    raise _no_room(f"{kind} {name!r}", *inside)
 
     def spawn_arm(self, name: str) -> None:
         """Add a declared arm in its initial posture.
@@ -171,11 +183,6 @@ class World(WorldView):
         for name in self.arms:
             self._take_posture(name)
         mujoco.mj_step1(self.model, self.data)
-        for kind, names in (("arm", self.arms), ("object", self.objects)):
-            for name in names:
-                inside = overlap(self.model, self.data, name)
-                if inside is not None:
-                    raise _no_room(f"{kind} {name!r}", *inside)
 
     def _add_objects(self, *, fixed: bool) -> None:
         for name, thing in self._file.objects.items():
