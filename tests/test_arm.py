@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from bt_dualarm.arm import PLANNING_S, Arm
+from bt_dualarm.arm import Arm
+from bt_dualarm.arm_planning import PLANNING_S
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.controller import JointController
 from bt_dualarm.motion.limiter import SetPoint

@@ -16,7 +16,11 @@ LAYERS = (
     {"spec"},
     {"world"},
     {"motion", "vision"},
-    {"arm", "skill", "registry", "arrival", "curve", "tracking", "scoring", "preflight"},
+    {
+        *("arm", "arm_state", "arm_motion", "arm_planning", "arm_travel"),
+        *("arrival", "curve", "tracking", "scoring"),
+        *("skill", "registry", "preflight"),
+    },
     {"tree"},
     {"run"},
     {"experiments", "testing"},
