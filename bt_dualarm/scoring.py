@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from bt_dualarm.arm import Arm
 from bt_dualarm.errors import Number
@@ -102,7 +102,8 @@ class TrackingScore:
         if not during.any():
             return 0.0
         # A straight line between samples 20 ms apart would be wrong by more than a sighting is.
-        error = points[during] @ self._axes.T - CubicSpline(times, truth)(stamps[during])
+        true = scipy.interpolate.CubicSpline(times, truth)(stamps[during])
+        error = points[during] @ self._axes.T - true
         return float(np.sqrt(np.mean(error.var(axis=0))))
 
     def _nearest(self, point: Vector) -> str | None:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bt_dualarm import (
     Failure,
@@ -116,11 +115,8 @@ class ApproachAndAttach(Skill):
         direction = direction / length
         center = self.arm.world.object_pose(self.ports.object)
         surface = self.arm.world.surface_point(self.ports.object, -direction)
-        facing = _tool_axis_along(direction, center.rotation.apply((1.0, 0.0, 0.0)))
-        return [
-            Pose.from_rotation(surface, facing * Rotation.from_rotvec((0, 0, turn)))
-            for turn in _TURNS
-        ]
+        facing = _tool_axis_along(surface, direction, center.rotation_matrix[:, 0])
+        return [facing @ Pose.from_rpy((0, 0, 0), (0, 0, turn)) for turn in _TURNS]
 
     def _way_to(self, surface: Pose) -> Approach:
         arm, ports = self.arm, self.ports
@@ -166,10 +162,12 @@ class ApproachAndAttach(Skill):
         self.metrics["gap_m"] = gap
 
 
-def _tool_axis_along(direction: Vector, side: Vector) -> Rotation:
-    """Tool z along ``direction``, tool x as near to ``side`` as that allows."""
+def _tool_axis_along(place: Vector, direction: Vector, side: Vector) -> Pose:
+    """A pose at ``place``: z along ``direction``, x as near to ``side`` as that allows."""
     x = side - (side @ direction) * direction
     if np.linalg.norm(x) < 1e-3:
         x = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     x /= np.linalg.norm(x)
-    return Rotation.from_matrix(np.column_stack((x, np.cross(direction, x), direction)))
+    matrix = np.eye(4)
+    matrix[:3] = np.column_stack((x, np.cross(direction, x), direction, place))
+    return Pose.from_matrix(matrix)

@@ -204,6 +204,18 @@ def test_help_is_there_at_once() -> None:
     assert "examples:" in done.stdout
 
 
+def test_a_run_begins_without_what_it_does_not_use() -> None:
+    """Each of these takes 0.1 to 0.5 s to import: as much as all of the start of a plain run."""
+    code = (
+        "import sys, bt_dualarm.cli\n"
+        "bt_dualarm.cli.run(['reach_to_pose', '--duration', '0.002', '--display', 'quiet'])\n"
+        "slow = {'scipy.spatial', 'scipy.interpolate', 'scipy.optimize', 'toppra', 'matplotlib'}\n"
+        "print('SLOW', sorted(slow & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "SLOW []" in done.stdout
+
+
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["--version"]) == 0
     assert capsys.readouterr().out.startswith("bt-run 0.")

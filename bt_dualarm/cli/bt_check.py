@@ -16,7 +16,7 @@ from bt_dualarm.cli.words import (
     add_skills,
     complain,
     nobody_reads,
-    one_thread,
+    prepare_imports,
 )
 from bt_dualarm.errors import DualArmError
 
@@ -45,7 +45,7 @@ def check(argv: Sequence[str] | None = None) -> int:
         argv: Arguments without the program's name; those of the process by default.
     """
     arguments = _command_line().parse_args(argv)
-    one_thread()
+    prepare_imports()
     try:
         return _check(arguments)
     except DualArmError as error:

@@ -12,7 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bt_dualarm.cli.run_arguments import command_line
-from bt_dualarm.cli.words import FAILED, SUCCEEDED, UNUSABLE, complain, nobody_reads, one_thread
+from bt_dualarm.cli.words import (
+    FAILED,
+    SUCCEEDED,
+    UNUSABLE,
+    complain,
+    nobody_reads,
+    prepare_imports,
+)
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.run.signals import StopRequest, stop_on_signals
 
@@ -34,7 +41,7 @@ def run(argv: Sequence[str] | None = None) -> int:
     """
     parser = command_line()
     arguments = parser.parse_args(argv)
-    one_thread()
+    prepare_imports()
     with stop_on_signals(StopRequest()) as stop:
         try:
             if arguments.version:

@@ -10,7 +10,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.words import SUCCEEDED, UNUSABLE, add_skills, complain, nobody_reads, one_thread
+from bt_dualarm.cli.words import (
+    SUCCEEDED,
+    UNUSABLE,
+    add_skills,
+    complain,
+    nobody_reads,
+    prepare_imports,
+)
 from bt_dualarm.errors import DualArmError
 
 if TYPE_CHECKING:
@@ -38,7 +45,7 @@ def skills(argv: Sequence[str] | None = None) -> int:
         argv: Arguments without the program's name; those of the process by default.
     """
     arguments = _command_line().parse_args(argv)
-    one_thread()
+    prepare_imports()
     try:
         return _skills(arguments)
     except DualArmError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import os
 import sys
 from pathlib import Path
@@ -23,13 +24,20 @@ def complain(program: str, error: DualArmError) -> None:
     print(f"{prefix}{error}", file=sys.stderr)
 
 
-def one_thread() -> None:
-    """Before numpy is imported: one thread for its sums.
+def prepare_imports() -> None:
+    """Before numpy and mujoco are imported: settings of what they import.
 
-    Sums over threads depend on how many there are, and on matrices of 7 by 7 threads only wait for
-    each other.
+    One thread for numpy's sums: they depend on how many threads there are, and on matrices of 7 by
+    7 threads only wait for each other. And the GLFW that came with its package, without a search:
+    that asks every library that it finds for its version, in processes of their own.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    display = "wayland" if os.environ.get("XDG_SESSION_TYPE") == "wayland" else "x11"
+    package = importlib.util.find_spec("glfw")
+    for folder in (package and package.submodule_search_locations) or ():
+        library = Path(folder, display, "libglfw.so")
+        if library.is_file():
+            os.environ.setdefault("PYGLFW_LIBRARY", str(library))
 
 
 def nobody_reads() -> int:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import maximum_filter1d
+import scipy
 
 from bt_dualarm.motion.fastest import fastest_profile, grid_of
 from bt_dualarm.motion.profile import Profile
@@ -31,7 +30,7 @@ _GAIN = 0.7
 class AveragedMotion:
     """A path, a profile along it, and the width of the average over the profile in seconds."""
 
-    path: CubicSpline
+    path: scipy.interpolate.CubicSpline
     profile: Profile
     width: float
     limits: JointLimits
@@ -67,7 +66,7 @@ def stretches(motion: Trajectory, limits: JointLimits) -> Vector:
 
 
 def shortest_motion(
-    path: CubicSpline, limits: JointLimits, dt: float
+    path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float
 ) -> tuple[AveragedMotion, float]:
     """The shortest motion found, and the stretch of time that it needs.
 
@@ -89,7 +88,7 @@ def shortest_motion(
 
 
 def _best_width(
-    path: CubicSpline, profile: Profile, limits: JointLimits, dt: float
+    path: scipy.interpolate.CubicSpline, profile: Profile, limits: JointLimits, dt: float
 ) -> tuple[AveragedMotion, float]:
     """The width whose motion is the shortest, and the stretch of time that it needs."""
     low, high = min(dt, 0.1 * profile.duration), 2.0 * profile.duration
@@ -110,7 +109,7 @@ def _shares_needed(motion: AveragedMotion, dt: float) -> Vector:
     places, needed = motion.judged(dt)
     # A set-point is an average over the width: whatever lies within it is to blame.
     reach = max(int(motion.width / motion.unstretched * len(needed)), 1)
-    needed = maximum_filter1d(needed, 2 * reach + 1)
+    needed = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
     # Stretching time by r takes r² from the acceleration.
     lowered: Vector = np.interp(grid_of(motion.path), places, needed) ** (-2.0 * _GAIN)
     return np.clip(lowered, 1e-2, 1.0)

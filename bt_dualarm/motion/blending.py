@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.corner import corner_curve
@@ -74,7 +74,7 @@ def _joined(pieces: Sequence[tuple[Pose, Matrix]], poses: Sequence[Pose]) -> Car
     turns: list[Matrix] = []
     for i, (origin, steps) in enumerate(pieces):
         rows = steps if i == 0 else steps[1:]
-        turned = origin.rotation * Rotation.from_rotvec(rows[:, 3:])
+        turned = origin.rotation * scipy.spatial.transform.Rotation.from_rotvec(rows[:, 3:])
         positions.append(origin.position + rows[:, :3])
         turns.append(turned.as_quat(scalar_first=True))
     waypoints = np.array([pose.position for pose in poses])

@@ -12,6 +12,7 @@ from bt_dualarm.world.catalogue import Robot
 with warnings.catch_warnings():
     # Pinocchio 3.8, which PlaCo brings, imports a module that has been renamed.
     warnings.simplefilter("ignore", DeprecationWarning)
+    import pinocchio
     import placo
 
 TOOL = "bt_dualarm_tool"
@@ -83,9 +84,7 @@ class Chain:
 def _with_tool(robot: Robot) -> str:
     """The URDF with the tool frame as a link of its own."""
     xyz = " ".join(repr(float(x)) for x in robot.tool.position)
-    rpy = " ".join(
-        repr(float(x)) for x in robot.tool.rotation.as_euler("xyz", suppress_warnings=True)
-    )
+    rpy = " ".join(repr(float(x)) for x in pinocchio.rpy.matrixToRpy(robot.tool.rotation_matrix))
     tool = (
         f'<link name="{TOOL}"/><joint name="{TOOL}_joint" type="fixed">'
         f'<origin xyz="{xyz}" rpy="{rpy}"/><parent link="{robot.tool_link}"/>'

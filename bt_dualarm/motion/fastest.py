@@ -7,19 +7,21 @@ import logging
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from bt_dualarm.motion.profile import Profile
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
 
 
-def grid_of(path: CubicSpline) -> Vector:
+def grid_of(path: scipy.interpolate.CubicSpline) -> Vector:
     """Places along a path at which its motion is decided, of shape (n,)."""
     return np.linspace(0.0, path.x[-1], int(np.clip(2 * len(path.x), 200, 1500)) + 1)
 
 
-def fastest_profile(path: CubicSpline, limits: JointLimits, share: Vector | None = None) -> Profile:
+def fastest_profile(
+    path: scipy.interpolate.CubicSpline, limits: JointLimits, share: Vector | None = None
+) -> Profile:
     """The fastest motion from rest to rest (Pham and Pham 2018): a bound for any other.
 
     Args:
@@ -39,7 +41,7 @@ def fastest_profile(path: CubicSpline, limits: JointLimits, share: Vector | None
 
 
 def _toppra_rates(
-    path: CubicSpline, limits: JointLimits, grid: Vector, share: Vector
+    path: scipy.interpolate.CubicSpline, limits: JointLimits, grid: Vector, share: Vector
 ) -> Vector | None:
     """ds/dt over the grid, of shape (n,), or None where TOPP-RA finds nothing."""
     toppra, geometry, weighted = _toppra()

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from bt_dualarm.motion.averaged import shortest_motion, stretches
 from bt_dualarm.motion.trajectory import Trajectory
@@ -56,7 +56,7 @@ def time_path(
     return motion
 
 
-def _timed(path: CubicSpline, limits: JointLimits, dt: float) -> Trajectory:
+def _timed(path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float) -> Trajectory:
     average, stretch = shortest_motion(path, limits, dt)
     while True:
         motion = average.sampled(dt, stretch)
@@ -92,7 +92,9 @@ def _distinct(samples: Matrix) -> Matrix:
     return samples[kept]
 
 
-def spline_through(samples: Matrix, limits: JointLimits, closed: bool) -> CubicSpline:
+def spline_through(
+    samples: Matrix, limits: JointLimits, closed: bool
+) -> scipy.interpolate.CubicSpline:
     """The path over its length in joint space, each joint measured by its velocity limit.
 
     A length that is smooth along the path: one that jumps from joint to joint would give the
@@ -103,5 +105,5 @@ def spline_through(samples: Matrix, limits: JointLimits, closed: bool) -> CubicS
     if closed and len(samples) > 3:
         samples = samples.copy()
         samples[-1] = samples[0]
-        return CubicSpline(s, samples, bc_type="periodic")
-    return CubicSpline(s, samples)
+        return scipy.interpolate.CubicSpline(s, samples, bc_type="periodic")
+    return scipy.interpolate.CubicSpline(s, samples)

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, Slerp
+import scipy
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.pose import Matrix, Pose, Vector
@@ -82,9 +81,9 @@ def line(
     pieces = max(start.distance(end) / spacing, start.angle(end) / spacing_rad)
     share = np.linspace(0.0, 1.0, max(math.ceil(pieces), 8) + 1)
     positions = start.position + share[:, None] * (end.position - start.position)
-    turn = Slerp((0.0, 1.0), Rotation.concatenate((start.rotation, end.rotation)))(share)
+    turn = _slerp((0.0, 1.0), (start, end), share)
     waypoints = np.array((start.position, end.position))
-    return CartesianPath(positions, turn.as_quat(scalar_first=True), waypoints)
+    return CartesianPath(positions, turn, waypoints)
 
 
 def circle(
@@ -184,9 +183,9 @@ def through(poses: Sequence[Pose], *, closed: bool = False) -> CartesianPath:
     # Centripetal (Lee 1989): no loops where waypoints are unevenly far apart.
     knots = np.concatenate(((0.0,), np.cumsum(np.sqrt(steps))))
     places = _refined(knots)
-    turn = Slerp(knots, Rotation.concatenate([pose.rotation for pose in stops]))(places)
+    turn = _slerp(knots, stops, places)
     positions = _spline(knots, points, closed)(places)
-    return CartesianPath(positions, turn.as_quat(scalar_first=True), points, closed)
+    return CartesianPath(positions, turn, points, closed)
 
 
 def _curve(
@@ -234,13 +233,24 @@ def _leaning(tool: Pose, lean: Matrix) -> Matrix:
     """
     if not lean.any():
         return np.tile(tool.quaternion, (len(lean), 1))
-    turns = Rotation.from_rotvec(np.cross(lean, tool.rotation_matrix[:, 2]))
+    turns = scipy.spatial.transform.Rotation.from_rotvec(np.cross(lean, tool.rotation_matrix[:, 2]))
     quaternions: Matrix = (turns * tool.rotation).as_quat(scalar_first=True)
     return quaternions
 
 
-def _spline(knots: Vector, points: Matrix, closed: bool) -> CubicSpline:
-    return CubicSpline(knots, points, bc_type="periodic" if closed else "not-a-knot")
+def _slerp(knots: Sequence[float] | Vector, poses: Sequence[Pose], places: Vector) -> Matrix:
+    """Quaternions wxyz, of shape (n, 4), that turn evenly from each pose to the next."""
+    turns = scipy.spatial.transform.Rotation.concatenate([pose.rotation for pose in poses])
+    quaternions: Matrix = scipy.spatial.transform.Slerp(knots, turns)(places).as_quat(
+        scalar_first=True
+    )
+    return quaternions
+
+
+def _spline(knots: Vector, points: Matrix, closed: bool) -> scipy.interpolate.CubicSpline:
+    return scipy.interpolate.CubicSpline(
+        knots, points, bc_type="periodic" if closed else "not-a-knot"
+    )
 
 
 def _refined(knots: Vector) -> Vector:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.paths import CartesianPath
@@ -31,7 +31,7 @@ def turned_about(tool: Pose, point: Vector, axis: Vector, angle: float) -> Carte
     if not (length > 1e-9 and abs(angle) > 1e-9):
         raise Failure("INVALID_TARGET", "a turn needs an axis and an angle other than 0")
     count = max(math.ceil(abs(angle) / _SPACING), 8)
-    turns = Rotation.from_rotvec(
+    turns = scipy.spatial.transform.Rotation.from_rotvec(
         np.linspace(0.0, angle, count + 1)[:, None] * np.asarray(axis) / length
     )
     positions = point + turns.apply(tool.position - point)

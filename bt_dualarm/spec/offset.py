@@ -23,5 +23,5 @@ class Offset(PortModel):
         step = Pose.from_rpy(self.xyz, tuple(np.deg2rad(self.rpy)))
         if self.frame == "tool":
             return tool @ step
-        turned = step.rotation * tool.rotation
-        return Pose.from_rotation(tool.position + step.position, turned)
+        turned = Pose(np.zeros(3), step.quaternion) @ Pose(np.zeros(3), tool.quaternion)
+        return Pose(tool.position + step.position, turned.quaternion)

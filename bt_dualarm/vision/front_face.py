@@ -76,7 +76,7 @@ def front_face(
 def _cube(frame: Frame, point: Vector, normal: Vector, edge: float) -> Matrix:
     """Corners of the cube, of shape (8, 3): those of the front face first."""
     away = normal if normal @ (point - frame.pose.position) > 0.0 else -normal
-    across = frame.pose.rotation.apply((1.0, 0.0, 0.0))
+    across = frame.pose.rotation_matrix[:, 0]
     across -= (across @ away) * away
     across /= np.linalg.norm(across)
     face = point + edge * _CORNERS @ np.array([across, np.cross(away, across)])

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bt_dualarm.errors import WorldError
 from bt_dualarm.pose import Pose, Vector
@@ -230,7 +230,7 @@ def _turned(data: Any, camera_id: int, angles: Vector) -> Iterator[None]:
         yield
         return
     straight = data.cam_xmat[camera_id].copy()
-    turn = Rotation.from_rotvec([*angles, 0.0]).as_matrix()
+    turn = scipy.spatial.transform.Rotation.from_rotvec([*angles, 0.0]).as_matrix()
     data.cam_xmat[camera_id] = (straight.reshape(3, 3) @ turn).ravel()
     try:
         yield
@@ -241,4 +241,6 @@ def _turned(data: Any, camera_id: int, angles: Vector) -> Iterator[None]:
 def camera_pose(data: Any, camera_id: int) -> Pose:
     """The camera in the world, x right, y down, z forward; MuJoCo's own looks along -z, y up."""
     axes = data.cam_xmat[camera_id].reshape(3, 3) * np.array([1.0, -1.0, -1.0])
-    return Pose.from_rotation(data.cam_xpos[camera_id].copy(), Rotation.from_matrix(axes))
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = axes, data.cam_xpos[camera_id]
+    return Pose.from_matrix(transform)

@@ -6,6 +6,7 @@ what a URDF lacks: acceleration and jerk limits, postures, the tool frame, camer
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -228,6 +229,7 @@ def _description(file: RobotFile, key: str, name: str) -> Path:
     )
 
 
+@functools.cache
 def robot_data_dir() -> Path:
     """Folder ``robots`` of the installed example-robot-data package.
 

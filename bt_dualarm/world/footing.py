@@ -31,7 +31,7 @@ class Footing:
 
 def footing_below(model: Any, data: Any, base: Pose) -> Footing | None:
     """What is under a base, None if there is nothing."""
-    up: Vector = base.rotation.apply([0.0, 0.0, 1.0])
+    up: Vector = base.rotation_matrix[:, 2]
     geom = np.array([-1], dtype=np.int32)
     start = base.position + _TOUCHING * up  # a base may be sunk into its surface a little
     distance = mujoco.mj_ray(model, data, start, -up, None, 1, -1, geom)

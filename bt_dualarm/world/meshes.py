@@ -1,4 +1,4 @@
-"""Meshes of robots: low-polygon hulls for contacts and cameras, full meshes for pictures.
+"""Meshes of robots as binary STL.
 
 MuJoCo reads neither COLLADA nor ASCII STL. Whatever is not binary STL is converted once with the
 ``assimp`` program (of the package cmeel-assimp) and kept in the user's cache directory.
@@ -12,11 +12,9 @@ import re
 import subprocess
 import sysconfig
 import tempfile
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Matrix
@@ -24,36 +22,12 @@ from bt_dualarm.pose import Matrix
 _STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 _STL_HEADER = 84
 _UP_AXIS = re.compile(rb"<up_axis>\s*\w+\s*</up_axis>")
-_DIRECTIONS = 24  # in which a hull begins
-_LOSS = 0.002  # m by which a mesh may stand out of its hull; 1 mm takes 1.5 times the vertices
 
 
 def cache_dir() -> Path:
-    """Where converted meshes are kept: ``$XDG_CACHE_HOME/bt_dualarm``, else ``~/.cache``."""
+    """Where meshes and hulls are kept: ``$XDG_CACHE_HOME/bt_dualarm``, else ``~/.cache``."""
     root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(root) / "bt_dualarm"
-
-
-@lru_cache(maxsize=256)
-def low_poly_hull(path: Path, scale: tuple[float, ...]) -> tuple[Matrix, Matrix]:
-    """Convex hull of a mesh with few vertices, all of them the mesh's own.
-
-    It begins with the extreme points in evenly spread directions and takes in the point that
-    stands out farthest of each of its sides, until none stands out by more than 2 mm.
-
-    Returns:
-        Vertices of shape (n, 3) in metres and triangles of shape (m, 3).
-    """
-    points = stl_triangles(as_stl(path)).reshape(-1, 3) * np.asarray(scale)
-    corners = points[ConvexHull(points).vertices]
-    chosen = np.unique(np.argmax(corners @ _fibonacci_sphere(_DIRECTIONS).T, axis=0))
-    while True:
-        hull = ConvexHull(corners[chosen])
-        outside = corners @ hull.equations[:, :3].T + hull.equations[:, 3]
-        farthest = np.argmax(outside, axis=0)[outside.max(axis=0) > _LOSS]
-        if len(farthest) == 0:
-            return corners[chosen], _outward(corners[chosen], hull)
-        chosen = np.union1d(chosen, farthest)
 
 
 def stl_triangles(path: Path) -> Matrix:
@@ -128,22 +102,3 @@ def _assimp() -> Path:
     if not program.is_file():
         raise CatalogueError(f"the program assimp is missing ({program}); reinstall cmeel-assimp")
     return program
-
-
-def _fibonacci_sphere(count: int) -> Matrix:
-    """Evenly spread unit vectors, of shape (count, 3) (golden-angle spiral)."""
-    k = np.arange(count) + 0.5
-    z = 1 - 2 * k / count
-    angle = np.pi * (1 + 5**0.5) * k
-    radius = np.sqrt(1 - z**2)
-    return np.column_stack((radius * np.cos(angle), radius * np.sin(angle), z))
-
-
-def _outward(points: Matrix, hull: ConvexHull) -> Matrix:
-    """Triangles of a hull, each with its corners anticlockwise seen from outside."""
-    triangles: Matrix = hull.simplices.copy()
-    corners = points[triangles]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ij,ij->i", normal, hull.equations[:, :3]) < 0
-    triangles[inward] = triangles[inward][:, ::-1]
-    return triangles

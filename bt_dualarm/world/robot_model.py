@@ -10,7 +10,8 @@ import numpy as np
 
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.catalogue import Robot
-from bt_dualarm.world.meshes import as_stl, low_poly_hull
+from bt_dualarm.world.hulls import low_poly_hull
+from bt_dualarm.world.meshes import as_stl
 from bt_dualarm.world.urdf import Shape
 
 COLLISION_GROUP = 3

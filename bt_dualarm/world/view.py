@@ -65,7 +65,7 @@ class WorldView:
             direction: Of the ray in the world, of unit length.
         """
         pose = self.object_pose(name)
-        ray = np.abs(pose.rotation.inv().apply(direction)) + 1e-12
+        ray = np.abs(direction @ pose.rotation_matrix) + 1e-12
         thing = self.objects[name]
         if thing.shape == "box":
             reach = float((0.5 * np.asarray(thing.size) / ray).min())

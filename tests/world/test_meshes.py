@@ -11,9 +11,10 @@ from scipy.spatial import ConvexHull
 
 from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Matrix
-from bt_dualarm.world import meshes
+from bt_dualarm.world import hulls, meshes
 from bt_dualarm.world.catalogue import load_robot, robot_names
-from bt_dualarm.world.meshes import as_stl, cache_dir, low_poly_hull, stl_triangles
+from bt_dualarm.world.hulls import low_poly_hull
+from bt_dualarm.world.meshes import as_stl, cache_dir, stl_triangles
 
 LOST = 0.002
 """Metres by which a mesh may stand out of its hull: as much as a light touch gives way."""
@@ -181,3 +182,35 @@ def test_visual_and_collision_meshes_lie_on_each_other(cache: Path) -> None:
             points = shape.pose.apply(stl_triangles(as_stl(shape.mesh)).reshape(-1, 3))
             bounds.append((points.min(axis=0), points.max(axis=0)))
         assert np.abs(np.array(bounds[0]) - np.array(bounds[1])).max() < 0.01
+
+
+def test_a_hull_is_computed_once_and_a_damaged_one_again(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The user's cache directory keeps it, to the bit; half a file is none."""
+    path, scale = collision_meshes()[0]
+    vertices, triangles = low_poly_hull(path, scale)
+    (kept,) = (cache / "hulls").iterdir()
+
+    def computed(points: Matrix) -> None:
+        raise AssertionError(len(points))
+
+    low_poly_hull.cache_clear()
+    with monkeypatch.context() as without:
+        without.setattr(hulls, "_hull", computed)
+        again = low_poly_hull(path, scale)
+    np.testing.assert_array_equal(again[0], vertices)
+    np.testing.assert_array_equal(again[1], triangles)
+    kept.write_bytes(kept.read_bytes()[:100])
+    low_poly_hull.cache_clear()
+    np.testing.assert_array_equal(low_poly_hull(path, scale)[0], vertices)
+    assert len(kept.read_bytes()) > 100
+
+
+def test_hulls_need_no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the cache directory cannot be made, they are computed."""
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    low_poly_hull.cache_clear()
+    path, scale = collision_meshes()[0]
+    assert len(low_poly_hull(path, scale)[0]) > 4
