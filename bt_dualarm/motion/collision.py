@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Set
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -54,46 +56,62 @@ class CollisionChecker:
 
     What the arm holds moves with it. What its tool and what it holds touch now, they may go on
     touching as deep as now. Everything else, other arms too, stays where it is now: make a
-    new checker when the world has gone on.
+    new checker when the world has gone on. It can be pickled, and checks alike in any process.
 
     Args:
         world: Looked at now, and never changed.
         arm: Name of the arm.
         margin: Distance in metres that other arms must keep from this one.
         ignore: Objects that may be touched.
+
+    Attributes:
+        joints: Names of the arm's, base to tip; ``joint_ids``, their numbers in ``model``.
+        present: Where they are now, of shape (dof,), rad.
+        moving: Which shapes move with the arm, of shape (ngeom,); ``held``, those that it holds.
     """
 
     def __init__(
         self, world: World, arm: str, margin: float = 0.0, ignore: frozenset[str] = frozenset()
     ) -> None:
-        self.world, self.arm = world, arm
-        self.body = world.arms[arm]
-        self._model = copy.copy(world.model)
-        self._data = mujoco.MjData(self._model)
-        self._data.qpos[:] = world.data.qpos
+        body = world.arms[arm]
+        self.joints = body.robot.joints
+        self.joint_ids = world.model.dof_jntid[body.dof_ids]
+        self.present = body.q
+        self.model = copy.copy(world.model)
+        self._positions = world.data.qpos.copy()
+        self._addresses, self._tool_body = body.qpos_ids, body.tool_body
         self._held = [_Held.find(world, held) for held in world.attachments if held.arm == arm]
-        self.moving = np.zeros(self._model.ngeom, dtype=bool)
-        self.moving[[*self.body.geom_ids, *(held.geom for held in self._held)]] = True
-        self._other_arm = np.zeros(self._model.ngeom, dtype=bool)
-        for name, body in world.arms.items():
-            self._other_arm[list(body.geom_ids)] = name != arm
-        self._margin = margin
+        self.held = frozenset(held.geom for held in self._held)
+        self.moving = self._marked(body.geom_ids | self.held)
+        others = (other.geom_ids for name, other in world.arms.items() if name != arm)
+        other_arm = self._marked(frozenset().union(*others))
         self._leave_out({world.object_geom(name) for name in ignore if name in world.objects})
-        self._widen(margin)
-        self._standing: dict[frozenset[int], float] = {}
-        self._standing = self._standing_contacts(self.body.q)
+        self._widen(margin, other_arm)
+        self._least = np.where(other_arm[:, None] | other_arm, margin, -TOUCH)
+        self._least[self._touching_by_design(body.tool_geom_ids)] = -np.inf
+        self.data = self._fresh_data()
+        self._let_stand(body.tool_geom_ids)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what MuJoCo computes from the rest: what another process needs to check, too."""
+        return {name: value for name, value in vars(self).items() if name != "data"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """The same checker in another process."""
+        vars(self).update(state)
+        self.data = self._fresh_data()
 
     def contact(self, q: Vector) -> Contact | None:
         """The deepest contact that the arm would have at ``q``, of shape (dof,), if any."""
-        self._place(q)
-        if self._data.ncon == 0:
+        self.place(q)
+        if self.data.ncon == 0:
             return None
-        geoms, distance = self._data.contact.geom, self._data.contact.dist
-        excess = self._allowed(geoms) - distance
-        worst = int(np.argmax(excess))
+        pairs, distance = self.data.contact.geom, self.data.contact.dist
+        excess = self._least[pairs[:, 0], pairs[:, 1]] - distance
+        worst = int(excess.argmax())
         if excess[worst] <= 0.0:
             return None
-        return self._described(geoms[worst], float(-distance[worst]))
+        return self._described(pairs[worst], float(-distance[worst]))
 
     def free(self, q: Vector) -> bool:
         """Whether the arm touches nothing at ``q``, of shape (dof,)."""
@@ -107,76 +125,75 @@ class CollisionChecker:
                 return i, contact
         return None
 
-    def _place(self, q: Vector) -> None:
-        """Let MuJoCo find what touches at ``q``."""
-        data = self._data
-        data.qpos[self.body.qpos_ids] = q
-        mujoco.mj_kinematics(self._model, data)
+    def place(self, q: Vector) -> None:
+        """Let MuJoCo find where everything is, and what touches, at ``q``, of shape (dof,)."""
+        model, data = self.model, self.data
+        data.qpos[self._addresses] = q
+        mujoco.mj_kinematics(model, data)
         if self._held:
             self._carry()
-            mujoco.mj_kinematics(self._model, data)
-        mujoco.mj_collision(self._model, data)
+            mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
 
-    def _allowed(self, geoms: npt.NDArray[np.int32]) -> Vector:
-        """Distance that each pair of shapes, of shape (n, 2), must keep, of shape (n,)."""
-        allowed = np.where(self._other_arm[geoms].any(axis=1), self._margin, -TOUCH)
-        allowed[self._touching_by_design(geoms)] = -np.inf
-        if self._standing:
-            for i, pair in enumerate(geoms.tolist()):
-                allowed[i] = min(allowed[i], self._standing.get(frozenset(pair), np.inf))
-        return allowed
+    def _fresh_data(self) -> Any:
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self._positions
+        return data
 
-    def _standing_contacts(self, q: Vector) -> dict[frozenset[int], float]:
-        """Pairs that touch now, one of them held or of the tool, and the distance to keep."""
-        self._place(q)
-        gripping = self.body.tool_geom_ids | {held.geom for held in self._held}
-        contacts = zip(self._data.contact.geom.tolist(), self._data.contact.dist, strict=True)
-        return {
-            frozenset(pair): float(distance) - TOUCH
-            for pair, distance in contacts
-            if gripping & set(pair) and -STANDING < distance <= 0.0
-        }
+    def _marked(self, geoms: Set[int]) -> npt.NDArray[np.bool_]:
+        """Which of all shapes are these, of shape (ngeom,)."""
+        marks = np.zeros(self.model.ngeom, dtype=bool)
+        marks[list(geoms)] = True
+        return marks
+
+    def _touching_by_design(self, tool_geoms: frozenset[int]) -> npt.NDArray[np.bool_]:
+        """Pairs of something held with the tool or another thing held, of shape (ngeom, ngeom)."""
+        held, gripping = self._marked(self.held), self._marked(tool_geoms | self.held)
+        pairs: npt.NDArray[np.bool_] = (held[:, None] | held) & (gripping[:, None] & gripping)
+        return pairs
+
+    def _let_stand(self, tool_geoms: frozenset[int]) -> None:
+        """What touches now, and is held or of the tool, may go on touching as deep as now."""
+        self.place(self.present)
+        gripping = tool_geoms | self.held
+        contacts = zip(self.data.contact.geom.tolist(), self.data.contact.dist, strict=True)
+        for (first, second), distance in contacts:
+            if {first, second} & gripping and -STANDING < distance <= 0.0:
+                least = min(self._least[first, second], float(distance) - TOUCH)
+                self._least[first, second] = self._least[second, first] = least
 
     def _carry(self) -> None:
         """Put what the arm holds where its tool link now is."""
-        data, link = self._data, self.body.tool_body
+        data, link = self.data, self._tool_body
         place = Pose(data.xpos[link].copy(), data.xquat[link].copy())
         for held in self._held:
             pose = place @ held.relative
             data.qpos[held.address : held.address + 3] = pose.position
             data.qpos[held.address + 3 : held.address + 7] = pose.quaternion
 
-    def _touching_by_design(self, geoms: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
-        """Contacts of what is held with the tool that holds it, and among things held."""
-        held = np.zeros(self._model.ngeom, dtype=bool)
-        held[[one.geom for one in self._held]] = True
-        tool = held.copy()
-        tool[list(self.body.tool_geom_ids)] = True
-        return np.logical_and(held[geoms].any(axis=1), tool[geoms].all(axis=1))
-
     def _leave_out(self, ignored: set[int]) -> None:
         """Let MuJoCo look only at pairs in which this arm, or what it holds, takes part."""
-        model = self._model
+        model = self.model
         solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         model.geom_contype[:] = solid & self.moving
         model.geom_conaffinity[:] = solid
         for geom in ignored:
             model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
 
-    def _widen(self, margin: float) -> None:
-        """Make MuJoCo report gaps to other arms up to the margin."""
-        model = self._model
-        model.geom_margin[self._other_arm] = margin
-        model.body_margin[np.unique(model.geom_bodyid[self._other_arm])] = margin
+    def _widen(self, margin: float, geoms: npt.NDArray[np.bool_]) -> None:
+        """Make MuJoCo report gaps to these shapes up to the margin."""
+        model = self.model
+        model.geom_margin[geoms] = margin
+        model.body_margin[np.unique(model.geom_bodyid[geoms])] = margin
 
     def _described(self, geoms: npt.NDArray[np.int32], depth: float) -> Contact:
         first, second = sorted(geoms.tolist(), key=lambda geom: not self.moving[geom])
         return Contact(self._body_name(first), self._body_name(second), depth)
 
     def _body_name(self, geom: int) -> str:
-        name = self._model.body(self._model.geom_bodyid[geom]).name
+        name = self.model.body(self.model.geom_bodyid[geom]).name
         if name in ("", "world"):
-            name = self._model.geom(geom).name
+            name = self.model.geom(geom).name
         return str(name or "the scene")
 
 

@@ -160,7 +160,7 @@ class _Validity:
 
 
 def _check_end(checker: CollisionChecker, q: Vector, limits: JointLimits) -> None:
-    refuse_beyond(checker.body.robot.joints, q, limits)
+    refuse_beyond(checker.joints, q, limits)
     contact = checker.contact(q)
     if contact is not None:
         raise contact.failure()

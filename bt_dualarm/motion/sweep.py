@@ -15,15 +15,18 @@ def sweep_radii(checker: CollisionChecker) -> Vector:
     The way from a joint's axis over all further joints to the farthest shape, stretched out: it
     holds in every configuration. What the arm holds counts as part of its last link.
     """
-    model, data = checker.world.model, checker.world.data
-    joints = [model.dof_jntid[dof] for dof in checker.body.dof_ids]
-    anchors = [data.xanchor[joint] for joint in joints]
-    links = [int(model.jnt_bodyid[joint]) for joint in joints]
+    checker.place(checker.present)  # the last digits hang on where the arm is
+    model, data = checker.model, checker.data
+    joints = checker.joint_ids
+    anchors = data.xanchor[joints]
+    links = model.jnt_bodyid[joints].tolist()
     farthest = np.zeros(len(joints))
-    for geom in np.flatnonzero(checker.moving):
-        link = _last_link(links, int(model.geom_bodyid[geom]), model)
-        distance = np.linalg.norm(data.geom_xpos[geom] - anchors[link])
-        farthest[link] = max(farthest[link], distance + model.geom_rbound[geom])
+    for geom in np.flatnonzero(checker.moving).tolist():
+        held = geom in checker.held
+        link = len(links) - 1 if held else _last_link(links, int(model.geom_bodyid[geom]), model)
+        if link is not None:
+            distance = np.linalg.norm(data.geom_xpos[geom] - anchors[link])
+            farthest[link] = max(farthest[link], distance + model.geom_rbound[geom])
     radii = farthest.copy()
     for i in range(len(joints) - 2, -1, -1):
         onwards = np.linalg.norm(anchors[i + 1] - anchors[i]) + radii[i + 1]
@@ -31,11 +34,11 @@ def sweep_radii(checker: CollisionChecker) -> Vector:
     return radii
 
 
-def _last_link(links: list[int], body: int, model: mujoco.MjModel) -> int:
-    """Index of the last joint that moves a body; things held hang on the last one of all."""
+def _last_link(links: list[int], body: int, model: mujoco.MjModel) -> int | None:
+    """Index of the last joint that moves a body; None for the base, which no joint moves."""
     while body not in links and body != 0:
         body = int(model.body_parentid[body])
-    return links.index(body) if body else len(links) - 1
+    return links.index(body) if body else None
 
 
 def interpolated(start: Vector, end: Vector, radii: Vector, step: float) -> Matrix:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import pickle
+
 import mujoco
 import numpy as np
 import pytest
@@ -144,6 +146,35 @@ def test_no_point_of_an_arm_moves_farther_than_its_sweep_radius_says() -> None:
             places.append(world.data.geom_xpos[geoms].copy())
         moved = np.linalg.norm(places[1] - places[0], axis=1).max()
         assert moved <= np.abs(step) @ radii
+
+
+@pytest.mark.parametrize(("holding", "reach"), [(False, 0.2), (True, 0.35)])
+def test_the_last_joint_sweeps_what_hangs_on_it_and_not_the_base(
+    holding: bool, reach: float
+) -> None:
+    """The wrist of a UR5 turns a tool of 10 cm, a held cube with it, and never the whole arm."""
+    world = World(
+        file_of({"arm1": arm("ur5")}, {"cube": box((0.45, 0.1, 0.6), fixed=False, spawned=False)})
+    )
+    below = world.arms["arm1"].tool_pose @ Pose.from_rpy((0.0, 0.0, 0.1), (0.0, 0.0, 0.0))
+    world.spawn_object("cube", below)
+    if holding:
+        world.attach("arm1", "cube")
+    last = sweep_radii(CollisionChecker(world, "arm1"))[-1]
+    assert last < reach
+    assert (last > 0.2) == holding
+
+
+def test_a_checker_that_went_to_another_process_finds_the_same() -> None:
+    world = pick_world()
+    here = CollisionChecker(world, "arm1", margin=0.04)
+    there = pickle.loads(pickle.dumps(here))  # noqa: S301 - our own
+    rng = np.random.default_rng(3)
+    home = world.arms["arm1"].robot.postures["home"]
+    found = [(here.contact(q), there.contact(q)) for q in home + rng.uniform(-2, 2, (200, 6))]
+    assert all(one == other for one, other in found)
+    assert 20 < sum(one is not None for one, _ in found) < 180
+    np.testing.assert_array_equal(sweep_radii(here), sweep_radii(there))
 
 
 def test_interpolation_keeps_its_ends_and_its_step() -> None:
