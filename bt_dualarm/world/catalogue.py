@@ -132,10 +132,11 @@ def load_robot(name: str, root: Path | None = None) -> Robot:
 def _robot_file(name: str, root: Path | None) -> Path:
     if name.endswith((".yaml", ".yml")):
         folder = (root or Path.cwd()).resolve()
-        path = (folder / name).resolve()
-        if path.is_file() and path.is_relative_to(folder):
+        path = _file_below(folder, name)
+        if path is not None:
             return path
-        near = suggestion(path.name, [p.name for p in path.parent.glob("*.yaml")], "robot file")
+        here = [p.name for p in (folder / name.replace("\0", "")).parent.glob("*.yaml")]
+        near = suggestion(Path(name).name, [n for n in here if n != name], "robot file")
         raise CatalogueError(f"there is no robot file {name!r} below {folder}; {near}")
     if name in robot_names():
         return share_dir("assets") / "robots" / f"{name}.yaml"
@@ -221,12 +222,21 @@ def _description(file: RobotFile, key: str, name: str) -> Path:
     """A file beside the catalogue file, or one of the example-robot-data package."""
     shipped = robot_data_dir()
     for folder in (file.path.parent, shipped):
-        path = (folder / name).resolve()
-        if path.is_file() and path.is_relative_to(folder):
+        path = _file_below(folder, name)
+        if path is not None:
             return path
     return file.refuse(
         (key,), f"there is no file {name!r}", f"neither beside this nor in {shipped}"
     )
+
+
+def _file_below(folder: Path, name: str) -> Path | None:
+    """The file of that name if there is one in the folder, or in one of its own."""
+    try:
+        path = (folder / name).resolve()
+        return path if path.is_file() and path.is_relative_to(folder) else None
+    except (OSError, RuntimeError, ValueError):  # a name too long, a loop of symlinks, a NUL
+        return None
 
 
 @functools.cache

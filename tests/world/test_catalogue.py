@@ -162,3 +162,22 @@ def test_a_urdf_that_is_no_xml_is_refused(tmp_path: Path) -> None:
     (tmp_path / "z1.urdf").write_text("<robot>")
     with pytest.raises(CatalogueError, match=r"z1\.urdf"):
         load_robot("z1.yaml", tmp_path)
+
+
+@pytest.mark.parametrize("name", ["loop.yaml", "a\0b.yaml", "x" * 300 + ".yaml", "../up.yaml"])
+def test_a_robot_file_that_leads_nowhere(name: str, tmp_path: Path) -> None:
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    (inside / "loop.yaml").symlink_to(inside / "loop.yaml")
+    (tmp_path / "up.yaml").write_text("name: up\n", encoding="utf-8")
+    with pytest.raises(CatalogueError, match="there is no robot file"):
+        load_robot(name, inside)
+
+
+def test_a_description_that_leads_nowhere(tmp_path: Path) -> None:
+    text = (share_dir("assets") / "robots" / "ur5.yaml").read_text(encoding="utf-8")
+    entry = yaml.safe_load(text)
+    entry["urdf"] = "a\0b.urdf"
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(entry), encoding="utf-8")
+    with pytest.raises(CatalogueError, match="there is no file"):
+        load_robot("arm.yaml", tmp_path)
