@@ -42,7 +42,8 @@ def follow_curve(
 
     Returns:
         ``path_rms_m`` and ``path_max_m`` of executed against planned tool positions at equal
-        times, and ``duration_s``.
+        times, ``duration_s``, and ``shortest_s``: the least that velocity and acceleration allow
+        on this path, jerk aside (TOPP-RA).
 
     Raises:
         Failure: ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE`` or ``IN_COLLISION`` before
@@ -51,7 +52,7 @@ def follow_curve(
     """
     yield from arm.think()
     limits = arm.limits(speed)
-    motion = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
+    motion, shortest = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
     arm.refuse_collision_along(motion.q)
     yield from _enter(arm, path, motion.q[0], speed)
     arm.refuse_collision_along(motion.q)  # the world has gone on meanwhile
@@ -78,7 +79,12 @@ def follow_curve(
             f"the tool was up to {1e3 * worst:.1f} mm from where it was planned to be",
             path_max_m=worst,
         )
-    return {"path_rms_m": rms, "path_max_m": worst, "duration_s": motion.duration}
+    return {
+        "path_rms_m": rms,
+        "path_max_m": worst,
+        "duration_s": motion.duration,
+        "shortest_s": shortest,
+    }
 
 
 def _refuse_beyond(tolerance: float, motion: TrajectoryMotion, planned: Matrix) -> None:

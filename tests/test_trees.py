@@ -45,8 +45,8 @@ LEAF_FIELDS = {
     "metrics": dict,
 }
 METRICS = {
-    "circle": {"path_rms_m", "path_max_m"},
-    "lissajous": {"path_rms_m", "path_max_m"},
+    "circle": {"path_rms_m", "path_max_m", "duration_s", "shortest_s"},
+    "lissajous": {"path_rms_m", "path_max_m", "duration_s", "shortest_s"},
     "track": {"yz_rms_m", "yz_max_m", "lag_s", "lost_count", "frames"},
 }
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bt_dualarm.motion.ik import Kinematics
 from bt_dualarm.motion.paths import CartesianPath
 from bt_dualarm.motion.target import EXACT, Tolerance
-from bt_dualarm.motion.timing import time_path
+from bt_dualarm.motion.timing import shortest_time, time_path
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
@@ -29,9 +31,21 @@ def joint_path(
     return np.vstack((once, *(once[1:] for _ in range(path.repeats - 1))))
 
 
+class Traced(NamedTuple):
+    """A motion of the joints that takes the tool along a path.
+
+    Attributes:
+        motion: From rest to rest.
+        shortest_s: What no motion along the path can go below, by TOPP-RA: jerk is not looked at.
+    """
+
+    motion: Trajectory
+    shortest_s: float
+
+
 def trace(
     arm: Kinematics, path: CartesianPath, near: Vector, limits: JointLimits, dt: float
-) -> Trajectory:
+) -> Traced:
     """The motion of the joints that takes the tool along a path, from rest to rest.
 
     Its first set-point may be far from ``near``, in another branch: check before it is sent.
@@ -44,6 +58,9 @@ def trace(
         dt: Time between set-points in seconds.
 
     Raises:
-        Failure: ``UNREACHABLE`` or ``PATH_BROKEN``.
+        Failure: ``UNREACHABLE``, ``PATH_BROKEN`` or ``SINGULAR``.
     """
-    return time_path(joint_path(arm, path, near), limits, dt, path.closed)
+    rows = joint_path(arm, path, near)
+    return Traced(
+        time_path(rows, limits, dt, path.closed), shortest_time(rows, limits, path.closed)
+    )

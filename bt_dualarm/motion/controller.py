@@ -147,7 +147,7 @@ class JointController:
         error = sent.q - data.qpos[body.qpos_ids]
         if self._motion is not None:
             self._watch(error)
-        lag = sent.v - data.qvel[body.dof_ids]
+        lag = sent.v - self._half_step * sent.a - data.qvel[body.dof_ids]
         torque = self._torque(sent.a, (2 * BANDWIDTH) * lag + BANDWIDTH**2 * error)
         limit = self._robot.limits.effort
         if not (np.abs(torque) <= limit).all():
@@ -249,6 +249,8 @@ class JointController:
         world = self._world
         self._generation = world.generation
         self._body: ArmBody = world.arms[self._name]
+        # MuJoCo's Euler steps end with the velocity that they had in their middle.
+        self._half_step = 0.5 * world.timestep
         self._wide: Any = np.zeros(world.model.nv)
         self._product: Any = np.zeros(world.model.nv)
         held = world.attachments.attached_to(self._name)

@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from bt_dualarm.motion.averaged import shortest_motion, stretches
+from bt_dualarm.motion.fastest import fastest_profile
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.catalogue import JointLimits
@@ -45,15 +46,38 @@ def time_path(
         ValueError: The samples are not finite or leave the position limits.
     """
     samples = _distinct(_checked(q_samples, limits))
-    if len(samples) < 2:
-        return Trajectory.rest(samples[0], dt)
-    ends = [0, *_reversals(samples, limits), len(samples) - 1]
-    closed = closed and len(ends) == 2
     motion = Trajectory.rest(samples[0], dt)
-    for first, last in itertools.pairwise(ends):
-        path = spline_through(samples[first : last + 1], limits, closed)
+    for path in _pieces(samples, limits, closed):
         motion = motion.then(_timed(path, limits, dt))
     return motion
+
+
+def shortest_time(q_samples: Matrix, limits: JointLimits, closed: bool = False) -> float:
+    """Seconds that no motion along a path can go below, jerk aside: TOPP-RA's answer.
+
+    Args:
+        q_samples: As in `time_path`.
+        limits: Velocity and acceleration to keep.
+        closed: As in `time_path`.
+
+    Raises:
+        ValueError: As `time_path`.
+    """
+    samples = _distinct(_checked(q_samples, limits))
+    return sum(fastest_profile(path, limits).duration for path in _pieces(samples, limits, closed))
+
+
+def _pieces(
+    samples: Matrix, limits: JointLimits, closed: bool
+) -> list[scipy.interpolate.CubicSpline]:
+    """The path from stop to stop; none where it has no length."""
+    ends = [0, *_reversals(samples, limits), len(samples) - 1]
+    closed = closed and len(ends) == 2
+    return [
+        spline_through(samples[first : last + 1], limits, closed)
+        for first, last in itertools.pairwise(ends)
+        if last > first
+    ]
 
 
 def _timed(path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float) -> Trajectory:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import ruckig
 
-from bt_dualarm.motion.path_timing import time_path
+from bt_dualarm.motion.path_timing import shortest_time, time_path
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
 
-__all__ = ["point_to_point", "stop", "time_path"]
+__all__ = ["point_to_point", "shortest_time", "stop", "time_path"]
 
 _NOWHERE = 1e-12
 """Joint distance in rad below which there is no motion."""

@@ -20,9 +20,10 @@ def test_the_tool_draws_the_circle_that_was_asked_for(name: str) -> None:
     robot = load_robot(name)
     arm = Kinematics(robot, Pose.identity())
     tool = arm.forward(robot.postures["home"])
-    motion = trace(
+    motion, shortest = trace(
         arm, circle(tool, YZ, 0.05), robot.postures["home"], robot.limits.scaled(0.5), 0.002
     )
+    assert shortest < motion.duration < 1.3 * shortest
     assert use_of_limits(motion, robot.limits.scaled(0.5)).within
     for q in motion.q[::20]:
         pose = arm.forward(q)

@@ -24,7 +24,7 @@ def drawn(robot: Robot, speed: float) -> Trajectory:
     q = robot.postures["home"]
     axes = np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0))
     path = circle(arm.forward(q), axes, 0.1, mode="from")
-    return trace(arm, path, q, robot.limits.scaled(speed), DT)
+    return trace(arm, path, q, robot.limits.scaled(speed), DT).motion
 
 
 def sent(motion: TrajectoryMotion, count: int) -> Trajectory:
