@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict, Field, model_validator
 
+from bt_dualarm.spec.edit import flow_text
 from bt_dualarm.spec.problems import suggestion
-from bt_dualarm.spec.source import with_tuples
+from bt_dualarm.spec.source import Data, with_tuples
 from bt_dualarm.spec.values import Value
 
 _Hue: TypeAlias = Annotated[float, Field(ge=0.0, le=360.0)]
@@ -25,6 +26,11 @@ _NAMED_HUES: Final[Mapping[str, tuple[float, float]]] = {
     "green": (80.0, 165.0),
     "blue": (216.0, 260.0),  # not the joints of a UR
 }
+
+
+def _short(number: float) -> int | float:
+    """A number as a person would write it: 1 and not 1.0."""
+    return int(number) if float(number).is_integer() else number
 
 
 class HsvRange(Value):
@@ -49,10 +55,17 @@ class HsvRange(Value):
         return self
 
     @property
+    def data(self) -> Data:
+        """As YAML says it, with every field."""
+        return {
+            name: [_short(end) for end in getattr(self, name)] for name in HsvRange.model_fields
+        }
+
+    @property
     def bounds(self) -> tuple[Bounds, ...]:
         """For OpenCV (hue 0 to 179, the others 0 to 255): one box, or two where hue wraps."""
-        low, high = (round(hue / 2) % 180 for hue in self.hue)
-        hues = [(low, high)] if low <= high else [(low, 179), (0, high)]
+        low, high = (min(round(hue / 2), 179) for hue in self.hue)
+        hues = [(low, high)] if self.hue[0] <= self.hue[1] else [(low, 179), (0, high)]
         return tuple((self._corner(a, 0), self._corner(b, 1)) for a, b in hues)
 
     def _corner(self, hue: int, end: int) -> npt.NDArray[np.uint8]:
@@ -101,6 +114,24 @@ class Color(Value):
             pydantic.ValidationError: There is no such name.
         """
         return cls.model_validate(name)
+
+    @property
+    def data(self) -> Data:
+        """As YAML says it: the name, or the list of ranges."""
+        if self.name:
+            return self.name
+        return [
+            {
+                field: [_short(end) for end in getattr(item, field)]
+                for field in HsvRange.model_fields
+            }
+            for item in self.ranges
+        ]
+
+    @property
+    def notation(self) -> str:
+        """`data` on one line of YAML."""
+        return self.name or flow_text(self.data)
 
     @property
     def bounds(self) -> tuple[Bounds, ...]:

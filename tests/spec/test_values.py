@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from bt_dualarm.spec.color import Color
+from bt_dualarm.spec.color import Color, HsvRange
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.spec.ports import PortModel, port, validated
+from bt_dualarm.spec.reader import read_text
 from bt_dualarm.spec.values import Angle, Duration, PoseSpec, Speed
 
 
@@ -122,6 +123,18 @@ def test_axes_of_a_plane(normal: tuple[float, float, float]) -> None:
 def test_red_wraps_around_the_colour_circle() -> None:
     boxes = Color.named("red").bounds
     assert [(low[0], high[0]) for low, high in boxes] == [(170, 179), (0, 6)]
+
+
+@pytest.mark.parametrize("hue", [(0, 360), (0, 359), (0, 358)])
+def test_the_whole_colour_circle_is_every_hue(hue: tuple[int, int]) -> None:
+    ((low, high),) = Color(ranges=(HsvRange(hue=hue),)).bounds
+    assert (low[0], high[0]) == (0, 179)
+
+
+@pytest.mark.parametrize("notation", ["red", [{"hue": [350, 10], "value": [0.25, 1]}]])
+def test_a_colour_reads_as_it_is_written(notation: object) -> None:
+    color = Color.model_validate(notation)
+    assert Color.model_validate(read_text(color.notation).data) == color
 
 
 def test_explicit_ranges() -> None:
