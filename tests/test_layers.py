@@ -23,7 +23,7 @@ LAYERS = (
     },
     {"tree"},
     {"run"},
-    {"experiments", "testing"},
+    {"experiments", "testing", "tuning"},
     {"cli"},
 )
 """The rooms of the package, lowest first; a room may use its own layer and those before it."""

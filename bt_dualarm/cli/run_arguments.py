@@ -41,7 +41,7 @@ def command_line() -> argparse.ArgumentParser:
         "(default: live in a terminal, else log)",
     )
     add("--ascii", action="store_true", help="draw with ASCII characters only")
-    add("--seed", metavar="N", type=_seed, help="of everything random (default: the file's)")
+    add("--seed", metavar="N", type=seed, help="of everything random (default: the file's)")
     add("--duration", metavar="S", type=_seconds, help="end after so many simulated seconds")
     add(
         "--renderer",
@@ -56,7 +56,8 @@ def command_line() -> argparse.ArgumentParser:
     return parser
 
 
-def _seed(text: str) -> int:
+def seed(text: str) -> int:
+    """The value of ``--seed``."""
     if not text.isascii() or not text.isdecimal() or int(text) >= 2**32:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 4294967295")
     return int(text)

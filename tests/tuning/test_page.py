@@ -1,0 +1,141 @@
+"""The page over the network: a browser's requests, one after the other."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from bt_dualarm.spec.color import Color
+from bt_dualarm.tuning.page import HOST, PageError, Tuning, page_server
+from bt_dualarm.tuning.saving import AsSnippet
+from bt_dualarm.tuning.shot import Shot, still
+from tests.tuning.test_look import two_squares
+
+
+class Browser:
+    """Asks one server."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+
+    def ask(
+        self, method: str, path: str, body: bytes = b"", kind: str = "", host: str = HOST
+    ) -> tuple[int, str, bytes]:
+        """Status, type and content of the answer."""
+        connection = http.client.HTTPConnection(HOST, self.port, timeout=30)
+        headers = {"Host": f"{host}:{self.port}", "Content-Type": kind}
+        connection.request(method, path, body, headers)
+        answer = connection.getresponse()
+        content = answer.read()
+        connection.close()
+        return answer.status, answer.headers.get_content_type(), content
+
+    def post(self, path: str, asked: object) -> tuple[int, Any]:
+        body = json.dumps(asked).encode()
+        status, _, content = self.ask("POST", path, body, "application/json")
+        return status, json.loads(content)
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    return tmp_path / "color.yaml"
+
+
+@pytest.fixture
+def browser(saved: Path) -> Iterator[Browser]:
+    shot = Shot(still(two_squares()), "two squares")
+    tuning = Tuning(shot, Color.named("blue"), AsSnippet(saved, shot.what))
+    with page_server(tuning) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        yield Browser(server.server_address[1])
+        server.shutdown()
+        thread.join()
+
+
+def test_the_page_and_its_picture(browser: Browser) -> None:
+    """Everything that the page shows comes from this server."""
+    status, kind, page = browser.ask("GET", "/")
+    assert (status, kind) == (200, "text/html")
+    assert b"http://" not in page
+    assert b"https://" not in page
+    status, kind, picture = browser.ask("GET", "/image.png")
+    assert (status, kind) == (200, "image/png")
+    image = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    assert (cv2.cvtColor(image, cv2.COLOR_BGR2RGB) == two_squares()).all()
+
+
+def test_a_click_then_save(browser: Browser, saved: Path) -> None:
+    """Blue finds nothing; a click on the yellow square finds both, and is what gets saved."""
+    status, begin = browser.post("/begin", {})
+    assert (status, begin["found"], begin["can_save"]) == (200, [], True)
+    click = {"color": begin["color"], "at": [30, 30], "range": 0, "widen": False}
+    status, seen = browser.post("/click", click)
+    assert status == 200
+    assert [one["centroid_px"] for one in seen["found"]] == [[30.0, 30.0], [65.0, 15.0]]
+    assert seen["mask"].startswith("data:image/png;base64,")
+    status, said = browser.post("/save", {"color": seen["color"]})
+    assert (status, said) == (200, {"said": f"written: {saved}"})
+    assert f"color: {seen['notation']}\n" in saved.read_text(encoding="utf-8")
+
+
+def test_widening_keeps_the_range(browser: Browser) -> None:
+    _, begin = browser.post("/begin", {})
+    click = {"color": begin["color"], "at": [30, 30], "range": 0, "widen": True}
+    _, seen = browser.post("/click", click)
+    ((low, high),) = (one["hue"] for one in seen["color"])
+    assert low == begin["color"][0]["hue"][0]
+    assert 54 <= high < low, "from blue to yellow the way through red is the shorter one"
+
+
+def test_sliders_are_looked_through(browser: Browser) -> None:
+    _, seen = browser.post("/look", {"color": [{"hue": [42, 70]}]})
+    assert seen["color"] == [{"hue": [42, 70], "saturation": [0.4, 1], "value": [0.2, 1]}]
+    assert len(seen["found"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("path", "asked", "says"),
+    [
+        ("/look", {"color": [{"hue": [1, 999]}]}, "hue: must be at most 360, not 999"),
+        ("/look", {"color": [{"hue": [1, 2], "value": [1, 0]}]}, "swap the two"),
+        ("/look", [], "color"),
+        ("/click", {"color": "red", "at": [80, 0], "range": 0, "widen": False}, "outside"),
+        ("/click", {"color": "red", "at": [8, 0], "range": 1, "widen": True}, "a click has"),
+        ("/click", {"color": "red", "at": "x", "range": 0, "widen": True}, "a click has"),
+    ],
+)
+def test_nonsense_is_refused_with_a_reason(
+    browser: Browser, path: str, asked: object, says: str
+) -> None:
+    status, said = browser.post(path, asked)
+    assert status == 400
+    assert says in said["error"]
+
+
+def test_only_the_page_itself_may_ask(browser: Browser, saved: Path) -> None:
+    """Another site can neither send JSON unasked nor give its own name to this address."""
+    body = json.dumps({"color": "red"}).encode()
+    assert browser.ask("POST", "/save", body, "text/plain")[0] == 403
+    assert browser.ask("POST", "/save", body)[0] == 403
+    foreign = "evil.example"
+    assert browser.ask("POST", "/save", body, "application/json", foreign)[0] == 403
+    assert browser.ask("GET", "/", host=foreign)[0] == 403
+    assert browser.ask("GET", "/../saving.py")[0] == 404
+    assert browser.ask("POST", "/nothing", body, "application/json")[0] == 404
+    assert not saved.exists()
+
+
+def test_a_port_that_is_taken_is_said() -> None:
+    tuning = Tuning(Shot(still(two_squares()), "two"), Color.named("red"), None)
+    with page_server(tuning) as server, pytest.raises(PageError, match="cannot serve on port"):
+        page_server(tuning, server.server_address[1])

@@ -1,0 +1,114 @@
+"""Pictures from cameras of tree files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.registry import Registry
+from bt_dualarm.run.shipped import find_tree
+from bt_dualarm.spec.color import Color
+from bt_dualarm.spec.document import TreeFile
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.tuning.look import Look
+from bt_dualarm.tuning.shot import Moment, ShotError, camera_arm, camera_shot, image_shot
+
+TREE = """\
+bt_dualarm: 1
+world: {scene: empty, renderer: ray}
+objects:
+  cube: {shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, color: yellow, fixed: true,
+    pose: {xyz: [0.9, 0, 0.45]}}
+arms:
+  arm1:
+    robot: panda
+    posture: look_out
+    camera: {mount: wrist, noise: 5, drop: 0.9, latency: 1}
+    tree: {sequence: [{wait: 0.2}, {move_joints: {to: [0, -30, 0, -130, 0, 100, 45]}}]}
+  arm2:
+    robot: ur5
+    base: {xyz: [0, 1.5, 0]}
+    spawned: false
+    camera: {mount: wrist}
+    tree: {sequence: [wait: 0.1]}
+"""
+
+
+@pytest.fixture(scope="module")
+def registry() -> Registry:
+    return Registry.load()
+
+
+@pytest.fixture(scope="module")
+def file(registry: Registry, tmp_path_factory: pytest.TempPathFactory) -> TreeFile:
+    path = tmp_path_factory.mktemp("shot") / "tree.yaml"
+    path.write_text(TREE, encoding="utf-8")
+    return load_tree_file(path, registry.kinds)
+
+
+def test_a_shot_is_of_its_moment_without_the_faults_of_the_camera(
+    file: TreeFile, registry: Registry
+) -> None:
+    """Standing, then still standing at the same place: equal pictures; later the arm has moved."""
+    first = camera_shot(file, registry, "arm1", Moment())
+    later = camera_shot(file, registry, "arm1", Moment(0.1))
+    last = camera_shot(file, registry, "arm1", Moment(0.7))
+    assert [shot.frame.stamp for shot in (first, later)] == pytest.approx([0.0, 0.1])
+    assert "arm1 at 0.100 s, renderer ray" in later.what
+    seen = [Look(shot.frame, Color.named("yellow")).found for shot in (first, later, last)]
+    assert seen[0][0].centroid_px == pytest.approx(seen[1][0].centroid_px, abs=0.3)
+    assert abs(seen[2][0].centroid_px[1] - seen[0][0].centroid_px[1]) > 3
+
+
+def test_a_posture_is_where_the_arm_starts(file: TreeFile, registry: Registry) -> None:
+    poses = [
+        camera_shot(file, registry, "arm1", Moment(posture=posture)).frame.pose
+        for posture in (None, "look_out", "home")
+    ]
+    assert poses[0].distance(poses[1]) == 0.0
+    assert poses[0].distance(poses[2]) > 0.1
+
+
+def test_a_run_that_ends_earlier_says_so(file: TreeFile, registry: Registry) -> None:
+    shot = camera_shot(file, registry, "arm1", Moment(60.0))
+    assert "where the run ended" in shot.what
+    assert shot.frame.stamp < 20
+
+
+def test_an_arm_that_is_not_there_has_no_picture(file: TreeFile, registry: Registry) -> None:
+    for seconds in (0.0, 0.05):
+        with pytest.raises(ShotError, match="arm2 is not in the world at"):
+            camera_shot(file, registry, "arm2", Moment(seconds))
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        (None, r"several arms have one \(arm1, arm2\); say --arm NAME"),
+        ("arm3", "there is no arm 'arm3': did you mean"),
+    ],
+)
+def test_the_camera_must_be_clear(name: str | None, says: str, file: TreeFile) -> None:
+    assert camera_arm(file, "arm1") == "arm1"
+    with pytest.raises(ShotError, match=says):
+        camera_arm(file, name)
+
+
+def test_a_blind_arm_has_no_camera(registry: Registry) -> None:
+    with pytest.raises(ShotError, match="which camera\\? no arm has one"):
+        camera_arm(load_tree_file(find_tree("circle"), registry.kinds), None)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(None, "No such file"), (b"", "not an image"), (b"GIF89a?", "not an image")],
+)
+def test_files_that_are_no_images_are_said(
+    content: bytes | None, says: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "photo.png"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ShotError, match=says):
+        image_shot(path)
