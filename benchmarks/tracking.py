@@ -1,6 +1,6 @@
 """Tracking by vision alone, in figures: error, bound, faults of the camera, cover, twins, cost.
 
-    python benchmarks/tracking.py [--quick] [--seeds 10] [--figure N ...] [--out DIR]
+    python -m benchmarks.tracking [--quick] [--seeds 10] [--figure N ...] [--jobs 2] [--out DIR]
 
 Prints every figure with its goal, and ends with exit code 1 if one misses it. 60 Hz, 320x240, one
 frame of latency, gains and filter as shipped. ``--quick`` takes one seed and thins the others out.
@@ -17,17 +17,20 @@ frame of latency, gains and filter as shipped. ``--quick`` takes one seed and th
 from __future__ import annotations
 
 import argparse
-import itertools
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cache
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bt_dualarm.experiments.cases import CASES, Cell
+from benchmarks.camera_map import draw, survey, table
+from bt_dualarm.experiments.cases import CASES, UNTUNED, Cell
 from bt_dualarm.experiments.results import Result
 from bt_dualarm.experiments.trial import Trial, TrialError, run_trial
 from bt_dualarm.motion.servo import PlanarServo
@@ -40,13 +43,6 @@ from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.world.camera import Camera
 from bt_dualarm.world.world import World
 
-UNTUNED: tuple[Cell, ...] = (
-    Cell("circle", 1.0, more={"radius": "0.06"}),
-    Cell("circle", 0.7, more={"radius": "0.13"}),
-    Cell("lissajous", 1.0, more={"a": "3", "b": "2", "turns": "1", "waypoints": "60"}),
-    Cell("lissajous", 0.8, more={"radius": "0.07", "a": "2", "b": "1"}),
-    Cell("lissajous", 0.6, more={"a": "1", "b": "1", "radius": "0.08", "waypoints": "8"}),
-)
 AWAY = PoseSpec(xyz=(3.0, 3.0, 0.5))
 SCREEN = ObjectSpec(
     shape="box", size=(0.002, 0.6, 0.6), mass=1, color="grey", pose=AWAY, fixed=True
@@ -63,12 +59,14 @@ class Bench:
         seeds: Repetitions.
         quick: Thin out.
         out: Where pictures go.
+        jobs: Processes that run trials side by side; figures 1 to 4 use them.
         missed: The goals that were missed.
     """
 
     seeds: int
     quick: bool
     out: Path
+    jobs: int = 1
     registry: Registry = field(default_factory=Registry.load)
     missed: list[str] = field(default_factory=list)
     _known: dict[str, Result] = field(default_factory=dict)
@@ -82,12 +80,47 @@ class Bench:
             self.missed.append(what)
 
     def result(self, cell: Cell) -> Result:
-        """All seeds of a cell, run once."""
-        key = cell.command(0)
-        if key not in self._known:
-            trials = [run_trial(cell, seed, self.registry) for seed in range(self.seeds)]
-            self._known[key] = Result(cell, trials)
-        return self._known[key]
+        """All seeds of a cell, run once.
+
+        Raises:
+            TrialError: One could not be measured.
+        """
+        return self.results([cell])[0]
+
+    def results(self, cells: Sequence[Cell]) -> list[Result]:
+        """All seeds of all cells, each run once; errors as `result`."""
+        new = [cell for cell in cells if cell.command(0) not in self._known]
+        for cell, trials in zip(new, self.trials(new), strict=True):
+            for trial in trials:
+                if isinstance(trial, TrialError):
+                    raise trial
+            measured = [trial for trial in trials if isinstance(trial, Trial)]
+            self._known[cell.command(0)] = Result(cell, measured)
+        return [self._known[cell.command(0)] for cell in cells]
+
+    def trials(self, cells: Sequence[Cell]) -> list[list[Trial | TrialError]]:
+        """All seeds of all cells, or why there is no measurement."""
+        runs = [(cell, seed) for cell in cells for seed in range(self.seeds)]
+        if self.jobs == 1:
+            done = [_tried(cell, seed, self.registry) for cell, seed in runs]
+        else:
+            with ProcessPoolExecutor(self.jobs, get_context("spawn")) as pool:
+                done = list(pool.map(_tried, *zip(*runs, strict=True)))
+        return [done[begin : begin + self.seeds] for begin in range(0, len(done), self.seeds)]
+
+
+@cache
+def _registry() -> Registry:
+    """One a process."""
+    return Registry.load()
+
+
+def _tried(cell: Cell, seed: int, registry: Registry | None = None) -> Trial | TrialError:
+    """A trial, or why there is none; for a process of its own without a registry."""
+    try:
+        return run_trial(cell, seed, registry or _registry())
+    except TrialError as error:
+        return error
 
 
 def experiments(fps: float) -> Iterator[Cell]:
@@ -96,19 +129,14 @@ def experiments(fps: float) -> Iterator[Cell]:
         yield replace(cell, fps=fps)
 
 
-def title(cell: Cell) -> str:
-    """A cell in few words."""
-    return " ".join([cell.name, *(f"{name}={value}" for name, value in cell.more.items())])
-
-
 def errors(bench: Bench, fps: float, rms: float, worst: float) -> None:
     """Figures 1 and 2."""
-    for cell in experiments(fps):
-        result = bench.result(cell)
+    cells = list(experiments(fps))
+    for cell, result in zip(cells, bench.results(cells), strict=True):
         lost = sum(trial.lost_count for trial in result.trials)
-        bench.say(f"{title(cell)}: RMS", 1e3 * result.rms, rms)
-        bench.say(f"{title(cell)}: max", 1e3 * result.worst, worst)
-        bench.say(f"{title(cell)}: losses", lost, 0, "")
+        bench.say(f"{cell.name}: RMS", 1e3 * result.rms, rms)
+        bench.say(f"{cell.name}: max", 1e3 * result.worst, worst)
+        bench.say(f"{cell.name}: losses", lost, 0, "")
 
 
 def figure_1(bench: Bench) -> None:
@@ -124,66 +152,29 @@ def figure_2(bench: Bench) -> None:
             cell = Cell(case, speed)
             plain = bench.result(replace(cell, controller="proportional"))
             ratio = bench.result(cell).rms / plain.rms
-            bench.say(f"{title(cell)}: predictive ÷ proportional", ratio, 1 / 12, "")
+            bench.say(f"{cell.name}: predictive ÷ proportional", ratio, 1 / 12, "")
 
 
 def figure_3(bench: Bench) -> None:
     """Against the estimator's bound."""
-    for cell in experiments(60.0):
-        result = bench.result(cell)
+    cells = list(experiments(60.0))
+    for cell, result in zip(cells, bench.results(cells), strict=True):
         bound = float(np.mean(result.bounds))
         noise = 1e3 * result.mean("sighting_sd")
-        print(f"  {title(cell)}: noise {noise:.3f} mm, bound {1e3 * bound:.2f} mm")
-        bench.say(f"{title(cell)}: RMS ÷ bound", result.rms / bound, 1.5, "")
+        print(f"  {cell.name}: noise {noise:.3f} mm, bound {1e3 * bound:.2f} mm")
+        bench.say(f"{cell.name}: RMS ÷ bound", result.rms / bound, 1.5, "")
 
 
 def figure_4(bench: Bench) -> None:
-    """The map of a faulty camera; unstable is who ends worse than proportional control."""
-    latencies = (0.0, 0.05, 0.1) if bench.quick else (0.0, 0.02, 0.04, 0.06, 0.08, 0.1)
-    drops, noises = (0.0, 0.15, 0.3), (0.0, 1.0, 2.0)
-    grid = np.zeros((len(drops), len(noises), len(latencies)))
-    unstable = 0
-    for (i, drop), (j, noise), (k, late) in itertools.product(
-        enumerate(drops), enumerate(noises), enumerate(latencies)
-    ):
-        cell = Cell("circle", 0.5, latency=late, drop=drop, noise=noise, more={"turns": "2"})
-        try:
-            trial = run_trial(cell, 0, bench.registry)
-        except TrialError as error:
-            grid[i, j, k] = np.nan
-            unstable += 1
-            print(f"  {cell.params}: {error}")
-            continue
-        grid[i, j, k] = 1e3 * trial.rms
-        late_error, early = np.array_split(trial.error, 2)[::-1]
-        unstable += trial.outcome != "SUCCESS" or late_error.max() > 3 * early.max() + 0.02
-    print(np.array_str(grid, precision=2))
-    _draw_map(bench.out / "tracking_map.png", grid, latencies, drops, noises)
-    bench.say("cells of the map without stability", unstable, 0, "")
-
-
-def _draw_map(
-    path: Path,
-    grid: np.ndarray[Any, np.dtype[np.float64]],
-    latencies: tuple[float, ...],
-    drops: tuple[float, ...],
-    noises: tuple[float, ...],
-) -> None:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 3.6), dpi=110, layout="constrained")
-    for axes, rows, drop in zip(figure.subplots(1, len(drops)), grid, drops, strict=True):
-        axes.imshow(rows, vmin=0, vmax=np.nanmax(grid), cmap="viridis", aspect="auto")
-        for (j, k), value in np.ndenumerate(rows):
-            axes.text(k, j, f"{value:.1f}", ha="center", va="center", color="w", fontsize=9)
-        axes.set_title(f"{drop:.0%} of the frames lost", fontsize=10)
-        axes.set_xticks(range(len(latencies)), [f"{1e3 * late:.0f}" for late in latencies])
-        axes.set_yticks(range(len(noises)), [f"{noise:g}" for noise in noises])
-        axes.set_xlabel("latency [ms]")
-        axes.set_ylabel("shake [px]")
-    figure.suptitle("RMS in mm: circle at speed 0.5, 60 Hz")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    """The map of a faulty camera, and where in it nothing holds."""
+    spots = survey(bench.trials, coarse=bench.quick)
+    print(table(spots))
+    for spot in spots:
+        for complaint in spot.complaints:
+            print(f"  {spot.faults}: {complaint}")
+    draw(spots, bench.seeds, bench.out / "tracking_map.png")
+    unstable = sum(bool(spot.complaints) for spot in spots)
+    bench.say(f"of {len(spots)} places of the map without stability", unstable, 0, "")
 
 
 class Mover:
@@ -316,8 +307,11 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--figure", type=int, action="append", choices=range(1, 8))
     parser.add_argument("--out", type=Path, default=Path("out"))
+    parser.add_argument("--jobs", type=int, default=1, help="processes side by side")
     arguments = parser.parse_args()
-    bench = Bench(1 if arguments.quick else arguments.seeds, arguments.quick, arguments.out)
+    bench = Bench(
+        1 if arguments.quick else arguments.seeds, arguments.quick, arguments.out, arguments.jobs
+    )
     for number, figure in enumerate(FIGURES, start=1):
         if arguments.figure is None or number in arguments.figure:
             print(f"{number}  {figure.__doc__}", flush=True)

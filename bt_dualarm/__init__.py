@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from bt_dualarm.errors import Failure as Failure
     from bt_dualarm.errors import WorldError as WorldError
     from bt_dualarm.motion.blending import blended as blended_path
+    from bt_dualarm.motion.drawing import drawn as drawn_path
     from bt_dualarm.motion.paths import circle as circle_path
     from bt_dualarm.motion.paths import line as line_path
     from bt_dualarm.motion.paths import lissajous as lissajous_path
@@ -99,6 +100,7 @@ _CONTENTS: Final = {
     "line_path": "motion.paths:line",
     "lissajous_path": "motion.paths:lissajous",
     "blended_path": "motion.blending:blended",
+    "drawn_path": "motion.drawing:drawn",
     "turned_path": "motion.turning:turned_about",
     "follow_curve": "curve:follow_curve",
     "check_arrival": "arrival:check_arrival",
@@ -139,6 +141,7 @@ __all__ = [
     "blended_path",
     "check_arrival",
     "circle_path",
+    "drawn_path",
     "follow_curve",
     "line_path",
     "lissajous_path",

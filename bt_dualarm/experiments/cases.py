@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias
 
-CurveName: TypeAlias = Literal["circle", "lissajous"]
+import numpy as np
+
+from bt_dualarm.pose import Matrix
+from bt_dualarm.spec.plane import Plane
+
+CurveName: TypeAlias = Literal["circle", "lissajous", "drawn"]
 ControllerName: TypeAlias = Literal["proportional", "predictive"]
 RendererName: TypeAlias = Literal["gl", "ray"]
 
@@ -49,6 +55,7 @@ class Cell:
         drop: Share of the frames that get lost.
         noise: Shake of the camera in px.
         more: Further parameters of the tree file.
+        label: Name in tables; by default curve and speed.
     """
 
     case: CurveName
@@ -60,11 +67,17 @@ class Cell:
     drop: float = 0.0
     noise: float = 0.0
     more: Mapping[str, str] = field(default_factory=dict)
+    label: str = ""
 
     @property
     def name(self) -> str:
         """As it is called in tables."""
-        return f"{self.case} {self.speed:g}"
+        return self.label or f"{self.case} {self.speed:g}"
+
+    @property
+    def axes(self) -> Matrix:
+        """Of the plane, of shape (2, 3), in the world."""
+        return np.array(Plane.model_validate(self.more.get("plane", "yz")).axes)
 
     @property
     def latency_s(self) -> float:
@@ -89,5 +102,41 @@ class Cell:
 
     def command(self, seed: int) -> str:
         """What to type to see this run again."""
-        params = " ".join(f"--param {name}={value}" for name, value in self.params.items())
+        settings = (f"{name}={value}" for name, value in self.params.items())
+        params = " ".join(f"--param {shlex.quote(setting)}" for setting in settings)
         return f"bt-run {TREE} --renderer {self.renderer} --seed {seed} {params}"
+
+
+UNTUNED: Final[tuple[Cell, ...]] = (
+    Cell("circle", 1.0, label="circle of 60 mm", more={"radius": "0.06"}),
+    Cell(
+        "circle",
+        1.0,
+        label="circle elsewhere",
+        more={
+            "cube": "{xyz: [0.68, 0.17, 0.751]}",
+            "stand": "{xyz: [0.68, 0.17, 0.388]}",
+        },
+    ),
+    Cell(
+        "circle",
+        1.0,
+        label="circle in XZ",
+        more={
+            "plane": "xz",
+            "cube": "{xyz: [-0.11, 0.68, 0.701], rpy: [0, 0, 90]}",
+            "stand": "{xyz: [-0.11, 0.68, 0.338], rpy: [0, 0, 90]}",
+            "approach": "[0, 1, 0]",
+            "leader": "{xyz: [0, 0, 0.40], rpy: [0, 0, 90]}",
+            "follower": "{xyz: [-0.11, 1.60, 0.28], rpy: [0, 0, -90]}",
+        },
+    ),
+    Cell(
+        "lissajous",
+        1.0,
+        label="lissajous 3:2",
+        more={"a": "3", "b": "2", "turns": "1", "waypoints": "60"},
+    ),
+    Cell("drawn", 1.0, label="drawn by hand", more={"turns": "2"}),
+)
+"""Five curves at full speed that neither filter nor gains were chosen on."""

@@ -6,15 +6,23 @@ import argparse
 import json
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from bt_dualarm.errors import DualArmError
-from bt_dualarm.experiments.cases import CASES, Cell, ControllerName, RendererName
+from bt_dualarm.experiments.cases import (
+    CASES,
+    UNTUNED,
+    Cell,
+    ControllerName,
+    CurveName,
+    RendererName,
+)
 
 if TYPE_CHECKING:
     from bt_dualarm.experiments.results import Result
@@ -23,6 +31,7 @@ _EXAMPLES = """\
 examples:
   bt-experiments                                    all five, both controllers, into out/experiments
   bt-experiments --seeds 10 --fps 30 --out out/slow
+  bt-experiments --untuned --controller predictive  five curves that nothing was tuned on
   bt-experiments --case circle --speed 1.0 --controller predictive --seeds 1 --json cell.json
 
 exit code: 0 every run was measured, 1 one was not, 2 the command is wrong
@@ -38,7 +47,8 @@ def command_line() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--case", choices=("circle", "lissajous"), help="only this curve")
+    add("--untuned", action="store_true", help="five other curves, which nothing was tuned on")
+    add("--case", choices=get_args(CurveName), help="only this curve")
     add("--speed", type=float, metavar="S", help="of the leading arm, 0.05 to 1 (default: all)")
     add("--controller", choices=("proportional", "predictive"), help="only this one")
     add("--renderer", choices=("gl", "ray"), help="only this one (default: those that work here)")
@@ -82,25 +92,33 @@ def _count(text: str) -> int:
 
 def _cells(arguments: argparse.Namespace) -> Iterator[Cell]:
     """The experiments that were asked for, in the order of the table."""
-    cases = [(case, speed) for case, speed in CASES if arguments.case in (None, case)]
-    if arguments.speed is not None:
-        names = dict.fromkeys(case for case, _ in cases)
-        cases = [(case, arguments.speed) for case in names]
     both: tuple[ControllerName, ...] = ("proportional", "predictive")
-    controllers = (arguments.controller,) if arguments.controller else both
+    settings = {
+        "fps": arguments.fps,
+        "latency": arguments.latency,
+        "drop": arguments.drop,
+        "noise": arguments.noise,
+    }
     for renderer in (arguments.renderer,) if arguments.renderer else _renderers():
-        for case, speed in cases:
-            for controller in controllers:
-                yield Cell(
-                    case,
-                    speed,
-                    controller,
-                    renderer,
-                    arguments.fps,
-                    arguments.latency,
-                    arguments.drop,
-                    arguments.noise,
-                )
+        for cell in _curves(arguments):
+            for controller in (arguments.controller,) if arguments.controller else both:
+                yield replace(cell, controller=controller, renderer=renderer, **settings)
+
+
+def _curves(arguments: argparse.Namespace) -> list[Cell]:
+    """Curves and speeds alone.
+
+    Raises:
+        DualArmError: None is left.
+    """
+    cells = UNTUNED if arguments.untuned else tuple(Cell(case, speed) for case, speed in CASES)
+    cells = tuple(cell for cell in cells if arguments.case in (None, cell.case))
+    if not cells:
+        raise DualArmError(f"{arguments.case} is not among these curves: see --untuned")
+    if arguments.speed is None:
+        return list(cells)
+    slower = (replace(cell, speed=arguments.speed) for cell in cells)
+    return list({cell.name: cell for cell in slower}.values())
 
 
 def _renderers() -> tuple[RendererName, ...]:

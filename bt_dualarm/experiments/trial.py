@@ -24,7 +24,6 @@ from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.world.world import World
 
 LEADER, FOLLOWER = "arm1", "arm2"
-_PLANE = slice(1, 3)  # y and z
 
 
 class TrialError(DualArmError):
@@ -38,7 +37,7 @@ class Trial:
     Attributes:
         seed: Of everything random.
         times: Seconds since the curve began, of shape (n,).
-        planned: Where the cube was to be, of shape (n, 2): y and z in m.
+        planned: Where the cube was to be along the plane's axes, of shape (n, 2), in m.
         cube: Where it truly was.
         tracked: Where the following tool was, less its mean distance from the cube.
         lost_count: How often the target was lost.
@@ -115,10 +114,10 @@ def run_trial(
         world = session.assembly.world
         watch = MarginWatch(world, FOLLOWER)
         result = session.run([watch, *([meddler(world)] if meddler else [])], perf_counter)
-        return _trial(seed, result, session.assembly.series, watch.margins)
+        return _trial(cell, seed, result, session.assembly.series, watch.margins)
 
 
-def _trial(seed: int, result: RunResult, log: SeriesLog, margins: Margins) -> Trial:
+def _trial(cell: Cell, seed: int, result: RunResult, log: SeriesLog, margins: Margins) -> Trial:
     series = {(one.arm, one.name): one for one in log}
     try:
         plan = series[LEADER, "planned"]
@@ -133,8 +132,8 @@ def _trial(seed: int, result: RunResult, log: SeriesLog, margins: Margins) -> Tr
     if during.sum() < 3:
         raise TrialError(f"the target was followed for {during.sum()} of {len(during)} samples")
     times = target.time[during]
-    cube, tool = target.values[during][:, _PLANE], tracked.values[during][:, _PLANE]
-    planned = np.column_stack([np.interp(times, plan.time, c) for c in plan.values[:, _PLANE].T])
+    cube, tool = target.values[during] @ cell.axes.T, tracked.values[during] @ cell.axes.T
+    planned = np.column_stack([np.interp(times, plan.time, c) for c in cell.axes @ plan.values.T])
     leaf = next(leaf for arm in result.arms if arm.name == FOLLOWER for leaf in arm.leaves)
     return Trial(
         seed=seed,

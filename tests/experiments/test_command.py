@@ -24,6 +24,11 @@ def test_one_cell_writes_its_numbers(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]
 
 
+def test_a_curve_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--case", "drawn", "--renderer", "ray"]) == 2
+    assert "see --untuned" in capsys.readouterr().err
+
+
 def test_settings_that_the_file_refuses_are_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--case", "circle", "--speed", "7", "--renderer", "ray"]) == 2
     assert "speed" in capsys.readouterr().err

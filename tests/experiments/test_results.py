@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -11,12 +12,15 @@ import numpy as np
 import pytest
 
 from bt_dualarm.experiments.bounds import estimator_bound, proportional_bound
-from bt_dualarm.experiments.cases import CASES, Cell
+from bt_dualarm.experiments.cases import CASES, TREE, UNTUNED, Cell
 from bt_dualarm.experiments.margins import Margins
 from bt_dualarm.experiments.report import HEADER, row, write_report
 from bt_dualarm.experiments.results import Result
 from bt_dualarm.experiments.trial import Trial
 from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.registry import Registry
+from bt_dualarm.run.shipped import find_tree
+from bt_dualarm.spec.load import load_tree_file
 
 
 def made_up(late: float = 0.02, seed: int = 0) -> Trial:
@@ -95,3 +99,20 @@ def test_the_report_stands_alone(tmp_path: Path) -> None:
         assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
     assert len(row(results[0])) == len(HEADER)
     assert all(cell in page for cell in row(results[0]))
+
+
+@pytest.mark.parametrize("cell", UNTUNED, ids=lambda cell: cell.name)
+def test_the_other_curves_are_settings_of_the_one_file(cell: Cell) -> None:
+    """The file takes them, and the command that repeats a run has them, quoted for a shell."""
+    kinds = Registry.load().kinds
+    file = load_tree_file(find_tree(TREE), kinds, cell.params)
+    assert file.objects["cube"].pose.xyz[2] > 0.7
+    words = shlex.split(cell.command(3))
+    given = dict(word.split("=", 1) for word in words if "=" in word)
+    assert load_tree_file(find_tree(TREE), kinds, given).objects == file.objects
+
+
+def test_the_plane_of_a_cell_is_that_of_its_curve() -> None:
+    planes = {cell.name: cell.axes.tolist() for cell in UNTUNED}
+    assert planes.pop("circle in XZ") == [[1, 0, 0], [0, 0, 1]]
+    assert list(planes.values()) == [[[0, 1, 0], [0, 0, 1]]] * 4

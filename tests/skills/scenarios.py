@@ -28,6 +28,7 @@ SCENARIOS = {
     "detach": Scenario(ON_TABLE, before=(PICK,), scene="table"),
     "circle": Scenario(arm=PRESENTING),
     "lissajous": Scenario(arm=PRESENTING),
+    "draw": Scenario(arm=PRESENTING),
     "reach_to_pose": Scenario(),
     "go_home": Scenario(arm=PRESENTING),
     "move_joints": Scenario(),

@@ -129,3 +129,30 @@ def test_at_full_speed_a_curve_is_exact_and_nearly_as_short_as_can_be(
     assert play.arm().clipped_setpoints == 0
     if payload:
         assert play.world.attachments.attached_to("arm1") == ("payload",)
+
+
+def test_a_drawn_curve_goes_through_its_points_and_closes(stage: Stage) -> None:
+    """Each point is passed in every round, in the plane, without a turn of the tool."""
+    points = [[0.08, 0.0], [0.0, 0.06], [-0.05, 0.01], [0.02, -0.07]]
+    node: Tree = {"draw": {"points": points, "repeats": 2, "speed": 1.0}}
+    _, start, poses = drawn(stage, node)
+    flat, height = in_plane(
+        np.array([pose.position for pose in poses]) - start.position, PLANES["yz"]
+    )
+    assert np.abs(height).max() < NEAR
+    assert max(pose.angle(start) for pose in poses) < 2e-3
+    rounds = np.array_split(flat[np.argmax(flat[:, 0] > 0.08 - NEAR) :], 2)
+    for one in rounds:
+        for point in points:
+            assert np.hypot(*(one - point).T).min() < 2e-3, "samples are up to 3 mm apart"
+    assert np.hypot(*(flat[-1] - points[0])) < NEAR
+
+
+def test_from_the_first_point_of_an_open_curve(stage: Stage) -> None:
+    node: Tree = {
+        "draw": {"points": [[0.1, 0.1], [0.1, 0.15], [0.15, 0.2]], "start": "from", "closed": False}
+    }
+    _, start, poses = drawn(stage, node)
+    flat, _ = in_plane(np.array([pose.position for pose in poses]) - start.position, PLANES["yz"])
+    assert np.hypot(*flat[0]) < NEAR
+    assert flat[-1] == pytest.approx((0.05, 0.1), abs=NEAR)

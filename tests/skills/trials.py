@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -39,6 +40,19 @@ class Trial:
     def scenario(self, skill: str) -> Scenario:
         """The skill's own, with the changes."""
         return replace(SCENARIOS[skill], **self.changes)
+
+
+def square(width: float, height: float, **more: Any) -> Tree:
+    """Draw a rounded square on its corner, from its right end on; half its extents, in m."""
+    points = [[width, 0.0], [0.0, height], [-width, 0.0], [0.0, -height]]
+    return {"draw": {"points": points, **more}}
+
+
+FLAT_EIGHT = [
+    [0.5 * math.sin(0.1 * math.pi * step), 0.1 * math.sin(0.2 * math.pi * step)]
+    for step in range(20)
+]
+"""Leads along a singularity; other curves of its width end on this side of it."""
 
 
 def pushes(body: str, newton: float) -> Deed:
@@ -190,6 +204,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("lissajous", "IN_COLLISION"): Trial({"lissajous": {}}, {"objects": BESIDE}),
     **moving("lissajous", {"lissajous": {}}, 1.0),
+    ("draw", "INVALID_TARGET"): Trial(square(0.1, 0.1, closed=False, repeats=2)),
+    ("draw", "UNREACHABLE"): Trial(square(2.0, 2.0)),
+    ("draw", "SINGULAR"): Trial({"draw": {"points": FLAT_EIGHT}}),
+    ("draw", "PATH_BROKEN"): Trial(square(0.25, 0.25, plane="xz"), {"arm": PANDA}),
+    ("draw", "IN_COLLISION"): Trial(square(0.1, 0.1), {"objects": BESIDE}),
+    **moving("draw", square(0.1, 0.1), 1.0),
     ("move_linear", "INVALID_TARGET"): Trial({"move_linear": {}}),
     ("move_linear", "SINGULAR"): Trial({"move_linear": {"offset": {"xyz": [0.6, 0, 0]}}}),
     ("move_linear", "PATH_BROKEN"): Trial(

@@ -1,0 +1,63 @@
+"""The map over a camera's faults: what counts as stable, and how it is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.camera_map import Faults, draw, instability, survey, table
+from bt_dualarm.experiments.cases import Cell
+from bt_dualarm.experiments.trial import Trial, TrialError
+from tests.experiments.test_results import made_up
+
+
+def test_an_even_error_is_stable() -> None:
+    assert instability(made_up(late=0.02)) == ""
+
+
+def test_what_grows_swings_or_fails_is_not() -> None:
+    even = made_up(late=0.02)
+    away = np.linspace(0.0, 0.1, len(even.times))[:, None]
+    assert "grows from" in instability(replace(even, tracked=even.cube + away))
+    assert "1.50 times as large" in instability(replace(even, tracked=1.5 * even.cube))
+    lost = replace(even, outcome="FAILURE", rest="the target was last seen 2.0 s ago")
+    assert instability(lost) == "FAILURE the target was last seen 2.0 s ago"
+
+
+@pytest.fixture
+def asked() -> list[Cell]:
+    return []
+
+
+def test_every_place_is_measured_shown_and_drawn(asked: list[Cell], tmp_path: Path) -> None:
+    """The worst corner breaks, its seed is named, and the others have their number."""
+
+    def measure(cells: Sequence[Cell]) -> list[list[Trial | TrialError]]:
+        asked.extend(cells)
+        worst = replace(made_up(seed=1), outcome="FAILURE", rest="lost")
+        bad = ("0.1", "0.3", "2.0")
+        return [
+            [made_up(), worst if (c.params["latency"], c.params["drop"], c.params["noise"]) == bad
+             else made_up(seed=1)]
+            for c in cells
+        ]  # fmt: skip
+
+    spots = survey(measure, coarse=True)
+    assert len(asked) == len(spots) == 8
+    assert {cell.latency for cell in asked} == {0.0, 0.1}
+    unstable = [spot for spot in spots if spot.complaints]
+    assert [spot.faults for spot in unstable] == [Faults(0.1, 0.3, 2.0)]
+    assert unstable[0].complaints == ("seed 1: FAILURE lost",)
+    assert table(spots).count(f"{1e3 * made_up().rms:.2f}") == 8
+    assert table(spots).count("!") == 1
+    draw(spots, 2, tmp_path / "new" / "map.png")
+    assert (tmp_path / "new" / "map.png").read_bytes()[1:4] == b"PNG"
+
+
+def test_a_run_without_a_measurement_is_no_number() -> None:
+    spots = survey(lambda cells: [[TrialError("nothing")] for _ in cells], coarse=True)
+    assert all(np.isnan(spot.rms) and spot.complaints == ("nothing",) for spot in spots)
