@@ -52,8 +52,7 @@ class Case:
 
 def cases(tool: Pose, speed: float) -> list[Case]:
     """The curves around a tool pose."""
-    # Down and towards the base
-    step = np.array((-0.2, 0.0, -0.2)) * 0.3 / np.hypot(0.2, 0.2)
+    step = np.array((0.0, -0.2, -0.2)) * 0.3 / np.hypot(0.2, 0.2)
     return [
         Case(
             "circle",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Literal
 
 from bt_dualarm import (
     Angle,
@@ -28,6 +29,10 @@ class ReachToPose(Skill):
         to: ToolPose | None = port(None, "tool pose in the world; turned as now if only xyz")
         offset: Offset | None = port(None, "step from the current tool pose")
         posture: PostureName | None = port(None, "a posture of the robot, such as home")
+        prefer: Literal["nearest", "conditioned"] = port(
+            "nearest",
+            "of several configurations: the nearest, or the one farthest from singularities",
+        )
         patience: Duration = port(5.0, "how long to wait for an arm that is in the way", le=600)
         give_way: bool = port(
             False, "wait at home while another arm is in the way, instead of where the arm is"
@@ -71,7 +76,7 @@ class ReachToPose(Skill):
             return [q], arm.kinematics.forward(q)
         tool = arm.commanded_tool_pose
         target = ports.to.pose_from(tool) if ports.to else ports.offset.applied_to(tool)  # type: ignore[union-attr]  # one of the three is given
-        return arm.kinematics.solutions(target, arm.setpoint.q), target
+        return arm.kinematics.solutions(target, arm.setpoint.q, prefer=ports.prefer), target
 
     def _verify(self, target: Pose) -> None:
         self.metrics |= check_arrival(

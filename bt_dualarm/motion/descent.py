@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from bt_dualarm.motion.chain import TOOL, Chain
+from bt_dualarm.motion.mechanism import Mechanism
 from bt_dualarm.pose import Matrix, Vector
 
 _DAMPING = 1e-8
-"""Weight of a joint's step against the tool's error: redundant joints move as little as they can,
+"""Weight of a joint's step against the frames' errors: redundant joints move as little as they can,
 and an answer is still exact to 1e-12 m after six iterations."""
 
 _PULL = 1e-7
-"""Weight of the distance to a posture; moves the tool by less than 1e-6 m."""
+"""Weight of the distance to a posture; moves a frame by less than 1e-6 m."""
 
 _CONVERGED = 1e-6
 """Error in m + rad before a step that leaves nothing to gain: convergence is quadratic."""
@@ -21,49 +24,70 @@ _STALLED = 1e-4
 """Largest step in rad below which a start that is not on its target has got stuck."""
 
 
+@dataclass(frozen=True)
+class Aim:
+    """A frame that is to be somewhere: in the world, or seen from another frame."""
+
+    frame: str
+    seen_from: str | None = None
+
+
 class Descent:
-    """Gauss-Newton steps of an arm to a target, within its position limits.
+    """Gauss-Newton steps of a mechanism to its targets, within its position limits.
 
     Args:
-        chain: The arm.
+        mechanism: That moves.
         step: Most that a joint moves in one iteration, rad, so that far starts do not overshoot.
+        aims: The frames that have targets.
     """
 
-    def __init__(self, chain: Chain, step: float) -> None:
-        self._chain = chain
-        self._robot = chain.placo
-        self._solver = chain.placo.make_solver()
+    def __init__(self, mechanism: Mechanism, step: float, aims: Sequence[Aim]) -> None:
+        self._mechanism = mechanism
+        self._robot = mechanism.placo
+        self._solver = self._robot.make_solver()
         self._solver.mask_fbase(True)
         self._solver.dt = 1.0
         self._robot.set_velocity_limits(step)
         self._solver.enable_velocity_limits(True)
-        self._task = self._solver.add_frame_task(TOOL, np.eye(4))
-        self._task.configure("tool", "soft", 1.0, 1.0)
         self._solver.add_regularization_task(_DAMPING)
-        self._errors = (self._task.position(), self._task.orientation())
+        self._world, self._relative, parts = [], [], []
+        for number, aim in enumerate(aims):
+            if aim.seen_from is None:
+                task = self._solver.add_frame_task(aim.frame, np.eye(4))
+                self._world.append((number, task))
+            else:
+                task = self._solver.add_relative_frame_task(aim.seen_from, aim.frame, np.eye(4))
+                self._relative.append((number, task))
+            task.configure(f"aim {number}", "soft", 1.0, 1.0)
+            parts += [task.position(), task.orientation()]
+        self._norms = [part.error_norm for part in parts]
 
-    def run(self, target: Matrix, start: Vector, iterations: int) -> Vector:
-        """Where the steps lead, of shape (dof,): close to the target or not.
+    def run(self, targets: Sequence[Matrix], start: Vector, iterations: int) -> Vector:
+        """Where the steps lead, of shape (dof,): close to the targets or not.
 
         Args:
-            target: Tool in the world, of shape (4, 4).
+            targets: Of each aim, of shape (4, 4).
             start: Within the position limits, of shape (dof,).
             iterations: Most steps to take.
         """
-        chain, robot, solver = self._chain, self._robot, self._solver
-        position, angle = self._errors
-        self._task.T_world_frame = target
-        chain.set_state(start)
+        mechanism, robot, solver = self._mechanism, self._robot, self._solver
+        for number, task in self._world:
+            task.T_world_frame = targets[number]
+        for number, task in self._relative:
+            task.T_a_b = targets[number]
+        mechanism.set_state(start)
         for i in range(iterations):
             step = solver.solve(True)
             robot.update_kinematics()
-            error = position.error_norm() + angle.error_norm()
+            error = 0.0
+            for norm in self._norms:
+                error += norm()
             if error < _CONVERGED:
                 break
             # Looking at the step takes as long as half a step.
             if i % 4 == 3 and np.abs(step).max() < _STALLED < error:
                 break
-        return np.clip(chain.state, chain.lower, chain.upper)
+        return np.clip(mechanism.state, mechanism.lower, mechanism.upper)
 
 
 class PulledDescent(Descent):
@@ -72,12 +96,44 @@ class PulledDescent(Descent):
     It gains a digit an iteration, and ends up to 1e-6 m beside the target: descend from there.
     """
 
-    def __init__(self, chain: Chain, step: float) -> None:
-        super().__init__(chain, step)
-        self._joints = chain.robot.joints
+    def __init__(self, mechanism: Mechanism, step: float, aims: Sequence[Aim]) -> None:
+        super().__init__(mechanism, step, aims)
+        self._joints = mechanism.joints
         self._posture = self._solver.add_joints_task()
         self._posture.configure("posture", "soft", _PULL)
 
     def pull_to(self, posture: Vector) -> None:
         """Set the posture, of shape (dof,)."""
         self._posture.set_joints(dict(zip(self._joints, posture.tolist(), strict=True)))
+
+
+class Continuation:
+    """From an answer to that for targets close by, where redundant joints stay near a posture.
+
+    Args:
+        mechanism: That moves.
+        step: As in `Descent`.
+        aims: As in `Descent`.
+        redundant: Whether the aims leave joints free.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, step: float, aims: Sequence[Aim], *, redundant: bool
+    ) -> None:
+        self.mechanism = mechanism
+        self._exact = Descent(mechanism, step, aims)
+        self._pulled = PulledDescent(mechanism, step, aims) if redundant else None
+
+    def pull_to(self, posture: Vector) -> None:
+        """Where redundant joints go, of shape (dof,)."""
+        if self._pulled is not None:
+            self._pulled.pull_to(posture)
+
+    def on(
+        self, targets: Sequence[Matrix], q: Vector, *, pulled: int = 6, exact: int = 8
+    ) -> Vector:
+        """From ``q``, of shape (dof,), on to the targets; at most so many steps of each kind."""
+        q = np.clip(q, self.mechanism.lower, self.mechanism.upper)
+        if self._pulled is not None and pulled:
+            q = self._pulled.run(targets, q, pulled)
+        return self._exact.run(targets, q, exact)

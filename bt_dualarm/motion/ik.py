@@ -1,26 +1,36 @@
-"""Inverse kinematics on PlaCo: tool poses in the world to joint angles, never unchecked."""
+"""Inverse kinematics of one arm on PlaCo: of poses, of streams of poses, and along whole paths."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Literal, TypeAlias
 
 import numpy as np
 
-from bt_dualarm.motion.broken import broken
-from bt_dualarm.motion.chain import Chain
-from bt_dualarm.motion.descent import Descent, PulledDescent
-from bt_dualarm.motion.target import (
-    EXACT,
-    STREAM,
-    Tolerance,
-    residual_between,
-    target_matrix,
-    unreachable,
-)
+from bt_dualarm.motion.broken import SINGULAR_CONDITION, broken
+from bt_dualarm.motion.chain import TOOL, Chain
+from bt_dualarm.motion.descent import Aim, Continuation
+from bt_dualarm.motion.search import STEP, Search, different
+from bt_dualarm.motion.target import EXACT, STREAM, Tolerance, target_matrix, unreachable
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.catalogue import Robot
 
-_TURN = 2.0 * np.pi
+Preference: TypeAlias = Literal["nearest", "conditioned"]
+"""Of several configurations the nearest to the present one, or the best conditioned."""
+
+_AIMS = (Aim(TOOL),)
+
+_ROOM = 0.1
+"""Radians to a limit below which a well conditioned configuration comes last nevertheless."""
+
+_PATH_ROOM = 0.05
+"""Radians that a redundant arm stays away from its limits along a path, where it can."""
+
+_TOO_NEAR = 0.002
+"""Radians to a limit from which a path is not followed in this branch if another one has more."""
+
+_EVERY = 8
+"""Of the samples of a path one in so many is looked at for how well conditioned it is."""
 
 
 class Kinematics(Chain):
@@ -35,70 +45,67 @@ class Kinematics(Chain):
         seed: Chooses the configurations from which a difficult target is tried.
     """
 
-    restarts = 30
-    iterations = 40
-    step = 0.6  # rad in one iteration: more overshoots from far starts, less takes longer
-    enough = 3  # answers of which the nearest is taken
-    near_enough = 1.0  # rad: a first answer this near is taken at once
-
     def __init__(self, robot: Robot, base: Pose, seed: int = 0) -> None:
         super().__init__(robot, base)
-        self._scatter = np.random.default_rng(seed).uniform(0.0, 1.0, (self.restarts, self.dof))
-        self._descent = Descent(self, self.step)
-        self._pulled = PulledDescent(self, self.step)
-        self._whole_turns = self.upper - self.lower > _TURN
+        self._search = Search(self, _AIMS, seed)
+        self._ways = [self._search.way]
+        if self._search.redundant:
+            roomy = Chain(robot, base, _PATH_ROOM)
+            self._ways.insert(0, Continuation(roomy, STEP, _AIMS, redundant=True))
 
     def residual(self, q: Vector, target: Pose) -> tuple[float, float]:
         """Distance in metres and angle in radians from the tool at ``q`` to a target."""
-        return self._residual_at(q, target_matrix(target))
+        return self._search.residuals(q, (target_matrix(target),))[0]
 
-    def solve(self, target: Pose, near: Vector, tolerance: Tolerance = EXACT) -> Vector:
+    def solve(
+        self,
+        target: Pose,
+        near: Vector,
+        tolerance: Tolerance = EXACT,
+        prefer: Preference = "nearest",
+    ) -> Vector:
         """The configuration, of shape (dof,), that puts the tool on a target.
 
-        Of the answers found it is the one nearest to ``near``, of shape (dof,).
+        Of the answers found it is the one nearest to ``near``, of shape (dof,), or the best
+        conditioned.
 
         Raises:
             Failure: ``INVALID_TARGET`` for what is no pose; ``UNREACHABLE`` with the smallest
                 residual found.
         """
-        return self.solutions(target, near, tolerance)[0]
+        return self.solutions(target, near, tolerance, prefer)[0]
 
     def solutions(
         self,
         target: Pose,
         near: Vector,
         tolerance: Tolerance = EXACT,
+        prefer: Preference = "nearest",
         *,
         every_branch: bool = False,
     ) -> list[Vector]:
-        """Different configurations that put the tool on a target, nearest to ``near`` first.
+        """Different configurations that put the tool on a target, the preferred one first.
 
         Args:
             target: The tool in the world.
             near: Configuration of shape (dof,).
             tolerance: Of the residual.
+            prefer: What comes first. For ``"conditioned"`` all starts are tried, and redundant
+                joints are left where each of them leads, too.
             every_branch: Try all starts, instead of stopping when enough is found.
 
         Raises:
             Failure: As ``solve``.
         """
-        goal = target_matrix(target)
-        near = np.clip(near, self.lower, self.upper)
-        found: list[Vector] = []
-        closest = (float("inf"), float("inf"))
-        for start in self._starts(near):
-            q = self._descend(goal, start, near)
-            residual = self._residual_at(q, goal)
-            if not tolerance.holds(residual):
-                closest = min(closest, residual, key=sum)
-                continue
-            if not any(np.abs(q - other).max() < 1e-2 for other in found):
-                found.append(q)
-            if not every_branch and (len(found) == self.enough or self._is_near(found[0], near)):
-                break
+        goals, every = (target_matrix(target),), every_branch or prefer == "conditioned"
+        found, closest = self._search.answers(goals, near, tolerance, every=every)
         if not found:
-            raise unreachable(*closest)
-        return sorted(found, key=lambda q: float(np.linalg.norm(q - near)))
+            raise unreachable(*self._search.residuals(closest, goals)[0])
+        if prefer == "nearest":
+            return sorted(found, key=lambda q: float(np.linalg.norm(q - near)))
+        if self._search.redundant:  # not only those that have been pulled towards ``near``
+            found += self._search.answers(goals, near, tolerance, every=True, pull=False)[0]
+        return sorted(found, key=lambda q: (self.room(q) < _ROOM, self.condition(q)))
 
     def track(
         self,
@@ -120,13 +127,11 @@ class Kinematics(Chain):
         Raises:
             Failure: ``INVALID_TARGET``; ``UNREACHABLE`` when the tool cannot follow.
         """
-        goal = target_matrix(target)
-        q = np.clip(near, self.lower, self.upper)
-        if posture is not None and self.dof > 6:
-            self._pulled.pull_to(posture)
-            q = self._pulled.run(goal, q, 2)
-        q = self._descent.run(goal, q, 4)
-        residual = self._residual_at(q, goal)
+        goals, way = (target_matrix(target),), self._search.way
+        if posture is not None:
+            way.pull_to(posture)
+        q = way.on(goals, near, pulled=0 if posture is None else 2, exact=4)
+        residual = self._search.residuals(q, goals)[0]
         if not tolerance.holds(residual):
             raise unreachable(*residual)
         return q
@@ -142,8 +147,10 @@ class Kinematics(Chain):
         """Configurations, of shape (n, dof), along a path of the tool, without a jump.
 
         The branch is chosen once: of all answers for the first pose, nearest first, the first one
-        from which the whole path can be followed. The first row may thus be far from ``near``.
-        Redundant joints stay near their start, so that a closed path closes in the joints too.
+        from which the whole path can be followed away from singularities and limits; if there is
+        none, the best conditioned of those from which it can be followed at all. The first row may
+        thus be far from ``near``. Redundant joints stay near their start, so that a closed path
+        closes in the joints too, and 3° from their limits where that is possible.
 
         Args:
             poses: The tool in the world, close enough together that a joint moves less than
@@ -157,64 +164,33 @@ class Kinematics(Chain):
                 ``fraction`` of the path that could be followed, or ``SINGULAR`` if a singularity
                 of the arm is what ends it there.
         """
-        goals = [target_matrix(pose) for pose in poses]
-        best: list[Vector] = []
+        goals = [(target_matrix(pose),) for pose in poses]
+        longest: list[Vector] = []
+        whole: list[tuple[bool, float, Matrix]] = []
+        starts: list[Vector] = []
+        for start in self._branches(poses[0], near, tolerance):
+            starts.append(start)
+            for way in self._ways:
+                rows = self._search.along(way, goals, start, tolerance, max_step)
+                if len(rows) < len(goals):
+                    longest = max(longest, rows, key=len)
+                    continue
+                path = np.array(rows)
+                cramped = self.room(path) < _TOO_NEAR
+                condition = max(self.condition(q) for q in path[::_EVERY])
+                if condition <= SINGULAR_CONDITION and not cramped:
+                    return path
+                whole.append((cramped, condition, path))
+        if whole:
+            return min(whole, key=lambda one: one[:2])[2]
+        end = longest[-1] if longest else starts[0]
+        raise broken(self, end, poses[len(longest)], len(longest) / len(goals), len(starts))
+
+    def _branches(self, first: Pose, near: Vector, tolerance: Tolerance) -> Iterator[Vector]:
+        """Different configurations for the first pose: the nearest ones, then all others."""
         tried: list[Vector] = []
         for every in (False, True):
-            for start in self.solutions(poses[0], near, tolerance, every_branch=every):
-                if any(np.abs(start - other).max() < 1e-2 for other in tried):
-                    continue
-                tried.append(start)
-                rows = self._follow_from(goals, start, tolerance, max_step)
-                if len(rows) == len(goals):
-                    return np.array(rows)
-                best = max(best, rows, key=len)
-        end = best[-1] if best else tried[0]
-        raise broken(self, end, poses[len(best)], len(best) / len(goals), len(tried))
-
-    def _follow_from(
-        self, goals: Sequence[Matrix], start: Vector, tolerance: Tolerance, max_step: float
-    ) -> list[Vector]:
-        """Rows as far as the path goes from one start."""
-        rows: list[Vector] = []
-        q = start
-        self._pulled.pull_to(start)
-        for goal in goals:
-            before = q
-            if self.dof > 6:
-                q = self._pulled.run(goal, q, 6)
-            q = self._descent.run(goal, q, 8)
-            residual = self._residual_at(q, goal)
-            jumped = float(np.abs(q - before).max()) > max_step
-            if jumped or not tolerance.holds(residual):
-                break
-            rows.append(q)
-        return rows
-
-    def _descend(self, goal: Matrix, start: Vector, near: Vector) -> Vector:
-        """Where one start leads; a redundant arm then goes on to the posture nearest ``near``."""
-        q = self._unwound(self._descent.run(goal, start, self.iterations), near)
-        if self.dof <= 6 or start is near or not EXACT.holds(self._residual_at(q, goal)):
-            return q
-        self._pulled.pull_to(near)
-        pulled = self._descent.run(goal, self._pulled.run(goal, q, 6), 6)
-        return pulled if EXACT.holds(self._residual_at(pulled, goal)) else q
-
-    def _residual_at(self, q: Vector, goal: Matrix) -> tuple[float, float]:
-        return residual_between(self.matrix(q), goal)
-
-    def _starts(self, near: Vector) -> Iterator[Vector]:
-        """``near``, then configurations within half a turn of it."""
-        yield near
-        lower = np.maximum(self.lower, near - np.pi)
-        upper = np.minimum(self.upper, near + np.pi)
-        yield from lower + self._scatter * (upper - lower)
-
-    def _unwound(self, q: Vector, near: Vector) -> Vector:
-        """The same tool pose with every joint within half a turn of ``near``, limits allowing."""
-        turned = q - _TURN * np.round((q - near) / _TURN)
-        fits = self._whole_turns & (turned >= self.lower) & (turned <= self.upper)
-        return np.where(fits, turned, q)
-
-    def _is_near(self, q: Vector, near: Vector) -> bool:
-        return float(np.abs(q - near).max()) < self.near_enough
+            for start in self.solutions(first, near, tolerance, every_branch=every):
+                if different(tried, start):
+                    tried.append(start)
+                    yield start

@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.motion.paths import line
+from bt_dualarm.motion.target import EXACT
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.catalogue import load_robot, robot_names
 
@@ -158,3 +160,65 @@ def test_condition_grows_and_manipulability_vanishes_at_a_singularity() -> None:
     stretched = np.deg2rad((0.0, -90.0, 0.0, -90.0, 0.0, 0.0))
     assert arm.condition(home(arm)) < 50.0 < arm.condition(stretched)
     assert arm.manipulability(stretched) < 1e-6 < arm.manipulability(home(arm))
+
+
+def steps(start: Pose, way: tuple[float, float, float]) -> list[Pose]:
+    return line(start, Pose(start.position + np.array(way), start.quaternion)).poses
+
+
+@pytest.mark.parametrize(
+    ("q", "way"),
+    [
+        ((-2.27, 0.33, -1.34, -2.23, -1.18, 0.43, 1.35), (-0.1, -0.26, 0.11)),
+        ((-2.13, -1.55, -2.54, -2.32, 0.32, 1.6, -1.66), (-0.21, -0.16, -0.14)),
+    ],
+)
+def test_a_redundant_arm_keeps_away_from_its_limits_along_a_path(
+    q: tuple[float, ...], way: tuple[float, float, float]
+) -> None:
+    """With the shortest steps it would go along a joint's limit: the elbow gives way by 3°."""
+    arm, start = ARMS["panda"], np.array(q)
+    rows = arm.follow(steps(arm.forward(start), way), start)
+    assert np.abs(rows[0] - start).max() < 1e-6
+    assert arm.room(rows) > 0.0499
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
+def test_the_best_conditioned_answer_is_no_worse_than_the_nearest(name: str) -> None:
+    arm, rng = ARMS[name], np.random.default_rng(5)
+    gains = []
+    for _ in range(12):
+        target = arm.forward(rng.uniform(arm.lower, arm.upper))
+        nearest = arm.solve(target, home(arm))
+        best = arm.solve(target, home(arm), prefer="conditioned")
+        assert arm.residual(best, target)[0] <= 1e-5
+        assert np.abs(nearest - home(arm)).sum() <= np.abs(best - home(arm)).sum() * 1.5
+        if arm.room(nearest) > 0.1:  # the room to the limits comes first
+            gains.append(arm.condition(nearest) / arm.condition(best))
+    assert min(gains) > 0.999
+    assert max(gains) > 1.2
+
+
+def goes_on_for(arm: Kinematics, poses: list[Pose], q: Vector) -> int:
+    """Poses until a joint jumps or the tool cannot follow, from one configuration."""
+    for count, pose in enumerate(poses):
+        try:
+            last, q = q, arm.track(pose, q, tolerance=EXACT)
+        except Failure:
+            return count
+        if np.abs(q - last).max() > 0.2:
+            return count
+    return len(poses)
+
+
+def test_a_path_that_another_branch_can_go_is_not_refused_for_a_bad_start() -> None:
+    """From the present elbow it ends after two thirds; with the shoulder turned it is possible."""
+    arm = Kinematics(load_robot("ur5"), Pose.identity())
+    here = np.array((0.47, -2.45, 1.15, -1.92, -2.21, 0.48))
+    poses = steps(arm.forward(here), (0.17, -0.15, -0.15))
+    assert goes_on_for(arm, poses, here) < 0.7 * len(poses)
+    rows = arm.follow(poses, here)
+    assert np.abs(rows[0] - here).max() > 1.0
+    assert np.abs(np.diff(rows, axis=0)).max() < 0.2
+    assert max(arm.residual(q, pose)[0] for q, pose in zip(rows, poses, strict=True)) <= 1e-5
+    assert max(arm.condition(q) for q in rows) < 50.0
