@@ -4,12 +4,14 @@
 
 A target is the tool pose of a random configuration within the limits; the start is the home
 posture. The audit mixes in targets out of reach and at singularities, and checks every answer with
-kinematics of its own (MuJoCo's).
+kinematics of its own (MuJoCo's). Where mink is installed (`pip install mink daqp`), it solves the
+same targets. Times are of the CPU, as the machine may have other work.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import time
 from collections.abc import Callable
 
@@ -18,11 +20,15 @@ import numpy as np
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.motion.search import STEP
 from bt_dualarm.motion.target import Tolerance
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.catalogue import Robot, load_robot, robot_names
 
 TOLERANCE = Tolerance(1e-4, 1e-3)
+RESTARTS, ITERATIONS = 30, 40
+CONVERGED = 1e-5
+"""Of mink, m and rad: what ours asks of an answer."""
 
 
 class Judge:
@@ -36,13 +42,27 @@ class Judge:
         self._data = mujoco.MjData(self.model)
         self._ids = [self.model.joint(name).qposadr[0] for name in robot.joints]
 
+    def state(self, q: Vector) -> Vector:
+        """All positions of the model, with the arm's joints at ``q``."""
+        self._data.qpos[self._ids] = q
+        state: Vector = self._data.qpos.copy()
+        return state
+
+    def angles(self, state: Vector) -> Vector:
+        """The arm's joints out of all positions of the model."""
+        chosen: Vector = state[self._ids]
+        return chosen
+
+    @property
+    def base(self) -> Pose:
+        """The base link in the model's world."""
+        mujoco.mj_kinematics(self.model, self._data)
+        return self._link(self._robot.base_link)
+
     def tool(self, q: Vector) -> Pose:
         """The tool in the base link's frame."""
-        self._data.qpos[self._ids] = q
-        mujoco.mj_kinematics(self.model, self._data)
-        return self._link(self._robot.base_link).inverse @ (
-            self._link(self._robot.tool_link) @ self._robot.tool
-        )
+        self.state(q)
+        return self.base.inverse @ (self._link(self._robot.tool_link) @ self._robot.tool)
 
     def solved(self, q: Vector, target: Pose) -> bool:
         """Whether an answer is within the tolerance and the position limits."""
@@ -105,6 +125,43 @@ def ours(robot: Robot) -> Callable[[Pose], Vector | None]:
     return solve
 
 
+def minks(robot: Robot, judge: Judge) -> Callable[[Pose], Vector | None]:
+    """The solver mink on the same model, with the same number and kind of starts and steps.
+
+    It takes the first answer; ours looks for three and takes the nearest.
+    """
+    import mink
+
+    model = judge.model
+    configuration = mink.Configuration(model)
+    task = mink.FrameTask(robot.tool_link, "body", position_cost=1.0, orientation_cost=1.0)
+    limits = [
+        mink.ConfigurationLimit(model),
+        mink.VelocityLimit(model, dict.fromkeys(robot.joints, STEP)),
+    ]
+    home, lower, upper = robot.postures["home"], robot.limits.lower, robot.limits.upper
+    shares = np.random.default_rng(0).uniform(0.0, 1.0, (RESTARTS, len(home)))
+    low, high = np.maximum(lower, home - np.pi), np.minimum(upper, home + np.pi)
+    starts = [home, *(low + shares * (high - low))]
+
+    def solve(target: Pose) -> Vector | None:
+        goal = judge.base @ target @ robot.tool.inverse
+        task.set_target(mink.SE3(np.concatenate((goal.quaternion, goal.position))))
+        for start in starts:
+            configuration.update(judge.state(start))
+            for _ in range(ITERATIONS):
+                velocity = mink.solve_ik(
+                    configuration, [task], 1.0, "daqp", damping=1e-8, limits=limits
+                )
+                configuration.integrate_inplace(velocity, 1.0)
+                error = task.compute_error(configuration)
+                if max(np.linalg.norm(error[:3]), np.linalg.norm(error[3:])) < CONVERGED:
+                    return judge.angles(configuration.q)
+        return None
+
+    return solve
+
+
 def audit(robot: Robot, judge: Judge, count: int) -> tuple[int, int]:
     """Of awkward targets: how many are said to be solved, and how many of them are not."""
     rng = np.random.default_rng(1)
@@ -129,11 +186,15 @@ def main() -> None:
         judge = Judge(robot)
         rng = np.random.default_rng(0)
         targets = [reachable(robot, judge, rng) for _ in range(arguments.targets)]
-        share, took = timed(ours(robot), targets, judge)
-        print(
-            f"{name:6} {100 * share:.2f} % of {len(targets)} solved, "
-            f"median {np.median(took):.2f} ms, 95 % {np.quantile(took, 0.95):.2f} ms"
-        )
+        solvers = {"ours": ours(robot)}
+        if importlib.util.find_spec("mink") is not None:
+            solvers["mink"] = minks(robot, judge)
+        for who, solve in solvers.items():
+            share, took = timed(solve, targets, judge)
+            print(
+                f"{name:6} {who}: {100 * share:.2f} % of {len(targets)} solved, "
+                f"median {np.median(took):.2f} ms, 95 % {np.quantile(took, 0.95):.2f} ms"
+            )
         said, wrong = audit(robot, judge, arguments.audit)
         print(f"{name:6} audit: {said} of {arguments.audit} said to be solved, {wrong} wrongly")
 
