@@ -19,108 +19,20 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field, replace
-from functools import cache
-from multiprocessing import get_context
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.camera_map import draw, survey, table
+from benchmarks.meddling import TWIN_X_M, ages_of_data, covered, crossed
+from benchmarks.tracking_bench import Bench
 from bt_dualarm.experiments.cases import CASES, UNTUNED, Cell
-from bt_dualarm.experiments.results import Result
-from bt_dualarm.experiments.trial import Trial, TrialError, run_trial
+from bt_dualarm.experiments.trial import TrialError, run_trial
 from bt_dualarm.motion.servo import PlanarServo
-from bt_dualarm.pose import Vector
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.parts import RunView
-from bt_dualarm.spec.document import ObjectSpec
-from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.world.camera import Camera
-from bt_dualarm.world.world import World
-
-AWAY = PoseSpec(xyz=(3.0, 3.0, 0.5))
-SCREEN = ObjectSpec(
-    shape="box", size=(0.002, 0.6, 0.6), mass=1, color="grey", pose=AWAY, fixed=True
-)
-BEHIND_SCREEN_M = 0.85  # x of the screen, between the cube and the camera
-TWIN_X_M = (0.60, 0.76)  # behind the cube and before it
-
-
-@dataclass
-class Bench:
-    """What all figures need; every printed line goes through `say`.
-
-    Attributes:
-        seeds: Repetitions.
-        quick: Thin out.
-        out: Where pictures go.
-        jobs: Processes that run trials side by side; figures 1 to 4 use them.
-        missed: The goals that were missed.
-    """
-
-    seeds: int
-    quick: bool
-    out: Path
-    jobs: int = 1
-    registry: Registry = field(default_factory=Registry.load)
-    missed: list[str] = field(default_factory=list)
-    _known: dict[str, Result] = field(default_factory=dict)
-
-    def say(self, what: str, value: float, goal: float, unit: str = "mm") -> None:
-        """One figure with its goal: an upper limit."""
-        good = value <= goal
-        verdict = "ok" if good else "MISSED"
-        print(f"  {what:<58} {value:9.2f} {unit:<3} (goal ≤ {goal:g}) {verdict}", flush=True)
-        if not good:
-            self.missed.append(what)
-
-    def result(self, cell: Cell) -> Result:
-        """All seeds of a cell, run once.
-
-        Raises:
-            TrialError: One could not be measured.
-        """
-        return self.results([cell])[0]
-
-    def results(self, cells: Sequence[Cell]) -> list[Result]:
-        """All seeds of all cells, each run once; errors as `result`."""
-        new = [cell for cell in cells if cell.command(0) not in self._known]
-        for cell, trials in zip(new, self.trials(new), strict=True):
-            for trial in trials:
-                if isinstance(trial, TrialError):
-                    raise trial
-            measured = [trial for trial in trials if isinstance(trial, Trial)]
-            self._known[cell.command(0)] = Result(cell, measured)
-        return [self._known[cell.command(0)] for cell in cells]
-
-    def trials(self, cells: Sequence[Cell]) -> list[list[Trial | TrialError]]:
-        """All seeds of all cells, or why there is no measurement."""
-        runs = [(cell, seed) for cell in cells for seed in range(self.seeds)]
-        if self.jobs == 1:
-            done = [_tried(cell, seed, self.registry) for cell, seed in runs]
-        else:
-            with ProcessPoolExecutor(self.jobs, get_context("spawn")) as pool:
-                done = list(pool.map(_tried, *zip(*runs, strict=True)))
-        return [done[begin : begin + self.seeds] for begin in range(0, len(done), self.seeds)]
-
-
-@cache
-def _registry() -> Registry:
-    """One a process."""
-    return Registry.load()
-
-
-def _tried(cell: Cell, seed: int, registry: Registry | None = None) -> Trial | TrialError:
-    """A trial, or why there is none; for a process of its own without a registry."""
-    try:
-        return run_trial(cell, seed, registry or _registry())
-    except TrialError as error:
-        return error
 
 
 def experiments(fps: float) -> Iterator[Cell]:
@@ -159,7 +71,7 @@ def figure_3(bench: Bench) -> None:
     """Against the estimator's bound."""
     cells = list(experiments(60.0))
     for cell, result in zip(cells, bench.results(cells), strict=True):
-        bound = float(np.mean(result.bounds))
+        bound = result.bound
         noise = 1e3 * result.mean("sighting_sd")
         print(f"  {cell.name}: noise {noise:.3f} mm, bound {1e3 * bound:.2f} mm")
         bench.say(f"{cell.name}: RMS ÷ bound", result.rms / bound, 1.5, "")
@@ -177,58 +89,22 @@ def figure_4(bench: Bench) -> None:
     bench.say(f"of {len(spots)} places of the map without stability", unstable, 0, "")
 
 
-class Mover:
-    """Moves a thing that is fixed in the world, and lets it pass through everything.
-
-    Args:
-        world: In which it is.
-        name: Of the thing.
-        place: Where it is at a time.
-    """
-
-    def __init__(self, world: World, name: str, place: Callable[[float], Vector]) -> None:
-        self._world, self._name, self._place = world, name, place
-
-    def on_event(self, change: StatusChange) -> None:
-        """Nothing."""
-
-    def after_ticks(self, run: RunView) -> None:
-        """Nothing."""
-
-    def after_step(self, now: float) -> None:
-        """Put it in its place, for the next step."""
-        model, body = self._world.model, self._world.object_body(self._name)
-        geom = self._world.object_geom(self._name)
-        model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
-        model.body_pos[body] = self._place(now)
-
-
 def figure_5(bench: Bench) -> None:
     """Covered: regained, and no motion on old data."""
     rng = np.random.default_rng(0)
     times = 3 if bench.quick else 20
-    for length in (0.05, 0.1, 0.5, 2.0):
-        regained = 0
-        for seed in range(times):
-            begin = float(rng.uniform(5.0, 9.0))
-            trial = _covered(bench, seed, begin, length)
-            regained += trial is not None and trial.outcome == "SUCCESS"
-        bench.say(f"covered for {length} s: not regained of {times}", times - regained, 0, "")
-
-
-def _covered(bench: Bench, seed: int, begin: float, length: float) -> Trial | None:
-    def place(now: float) -> Vector:
-        covered = begin <= now < begin + length
-        return np.array([BEHIND_SCREEN_M, 0.11, 0.70] if covered else AWAY.xyz)
-
-    cell = Cell("circle", 0.5, more={"turns": "3"})
-    try:
-        return run_trial(
-            cell, seed, bench.registry, {"screen": SCREEN}, lambda w: Mover(w, "screen", place)
-        )
-    except TrialError as error:
-        print(f"  covered from {begin:.2f} s for {length} s: {error}")
-        return None
+    with ages_of_data() as ages:
+        for length in (0.05, 0.1, 0.5, 2.0):
+            regained = 0
+            for seed in range(times):
+                begin = float(rng.uniform(5.0, 9.0))
+                try:
+                    regained += covered(bench.registry, seed, begin, length).outcome == "SUCCESS"
+                except TrialError as error:
+                    print(f"  covered from {begin:.2f} s for {length} s: {error}")
+            bench.say(f"covered for {length} s: not regained of {times}", times - regained, 0, "")
+    print(f"  {ages.asked} set-points by prediction")
+    bench.say("oldest data that a set-point was made of", 1e3 * ages.oldest, 100, "ms")
 
 
 def figure_6(bench: Bench) -> None:
@@ -237,29 +113,17 @@ def figure_6(bench: Bench) -> None:
     rng = np.random.default_rng(1)
     thefts = 0
     for seed in range(times):
-        trial = _crossed(bench, seed, float(rng.uniform(-0.05, 0.05)), TWIN_X_M[seed % 2])
+        height, depth = float(rng.uniform(-0.05, 0.05)), TWIN_X_M[seed % 2]
+        trial = crossed(bench.registry, seed, height, depth)
         if trial.error.max() > 0.03 or trial.lost_count:
             print(f"  crossing {seed}: {1e3 * trial.error.max():.1f} mm, {trial.lost_count} lost")
             thefts += trial.error[-25:].mean() > 0.02
     bench.say(f"thefts by a twin that crosses {times} times", thefts, 0, "")
-    yellow = bench.result(Cell("circle", 1.0)).rms
-    for color in ("red", "green", "blue", "orange"):
-        rms = bench.result(Cell("circle", 1.0, more={"color": color})).rms
-        bench.say(f"{color}: RMS by that of yellow", rms / yellow, 1.2, "")
-
-
-def _crossed(bench: Bench, seed: int, height: float, depth: float) -> Trial:
-    twin = ObjectSpec(
-        shape="box", size=(0.05, 0.05, 0.05), mass=1, color="yellow", pose=AWAY, fixed=True
-    )
-
-    def place(now: float) -> Vector:
-        across = 0.3 * (now - 7.0)
-        crossing = abs(across) < 0.35
-        return np.array([depth, 0.11 + across, 0.70 + height] if crossing else AWAY.xyz)
-
-    cell = Cell("circle", 0.5, more={"turns": "3"})
-    return run_trial(cell, seed, bench.registry, {"twin": twin}, lambda w: Mover(w, "twin", place))
+    colors = ("yellow", "red", "green", "blue", "orange")
+    results = bench.results([Cell("circle", 1.0, more={"color": color}) for color in colors])
+    for color, result in zip(colors[1:], results[1:], strict=True):
+        ratio = result.rms / results[0].rms
+        bench.say(f"{color}: RMS by that of yellow", ratio, 1.2, "")
 
 
 def figure_7(bench: Bench) -> None:

@@ -11,6 +11,8 @@ import numpy as np
 
 from bt_dualarm.pose import Matrix
 from bt_dualarm.spec.plane import Plane
+from bt_dualarm.spec.reader import read_text
+from bt_dualarm.spec.source import with_tuples
 
 CurveName: TypeAlias = Literal["circle", "lissajous", "drawn"]
 ControllerName: TypeAlias = Literal["proportional", "predictive"]
@@ -39,6 +41,8 @@ Above one, because the arm comes only a part of the way until the next image.
 
 _HALF_IMAGE: Final = (0.2176, 0.1632)
 """Metres in half the image's width and height, 0.35 m before a camera of 50° and 4:3."""
+
+_AXES: Final = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,14 @@ class Cell:
     @property
     def axes(self) -> Matrix:
         """Of the plane, of shape (2, 3), in the world."""
-        return np.array(Plane.model_validate(self.more.get("plane", "yz")).axes)
+        notation = read_text(self.more.get("plane", "yz")).data
+        return np.array(Plane.model_validate(with_tuples(notation)).axes)
+
+    @property
+    def axis_names(self) -> tuple[str, str]:
+        """Of the world's axes that `axes` are, u and v where they are none of them."""
+        names = [_AXES.get(tuple(np.round(axis, 9))) for axis in self.axes.tolist()]
+        return names[0] or "u", names[1] or "v"
 
     @property
     def latency_s(self) -> float:

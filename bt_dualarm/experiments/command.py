@@ -37,6 +37,9 @@ examples:
 exit code: 0 every run was measured, 1 one was not, 2 the command is wrong
 """
 
+_WIDTH = 110
+"""Characters of a line where no terminal says how many there are."""
+
 
 def command_line() -> argparse.ArgumentParser:
     """The parser of ``bt-experiments``."""
@@ -164,6 +167,8 @@ def _write(arguments: argparse.Namespace, results: Sequence[Result]) -> None:
     for result in results:
         table.add_row(*row(result)[:9])
     console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=_WIDTH)
     console.print(table)
     if arguments.json is not None:
         contents = [result.as_json() for result in results]

@@ -26,7 +26,10 @@ def png(figure: Figure) -> bytes:
 
 
 def overlay(results: Sequence[Result]) -> Figure:
-    """Planned, cube and tracked in the YZ plane, one panel a result; the first seed of each."""
+    """Planned, cube and tracked in the plane, one panel a result; the first seed of each.
+
+    Each with its figures over all seeds, and the bound that theory puts to the first of them.
+    """
     figure = Figure(figsize=(4.4 * len(results), 4.6), dpi=110, layout="constrained")
     for axes, result in zip(
         figure.subplots(1, len(results), squeeze=False)[0], results, strict=True
@@ -35,18 +38,30 @@ def overlay(results: Sequence[Result]) -> Figure:
         axes.plot(*trial.planned.T * 1e3, color="0.75", linewidth=5, label="planned")
         axes.plot(*trial.cube.T * 1e3, color="black", linewidth=1.6, label="cube")
         axes.plot(*trial.tracked.T * 1e3, color=COLORS[1], linewidth=1.0, label="tracked")
-        axes.set_title(f"{result.cell.controller}: {result.rms * 1e3:.2f} mm RMS", fontsize=10)
-        axes.set_xlabel("y [mm]")
-        axes.set_ylabel("z [mm]")
+        figures = f"{result.rms * 1e3:.2f} mm RMS (bound {result.bound * 1e3:.2f})"
+        worst = f"{result.worst * 1e3:.2f} mm at most"
+        axes.set_title(f"{result.cell.controller}\n{figures}, {worst}", fontsize=10)
+        axes.set_xlabel(f"{result.cell.axis_names[0]} [mm]")
+        axes.set_ylabel(f"{result.cell.axis_names[1]} [mm]")
         axes.set_aspect("equal", adjustable="datalim")
         axes.grid(visible=True, alpha=0.3)
         axes.legend(fontsize=8, loc="upper right")
-    figure.suptitle(results[0].cell.name)
+    figure.suptitle(_conditions(results[0]))
     return figure
 
 
+def _conditions(result: Result) -> str:
+    cell, seeds = result.cell, len(result.trials)
+    camera = f"{cell.fps:g} Hz, {1e3 * cell.latency_s:.0f} ms late"
+    faults = f"{cell.drop:.0%} lost, {cell.noise:g} px of shake"
+    return f"{cell.name}: {cell.renderer}, {camera}, {faults}, {seeds} seed" + "s" * (seeds > 1)
+
+
 def over_time(results: Sequence[Result]) -> Figure:
-    """y, z and the error over time, with bands from the least to the largest of all seeds."""
+    """Both coordinates and the error over time, with bands from the least to the largest seed.
+
+    Dashed in the panel of the error: the bound of its root mean square.
+    """
     figure = Figure(figsize=(9.0, 6.4), dpi=100, layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
     for result, color in zip(results, (COLORS[1], COLORS[0]), strict=False):
@@ -54,14 +69,16 @@ def over_time(results: Sequence[Result]) -> Figure:
         for axes, column in zip(panels, range(3), strict=True):
             axes.fill_between(times, low[:, column], high[:, column], color=color, alpha=0.3)
             axes.plot(times, middle[:, column], color=color, label=result.cell.controller)
+        panels[2].axhline(1e3 * result.bound, color=color, linestyle="--", linewidth=1.0)
     trial = results[0].trials[0]
     for axes, column in zip(panels, trial.cube.T, strict=False):
         axes.plot(trial.times, 1e3 * column, "--", color="black", linewidth=0.8, label="cube")
-    for axes, label in zip(panels, ("y [mm]", "z [mm]", "error [mm]"), strict=True):
-        _finish(axes, label)
+    for axes, label in zip(panels, (*results[0].cell.axis_names, "error"), strict=True):
+        _finish(axes, f"{label} [mm]")
     panels[2].set_yscale("log")
     panels[2].set_ylim(bottom=1e-2)
     panels[2].set_xlabel("time since the curve began [s]")
+    figure.suptitle(_conditions(results[0]))
     return figure
 
 
@@ -72,7 +89,7 @@ def _finish(axes: Any, label: str) -> None:
 
 
 def _bands(result: Result) -> tuple[Vector, Matrix, Matrix, Matrix]:
-    """Times, and least, mean and largest of y, z and the error in mm, each of shape (n, 3)."""
+    """Times, and least, mean and largest of coordinates and error in mm, each of shape (n, 3)."""
     times = np.linspace(0.0, min(trial.times[-1] for trial in result.trials), _SAMPLES)
     stack = []
     for trial in result.trials:

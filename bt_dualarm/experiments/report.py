@@ -20,7 +20,7 @@ HEADER = (
 )  # fmt: skip
 
 EXPLANATION = (
-    "Error: distance of the following tool from the true cube in the YZ plane at equal times, "
+    "Error: distance of the following tool from the true cube in the plane at equal times, "
     "less their mean offset, from the first to the last moment of the leading arm's curve; the "
     "follower knows its camera and its joints only. RMS and maximum over all seeds, the others "
     "are means. Bound: for proportional control the lag at the highest gain that is stable at "
@@ -41,7 +41,7 @@ def row(result: Result) -> tuple[str, ...]:
         cell.renderer,
         f"{1e3 * result.rms:.2f}",
         f"{1e3 * result.worst:.2f}",
-        f"{1e3 * sum(result.bounds) / len(result.bounds):.2f}",
+        f"{1e3 * result.bound:.2f}",
         f"{1e3 * result.mean('lag'):.1f}",
         f"{result.mean('amplitude_ratio'):.3f}",
         f"{sum(trial.lost_count for trial in result.trials)}",
@@ -110,7 +110,7 @@ _STYLE = (
     "body{font:15px/1.5 sans-serif;max-width:1150px;margin:2em auto;padding:0 1em}"
     "table{border-collapse:collapse;font-size:13px}td,th{border:1px solid #ccc;padding:3px 7px;"
     "text-align:right}td:first-child,td:nth-child(2),td:nth-child(3){text-align:left}"
-    "img{max-width:100%}pre{background:#f4f4f4;padding:1em;overflow:auto;font-size:12px}"
+    "img{max-width:100%}pre{background:#f4f4f4;padding:1em;white-space:pre-wrap;font-size:12px}"
 )
 
 

@@ -32,6 +32,11 @@ class Result:
         return tuple(bound(self.cell, trial) for trial in self.trials)
 
     @property
+    def bound(self) -> float:
+        """Mean of `bounds`, in m."""
+        return float(np.mean(self.bounds))
+
+    @property
     def rms(self) -> float:
         """Root mean square over all trials, in m."""
         return float(np.sqrt(np.mean([trial.rms**2 for trial in self.trials])))

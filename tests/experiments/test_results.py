@@ -116,3 +116,6 @@ def test_the_plane_of_a_cell_is_that_of_its_curve() -> None:
     planes = {cell.name: cell.axes.tolist() for cell in UNTUNED}
     assert planes.pop("circle in XZ") == [[1, 0, 0], [0, 0, 1]]
     assert list(planes.values()) == [[[0, 1, 0], [0, 0, 1]]] * 4
+    assert {cell.axis_names for cell in UNTUNED} == {("x", "z"), ("y", "z")}
+    oblique = Cell("circle", 1.0, more={"plane": "{normal: [1, 1, 0]}"})
+    assert oblique.axis_names == ("u", "z")

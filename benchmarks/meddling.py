@@ -1,0 +1,133 @@
+"""What disturbs a follower: a screen before its target, a twin that crosses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Final
+from unittest.mock import patch
+
+import numpy as np
+
+from bt_dualarm.experiments.cases import Cell
+from bt_dualarm.experiments.trial import Trial, run_trial
+from bt_dualarm.pose import Vector
+from bt_dualarm.registry import Registry
+from bt_dualarm.run.parts import RunView
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import PoseSpec
+from bt_dualarm.tree.report import StatusChange
+from bt_dualarm.vision.estimate import Motion
+from bt_dualarm.vision.tracker import TargetTracker
+from bt_dualarm.world.world import World
+
+AWAY = PoseSpec(xyz=(3.0, 3.0, 0.5))
+SCREEN = ObjectSpec(
+    shape="box", size=(0.002, 0.6, 0.6), mass=1, color="grey", pose=AWAY, fixed=True
+)
+BEHIND_SCREEN_M = 0.85  # x of the screen, between the cube and the camera
+TWIN_X_M = (0.60, 0.76)  # behind the cube and before it
+
+
+class Mover:
+    """Moves a thing that is fixed in the world, and lets it pass through everything.
+
+    Args:
+        world: In which it is.
+        name: Of the thing.
+        place: Where it is at a time.
+    """
+
+    def __init__(self, world: World, name: str, place: Callable[[float], Vector]) -> None:
+        self._world, self._name, self._place = world, name, place
+
+    def on_event(self, change: StatusChange) -> None:
+        """Nothing."""
+
+    def after_ticks(self, run: RunView) -> None:
+        """Nothing."""
+
+    def after_step(self, now: float) -> None:
+        """Put it in its place, for the next step."""
+        model, body = self._world.model, self._world.object_body(self._name)
+        geom = self._world.object_geom(self._name)
+        model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
+        model.body_pos[body] = self._place(now)
+
+
+COVERED_CELL: Final = Cell("circle", 0.5, more={"turns": "3"})
+"""What is followed while something disturbs: about six seconds from the fifth on."""
+
+
+def covered(registry: Registry, seed: int, begin: float, length: float) -> Trial:
+    """A trial in which a screen stands before the target for a while.
+
+    Args:
+        registry: The installed skills.
+        seed: Of the trial.
+        begin: Simulated time in s.
+        length: In s.
+
+    Raises:
+        TrialError: Nothing could be measured.
+    """
+
+    def place(now: float) -> Vector:
+        hidden = begin <= now < begin + length
+        return np.array([BEHIND_SCREEN_M, 0.11, 0.70] if hidden else AWAY.xyz)
+
+    objects = {"screen": SCREEN}
+    return run_trial(COVERED_CELL, seed, registry, objects, lambda w: Mover(w, "screen", place))
+
+
+def crossed(registry: Registry, seed: int, height: float, depth: float) -> Trial:
+    """A trial in which a cube like the target crosses the picture.
+
+    Args:
+        registry: The installed skills.
+        seed: Of the trial.
+        height: Above the curve's centre, in m.
+        depth: Along x, in m.
+
+    Raises:
+        TrialError: Nothing could be measured.
+    """
+    twin = ObjectSpec(
+        shape="box", size=(0.05, 0.05, 0.05), mass=1, color="yellow", pose=AWAY, fixed=True
+    )
+
+    def place(now: float) -> Vector:
+        across = 0.3 * (now - 7.0)
+        crossing = abs(across) < 0.35
+        return np.array([depth, 0.11 + across, 0.70 + height] if crossing else AWAY.xyz)
+
+    objects = {"twin": twin}
+    return run_trial(COVERED_CELL, seed, registry, objects, lambda w: Mover(w, "twin", place))
+
+
+@dataclass
+class Ages:
+    """How old the newest sighting was whenever a set-point was made of it.
+
+    Attributes:
+        asked: How often.
+        oldest: In s.
+    """
+
+    asked: int = 0
+    oldest: float = 0.0
+
+
+@contextmanager
+def ages_of_data() -> Iterator[Ages]:
+    """Watch every prediction that a follower moves by, meanwhile."""
+    ages, plain = Ages(), TargetTracker.predict
+
+    def watched(tracker: TargetTracker, time: float) -> Motion:
+        ages.asked += 1
+        ages.oldest = max(ages.oldest, tracker.age(time))
+        return plain(tracker, time)
+
+    with patch.object(TargetTracker, "predict", watched):
+        yield ages

@@ -1,0 +1,87 @@
+"""Running cells of the tracking experiments for the benchmarks, side by side where asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+
+from bt_dualarm.experiments.cases import Cell
+from bt_dualarm.experiments.results import Result
+from bt_dualarm.experiments.trial import Trial, TrialError, run_trial
+from bt_dualarm.registry import Registry
+
+
+@dataclass
+class Bench:
+    """What all figures need; every printed line goes through `say`.
+
+    Attributes:
+        seeds: Repetitions.
+        quick: Thin out.
+        out: Where pictures go.
+        jobs: Processes that run trials side by side; figures 1 to 4 use them.
+        missed: The goals that were missed.
+    """
+
+    seeds: int
+    quick: bool
+    out: Path
+    jobs: int = 1
+    registry: Registry = field(default_factory=Registry.load)
+    missed: list[str] = field(default_factory=list)
+    _known: dict[str, Result] = field(default_factory=dict)
+
+    def say(self, what: str, value: float, goal: float, unit: str = "mm") -> None:
+        """One figure with its goal: an upper limit."""
+        good = value <= goal
+        verdict = "ok" if good else "MISSED"
+        print(f"  {what:<58} {value:9.2f} {unit:<3} (goal ≤ {goal:g}) {verdict}", flush=True)
+        if not good:
+            self.missed.append(what)
+
+    def result(self, cell: Cell) -> Result:
+        """All seeds of a cell, run once.
+
+        Raises:
+            TrialError: One could not be measured.
+        """
+        return self.results([cell])[0]
+
+    def results(self, cells: Sequence[Cell]) -> list[Result]:
+        """All seeds of all cells, each run once; errors as `result`."""
+        new = [cell for cell in cells if cell.command(0) not in self._known]
+        for cell, trials in zip(new, self.trials(new), strict=True):
+            for trial in trials:
+                if isinstance(trial, TrialError):
+                    raise trial
+            measured = [trial for trial in trials if isinstance(trial, Trial)]
+            self._known[cell.command(0)] = Result(cell, measured)
+        return [self._known[cell.command(0)] for cell in cells]
+
+    def trials(self, cells: Sequence[Cell]) -> list[list[Trial | TrialError]]:
+        """All seeds of all cells, or why there is no measurement."""
+        runs = [(cell, seed) for cell in cells for seed in range(self.seeds)]
+        if self.jobs == 1:
+            done = [_tried(cell, seed, self.registry) for cell, seed in runs]
+        else:
+            with ProcessPoolExecutor(self.jobs, get_context("spawn")) as pool:
+                done = list(pool.map(_tried, *zip(*runs, strict=True)))
+        return [done[begin : begin + self.seeds] for begin in range(0, len(done), self.seeds)]
+
+
+@cache
+def _registry() -> Registry:
+    """One a process."""
+    return Registry.load()
+
+
+def _tried(cell: Cell, seed: int, registry: Registry | None = None) -> Trial | TrialError:
+    """A trial, or why there is none; for a process of its own without a registry."""
+    try:
+        return run_trial(cell, seed, registry or _registry())
+    except TrialError as error:
+        return error

@@ -1,0 +1,19 @@
+"""What the benchmarks do to a follower."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.meddling import ages_of_data, covered
+from bt_dualarm.registry import Registry
+
+
+@pytest.mark.slow
+def test_a_cover_is_survived_without_a_motion_on_old_data(registry: Registry) -> None:
+    """Half a second without a sight: as long as data is older than 0.1 s, nothing moves by it."""
+    with ages_of_data() as ages:
+        trial = covered(registry, seed=0, begin=6.0, length=0.5)
+    assert trial.outcome == "SUCCESS"
+    assert trial.lost_count == 1, "it was covered"
+    assert ages.asked > 500
+    assert ages.oldest <= 0.1
