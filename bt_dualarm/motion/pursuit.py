@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import ruckig
 
-from bt_dualarm.errors import DivergenceError
+from bt_dualarm.errors import DivergenceError, Failure
+from bt_dualarm.motion.ruckig_answer import answer
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.catalogue import JointLimits
 
 _HEADROOM = 0.9  # share of the limits that a reference may take, so that it can be caught up with
-_LESS_JERK = (1.0, 0.999, 0.99, 0.9)  # shares that are tried in turn
 
 
 class Pursuit:
@@ -30,7 +30,6 @@ class Pursuit:
         self._period = period
         dof = len(limits.velocity)
         self._solver = ruckig.Ruckig(dof)
-        self._answer = ruckig.Trajectory(dof)
 
     def towards(self, reference: Matrix, now: Matrix) -> Matrix:
         """The state one period after ``now``, on the way to where ``reference`` will be.
@@ -78,18 +77,11 @@ class Pursuit:
     def _step(self, request: Any) -> Matrix:
         """The state one period later.
 
-        Where a step of Ruckig's solution takes exactly no time, it may find no root; a little less
-        jerk leads past such a place.
-
         Raises:
             DivergenceError: Ruckig finds no way on.
         """
-        for share in _LESS_JERK:
-            request.max_jerk = (share * self._limits.jerk).tolist()
-            try:
-                self._solver.calculate(request, self._answer)
-            except ruckig.RuckigError as error:
-                refusal = error
-            else:
-                return np.array(self._answer.at_time(self._period))
-        raise DivergenceError(f"Ruckig cannot continue a motion: {refusal}") from refusal
+        try:
+            motion = answer(request, self._limits.jerk, self._solver)
+        except Failure as refusal:
+            raise DivergenceError(f"a motion cannot be continued: {refusal.reason}") from refusal
+        return np.array(motion.at_time(self._period))

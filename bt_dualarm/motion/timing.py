@@ -6,6 +6,7 @@ import numpy as np
 import ruckig
 
 from bt_dualarm.motion.path_timing import shortest_time, time_path
+from bt_dualarm.motion.ruckig_answer import answer
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
@@ -29,6 +30,7 @@ def point_to_point(
         min_duration: Take at least this long, in seconds.
 
     Raises:
+        Failure: ``NO_PLAN`` where Ruckig finds no motion.
         ValueError: A configuration is not finite or outside the position limits.
     """
     for name, q in (("start", q0), ("goal", q1)):
@@ -40,11 +42,12 @@ def point_to_point(
         return Trajectory.rest(q1, dt)
     # One motion along the line: Ruckig's phase synchronisation leaves the line, without a word,
     # where one joint bounds the velocity and another one the acceleration.
-    request = _request(np.zeros(1), np.zeros(1), np.zeros(1), *_limits_along(way, limits))
+    velocity, acceleration, jerk = _limits_along(way, limits)
+    request = _request(np.zeros(1), np.zeros(1), np.zeros(1), velocity, acceleration)
     request.target_position = [1.0]
     if min_duration > 0.0:
         request.minimum_duration = min_duration
-    place, rate, bend = _sampled(request, dt)
+    place, rate, bend = _sampled(request, jerk, dt)
     place[-1], rate[-1], bend[-1] = 1.0, 0.0, 0.0
     q = q0 + place * way
     q[-1] = q1
@@ -63,11 +66,14 @@ def stop(q: Vector, v: Vector, a: Vector, limits: JointLimits, dt: float) -> Tra
         a: Acceleration of shape (dof,), rad/s².
         limits: Acceleration and jerk to brake with.
         dt: Time between set-points in seconds.
+
+    Raises:
+        Failure: ``NO_PLAN`` where Ruckig finds no motion.
     """
-    request = _request(q, v, a, limits.velocity, limits.acceleration, limits.jerk)
+    request = _request(q, v, a, limits.velocity, limits.acceleration)
     request.control_interface = ruckig.ControlInterface.Velocity
     request.synchronization = ruckig.Synchronization.No
-    position, velocity, acceleration = _sampled(request, dt)
+    position, velocity, acceleration = _sampled(request, limits.jerk, dt)
     velocity[-1], acceleration[-1] = 0.0, 0.0
     return Trajectory(dt, position, velocity, acceleration)
 
@@ -83,7 +89,7 @@ def _limits_along(way: Vector, limits: JointLimits) -> tuple[Vector, Vector, Vec
 
 
 def _request(
-    q: Vector, v: Vector, a: Vector, velocity: Vector, acceleration: Vector, jerk: Vector
+    q: Vector, v: Vector, a: Vector, velocity: Vector, acceleration: Vector
 ) -> ruckig.InputParameter:
     """A state and limits, each of shape (dof,), for Ruckig; it ends at rest.
 
@@ -103,21 +109,15 @@ def _request(
     request.target_velocity = request.target_acceleration = [0.0] * len(velocity)
     request.max_velocity = velocity.tolist()
     request.max_acceleration = acceleration.tolist()
-    request.max_jerk = jerk.tolist()
     return request
 
 
-def _sampled(request: ruckig.InputParameter, dt: float) -> tuple[Matrix, Matrix, Matrix]:
-    """Ruckig's answer on the grid ``dt``, to its end or less than ``dt`` later: (n, dof) each.
-
-    Raises:
-        ValueError: Ruckig finds no motion.
-    """
-    answer = ruckig.Trajectory(request.degrees_of_freedom)
-    result = ruckig.Ruckig(request.degrees_of_freedom).calculate(request, answer)
-    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise ValueError(f"Ruckig refuses the motion: {result.name}")
-    count = int(np.ceil(answer.duration / dt - 1e-9))
-    times = np.minimum(np.arange(count + 1) * dt, answer.duration).tolist()
-    rows = np.array([answer.at_time(time) for time in times])
+def _sampled(
+    request: ruckig.InputParameter, jerk: Vector, dt: float
+) -> tuple[Matrix, Matrix, Matrix]:
+    """Ruckig's answer on the grid ``dt``, to its end or less than ``dt`` later: (n, dof) each."""
+    motion = answer(request, jerk)
+    count = int(np.ceil(motion.duration / dt - 1e-9))
+    times = np.minimum(np.arange(count + 1) * dt, motion.duration).tolist()
+    rows = np.array([motion.at_time(time) for time in times])
     return rows[:, 0], rows[:, 1], rows[:, 2]

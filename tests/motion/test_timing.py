@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
+from bt_dualarm.errors import Failure
 from bt_dualarm.motion.fastest import fastest_profile
 from bt_dualarm.motion.timing import point_to_point, stop, time_path
 from bt_dualarm.motion.trajectory import Trajectory, use_of_limits
@@ -203,3 +206,13 @@ def test_a_stop_at_rest_is_one_set_point() -> None:
 def test_a_stop_of_a_state_of_another_arm_is_refused() -> None:
     with pytest.raises(ValueError, match="6 finite numbers"):
         stop(np.zeros(7), np.zeros(7), np.zeros(7), LIMITS["ur5"], DT)
+
+
+def test_what_ruckig_does_not_solve_is_a_failure_with_its_words() -> None:
+    """Its own error would escape a skill as a bug."""
+    still = replace(LIMITS["ur5"], jerk=np.zeros(6))
+    start, goal = configurations(LIMITS["ur5"], 0)
+    with pytest.raises(Failure, match=r"NO_PLAN: Ruckig finds no motion.*jerk"):
+        point_to_point(start, goal, still, DT)
+    with pytest.raises(Failure, match=r"NO_PLAN: Ruckig finds no motion.*jerk"):
+        stop(start, np.ones(6), np.zeros(6), still, DT)
