@@ -26,7 +26,7 @@ from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.catalogue import Robot, load_robot, robot_names
 
 TOLERANCE = Tolerance(1e-4, 1e-3)
-RESTARTS, ITERATIONS = 30, 40
+RESTARTS, ITERATIONS = 40, 40
 CONVERGED = 1e-5
 """Of mink, m and rad: what ours asks of an answer."""
 

@@ -14,7 +14,7 @@ from bt_dualarm.pose import Matrix, Vector
 STEP = 0.6
 """Radians of a joint in one iteration: more overshoots from far starts, less takes longer."""
 
-_RESTARTS = 30
+_RESTARTS = 40
 _ITERATIONS = 40
 _ENOUGH = 3  # answers of which the nearest is taken
 _NEAR = 1.0  # rad: a first answer this near is taken at once
