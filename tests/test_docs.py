@@ -19,7 +19,13 @@ from bt_dualarm.spec.language import LANGUAGE
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-EXAMPLE_PAGES = ("README.md", "docs/first_tree.md", "docs/motion.md", "docs/colors.md")
+EXAMPLE_PAGES = (
+    "README.md",
+    "docs/first_tree.md",
+    "docs/motion.md",
+    "docs/colors.md",
+    "docs/tracking.md",
+)
 
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)(#[\w-]+)?\)")

@@ -54,7 +54,12 @@ def command_line() -> argparse.ArgumentParser:
     add("--case", choices=get_args(CurveName), help="only this curve")
     add("--speed", type=float, metavar="S", help="of the leading arm, 0.05 to 1 (default: all)")
     add("--controller", choices=("proportional", "predictive"), help="only this one")
-    add("--renderer", choices=("gl", "ray"), help="only this one (default: those that work here)")
+    add(
+        "--renderer",
+        choices=("gl", "ray"),
+        help="only this one (default: those that work here; ray where case, speed and controller "
+        "leave one experiment)",
+    )
     add("--seeds", type=_count, default=3, metavar="N", help="repetitions (default: 3)")
     add("--fps", type=float, default=60.0, help="of the camera (default: 60)")
     add("--latency", type=float, metavar="S", help="of a frame (default: the time of one frame)")
@@ -102,8 +107,10 @@ def _cells(arguments: argparse.Namespace) -> Iterator[Cell]:
         "drop": arguments.drop,
         "noise": arguments.noise,
     }
-    for renderer in (arguments.renderer,) if arguments.renderer else _renderers():
-        for cell in _curves(arguments):
+    curves = _curves(arguments)
+    single = len(curves) == 1 and arguments.controller
+    for renderer in (arguments.renderer,) if arguments.renderer else _renderers(single=single):
+        for cell in curves:
             for controller in (arguments.controller,) if arguments.controller else both:
                 yield replace(cell, controller=controller, renderer=renderer, **settings)
 
@@ -124,7 +131,10 @@ def _curves(arguments: argparse.Namespace) -> list[Cell]:
     return list({cell.name: cell for cell in slower}.values())
 
 
-def _renderers() -> tuple[RendererName, ...]:
+def _renderers(*, single: bool) -> tuple[RendererName, ...]:
+    """One where one experiment was asked for, the same on every machine; else all there are."""
+    if single:
+        return ("ray",)
     from bt_dualarm.errors import RendererError
     from bt_dualarm.world.rendering import choose_renderer
 
