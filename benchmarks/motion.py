@@ -25,8 +25,9 @@ import toppra.constraint
 import yaml
 
 from bt_dualarm.motion.cartesian import joint_path
+from bt_dualarm.motion.curves import circle, lissajous
 from bt_dualarm.motion.ik import Kinematics
-from bt_dualarm.motion.paths import Axes, CartesianPath, circle, line, lissajous
+from bt_dualarm.motion.paths import Axes, CartesianPath, line
 from bt_dualarm.pose import Matrix, Pose
 from bt_dualarm.registry import Registry
 from bt_dualarm.run.outcome import ArmResult

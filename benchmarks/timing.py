@@ -13,10 +13,11 @@ import time
 import numpy as np
 
 from bt_dualarm.motion.cartesian import joint_path
+from bt_dualarm.motion.curves import circle, lissajous
 from bt_dualarm.motion.fastest import fastest_profile
 from bt_dualarm.motion.ik import Kinematics
 from bt_dualarm.motion.path_timing import spline_through
-from bt_dualarm.motion.paths import Axes, CartesianPath, circle, lissajous
+from bt_dualarm.motion.paths import Axes, CartesianPath
 from bt_dualarm.motion.timing import time_path
 from bt_dualarm.motion.trajectory import shares_of_limits
 from bt_dualarm.pose import Pose, Vector

@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from bt_dualarm.errors import Failure as Failure
     from bt_dualarm.errors import WorldError as WorldError
     from bt_dualarm.motion.blending import blended as blended_path
+    from bt_dualarm.motion.curves import circle as circle_path
+    from bt_dualarm.motion.curves import lissajous as lissajous_path
     from bt_dualarm.motion.drawing import drawn as drawn_path
-    from bt_dualarm.motion.paths import circle as circle_path
     from bt_dualarm.motion.paths import line as line_path
-    from bt_dualarm.motion.paths import lissajous as lissajous_path
     from bt_dualarm.motion.trajectory import Trajectory as Trajectory
     from bt_dualarm.motion.turning import turned_about as turned_path
     from bt_dualarm.pose import Matrix as Matrix
@@ -96,9 +96,9 @@ _CONTENTS: Final = {
     "Vector": "pose:Vector",
     "Matrix": "pose:Matrix",
     "Trajectory": "motion.trajectory:Trajectory",
-    "circle_path": "motion.paths:circle",
+    "circle_path": "motion.curves:circle",
     "line_path": "motion.paths:line",
-    "lissajous_path": "motion.paths:lissajous",
+    "lissajous_path": "motion.curves:lissajous",
     "blended_path": "motion.blending:blended",
     "drawn_path": "motion.drawing:drawn",
     "turned_path": "motion.turning:turned_about",

@@ -19,6 +19,9 @@ class Circle(Skill):
         )
         waypoints: int = port(20, "points on a turn that the path goes through", ge=4, le=1000)
         turns: float = port(1.0, "how often around; less than 1 is an arc", gt=0, le=100)
+        begin: Angle = port(
+            0.0, "angle of the first point, from the plane's first axis", ge=-360, le=360
+        )
         direction: Literal["counterclockwise", "clockwise"] = port(
             "counterclockwise", "as seen against the plane's normal"
         )
@@ -52,6 +55,7 @@ class Circle(Skill):
             mode=ports.start,
             waypoints=ports.waypoints,
             turns=ports.turns,
+            begin=ports.begin,
             direction=1 if ports.direction == "counterclockwise" else -1,
             tilt=ports.tilt,
         )

@@ -29,7 +29,9 @@ class Lissajous(Skill):
             "around", "around: the tool is at the centre now; from: it is on the curve now"
         )
         waypoints: int = port(40, "points on the curve that the path goes through", ge=4, le=1000)
-        repeats: int = port(1, "how often the whole curve", ge=1, le=100)
+        repeats: float = port(
+            1.0, "how often the whole curve; less than 1 is a part of it", gt=0, le=100
+        )
         tilt: Angle = port(
             0.0, "how far the tool leans towards the middle; 0 keeps its orientation", ge=-60, le=60
         )

@@ -8,10 +8,15 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from bt_dualarm.registry import Registry
 from tests.commands import BtRun, Ran
 from tests.plays import Stage
+
+# A first example may import what is imported when it is asked for, on a machine with other work.
+settings.register_profile("unhurried", deadline=None)
+settings.load_profile("unhurried")
 
 
 @pytest.fixture(scope="session")

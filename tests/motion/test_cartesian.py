@@ -5,8 +5,9 @@ import pytest
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.cartesian import joint_path, trace
+from bt_dualarm.motion.curves import circle
 from bt_dualarm.motion.ik import Kinematics
-from bt_dualarm.motion.paths import Axes, circle, line
+from bt_dualarm.motion.paths import Axes, line
 from bt_dualarm.motion.trajectory import use_of_limits
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.catalogue import load_robot, robot_names

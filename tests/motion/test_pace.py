@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from bt_dualarm.motion.cartesian import trace
+from bt_dualarm.motion.curves import circle
 from bt_dualarm.motion.ik import Kinematics
 from bt_dualarm.motion.motions import TrajectoryMotion
-from bt_dualarm.motion.paths import circle
 from bt_dualarm.motion.timing import point_to_point
 from bt_dualarm.motion.trajectory import Trajectory, use_of_limits
 from bt_dualarm.pose import Matrix, Pose

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.motion.paths import Axes, CartesianPath, circle, line, lissajous, through
+from bt_dualarm.motion.curves import circle, lissajous
+from bt_dualarm.motion.paths import Axes, CartesianPath, line, through
 from bt_dualarm.pose import Pose
 
 TOOL = Pose.from_rpy((0.5, 0.1, 0.7), (0.1, 0.2, 0.3))
@@ -73,6 +74,36 @@ def test_half_a_turn_is_an_arc_that_ends_on_the_other_side() -> None:
     assert not path.closed
     assert path.start.distance(path.end) == pytest.approx(0.2)
     assert np.abs(np.linalg.norm(in_plane(path), axis=1) - 0.1).max() < 1e-4
+
+
+def test_an_arc_begins_where_it_is_told() -> None:
+    """A quarter of a turn from the second axis to the end of the first, reversed."""
+    offsets = in_plane(circle(TOOL, YZ, 0.1, turns=0.25, begin=math.pi / 2))
+    np.testing.assert_allclose(offsets[0], (0.0, 0.1), atol=1e-12)
+    np.testing.assert_allclose(offsets[-1], (-0.1, 0.0), atol=1e-12)
+    there = in_plane(circle(TOOL, YZ, 0.1, turns=0.25, begin=math.pi / 2, direction=-1))
+    np.testing.assert_allclose(there[-1], (0.1, 0.0), atol=1e-12)
+
+
+@pytest.mark.parametrize("repeats", [0.25, 0.5, 1.3])
+def test_a_part_of_a_lissajous_curve_ends_on_its_way(repeats: float) -> None:
+    path = lissajous(TOOL, YZ, (0.1, 0.05), (1, 2), phase=0.4, repeats=repeats, waypoints=60)
+    assert not path.closed
+    t = np.linspace(0.0, 2 * math.pi * repeats, len(path.positions))
+    expected = np.column_stack((0.1 * np.sin(t + 0.4), 0.05 * np.sin(2 * t)))
+    np.testing.assert_allclose(in_plane(path), expected, atol=5e-5)
+
+
+def test_the_orientation_leans_towards_the_middle_as_far_as_the_curve_is_away() -> None:
+    """And by nothing where the curve goes through its middle."""
+    tool = Pose.from_rpy((0, 0, 0), (0, math.pi / 2, 0))  # looks along x, the curve in YZ
+    path = lissajous(tool, YZ, (0.1, 0.1), (1, 2), tilt=0.3)
+    away = np.linalg.norm(path.positions, axis=1)
+    farthest = np.linalg.norm(path.waypoints, axis=1).max()
+    lean = [pose.angle(tool) for pose in path.poses]
+    np.testing.assert_allclose(lean, 0.3 * away / farthest, atol=1e-6)
+    inward = [pose.rotation_matrix[:, 2] @ pose.position for pose in path.poses]
+    assert np.all(np.array(inward)[away > 0.01] < 0.0)
 
 
 @given(
@@ -154,7 +185,7 @@ def test_what_draws_no_lissajous_curve_is_refused() -> None:
     with pytest.raises(Failure, match="amplitude"):
         lissajous(TOOL, YZ, (0.0, 0.0), (1, 2))
     with pytest.raises(Failure, match="repeats"):
-        lissajous(TOOL, YZ, (0.1, 0.1), (1, 2), repeats=0)
+        lissajous(TOOL, YZ, (0.1, 0.1), (1, 2), repeats=0.0)
 
 
 def test_a_path_through_fewer_than_two_places_is_refused() -> None:

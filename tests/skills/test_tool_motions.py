@@ -141,3 +141,23 @@ def test_an_arc_ends_where_it_should(stage: Stage) -> None:
     play.run()
     moved = tool(play.world).position - start.position
     assert moved == pytest.approx((0, -0.1, 0), abs=NEAR)
+
+
+def test_an_arc_begins_where_its_angle_says(stage: Stage) -> None:
+    """From the top of the circle, over its point at -y, to the bottom."""
+    play = staged(stage, "circle: {radius: 0.05, turns: 0.5, begin: 90, start: from, tilt: 10}")
+    start = tool(play.world)
+    play.run()
+    assert play.leaf("circle").status == "SUCCESS"
+    moved = tool(play.world).position - start.position
+    assert moved == pytest.approx((0, 0, -0.1), abs=NEAR)
+    assert np.degrees(tool(play.world).angle(start)) == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_part_of_a_lissajous_curve(stage: Stage) -> None:
+    """A quarter of it: A sin t and B sin 2t end at A and 0."""
+    play = staged(stage, "lissajous: {amplitudes: [0.08, 0.05], repeats: 0.25, start: from}")
+    start = tool(play.world)
+    play.run()
+    moved = tool(play.world).position - start.position
+    assert moved == pytest.approx((0, 0.08, 0), abs=NEAR)
