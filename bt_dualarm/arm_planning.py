@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 
 import numpy as np
 
-from bt_dualarm.arm_motion import ArmMotion
+from bt_dualarm.arm_motion import HALT_S, ArmMotion
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion import timing
 from bt_dualarm.motion.collision import CollisionChecker
+from bt_dualarm.motion.controller import JointController
 from bt_dualarm.motion.guard import clearance
-from bt_dualarm.motion.joint_motion import free_motion, refuse_contact
+from bt_dualarm.motion.joint_motion import refuse_contact, straight_motion
 from bt_dualarm.motion.joint_range import refuse_beyond
 from bt_dualarm.motion.paths import line
-from bt_dualarm.motion.sweep import sweep_radii
+from bt_dualarm.motion.planners import DEFAULT_PLANNER, Planner
+from bt_dualarm.motion.planning import PlanningProblem, admitted
+from bt_dualarm.motion.planning_process import PlanningProcess
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.world.camera import Camera
+from bt_dualarm.world.world import World
 
 PLANNING_S = 0.1
 """Simulated seconds that planning costs, whatever it costs on the wall."""
@@ -25,19 +30,124 @@ PLANNING_MARGIN_M = 0.045
 """Distance in metres that plans keep from other arms: more than the guard asks for."""
 
 
+REPLANS = 1
+"""How often an arm plans anew when something has moved into its way."""
+
+
 class ArmPlanning(ArmMotion):
-    """Paths, plans and refusals; nothing here moves the arm."""
+    """Paths, plans and refusals; nothing here moves the arm.
+
+    Args:
+        world: The world that the arm is in.
+        name: Of the arm in the tree file.
+        controller: Follows what the skills ask for.
+        camera: Of this arm, if it has one.
+        seed: Of everything random in this arm's planning.
+        planning: Looks for ways around what is in the way.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        name: str,
+        controller: JointController,
+        camera: Camera | None,
+        seed: int,
+        planning: PlanningProcess,
+    ) -> None:
+        super().__init__(world, name, controller, camera, seed)
+        self._planning = planning
 
     def think(self) -> Iterator[None]:
         """Let the simulated time of planning pass; plan afterwards, on the world as it is then.
 
-        What an earlier leaf has begun is braked meanwhile: plans start where the arm stands.
+        What an earlier leaf has begun is braked first: plans start where the arm stands.
 
         Raises:
-            Failure: ``BUSY`` when another leaf moves the arm.
+            Failure: ``BUSY`` when another leaf moves the arm; ``TRACKING_ERROR`` when it does not
+                come to rest.
         """
-        until = self.time + PLANNING_S
-        while self.time < until or self.controller.motion is not None:
+        began = self.time
+        yield from self._come_to_rest()
+        yield from self._pass_until(began + PLANNING_S)
+
+    def plan(
+        self,
+        goals: Sequence[Vector],
+        speed: float,
+        ignore: frozenset[str] = frozenset(),
+        planner: Planner = DEFAULT_PLANNER,
+    ) -> Generator[None, None, Trajectory]:
+        """A motion free of collisions to one of several configurations, straight where possible.
+
+        Yields once a tick. It plans on the world as it is at the start, which takes
+        ``PLANNING_S``, and checks the plan against the world as it is then; where that has changed
+        too much it plans once more.
+
+        Args:
+            goals: Each of shape (dof,), rad, the preferred one first.
+            speed: Share of the limits.
+            ignore: Objects that may be touched.
+            planner: Searches where the straight way to the preferred goal is not free.
+
+        Raises:
+            Failure: ``IN_COLLISION`` or ``JOINT_LIMIT`` of the start, or of the preferred goal if
+                the arm can stand in none; ``NO_PLAN``; ``BUSY`` when another leaf moves the arm;
+                ``TRACKING_ERROR`` when it does not come to rest.
+        """
+        yield from self._come_to_rest()
+        for replan in range(REPLANS, -1, -1):
+            motion = yield from self._plan_once(goals, speed, ignore, planner)
+            try:
+                refuse_contact(self.checker(ignore), motion.q)
+            except Failure:
+                if not replan:
+                    raise
+            else:
+                break
+        return motion
+
+    def _plan_once(
+        self,
+        goals: Sequence[Vector],
+        speed: float,
+        ignore: frozenset[str],
+        planner: Planner,
+    ) -> Generator[None, None, Trajectory]:
+        due = self.time + PLANNING_S
+        problem = admitted(
+            PlanningProblem(
+                self.checker(ignore),
+                self.setpoint.q,
+                tuple(goals),
+                self.limits(speed),
+                self.period,
+                self._seed,
+                planner,
+            )
+        )
+        straight = straight_motion(problem)
+        if straight is not None:
+            yield from self._pass_until(due)
+            return straight
+        pending = self._planning.solve(problem)
+        try:
+            yield from self._pass_until(due)
+            return pending.result()
+        finally:
+            pending.abandon()
+
+    def _come_to_rest(self) -> Iterator[None]:
+        began = self.time
+        self._refuse_if_busy()
+        while self.controller.motion is not None:
+            if self.time - began > HALT_S:
+                raise Failure("TRACKING_ERROR", f"{self.name} still moves after {HALT_S:g} s")
+            yield
+            self._refuse_if_busy()
+
+    def _pass_until(self, time: float) -> Iterator[None]:
+        while self.time < time:
             self._refuse_if_busy()
             yield
 
@@ -76,8 +186,7 @@ class ArmPlanning(ArmMotion):
         Raises:
             Failure: ``IN_COLLISION`` at the first one that touches something.
         """
-        checker = self.checker(ignore)
-        refuse_contact(checker, q, sweep_radii(checker))
+        refuse_contact(self.checker(ignore), q)
 
     def line(self, start: Pose, end: Pose) -> Matrix:
         """Configurations, of shape (n, dof), along a straight line of the tool.
@@ -101,40 +210,6 @@ class ArmPlanning(ArmMotion):
         motion = timing.point_to_point(self.setpoint.q, goal, self.limits(speed), self.period)
         self.refuse_collision_along(motion.q)
         return motion
-
-    def plan_to(
-        self, goal: Vector, speed: float, ignore: frozenset[str] = frozenset()
-    ) -> Trajectory:
-        """A motion free of collisions to the configuration ``goal``, straight where possible.
-
-        Raises:
-            Failure: ``IN_COLLISION`` or ``NO_PLAN``.
-        """
-        return free_motion(
-            self.checker(ignore),
-            self.setpoint.q,
-            goal,
-            self.limits(speed),
-            self.period,
-            self._seed,
-        )
-
-    def plan_to_any(
-        self, goals: Sequence[Vector], speed: float, ignore: frozenset[str] = frozenset()
-    ) -> Trajectory:
-        """As ``plan_to``, to the first of several goals that has a way.
-
-        Raises:
-            Failure: Why the first goal has none, if no goal has one; ``NO_PLAN`` if one of them
-                at least is free, and only the way to it is not.
-        """
-        refusals = []
-        for goal in goals:
-            try:
-                return self.plan_to(goal, speed, ignore)
-            except Failure as refusal:
-                refusals.append(refusal)
-        raise next((one for one in refusals if one.code == "NO_PLAN"), refusals[0])
 
     def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
         """Where each set-point of a motion puts the tool, of shape (n, 3)."""

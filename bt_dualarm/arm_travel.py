@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 
-from bt_dualarm.arm_planning import ArmPlanning
+from bt_dualarm.arm_planning import REPLANS, ArmPlanning
 from bt_dualarm.errors import Failure
+from bt_dualarm.motion.planners import DEFAULT_PLANNER, Planner
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Vector
 
 WAIT_S = 5.0
 """Simulated seconds that an arm waits for another one to leave its goal, unless said otherwise."""
-
-REPLANS = 1
-"""How often an arm plans anew when something has moved into its way."""
 
 _IN_THE_WAY = ("IN_COLLISION", "TIMED_OUT")
 
@@ -29,8 +27,9 @@ class ArmTravel(ArmPlanning):
         *,
         give_way: bool = False,
         patience: float = WAIT_S,
+        planner: Planner = DEFAULT_PLANNER,
     ) -> Iterator[float | None]:
-        """Plan to the first of several goals that has a way, and follow the plan.
+        """Plan to one of several goals, and follow the plan.
 
         Where another arm stands at the goal or in the way, it waits for that to change. When
         something has moved into the way meanwhile, the arm stops and plans once more, from where
@@ -42,14 +41,15 @@ class ArmTravel(ArmPlanning):
             ignore: Objects that may be touched.
             give_way: Wait at home, so that two arms do not wait for each other.
             patience: Seconds that it waits at most.
+            planner: Searches where the straight way is not free.
 
         Raises:
-            Failure: As ``plan_to_any`` and ``follow``.
+            Failure: As ``plan`` and ``follow``.
         """
         replans = REPLANS
         while True:
             motion = yield from self._plan_when_clear(
-                goals, speed, ignore, patience, give_way=give_way
+                goals, speed, ignore, patience, planner, give_way=give_way
             )
             try:
                 yield from self.follow(motion, ignore)
@@ -61,7 +61,6 @@ class ArmTravel(ArmPlanning):
                 return
             replans -= 1
             yield from self.halt()
-            yield from self.think()
 
     def _plan_when_clear(
         self,
@@ -69,13 +68,14 @@ class ArmTravel(ArmPlanning):
         speed: float,
         ignore: frozenset[str],
         patience: float,
+        planner: Planner,
         *,
         give_way: bool,
     ) -> Generator[float | None, None, Trajectory]:
         began = self.time
         while True:
             try:
-                return self.plan_to_any(goals, speed, ignore)
+                return (yield from self.plan(goals, speed, ignore, planner))
             except Failure as refusal:
                 if not self._may_clear(refusal) or self.time - began > patience:
                     raise
@@ -88,7 +88,8 @@ class ArmTravel(ArmPlanning):
     def _give_way(self, speed: float, ignore: frozenset[str]) -> Iterator[float | None]:
         """Go home, as far as that is possible."""
         try:
-            yield from self.follow(self.plan_to(self.posture("home"), speed, ignore), ignore)
+            home = yield from self.plan([self.posture("home")], speed, ignore)
+            yield from self.follow(home, ignore)
         except Failure as failure:
             if failure.code not in (*_IN_THE_WAY, "NO_PLAN"):
                 raise

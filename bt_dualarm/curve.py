@@ -11,7 +11,7 @@ from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.cartesian import trace
 from bt_dualarm.motion.motions import TrajectoryMotion
 from bt_dualarm.motion.paths import CartesianPath
-from bt_dualarm.pose import Matrix
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.scoring import path_error
 from bt_dualarm.skill import Record, nowhere
 
@@ -112,7 +112,7 @@ def _planned_at(places: Sequence[float], planned: Matrix, dt: float) -> Matrix:
     return between
 
 
-def _enter(arm: Arm, path: CartesianPath, start: np.ndarray, speed: float) -> Iterator[float]:
+def _enter(arm: Arm, path: CartesianPath, start: Vector, speed: float) -> Iterator[float | None]:
     """Move to the first configuration: straight with the tool where it is near."""
     away = float(np.abs(start - arm.setpoint.q).max())
     if away < 1e-9:
@@ -123,6 +123,6 @@ def _enter(arm: Arm, path: CartesianPath, start: np.ndarray, speed: float) -> It
         arm.refuse_collision_along(rows)
         entry = arm.time_path(rows, speed)
     else:
-        entry = arm.plan_to(start, speed)
+        entry = yield from arm.plan([start], speed)
     for progress in arm.follow(entry):
         yield _ENTRY_SHARE * progress

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,8 +79,7 @@ class ApproachAndAttach(Skill):
 
     def _go(self) -> Iterator[float | None]:
         """Move until the object is near, and stop there."""
-        yield from self.arm.think()
-        approach = self._approach()
+        approach = yield from self._approach()
         for progress in self.arm.follow(approach.to_standoff):
             yield 0.7 * progress
         motion = self.arm.begin(approach.to_surface)
@@ -90,13 +89,15 @@ class ApproachAndAttach(Skill):
         yield from self.arm.halt()
         yield from self._settle_on_contact()
 
-    def _approach(self) -> Approach:
+    def _approach(self) -> Generator[None, None, Approach]:
         """The first way that is reachable and free, turning the tool about its axis."""
         reasons = []
         for target in self._targets():
             try:
-                return self._way_to(target)
+                return (yield from self._way_to(target))
             except Failure as failure:
+                if failure.code == "BUSY":
+                    raise
                 reasons.append(failure)
         last = reasons[0]
         raise Failure(
@@ -118,13 +119,13 @@ class ApproachAndAttach(Skill):
         facing = _tool_axis_along(surface, direction, center.rotation_matrix[:, 0])
         return [facing @ Pose.from_rpy((0, 0, 0), (0, 0, turn)) for turn in _TURNS]
 
-    def _way_to(self, surface: Pose) -> Approach:
+    def _way_to(self, surface: Pose) -> Generator[None, None, Approach]:
         arm, ports = self.arm, self.ports
         standoff = surface @ Pose.from_rpy((0, 0, -ports.standoff))
         q_line = arm.line(standoff, surface @ Pose.from_rpy((0, 0, self._depth())))
         touched = frozenset({ports.object})
         arm.refuse_collision_along(q_line, ignore=touched)
-        to_standoff = arm.plan_to(q_line[0], ports.speed)
+        to_standoff = yield from arm.plan([q_line[0]], ports.speed)
         return Approach(to_standoff, arm.time_path(q_line, ports.approach_speed))
 
     def _depth(self) -> float:

@@ -28,7 +28,6 @@ class GoHome(Skill):
         """Plan, go, measure."""
         arm = self.arm
         home = arm.posture("home")
-        yield from arm.think()
         yield from arm.travel([home], self.ports.speed)
         error = np.abs(arm.world.arms[arm.name].q - home)
         self.metrics["joint_error_rad"] = float(error.max())

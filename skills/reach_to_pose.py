@@ -56,7 +56,6 @@ class ReachToPose(Skill):
     def run(self) -> Iterator[float | None]:
         """Refuse what cannot be reached, go there, verify."""
         goal, target = self._goal()
-        yield from self.arm.think()
         yield from self.arm.travel(
             goal,
             self.ports.speed,

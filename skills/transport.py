@@ -41,7 +41,6 @@ class Transport(Skill):
         object_in_tool = arm.tool_pose.inverse @ arm.world.object_pose(name)
         goal = self.ports.to.pose_from(arm.commanded_tool_pose @ object_in_tool)
         tool_goal = goal @ object_in_tool.inverse
-        yield from arm.think()
         configurations = arm.kinematics.solutions(tool_goal, arm.setpoint.q)
         yield from arm.travel(configurations, self.ports.speed)
         self._verify(name, goal)

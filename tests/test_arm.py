@@ -12,6 +12,7 @@ from bt_dualarm.arm_planning import PLANNING_S
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.controller import JointController
 from bt_dualarm.motion.limiter import SetPoint
+from bt_dualarm.motion.planning_process import PlanningProcess
 from bt_dualarm.motion.timing import point_to_point
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.world.world import World
@@ -23,10 +24,10 @@ TICK = 10  # steps
 class Bench:
     """A UR5, the arm as the tree gives it to two leaves, and a clock that a test turns."""
 
-    def __init__(self, **objects: object) -> None:
+    def __init__(self, planning: PlanningProcess | None = None, **objects: object) -> None:
         self.world = World(file_of({"arm1": arm("ur5")}, objects))  # type: ignore[arg-type]
         self.controller = JointController(self.world, "arm1", self.world.timestep)
-        whole = Arm(self.world, "arm1", self.controller, None, seed=1)
+        whole = Arm(self.world, "arm1", self.controller, None, 1, planning or PlanningProcess())
         self.first, self.second = whole.for_leaf("first"), whole.for_leaf("second")
 
     def tick(self) -> None:

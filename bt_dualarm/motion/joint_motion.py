@@ -2,54 +2,70 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
+
+from bt_dualarm.errors import Failure
 from bt_dualarm.motion.collision import CollisionChecker
-from bt_dualarm.motion.planning import FINE, plan
+from bt_dualarm.motion.planning import PlanningProblem, is_free, way_around
 from bt_dualarm.motion.rounding import rounded
-from bt_dualarm.motion.sweep import sweep_radii
+from bt_dualarm.motion.sweep import FINE, sweep_radii
 from bt_dualarm.motion.timing import point_to_point, time_path
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.world.catalogue import JointLimits
 
 
-def free_motion(
-    checker: CollisionChecker,
-    start: Vector,
-    goal: Vector,
-    limits: JointLimits,
-    dt: float,
-    seed: int = 0,
+def straight_motion(problem: PlanningProblem) -> Trajectory | None:
+    """The motion straight to the preferred goal of an admitted problem; None if not free."""
+    if not is_free(problem.checker, problem.straight, sweep_radii(problem.checker)):
+        return None
+    return point_to_point(problem.start, problem.goals[0], problem.limits, problem.dt)
+
+
+def motion_around(
+    problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False
 ) -> Trajectory:
-    """The motion from rest to rest, straight in joint space if that is free, else around.
+    """The motion to one of the goals of an admitted problem, around what is in the way.
 
     Args:
-        checker: The arm in its world; as it stands now, so execute soon or check again.
-        start: Of shape (dof,), rad.
-        goal: Of shape (dof,), rad.
-        limits: The arm's, scaled by the speed.
-        dt: Time between set-points in seconds.
-        seed: Chooses the way among many.
+        problem: Whose straight way is not free.
+        abandoned: Asked now and then; the search ends when it says so.
 
     Raises:
-        Failure: As ``plan``.
+        Failure: ``NO_PLAN``.
     """
-    corners = plan(checker, start, goal, limits, seed)
-    if len(corners) == 2:
-        return point_to_point(start, goal, limits, dt)
-    radii = sweep_radii(checker)
-    motion = Trajectory.rest(start, dt)
-    for piece in rounded(corners, checker, radii):
-        motion = motion.then(time_path(piece, limits, dt))
-    refuse_contact(checker, motion.q, radii)
+    corners = way_around(problem, abandoned)
+    motion = _rounded_motion(problem, corners)
+    try:
+        refuse_contact(problem.checker, motion.q)
+    except Failure:  # a spline that leaves its samples by more than there is room
+        return _motion_by_corners(problem, corners)
     return motion
 
 
-def refuse_contact(checker: CollisionChecker, rows: Matrix, radii: Vector) -> None:
+def _rounded_motion(problem: PlanningProblem, corners: Matrix) -> Trajectory:
+    """Through the corners, cut where there is room."""
+    motion = Trajectory.rest(corners[0], problem.dt)
+    for piece in rounded(corners, problem.checker, sweep_radii(problem.checker)):
+        motion = motion.then(time_path(piece, problem.limits, problem.dt))
+    return motion
+
+
+def _motion_by_corners(problem: PlanningProblem, corners: Matrix) -> Trajectory:
+    """Straight from corner to corner, where it stops."""
+    motion = Trajectory.rest(corners[0], problem.dt)
+    for here, there in itertools.pairwise(corners):
+        motion = motion.then(point_to_point(here, there, problem.limits, problem.dt))
+    return motion
+
+
+def refuse_contact(checker: CollisionChecker, rows: Matrix) -> None:
     """Check configurations, of shape (n, dof), as they will be sent, every ``FINE`` metres.
 
     Raises:
         Failure: ``IN_COLLISION`` at the first one that touches something.
     """
+    radii = sweep_radii(checker)
     last = rows[0]
     for i, q in enumerate(rows):
         way = abs(q - last) @ radii

@@ -8,8 +8,7 @@ import numpy as np
 
 from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.motion.corner import corner_curve
-from bt_dualarm.motion.planning import FINE
-from bt_dualarm.motion.sweep import interpolated
+from bt_dualarm.motion.sweep import FINE, interpolated
 from bt_dualarm.pose import Matrix, Vector
 
 _CUTS = (0.5, 0.3, 0.18, 0.1, 0.05)

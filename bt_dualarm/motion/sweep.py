@@ -8,6 +8,10 @@ import numpy as np
 from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.pose import Matrix, Vector
 
+FINE = 0.008
+"""Most that a point of the arm moves between two checks of a result, in metres: together with the
+thickness of a link, too little to step through a wall of 10 mm."""
+
 
 def sweep_radii(checker: CollisionChecker) -> Vector:
     """Per joint, metres that a point of the arm moves at most per radian, of shape (dof,).

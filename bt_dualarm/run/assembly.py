@@ -13,6 +13,7 @@ import numpy as np
 
 from bt_dualarm.arm import Arm
 from bt_dualarm.motion.controller import JointController
+from bt_dualarm.motion.planning_process import PlanningProcess
 from bt_dualarm.registry import Registry
 from bt_dualarm.run.arms import Arms
 from bt_dualarm.run.schedule import exact
@@ -38,6 +39,7 @@ class Assembly:
         renderer: Of all cameras, None where no arm of the file has one; to be closed.
         message: One sentence on which renderer is used and why; empty without cameras.
         series: What the skills measure over time.
+        planning: Of all arms; to be closed.
         seed: Of everything random.
     """
 
@@ -46,6 +48,7 @@ class Assembly:
     renderer: Renderer | None
     message: str
     series: SeriesLog
+    planning: PlanningProcess
     seed: int
 
 
@@ -59,6 +62,7 @@ class _Parts:
     renderer: Renderer | None
     on_event: Callable[[StatusChange], None]
     series: SeriesLog
+    planning: PlanningProcess
     seed: int
 
     def clock(self) -> float:
@@ -73,7 +77,7 @@ class _Parts:
             camera = Camera(camera_name, spec.camera, self.renderer, self._rng(camera_name))
         period = control_period(self.world.timestep)
         controller = JointController(self.world, name, float(period))
-        arm = Arm(self.world, name, controller, camera, self.seed)
+        arm = Arm(self.world, name, controller, camera, self.seed, self.planning)
         tree = build_tree(
             name,
             spec.tree,
@@ -128,10 +132,11 @@ def assemble(
         drawing, message = choice.create(), choice.message
     world = World(file, seed)
     world.refuse_overlaps()
-    series = SeriesLog()
-    parts = _Parts(file, world, registry, drawing, on_event, series, seed)
+    series, planning = SeriesLog(), PlanningProcess()
+    parts = _Parts(file, world, registry, drawing, on_event, series, planning, seed)
     declared = {name: arm.robot for name, arm in file.arms.items()}
-    return Assembly(world, Arms(declared, parts.equip, world), drawing, message, series, seed)
+    arms = Arms(declared, parts.equip, world)
+    return Assembly(world, arms, drawing, message, series, planning, seed)
 
 
 def control_period(timestep: float) -> Fraction:

@@ -36,7 +36,7 @@ class Wishes:
 
 
 class Session:
-    """A file made ready to be run once; gives back its renderer at the end of ``with``.
+    """A file made ready to be run once; gives back what it holds at the end of ``with``.
 
     Args:
         file: Checked with the skills of ``registry``.
@@ -67,7 +67,8 @@ class Session:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Give the renderer back."""
+        """Give the renderer back, end the process that plans."""
+        self.assembly.planning.close()
         if self.assembly.renderer is not None:
             self.assembly.renderer.close()
 

@@ -1,0 +1,37 @@
+"""The planners of OMPL that a skill may name.
+
+Those that end after a count of checks and repeat with their seed. Left out: PRM and PRM* search in
+a second thread, FMT and BFMT draw all their samples before they look at the count, and the KPIECE
+family finds another way each time, whatever its seed.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, Literal, TypeAlias, get_args
+
+Planner: TypeAlias = Literal[
+    "RRTConnect",
+    "RRT",
+    "RRTstar",
+    "InformedRRTstar",
+    "SORRTstar",
+    "BITstar",
+    "AORRTC",
+]
+"""Names as OMPL has them; those that optimise (with ``star``, and AORRTC) use all their checks."""
+
+PLANNERS: Final[tuple[Planner, ...]] = get_args(Planner)
+
+DEFAULT_PLANNER: Final[Planner] = "RRTConnect"
+"""Kuffner and LaValle 2000: two trees, from both ends, that grow towards each other."""
+
+_REACH = 1.5
+"""Longest edge of a tree, in metres that the arm moves."""
+
+
+def made(name: Planner, ompl: Any, information: Any) -> Any:
+    """A planner of OMPL for one search."""
+    planner = getattr(ompl.geometric, name)(information)
+    if hasattr(planner, "setRange"):
+        planner.setRange(_REACH)
+    return planner

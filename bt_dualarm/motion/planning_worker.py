@@ -1,0 +1,87 @@
+"""What runs in the process that plans: problems come in by a pipe, motions go out by another.
+
+Apart from the run, as OMPL keeps Python's lock while it searches. The process ends when the one
+that has started it closes the pipe or dies, in the middle of a search too.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+from collections import deque
+from multiprocessing.connection import Connection
+from types import ModuleType
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.joint_motion import motion_around
+from bt_dualarm.motion.planning import PlanningProblem
+from bt_dualarm.motion.planning_messages import Answer, Refusal, Request
+from bt_dualarm.motion.trajectory import Trajectory
+
+
+class Inbox:
+    """Problems that have come and are still wanted.
+
+    Args:
+        connection: Where they come from.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._waiting: deque[Request] = deque()
+        self._current: int | None = None
+
+    def next(self) -> Request:
+        """The next one; waits for it."""
+        while not self._waiting:
+            self._take()
+        request = self._waiting.popleft()
+        self._current = request.number
+        return request
+
+    def is_abandoned(self) -> bool:
+        """Whether the one that was taken last is not wanted any more."""
+        while self._connection.poll():
+            self._take()
+        return self._current is None
+
+    def _take(self) -> None:
+        try:
+            request: Request = self._connection.recv()
+        except EOFError:
+            os._exit(0)  # nobody is left to plan for; OMPL may be on the stack
+        if request.problem is not None:
+            self._waiting.append(request)
+            return
+        self._waiting = deque(one for one in self._waiting if one.number != request.number)
+        if self._current == request.number:
+            self._current = None
+
+
+def serve() -> None:
+    """Solve one problem after the other, for as long as somebody can send one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it asks the run to end, which ends this
+    for name in ("matplotlib", "matplotlib.pyplot"):
+        sys.modules[name] = ModuleType(name)  # TOPP-RA imports it for plots: half of the start
+    inbox = Inbox(Connection(os.dup(0), writable=False))
+    answers = Connection(os.dup(1), readable=False)
+    os.dup2(2, 1)  # nothing that a library prints gets between the answers
+    while True:
+        request = inbox.next()
+        try:
+            answers.send(Answer(request.number, _outcome(request, inbox)))
+        except BrokenPipeError:
+            return
+
+
+def _outcome(request: Request, inbox: Inbox) -> Trajectory | Refusal:
+    problem: PlanningProblem = pickle.loads(request.problem or b"")  # noqa: S301 - the run's own
+    try:
+        return motion_around(problem, inbox.is_abandoned)
+    except Failure as failure:
+        return Refusal(failure.code, failure.reason, dict(failure.numbers))
+    except Exception as error:  # noqa: BLE001 - told to whoever waits for the plan
+        reason = f"the planner raised {type(error).__name__}: {error}"
+        return Refusal("NO_PLAN", reason, {"planner": problem.planner})

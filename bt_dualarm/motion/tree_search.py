@@ -1,0 +1,151 @@
+"""One search of OMPL for a way around obstacles, and what it may cost."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from bt_dualarm.motion.collision import CollisionChecker
+from bt_dualarm.motion.planners import Planner, made
+from bt_dualarm.pose import Matrix, Vector
+
+_ASK_EVERY = 16
+"""Rounds of a planner from one question whether the search is still wanted to the next."""
+
+_ROUNDS = 3
+"""Of shortcuts: more make ways hardly shorter."""
+
+
+class Effort:
+    """What searches have cost, and when they shall end.
+
+    Args:
+        abandoned: Whether nobody waits for the result any more.
+
+    Attributes:
+        states: Configurations that have been looked at.
+        limit: Of them, for the search that runs.
+        given_up: Nobody waits any more.
+    """
+
+    def __init__(self, abandoned: Callable[[], bool]) -> None:
+        self.states = 0
+        self.limit = 0
+        self.given_up = False
+        self._abandoned = abandoned
+        self._rounds = 0
+
+    def is_over(self) -> bool:
+        """Whether the search that runs shall end."""
+        self._rounds += 1
+        if self._rounds % _ASK_EVERY == 0:
+            self.given_up = self.given_up or self._abandoned()
+        return self.given_up or self.states >= self.limit
+
+
+class Search:
+    """A way from one start to one of several goals, shortened.
+
+    Args:
+        checker: The arm in its world.
+        start: Of shape (dof,), rad.
+        goals: Each of shape (dof,), rad.
+        lower: Position limits to stay within, of shape (dof,), rad; likewise ``upper``.
+        radii: Metres that the arm moves at most per radian of each joint, of shape (dof,).
+        resolution: Metres that it moves at most from one check to the next.
+        seed: Of all that is random; at least 1.
+    """
+
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        start: Vector,
+        goals: Sequence[Vector],
+        lower: Vector,
+        upper: Vector,
+        radii: Vector,
+        resolution: float,
+        seed: int,
+    ) -> None:
+        self._checker, self._radii = checker, radii
+        self._ompl = ompl = _ompl()
+        ompl.util.RNG.setSeed(seed)  # before the space: it draws projections
+        self._space = space = ompl.base.RealVectorStateSpace(len(start))
+        space.setBounds(self._bounds(np.array((start, *goals)), lower, upper))
+        self._information = ompl.base.SpaceInformation(space)
+        self._resolution = resolution / space.getMaximumExtent()
+        self._problem = ompl.base.ProblemDefinition(self._information)
+        self._problem.addStartState(self._state(start))
+        ends = ompl.base.GoalStates(self._information)
+        for goal in goals:
+            ends.addState(self._state(goal))
+        self._problem.setGoal(ends)
+
+    def run(self, name: Planner, effort: Effort) -> Matrix | None:
+        """Corners of the way found, of shape (n, dof); None if none was found."""
+        ompl, validity = self._ompl, _Validity(self._checker, self._radii, effort)
+        self._information.setStateValidityChecker(validity)
+        self._information.setStateValidityCheckingResolution(self._resolution)
+        self._information.setup()
+        planner = made(name, ompl, self._information)
+        planner.setProblemDefinition(self._problem)
+        planner.setup()
+        planner.solve(ompl.base.PlannerTerminationCondition(effort.is_over))
+        if not self._problem.hasExactSolution():  # an approximate one leads elsewhere
+            return None
+        path = self._problem.getSolutionPath()
+        simplifier = ompl.geometric.PathSimplifier(self._information)
+        for _ in range(_ROUNDS):
+            simplifier.partialShortcutPath(path)
+            simplifier.reduceVertices(path)
+        return np.array([validity.angles(state) for state in path.getStates()])
+
+    def _bounds(self, ends: Matrix, lower: Vector, upper: Vector) -> Any:
+        """Half a turn beyond the ends: joints with two turns would waste most samples."""
+        lower = np.maximum(ends.min(axis=0) - np.pi, lower) * self._radii
+        upper = np.minimum(ends.max(axis=0) + np.pi, upper) * self._radii
+        bounds = self._ompl.base.RealVectorBounds(len(lower))
+        for i, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+            bounds.setLow(i, low)
+            bounds.setHigh(i, high)
+        return bounds
+
+    def _state(self, q: Vector) -> Any:
+        state = self._space.allocState()
+        for i, value in enumerate((q * self._radii).tolist()):
+            state[i] = value
+        return state
+
+
+class _Validity:
+    """Whether a state of OMPL is free; counts how many have been asked about.
+
+    Apart from the search: OMPL never frees what it calls back if that leads back to OMPL.
+    """
+
+    def __init__(self, checker: CollisionChecker, radii: Vector, effort: Effort) -> None:
+        self._checker, self._radii, self._effort = checker, radii, effort
+        self._joints = range(len(radii))
+
+    def __call__(self, state: Any) -> bool:
+        self._effort.states += 1
+        return self._checker.free(self.angles(state))
+
+    def angles(self, state: Any) -> Vector:
+        """The configuration, of shape (dof,), that a state stands for."""
+        return np.array([state[i] for i in self._joints]) / self._radii
+
+
+@functools.cache
+def _ompl() -> Any:
+    """OMPL without its messages, which go past the terminal's owner; imported when needed."""
+    import ompl
+    import ompl.base
+    import ompl.geometric
+    import ompl.util
+
+    ompl.util.setLogLevel(ompl.util.LOG_NONE)
+    return ompl
