@@ -11,6 +11,7 @@ import pickle
 import signal
 import sys
 from collections import deque
+from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from types import ModuleType
 
@@ -32,26 +33,31 @@ class Inbox:
         self._connection = connection
         self._waiting: deque[Request] = deque()
         self._current: int | None = None
+        self._closed = False
 
-    def next(self) -> Request:
-        """The next one; waits for it."""
-        while not self._waiting:
-            self._take()
-        request = self._waiting.popleft()
-        self._current = request.number
-        return request
+    def __iter__(self) -> Iterator[Request]:
+        """One after the other, as they come, for as long as somebody can send one."""
+        while True:
+            while not self._waiting and not self._closed:
+                self._take()
+            if self._closed:
+                return
+            request = self._waiting.popleft()
+            self._current = request.number
+            yield request
 
     def is_abandoned(self) -> bool:
-        """Whether the one that was taken last is not wanted any more."""
-        while self._connection.poll():
+        """Whether the one that came last is not wanted any more."""
+        while not self._closed and self._connection.poll():
             self._take()
-        return self._current is None
+        return self._closed or self._current is None
 
     def _take(self) -> None:
         try:
             request: Request = self._connection.recv()
         except EOFError:
-            os._exit(0)  # nobody is left to plan for; OMPL may be on the stack
+            self._closed = True
+            return
         if request.problem is not None:
             self._waiting.append(request)
             return
@@ -61,15 +67,14 @@ class Inbox:
 
 
 def serve() -> None:
-    """Solve one problem after the other, for as long as somebody can send one."""
+    """Solve one problem after the other, until nobody can send one any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it asks the run to end, which ends this
     for name in ("matplotlib", "matplotlib.pyplot"):
         sys.modules[name] = ModuleType(name)  # TOPP-RA imports it for plots: half of the start
     inbox = Inbox(Connection(os.dup(0), writable=False))
     answers = Connection(os.dup(1), readable=False)
     os.dup2(2, 1)  # nothing that a library prints gets between the answers
-    while True:
-        request = inbox.next()
+    for request in inbox:
         try:
             answers.send(Answer(request.number, _outcome(request, inbox)))
         except BrokenPipeError:
