@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -66,7 +67,7 @@ def write_report(folder: Path, results: Sequence[Result]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     pictures: list[tuple[str, bytes]] = []
     for title, group in _groups(results):
-        name = title.replace(" ", "_").replace(",", "")
+        name = re.sub(r"\W+", "_", title)
         pictures += [
             (f"{name}_plane.png", png(overlay(group))),
             (f"{name}_time.png", png(over_time(group))),

@@ -79,8 +79,8 @@ def test_json_has_a_number_a_seed() -> None:
 def test_the_report_stands_alone(tmp_path: Path) -> None:
     """HTML without a reference to another file, Markdown whose pictures lie beside it."""
     results = [
-        Result(Cell("circle", 1.0, "proportional"), [made_up(0.03)]),
-        Result(Cell("circle", 1.0, "predictive"), [made_up(0.001)]),
+        Result(Cell("circle", 1.0, "proportional", label="3:2, fast"), [made_up(0.03)]),
+        Result(Cell("circle", 1.0, "predictive", label="3:2, fast"), [made_up(0.001)]),
     ]
     write_report(tmp_path, results)
     sources: list[str] = []
@@ -94,7 +94,7 @@ def test_the_report_stands_alone(tmp_path: Path) -> None:
     assert len(sources) == 2
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
-    for name in ("circle_1_ray_plane.png", "circle_1_ray_time.png"):
+    for name in ("3_2_fast_ray_plane.png", "3_2_fast_ray_time.png"):
         assert f"({name})" in text
         assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
     assert len(row(results[0])) == len(HEADER)
