@@ -160,7 +160,8 @@ def draw(spots: Sequence[Spot], seeds: int, path: Path) -> None:
     panels[0].set_yticks(range(len(drops)), [f"{drop:.0%}" for drop in drops])
     panels[0].set_ylabel("frames lost")
     figure.colorbar(image, ax=panels, label="RMS [mm]")
-    figure.suptitle(f"{CURVE.name}, 60 Hz, {seeds} seeds; red: not stable", fontsize=11)
+    title = f"{CURVE.name}, 60 Hz, {seeds} seed{'s' * (seeds > 1)}; framed red: not stable"
+    figure.suptitle(title, fontsize=11)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
 

@@ -46,7 +46,7 @@ def overlay(results: Sequence[Result]) -> Figure:
         axes.set_aspect("equal", adjustable="datalim")
         axes.grid(visible=True, alpha=0.3)
         axes.legend(fontsize=8, loc="upper right")
-    figure.suptitle(_conditions(results[0]))
+    figure.suptitle(_conditions(results[0]), fontsize=11)
     return figure
 
 
@@ -54,7 +54,8 @@ def _conditions(result: Result) -> str:
     cell, seeds = result.cell, len(result.trials)
     camera = f"{cell.fps:g} Hz, {1e3 * cell.latency_s:.0f} ms late"
     faults = f"{cell.drop:.0%} lost, {cell.noise:g} px of shake"
-    return f"{cell.name}: {cell.renderer}, {camera}, {faults}, {seeds} seed" + "s" * (seeds > 1)
+    runs = f"{cell.renderer}, {seeds} seed" + "s" * (seeds > 1)
+    return f"{cell.name}: {runs}\n{camera}, {faults}"
 
 
 def over_time(results: Sequence[Result]) -> Figure:
@@ -78,7 +79,7 @@ def over_time(results: Sequence[Result]) -> Figure:
     panels[2].set_yscale("log")
     panels[2].set_ylim(bottom=1e-2)
     panels[2].set_xlabel("time since the curve began [s]")
-    figure.suptitle(_conditions(results[0]))
+    figure.suptitle(_conditions(results[0]), fontsize=11)
     return figure
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import logging
+import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from http import HTTPStatus
@@ -103,9 +104,18 @@ def page_server(tuning: Tuning, port: int = 0) -> ThreadingHTTPServer:
         PageError: The port is taken, or not allowed.
     """
     try:
-        return ThreadingHTTPServer((HOST, port), partial(_Handler, tuning))
+        return _Server((HOST, port), partial(_Handler, tuning))
     except (OSError, OverflowError) as error:
         raise PageError(f"cannot serve on port {port}: {error}") from error
+
+
+class _Server(ThreadingHTTPServer):
+    """Says in the log, and not on the terminal, what went wrong with a request."""
+
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002 - its parent's
+        """A browser that has gone is nothing to tell; the rest is a bug."""
+        level = logging.DEBUG if isinstance(sys.exception(), ConnectionError) else logging.ERROR
+        _log.log(level, "a request for the page failed", exc_info=True)
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -139,3 +139,22 @@ def test_a_port_that_is_taken_is_said() -> None:
     tuning = Tuning(Shot(still(two_squares()), "two"), Color.named("red"), None)
     with page_server(tuning) as server, pytest.raises(PageError, match="cannot serve on port"):
         page_server(tuning, server.server_address[1])
+
+
+def test_a_bug_is_in_the_log_and_not_on_the_terminal(
+    browser: Browser,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The connection is closed without an answer, and the next request is served."""
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(Tuning, "_seen", broken)
+    with pytest.raises(http.client.RemoteDisconnected):
+        browser.post("/begin", {})
+    assert "ZeroDivisionError" in caplog.text
+    assert capsys.readouterr() == ("", "")
+    assert browser.ask("GET", "/")[0] == 200
