@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bt_dualarm.run.shipped import find_tree
 from bt_dualarm.spec.edit import flow_text, with_value
 from bt_dualarm.spec.problems import SpecError
 from bt_dualarm.spec.reader import read_text
@@ -110,3 +111,18 @@ def test_an_edit_that_would_touch_more_is_refused() -> None:
 ))  # fmt: skip
 def test_flow_text_reads_as_what_was_written(value: object) -> None:
     assert read_text(f"a: {flow_text(value)}").data == {"a": value}
+
+
+@pytest.mark.parametrize("name", ["pick_and_track", "experiments/tracking"])
+def test_any_scalar_of_a_shipped_tree_can_be_changed_alone(name: str) -> None:
+    """All lines but its own stay as they are, and of its own what stands around it."""
+    text = find_tree(name).read_text(encoding="utf-8")
+    source = read_text(text)
+    for path, span in source.values.items():
+        if isinstance(source.get(path), (dict, list)):
+            continue
+        before, after = text.split("\n"), with_value(text, name, path, "other").split("\n")
+        old = before.pop(span.line)
+        new = after.pop(span.line)
+        assert after == before
+        assert new == f"{old[: span.column]}other{old[span.end_column :]}"
