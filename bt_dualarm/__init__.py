@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from bt_dualarm.motion.curves import lissajous as lissajous_path
     from bt_dualarm.motion.drawing import drawn as drawn_path
     from bt_dualarm.motion.paths import line as line_path
+    from bt_dualarm.motion.planners import Planner as Planner
     from bt_dualarm.motion.trajectory import Trajectory as Trajectory
     from bt_dualarm.motion.turning import turned_about as turned_path
     from bt_dualarm.pose import Matrix as Matrix
@@ -84,6 +85,7 @@ _CONTENTS: Final = {
     "ObjectName": "spec.values:ObjectName",
     "Offset": "spec.offset:Offset",
     "Plane": "spec.plane:Plane",
+    "Planner": "motion.planners:Planner",
     "PoseSpec": "spec.values:PoseSpec",
     "PostureName": "spec.aims:PostureName",
     "Speed": "spec.values:Speed",
@@ -123,6 +125,7 @@ __all__ = [
     "Offset",
     "Plane",
     "PlaneTracking",
+    "Planner",
     "PortModel",
     "Pose",
     "PoseSpec",

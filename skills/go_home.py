@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bt_dualarm import PortModel, Skill, Speed, port
+from bt_dualarm import Planner, PortModel, Skill, Speed, port
 
 
 class GoHome(Skill):
@@ -14,6 +14,7 @@ class GoHome(Skill):
 
     class Ports(PortModel):
         speed: Speed = port(0.5, "share of the arm's limits")
+        planner: Planner = port("RRTConnect", "searches where the straight way is not free")
 
     failures = {
         "IN_COLLISION": "the arm would touch something at home",
@@ -28,6 +29,6 @@ class GoHome(Skill):
         """Plan, go, measure."""
         arm = self.arm
         home = arm.posture("home")
-        yield from arm.travel([home], self.ports.speed)
+        yield from arm.travel([home], self.ports.speed, planner=self.ports.planner)
         error = np.abs(arm.world.arms[arm.name].q - home)
         self.metrics["joint_error_rad"] = float(error.max())

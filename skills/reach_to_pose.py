@@ -10,6 +10,7 @@ from bt_dualarm import (
     Duration,
     Failure,
     Offset,
+    Planner,
     PortModel,
     Pose,
     PostureName,
@@ -38,6 +39,7 @@ class ReachToPose(Skill):
             False, "wait at home while another arm is in the way, instead of where the arm is"
         )
         speed: Speed = port(0.5, "share of the arm's limits")
+        planner: Planner = port("RRTConnect", "searches where the straight way is not free")
         tolerance: float = port(0.001, "largest distance at the end", unit="m", ge=1e-4, le=0.1)
         angle_tolerance: Angle = port(0.5, "largest turn at the end", ge=0.01, le=30)
 
@@ -61,6 +63,7 @@ class ReachToPose(Skill):
             self.ports.speed,
             give_way=self.ports.give_way,
             patience=self.ports.patience,
+            planner=self.ports.planner,
         )
         self._verify(target)
 

@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import degrees
 
-from bt_dualarm import Angle, CarriedPose, Failure, ObjectName, PortModel, Pose, Skill, Speed, port
+from bt_dualarm import (
+    Angle,
+    CarriedPose,
+    Failure,
+    ObjectName,
+    Planner,
+    PortModel,
+    Pose,
+    Skill,
+    Speed,
+    port,
+)
 
 
 class Transport(Skill):
@@ -15,6 +26,7 @@ class Transport(Skill):
         object: ObjectName = port(..., "object to carry; it must be attached to this arm")
         to: CarriedPose = port(..., "pose of the object in the world; turned as now if only xyz")
         speed: Speed = port(0.5, "share of the arm's limits")
+        planner: Planner = port("RRTConnect", "searches where the straight way is not free")
         tolerance: float = port(
             0.005, "largest distance of the object at the end", unit="m", ge=1e-4, le=0.1
         )
@@ -42,7 +54,7 @@ class Transport(Skill):
         goal = self.ports.to.pose_from(arm.commanded_tool_pose @ object_in_tool)
         tool_goal = goal @ object_in_tool.inverse
         configurations = arm.kinematics.solutions(tool_goal, arm.setpoint.q)
-        yield from arm.travel(configurations, self.ports.speed)
+        yield from arm.travel(configurations, self.ports.speed, planner=self.ports.planner)
         self._verify(name, goal)
 
     def _verify(self, name: str, goal: Pose) -> None:

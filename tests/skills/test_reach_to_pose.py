@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bt_dualarm.motion.planning import PlanningProblem
+from bt_dualarm.motion.planning_process import PendingMotion, PlanningProcess
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.catalogue import load_robot
 from bt_dualarm.world.world import World
@@ -60,8 +62,19 @@ def test_posture(stage: Stage) -> None:
     assert joints(play.world) == pytest.approx(load_robot("ur5").postures["up"], abs=1e-3)
 
 
-def test_it_goes_around_what_is_in_the_way(stage: Stage) -> None:
-    """A wall comes between start and goal: reached without a touch."""
+@pytest.mark.parametrize("planner", ["RRTConnect", "BITstar"])
+def test_it_goes_around_what_is_in_the_way(
+    planner: str, stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wall comes between start and goal: reached without a touch, by the planner asked for."""
+    asked = []
+
+    def noted(self: PlanningProcess, problem: PlanningProblem) -> PendingMotion:
+        asked.append(problem.planner)
+        return solve(self, problem)
+
+    solve = PlanningProcess.solve
+    monkeypatch.setattr(PlanningProcess, "solve", noted)
     wall = {
         "shape": "box",
         "size": [0.3, 0.02, 0.5],
@@ -75,7 +88,12 @@ def test_it_goes_around_what_is_in_the_way(stage: Stage) -> None:
         scenario.file(
             {"reach_to_pose": {"to": {"xyz": [0.5, 0.3, 0.6], "rpy": [180, 0, 0]}}},
             {"spawn": {"object": "wall"}},
-            {"reach_to_pose": {"to": {"xyz": [0.5, -0.3, 0.6], "rpy": [180, 0, 0]}}},
+            {
+                "reach_to_pose": {
+                    "to": {"xyz": [0.5, -0.3, 0.6], "rpy": [180, 0, 0]},
+                    "planner": planner,
+                }
+            },
         )
     )
     touched = []
@@ -88,6 +106,7 @@ def test_it_goes_around_what_is_in_the_way(stage: Stage) -> None:
     play.run()
     assert [leaf.status for leaf in play.arm().leaves] == ["SUCCESS"] * 3, play.arm()
     assert not any(touched)
+    assert asked == [planner]
 
 
 @pytest.mark.parametrize("robot", ["ur3", "ur10", "panda", "xarm7"])
