@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
+from functools import cached_property
+
 import numpy as np
 
 from bt_dualarm.motion.mechanism import Mechanism, origin
@@ -59,6 +62,23 @@ class Chain(Mechanism):
         """Distance in rad from ``q``, of shape (dof,) or (n, dof), to the nearest joint limit."""
         limits = self.robot.limits
         return float(np.minimum(q - limits.lower, limits.upper - q).min())
+
+    @cached_property
+    def workspace(self) -> tuple[Vector, float]:
+        """The ball that the tool cannot leave: centre in the world, of shape (3,), and radius in m.
+
+        Around the first joint, as far as the distances from joint to joint to tool add up to: less
+        is within reach, nothing is beyond.
+        """
+        children = {
+            str(joint.get("name")): str(child.get("link"))
+            for joint in ET.fromstring(self.robot.urdf_text).iter("joint")  # noqa: S314 # our own
+            for child in joint.iter("child")
+        }
+        self.set_state(self.robot.postures["home"])
+        places = [self.frame(children[name])[:3, 3] for name in self.joints]
+        steps = np.diff([*places, self.frame(TOOL)[:3, 3]], axis=0)
+        return places[0].copy(), float(np.linalg.norm(steps, axis=1).sum())
 
 
 def with_tool(robot: Robot) -> str:

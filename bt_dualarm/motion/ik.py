@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from bt_dualarm.errors import Failure
 from bt_dualarm.motion.broken import SINGULAR_CONDITION, broken
 from bt_dualarm.motion.chain import TOOL, Chain
 from bt_dualarm.motion.descent import Aim, Continuation
@@ -70,8 +71,8 @@ class Kinematics(Chain):
         conditioned.
 
         Raises:
-            Failure: ``INVALID_TARGET`` for what is no pose; ``UNREACHABLE`` with the smallest
-                residual found.
+            Failure: ``INVALID_TARGET`` for what is no pose, or outside the workspace;
+                ``UNREACHABLE`` with the smallest residual found.
         """
         return self.solutions(target, near, tolerance, prefer)[0]
 
@@ -98,6 +99,7 @@ class Kinematics(Chain):
             Failure: As ``solve``.
         """
         goals, every = (target_matrix(target),), every_branch or prefer == "conditioned"
+        self._refuse_outside(goals)
         found, closest = self._search.answers(goals, near, tolerance, every=every)
         if not found:
             raise unreachable(*self._search.residuals(closest, goals)[0])
@@ -160,11 +162,13 @@ class Kinematics(Chain):
             max_step: Movement of a joint between two poses, in rad, that counts as a jump.
 
         Raises:
-            Failure: ``UNREACHABLE`` for the first pose; ``PATH_BROKEN`` with the largest
-                ``fraction`` of the path that could be followed, or ``SINGULAR`` if a singularity
-                of the arm is what ends it there.
+            Failure: ``INVALID_TARGET`` for what is no pose, or outside the workspace;
+                ``UNREACHABLE`` for the first pose; ``PATH_BROKEN`` with the largest ``fraction``
+                of the path that could be followed, or ``SINGULAR`` if a singularity of the arm is
+                what ends it there.
         """
         goals = [(target_matrix(pose),) for pose in poses]
+        self._refuse_outside([goal for (goal,) in goals])
         longest: list[Vector] = []
         whole: list[tuple[bool, float, Matrix]] = []
         starts: list[Vector] = []
@@ -185,6 +189,21 @@ class Kinematics(Chain):
             return min(whole, key=lambda one: one[:2])[2]
         end = longest[-1] if longest else starts[0]
         raise broken(self, end, poses[len(longest)], len(longest) / len(goals), len(starts))
+
+    def _refuse_outside(self, goals: Sequence[Matrix]) -> None:
+        """Refuse targets, of shape (4, 4), that no configuration can come near to."""
+        centre, radius = self.workspace
+        away = np.linalg.norm(np.array(goals)[:, :3, 3] - centre, axis=1)
+        worst = int(np.argmax(away))
+        if away[worst] > radius:
+            place = ", ".join(f"{x:.3f}" for x in goals[worst][:3, 3])
+            raise Failure(
+                "INVALID_TARGET",
+                f"({place}) m is outside the workspace: {away[worst]:.2f} m from the first joint "
+                f"of this {self.robot.name}, whose tool is never more than {radius:.2f} m from it",
+                distance_m=float(away[worst]),
+                reach_m=radius,
+            )
 
     def _branches(self, first: Pose, near: Vector, tolerance: Tolerance) -> Iterator[Vector]:
         """Different configurations for the first pose: the nearest ones, then all others."""

@@ -45,7 +45,7 @@ def test_a_path_that_leaves_the_reach_is_refused_as_a_whole() -> None:
     robot = load_robot("ur5")
     arm = Kinematics(robot, Pose.identity())
     tool = arm.forward(robot.postures["home"])
-    away = Pose(tool.position + np.array((3.0, 0.0, 0.0)), tool.quaternion)
+    away = Pose(tool.position + np.array((0.65, 0.0, 0.0)), tool.quaternion)
     with pytest.raises(Failure, match=r"PATH_BROKEN|SINGULAR") as caught:
         trace(arm, line(tool, away), robot.postures["home"], robot.limits, 0.002)
-    assert 0.0 < float(caught.value.numbers["fraction"]) < 0.5
+    assert 0.0 < float(caught.value.numbers["fraction"]) < 0.8

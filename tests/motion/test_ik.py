@@ -28,6 +28,11 @@ def home(arm: Kinematics) -> Vector:
     return arm.robot.postures["home"]
 
 
+def home_pose(arm: Kinematics) -> Vector:
+    """Quaternion of the tool at home."""
+    return arm.forward(home(arm)).quaternion
+
+
 def circle(arm: Kinematics, radius: float, count: int) -> list[Pose]:
     start = arm.forward(home(arm))
     angles = np.linspace(0.0, 2.0 * np.pi, count)
@@ -101,9 +106,32 @@ def test_the_base_pose_is_that_of_the_base_link() -> None:
 def test_what_is_out_of_reach_is_refused_with_its_residual() -> None:
     arm = ARMS["ur5"]
     with pytest.raises(Failure) as caught:
-        arm.solve(Pose.from_rpy((5.0, 0.0, 0.0)), home(arm))
+        arm.solve(Pose(BASE.position + np.array((1.15, 0.0, 0.1)), home_pose(arm)), home(arm))
     assert caught.value.code == "UNREACHABLE"
-    assert float(caught.value.numbers["residual_m"]) > 3.0
+    assert 0.1 < float(caught.value.numbers["residual_m"]) < 0.4
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_no_configuration_leaves_the_workspace(name: str) -> None:
+    """And it is not all of the room either: no more than half as far again as an arm gets."""
+    arm, rng = ARMS[name], np.random.default_rng(0)
+    centre, radius = arm.workspace
+    tools = [arm.forward(rng.uniform(arm.lower, arm.upper)).position for _ in range(1000)]
+    farthest = max(float(np.linalg.norm(tool - centre)) for tool in tools)
+    assert 0.6 * radius < farthest <= radius
+
+
+def test_what_is_outside_of_the_workspace_is_no_target() -> None:
+    """It is not searched for, and a path that ends there does not begin."""
+    arm = ARMS["ur5"]
+    start, away = arm.forward(home(arm)), Pose.from_rpy((5.0, 0.0, 0.0))
+    with pytest.raises(Failure, match="outside the workspace") as caught:
+        arm.solve(away, home(arm))
+    assert caught.value.code == "INVALID_TARGET"
+    assert float(caught.value.numbers["distance_m"]) > 4.0
+    assert 0.9 < float(caught.value.numbers["reach_m"]) < 1.4
+    with pytest.raises(Failure, match="INVALID_TARGET"):
+        arm.follow([start, away], home(arm))
 
 
 @pytest.mark.parametrize(
@@ -132,7 +160,7 @@ def test_a_path_out_of_reach_is_refused_with_the_part_that_was_possible() -> Non
     arm = ARMS["ur5"]
     start = arm.forward(home(arm))
     away = (start.position - BASE.position) / np.linalg.norm(start.position - BASE.position)
-    poses = [Pose(start.position + x * away, start.quaternion) for x in np.linspace(0, 2, 200)]
+    poses = [Pose(start.position + x * away, start.quaternion) for x in np.arange(0, 0.6, 2 / 199)]
     with pytest.raises(Failure) as caught:
         arm.follow(poses, home(arm))
     assert caught.value.code == "PATH_BROKEN"

@@ -104,7 +104,9 @@ def knocks(body: str, at: float) -> tuple[tuple[float, Deed], ...]:
     return (at, pushes(body, 400.0)), (at + 0.15, pushes(body, 0.0))
 
 
-FAR = {"xyz": [3.0, 0.0, 0.5]}
+FAR = {"xyz": [1.15, 0.0, 0.5]}
+"""Within the ball around the arm, and farther than it can reach."""
+
 HAND = "arm1/tool0"
 REMOVED = ({"remove": {"object": "cube"}},)
 CUBE_AWAY = {"cube": CUBE | {"pose": {"xyz": [2.5, 2.5, 0.025]}}}
@@ -191,13 +193,13 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("move_joints", "IN_COLLISION"): Trial({"move_joints": {"by": {"shoulder_lift_joint": 120}}}),
     **moving("move_joints", {"move_joints": {"by": {"shoulder_lift_joint": 30}}}, 0.4),
     # Motions of the tool
-    ("circle", "UNREACHABLE"): Trial({"circle": {"radius": 2.0}}),
+    ("circle", "UNREACHABLE"): Trial({"circle": {"radius": 0.8}}),
     ("circle", "SINGULAR"): Trial({"circle": {"radius": 0.5, "start": "from"}}),
     ("circle", "PATH_BROKEN"): Trial({"circle": {"radius": 0.25, "plane": "xz"}}, {"arm": PANDA}),
     ("circle", "IN_COLLISION"): Trial({"circle": {}}, {"objects": BESIDE}),
     **moving("circle", {"circle": {}}, 1.0),
     ("lissajous", "INVALID_TARGET"): Trial({"lissajous": {"amplitudes": [0.0, 0.0]}}),
-    ("lissajous", "UNREACHABLE"): Trial({"lissajous": {"amplitudes": [2.0, 2.0], "phase": 90}}),
+    ("lissajous", "UNREACHABLE"): Trial({"lissajous": {"amplitudes": [0.9, 0.1], "phase": 90}}),
     ("lissajous", "SINGULAR"): Trial({"lissajous": {"amplitudes": [0.5, 0.1]}}),
     ("lissajous", "PATH_BROKEN"): Trial(
         {"lissajous": {"amplitudes": [0.2, 0.25], "plane": "xz"}}, {"arm": PANDA}
@@ -205,13 +207,13 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("lissajous", "IN_COLLISION"): Trial({"lissajous": {}}, {"objects": BESIDE}),
     **moving("lissajous", {"lissajous": {}}, 1.0),
     ("draw", "INVALID_TARGET"): Trial(square(0.1, 0.1, closed=False, repeats=2)),
-    ("draw", "UNREACHABLE"): Trial(square(2.0, 2.0)),
+    ("draw", "UNREACHABLE"): Trial(square(0.7, 0.7)),
     ("draw", "SINGULAR"): Trial({"draw": {"points": FLAT_EIGHT}}),
     ("draw", "PATH_BROKEN"): Trial(square(0.25, 0.25, plane="xz"), {"arm": PANDA}),
     ("draw", "IN_COLLISION"): Trial(square(0.1, 0.1), {"objects": BESIDE}),
     **moving("draw", square(0.1, 0.1), 1.0),
     ("move_linear", "INVALID_TARGET"): Trial({"move_linear": {}}),
-    ("move_linear", "SINGULAR"): Trial({"move_linear": {"offset": {"xyz": [0.6, 0, 0]}}}),
+    ("move_linear", "SINGULAR"): Trial({"move_linear": {"offset": {"xyz": [0.5, 0, 0]}}}),
     ("move_linear", "PATH_BROKEN"): Trial(
         {"move_linear": {"offset": {"rpy": [0, 90, 0], "frame": "tool"}}}, {"arm": PANDA}
     ),
