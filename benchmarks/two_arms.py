@@ -1,4 +1,4 @@
-"""Two arms in each other's way: python benchmarks/two_arms.py [REACHES].
+"""Two arms in each other's way: python -m benchmarks.two_arms [REACHES [SEED]].
 
 A UR5 and a Panda stand face to face and reach for random poses in the space between them, both at
 once, knowing nothing of each other's aims. Printed: how many of the reaches succeeded, why the
@@ -27,6 +27,7 @@ from bt_dualarm.world.world import World
 
 REACHES = 200
 PER_RUN = 20
+SEED = 7
 
 HEAD = """
 bt_dualarm: 1
@@ -53,7 +54,7 @@ class Contacts:
     """Counts the physics steps in which the arms touch."""
 
     def __init__(self, world: World) -> None:
-        self.steps = 0
+        self.steps, self.first_s = 0, float("inf")
         self._world = world
         self._of = np.full(world.model.ngeom, -1)
         for number, body in enumerate(world.arms.values()):
@@ -65,13 +66,15 @@ class Contacts:
     def after_ticks(self, run: object) -> None:
         """Nothing to see."""
 
-    def after_step(self, time: float) -> None:  # noqa: ARG002 - an observer's signature
+    def after_step(self, time: float) -> None:
         """Look at all contacts."""
         data = self._world.data
         if data.ncon:
             owners = self._of[data.contact.geom]
             touching = (owners >= 0).all(axis=1) & (owners[:, 0] != owners[:, 1])
-            self.steps += bool((touching & (data.contact.dist < 0.0)).any())
+            if (touching & (data.contact.dist < 0.0)).any():
+                self.steps += 1
+                self.first_s = min(self.first_s, time)
 
 
 def target(arm: Kinematics, rng: np.random.Generator) -> Pose:
@@ -103,8 +106,8 @@ def tree(rng: np.random.Generator, reaches: int) -> str:
     return text
 
 
-def run(text: str, seed: int, registry: Registry) -> tuple[RunResult, int]:
-    """The result, and the number of steps in which the arms touched."""
+def run(text: str, seed: int, registry: Registry) -> tuple[RunResult, Contacts]:
+    """The result, and when the arms touched."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "two_arms.yaml")
         path.write_text(text, encoding="utf-8")
@@ -112,23 +115,29 @@ def run(text: str, seed: int, registry: Registry) -> tuple[RunResult, int]:
     with Session(file, registry, Wishes(seed=seed)) as session:
         contacts = Contacts(session.assembly.world)
         result = session.run([contacts], time.perf_counter, None)
-    return result, contacts.steps
+    return result, contacts
 
 
-def main(reaches: int) -> None:
-    """Print what came of all reaches."""
+def main(reaches: int, seed: int) -> None:
+    """Print what came of all reaches; each that did not succeed, with its reason."""
     registry = Registry.load()
-    rng = np.random.default_rng(7)
+    rng = np.random.default_rng(seed)
     codes: Counter[str] = Counter()
     touched, nearest, sim, wall = 0, float("inf"), 0.0, 0.0
-    for seed in range(-(-reaches // PER_RUN)):
-        result, steps = run(tree(rng, PER_RUN), seed, registry)
-        touched += steps
+    for number in range(-(-reaches // PER_RUN)):
+        result, contacts = run(tree(rng, PER_RUN), number, registry)
+        touched += contacts.steps
+        if contacts.steps:
+            print(f"run {number}: the arms touch at {contacts.first_s:.2f} s")
         sim, wall = sim + result.sim_time_s, wall + result.wall_time_s
         for arm in result.arms:
             nearest = min(nearest, float(arm.guard.get("nearest_arm_m", "inf")))
             leaves = [leaf for leaf in arm.leaves if leaf.skill == "reach_to_pose"]
             codes.update(leaf.code or leaf.status for leaf in leaves)
+            for leaf in leaves:
+                if leaf.status != "SUCCESS":
+                    when = f"{leaf.started_s:.1f}-{leaf.ended_s:.1f} s"
+                    print(f"run {number} {arm.name} {when}: {leaf.code}: {leaf.reason}")
     count = sum(codes.values())
     print(f"{count} reaches in {sim:.0f} s simulated, {wall:.0f} s on the wall")
     print(f"succeeded            {codes['SUCCESS']:4d}  {100 * codes['SUCCESS'] / count:.1f} %")
@@ -140,4 +149,4 @@ def main(reaches: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else REACHES)
+    main(*map(int, sys.argv[1:3]), *(REACHES, SEED)[len(sys.argv) - 1 :])

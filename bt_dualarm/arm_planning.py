@@ -11,7 +11,6 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.motion import timing
 from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.motion.controller import JointController
-from bt_dualarm.motion.guard import clearance
 from bt_dualarm.motion.joint_motion import refuse_contact, straight_motion
 from bt_dualarm.motion.joint_range import refuse_beyond
 from bt_dualarm.motion.paths import line
@@ -19,6 +18,7 @@ from bt_dualarm.motion.planners import DEFAULT_PLANNER, Planner
 from bt_dualarm.motion.planning import PlanningProblem, admitted
 from bt_dualarm.motion.planning_process import PlanningProcess
 from bt_dualarm.motion.trajectory import Trajectory
+from bt_dualarm.motion.vicinity import clearance
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.camera import Camera
 from bt_dualarm.world.world import World

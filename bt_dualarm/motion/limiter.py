@@ -50,11 +50,15 @@ class SetPointLimiter:
 
     def send(self, wanted: SetPoint) -> SetPoint:
         """The set-point to follow now: ``wanted``, or the nearest that the limits allow."""
+        self.sent = self.bend(wanted)
+        return self.sent
+
+    def bend(self, wanted: SetPoint) -> SetPoint:
+        """As ``send``, but it has not been sent yet: that is for the caller to say."""
         q, v, a = wanted.q, wanted.v, wanted.a
         if not self._within(wanted).all() or not self._foresight.can_go_on(q, v, a).all():
             self.clipped += 1
             wanted = self._bent(wanted)
-        self.sent = wanted
         return wanted
 
     def _within(self, wanted: SetPoint) -> Flags:

@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, TypeAlias
-
-import numpy as np
+from typing import Protocol, TypeAlias, runtime_checkable
 
 from bt_dualarm.motion.limiter import SetPoint
-from bt_dualarm.motion.pace import Place, Stretch, at_places, change_pace
+from bt_dualarm.motion.pace import (
+    Place,
+    Stretch,
+    advance,
+    at_places,
+    brake_after,
+    change_pace,
+    keep_pace,
+    stop_after,
+)
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.catalogue import JointLimits
 
 Stream: TypeAlias = Callable[[float], SetPoint]
 """Gives the set-point for a simulated time in seconds; asked once a control period."""
+
+_PIECE = 25  # set-points at an even pace that are worked out at a time
+
+
+@runtime_checkable
+class PacedStream(Protocol):
+    """A stream that can be asked to go slower."""
+
+    pace: float
+    """Share of its usual speed, from 0 to 1."""
 
 
 class Motion(Protocol):
@@ -27,6 +44,10 @@ class Motion(Protocol):
     def done(self) -> bool:
         """Whether its last set-point has been sent."""
 
+    @property
+    def way_left(self) -> Trajectory | None:
+        """From the last set-point to rest, as it is committed to; None if it is free to choose."""
+
 
 class TrajectoryMotion:
     """Follows a trajectory set-point by set-point and records where the tool really was.
@@ -36,8 +57,9 @@ class TrajectoryMotion:
         places: Seconds on the trajectory at the same times.
         along_path: The tool's path matters, not only its end.
         goal_pace: The pace that it has, or is changing to.
-        held_since: Simulated time in s since which it stands, None while it moves.
-        held_up: Why it stands.
+        held_since: Simulated time in s since which it is stopped, None while it goes on.
+        held_up: Why it is stopped.
+        leaves_path: The way to rest that it is committed to does.
     """
 
     def __init__(self, trajectory: Trajectory, along_path: bool = False) -> None:
@@ -49,61 +71,96 @@ class TrajectoryMotion:
         self.places: list[float] = []
         self.held_up = ""
         self._next = 0
-        self._place: Place | None = None
-        self._change: Stretch | None = None
+        self._ahead: Stretch | None = None
         self._row = 0
+        self._committed = False
+        self.leaves_path = False
 
     @property
     def done(self) -> bool:
         """Whether the last set-point has been sent."""
-        if self._place is not None:
-            return self._place.s >= self.trajectory.duration
+        if self._ahead is not None:
+            return self.place.s >= self.trajectory.duration
         return self._next >= len(self.trajectory)
 
     @property
     def progress(self) -> float:
         """Share of the motion that was sent, from 0 to 1."""
-        if self._place is not None:
-            return min(self._place.s / max(self.trajectory.duration, 1e-9), 1.0)
+        if self._ahead is not None:
+            return min(self.place.s / max(self.trajectory.duration, 1e-9), 1.0)
         return self._next / len(self.trajectory)
 
     @property
     def place(self) -> Place:
         """Of the last set-point."""
-        return self._place or Place(max(self._next - 1, 0) * self.trajectory.dt)
+        if self._ahead is None:
+            return Place(max(self._next - 1, 0) * self.trajectory.dt)
+        return Place(*self._ahead.places[self._row].tolist())
 
     @property
     def changing(self) -> bool:
         """Whether its pace is being changed."""
-        return self._change is not None
+        return self._ahead is not None and self._row < len(self._ahead.places) - 1
+
+    @property
+    def way_left(self) -> Trajectory | None:
+        """From the last set-point to rest, as it is committed to; None if it is free to choose."""
+        if self._ahead is None or not self._committed:
+            return None
+        rows, i = self._ahead.motion, self._row
+        return Trajectory(rows.dt, rows.q[i:], rows.v[i:], rows.a[i:])
 
     def next(self, time: float) -> SetPoint:  # noqa: ARG002 - a trajectory counts its own time
         """The next set-point."""
-        if self._place is not None:
-            return self._next_at_pace(self._place)
+        if self._ahead is not None:
+            return self._next_ahead(self._ahead)
         i = min(self._next, len(self.trajectory) - 1)
         self._next += 1
         self.places.append(i * self.trajectory.dt)
         return SetPoint(self.trajectory.q[i], self.trajectory.v[i], self.trajectory.a[i])
 
-    def go_at(self, pace: float, limits: JointLimits, *, promptly: bool = False) -> bool:
+    def go_at(self, pace: float, limits: JointLimits) -> bool:
         """Begin to change the pace, 0 to stand still on the path; whether the limits allow it."""
-        change = change_pace(self.trajectory, self.place, pace, limits, promptly=promptly)
+        change = change_pace(self.trajectory, self.place, pace, limits)
         if change is None:
             return False
-        self._place, self._change, self._row = self.place, change, 0
-        self.goal_pace = pace
+        self._ahead, self._row, self._committed = change, 0, False
+        self.goal_pace, self.leaves_path = pace, False
         return True
+
+    def to_rest_after(self, count: int, pace: float, limits: JointLimits) -> Stretch | None:
+        """The next ``count`` set-points, changing to a pace, then to rest on the path.
+
+        None where that is not possible within the limits.
+        """
+        places = advance(self.trajectory, self.place, pace, count, limits)
+        return None if places is None else stop_after(self.trajectory, places, limits)
+
+    def to_brake_after(self, count: int, limits: JointLimits) -> Stretch | None:
+        """The next ``count`` set-points, then to rest joint by joint, wherever that leads.
+
+        None where its pace is changing.
+        """
+        place = self.place
+        if place.change:
+            return None
+        return brake_after(self.trajectory, keep_pace(self.trajectory, place, count), limits)
+
+    def commit(self, ahead: Stretch, pace: float, *, leaves_path: bool = False) -> None:
+        """Go on in a way that ends at rest, unless the motion is told to go on before.
+
+        Args:
+            ahead: From the last set-point on.
+            pace: Of its first part.
+            leaves_path: The rest of it does.
+        """
+        self._ahead, self._row, self._committed = ahead, 0, True
+        self.goal_pace, self.leaves_path = pace, leaves_path
 
     def halt(self, limits: JointLimits) -> Trajectory | None:
         """The way to a stop on the path, from the last set-point on; None if there is none."""
         change = change_pace(self.trajectory, self.place, 0.0, limits)
         return None if change is None else change.motion
-
-    def stopping_place(self, limits: JointLimits) -> float | None:
-        """Place in s where it would stand if it went at pace 0 from now on; None if it cannot."""
-        change = change_pace(self.trajectory, self.place, 0.0, limits, promptly=True)
-        return None if change is None else float(change.places[-1, 0])
 
     def configuration(self, s: float) -> Vector:
         """Joint angles, of shape (dof,), at a place in s, on the grid."""
@@ -112,26 +169,33 @@ class TrajectoryMotion:
         ]
         return place
 
-    def _next_at_pace(self, now: Place) -> SetPoint:
-        change = self._change
-        if change is None:
-            place = Place(now.s + now.pace * self.trajectory.dt, now.pace)
-            rows = at_places(self.trajectory, np.array(((place.s, place.pace, 0.0),)))
-            row = 0
-        else:
-            self._row = row = min(self._row + 1, len(change.places) - 1)
-            place, rows = Place(*change.places[row].tolist()), change.motion
-            if row == len(change.places) - 1:
-                self._change = None
-        self._place = place
-        self.places.append(place.s)
-        return SetPoint(rows.q[row], rows.v[row], rows.a[row])
+    def _next_ahead(self, ahead: Stretch) -> SetPoint:
+        self._row += 1
+        if self._row >= len(ahead.places):
+            last = Place(*ahead.places[-1].tolist())
+            places = keep_pace(self.trajectory, last, _PIECE)
+            ahead = Stretch(places, at_places(self.trajectory, places))
+            self._ahead, self._row = ahead, 1
+        self.places.append(float(ahead.places[self._row, 0]))
+        rows, i = ahead.motion, self._row
+        return SetPoint(rows.q[i], rows.v[i], rows.a[i])
 
 
 class StreamMotion:
-    """Follows whatever a function says, until it is stopped."""
+    """Follows whatever a function says, until it is stopped.
+
+    Attributes:
+        way_left: From the last set-point to rest, as it is committed to; None if it is free.
+    """
 
     done = False
 
     def __init__(self, stream: Stream) -> None:
         self.next = stream
+        self.way_left: Trajectory | None = None
+        self._stream = stream
+
+    def go_at(self, pace: float) -> None:
+        """Ask the stream to go slower, if it can, or at its usual speed again."""
+        if isinstance(self._stream, PacedStream):
+            self._stream.pace = pace

@@ -14,7 +14,7 @@ from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.world import World
 
 HORIZON = 0.10
-"""Farthest distance in metres that is measured; beyond it, things are out of each other's way."""
+"""Farthest distance in metres that is measured unless asked for: beyond it, nothing is near."""
 
 _LINKS, _HELD = 1, 2  # bits: what may not come near a link, and what may not come near a thing held
 
@@ -24,7 +24,7 @@ class Gap:
     """The smallest distance found.
 
     Attributes:
-        metres: Infinite beyond ``HORIZON``.
+        metres: Infinite beyond the horizon.
         first: Name of the arm's body, or of what it holds.
         second: Name of the other arm's.
     """
@@ -42,12 +42,15 @@ class Separation:
     Args:
         world: Looked at when a distance is asked for; to be made anew after a recompilation.
         arm: Name of the arm.
+
+    Attributes:
+        data: State of the world's model in which the gap was measured last.
     """
 
     def __init__(self, world: World, arm: str) -> None:
         self._world, self._arm = world, arm
         self._model = copy.copy(world.model)
-        self._data = mujoco.MjData(self._model)
+        self.data = mujoco.MjData(self._model)
         self._carried = [
             (held.arm, held.relative, self._address(held.object)) for held in world.attachments
         ]
@@ -58,12 +61,15 @@ class Separation:
         """Whether there is no other arm."""
         return len(self._world.arms) < 2
 
-    def gap(self, configurations: Mapping[str, Vector]) -> Gap:
+    def gap(self, configurations: Mapping[str, Vector], horizon: float = HORIZON) -> Gap:
         """The smallest distance with arms, by name, in configurations of shape (dof,) each.
 
-        Arms that are not named are where they are now.
+        Args:
+            configurations: Arms that are not named are where they are now.
+            horizon: Farthest distance in metres that is measured; farther ones cost more.
         """
-        world, data = self._world, self._data
+        world, data = self._world, self.data
+        self._look_as_far_as(horizon)
         data.qpos[:] = world.data.qpos
         for name, q in configurations.items():
             data.qpos[world.arms[name].qpos_ids] = q
@@ -98,13 +104,18 @@ class Separation:
                 model.geom_contype[geom] = _LINKS | _HELD
             else:
                 model.geom_conaffinity[geom] = _HELD
-        others = np.flatnonzero(model.geom_conaffinity)
-        model.geom_margin[others] = HORIZON
-        model.body_margin[np.unique(model.geom_bodyid[others])] = HORIZON
+        self._others = np.flatnonzero(model.geom_conaffinity)
+        self._horizon = 0.0
+
+    def _look_as_far_as(self, horizon: float) -> None:
+        if horizon != self._horizon:
+            model, self._horizon = self._model, horizon
+            model.geom_margin[self._others] = horizon
+            model.body_margin[np.unique(model.geom_bodyid[self._others])] = horizon
 
     def _carry(self) -> None:
         """Put what arms hold where their tool links now are."""
-        data = self._data
+        data = self.data
         for arm, relative, address in self._carried:
             link = self._world.arms[arm].tool_body
             pose = Pose(data.xpos[link].copy(), data.xquat[link].copy()) @ relative

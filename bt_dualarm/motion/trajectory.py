@@ -49,6 +49,11 @@ class Trajectory:
         """Time from the first set-point to the last, in seconds."""
         return (len(self) - 1) * self.dt
 
+    @property
+    def to_come(self) -> Matrix:
+        """Positions after the first, of shape (n, dof); those at rest where there is no other."""
+        return self.q[1:] if len(self) > 1 else self.q
+
     def at(self, time: float) -> tuple[Vector, Vector, Vector]:
         """Position, velocity and acceleration at a time; before and after it, those of the ends.
 

@@ -15,6 +15,7 @@ from bt_dualarm.world import composition
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.attachments import Attachment, Attachments
 from bt_dualarm.world.catalogue import Robot, load_robot
+from bt_dualarm.world.commitment import Commitment
 from bt_dualarm.world.footing import Footing, footing_below
 from bt_dualarm.world.names import must_be_among
 from bt_dualarm.world.overlap import overlap
@@ -26,6 +27,8 @@ _log = logging.getLogger(__name__)
 
 class World(WorldView):
     """The composed world: ``model`` and ``data`` change identity when ``generation`` grows.
+
+    The arms' controllers share ``commitments``, as robots of a cell share its safety controller.
 
     Args:
         file: Declares scene, objects and arms.
@@ -49,6 +52,7 @@ class World(WorldView):
         }
         self.arms: dict[str, ArmBody] = {}
         self.objects: dict[str, ObjectSpec] = {}
+        self.commitments: dict[str, Commitment] = {}
         self.generation = 0
         self._spec = composition.scene_spec(file.world, file.root)
         self._check_declarations()
@@ -108,6 +112,7 @@ class World(WorldView):
         self.attachments.forget(name)
         composition.remove_arm(self._spec, name, self.robots[name])
         del self.arms[name]
+        self.commitments.pop(name, None)
         self._recompile()
 
     def spawn_object(self, name: str, pose: Pose | None = None) -> None:

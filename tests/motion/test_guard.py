@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bt_dualarm.errors import Number
-from bt_dualarm.motion.guard import CLEAR_M, clearance
 from bt_dualarm.motion.separation import Separation
+from bt_dualarm.motion.vicinity import CLEAR_M, NEARER_M, clearance
 from bt_dualarm.world.world import World
 from tests.plays import Stage
 from tests.world.worlds import arm, file_of
@@ -70,7 +70,7 @@ def test_an_arm_waits_for_another_one_to_leave_its_goal(stage: Stage) -> None:
 
 def test_an_arm_that_is_near_already_may_come_no_nearer() -> None:
     assert clearance(float("inf"), CLEAR_M) == CLEAR_M
-    assert clearance(0.02, CLEAR_M) == pytest.approx(0.018)
+    assert clearance(0.02, CLEAR_M) == pytest.approx(0.02 - NEARER_M)
     assert clearance(0.005, CLEAR_M) == 0.005
 
 

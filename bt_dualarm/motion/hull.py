@@ -1,0 +1,121 @@
+"""An arm, and what it holds, wrapped in spheres: quick bounds on how near it is, and gets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.world import World
+
+_FINER = 2.0  # spheres along a shape's longest edge for each time that it is longer than the next
+_MOST = 8  # spheres for one shape
+
+
+class Hull:
+    """Spheres around all shapes of one arm; to be made anew after a recompilation.
+
+    Args:
+        world: That the arm is in.
+        arm: Its name.
+    """
+
+    def __init__(self, world: World, arm: str) -> None:
+        model, body = world.model, world.arms[arm]
+        held = [world.object_geom(name) for name in world.attachments.attached_to(arm)]
+        self._shapes = np.array(sorted((*body.geom_ids, *held)))
+        self._bounds = model.geom_rbound[self._shapes]
+        self._joints = [int(model.dof_jntid[dof]) for dof in body.dof_ids]
+        links = [int(model.jnt_bodyid[joint]) for joint in self._joints]
+        self._turned = np.array([_joints_of(model, geom, links) for geom in self._shapes])
+        pieces = [_spheres(model, geom) for geom in self._shapes]
+        repeats = [len(piece) for piece in pieces]
+        self._of_sphere = np.repeat(self._shapes, repeats)
+        self._moved = np.repeat(self._turned, repeats, axis=0)
+        self._placed = np.vstack(pieces)
+        self._data = world.data
+
+    def spheres(self) -> Matrix:
+        """Centres and radii now, of shape (n, 4), m."""
+        frames = self._data.geom_xmat[self._of_sphere].reshape(-1, 3, 3)
+        spheres = self._placed.copy()
+        spheres[:, :3] = np.einsum("nij,nj->ni", frames, self._placed[:, :3])
+        spheres[:, :3] += self._data.geom_xpos[self._of_sphere]
+        return spheres
+
+    def levers(self, spheres: Matrix) -> Matrix:
+        """Farthest distance of a sphere's points from each joint's axis, of shape (n, dof), m.
+
+        Zero where the joint does not move it.
+        """
+        anchors, axes = self._data.xanchor[self._joints], self._data.xaxis[self._joints]
+        arms = spheres[:, None, :3] - anchors
+        along = (arms * axes).sum(axis=2)
+        square = (arms * arms).sum(axis=2) - along * along
+        levers: Matrix = (np.sqrt(np.maximum(square, 0.0)) + spheres[:, 3:]) * self._moved
+        return levers
+
+    def centers(self, data: Any) -> Matrix:
+        """Of the shapes, of shape (m, 3), in a state of the model."""
+        centers: Matrix = data.geom_xpos[self._shapes]
+        return centers
+
+    def moved(self, first: Matrix, second: Matrix, turn: Vector) -> float:
+        """How far any point has moved at most, in m, on a short way.
+
+        Args:
+            first: As ``centers`` before it.
+            second: As ``centers`` after it.
+            turn: Of the joints, of shape (dof,), rad.
+        """
+        way = np.sqrt(((second - first) ** 2).sum(axis=1))
+        return float((way + self._bounds * (self._turned @ np.abs(turn))).max())
+
+
+def reach(levers: Matrix, way: Vector) -> float:
+    """How far any point gets, in m, when the joints turn by no more than ``way``.
+
+    A point is moved by each joint as far as its distance from the axis, which grows by no more
+    than the result itself: ``R <= way · levers + R Σ way``.
+
+    Args:
+        levers: As they are now, of shape (n, dof).
+        way: Of shape (dof,), rad.
+    """
+    total = float(way.sum())
+    return float((levers @ way).max()) / (1.0 - total) if total < 1.0 else float("inf")
+
+
+def apart(first: Matrix, second: Matrix) -> float:
+    """The least distance in m of two sets of spheres, of shape (n, 4) and (m, 4)."""
+    a, b = first[:, :3], second[:, :3]
+    square = (a * a).sum(axis=1)[:, None] + (b * b).sum(axis=1) - 2.0 * (a @ b.T)
+    gaps = np.sqrt(np.maximum(square, 0.0)) - first[:, 3:] - second[:, 3]
+    return float(gaps.min())
+
+
+def _spheres(model: Any, geom: int) -> Matrix:
+    """Around a shape's box, in its frame, of shape (n, 4)."""
+    center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:].copy()
+    longest = int(np.argmax(half))
+    slender = half[longest] / max(float(np.sort(half)[1]), 1e-6)
+    count = min(int(np.ceil(_FINER * slender)), _MOST) if slender > 1.2 else 1
+    half[longest] /= count
+    spheres = np.empty((count, 4))
+    spheres[:, :3] = center
+    spheres[:, longest] += half[longest] * (2.0 * np.arange(count) + 1.0 - count)
+    spheres[:, 3] = np.linalg.norm(half)
+    return spheres
+
+
+def _joints_of(model: Any, geom: int, links: list[int]) -> list[float]:
+    """For each joint whether it moves a shape, 1 or 0; what is held is moved by all."""
+    body = int(model.geom_bodyid[geom])
+    root = int(model.body_rootid[body])
+    if root not in {int(model.body_rootid[link]) for link in links}:
+        return [1.0] * len(links)
+    while body not in links and body != 0:
+        body = int(model.body_parentid[body])
+    count = links.index(body) + 1 if body else 0
+    return [1.0] * count + [0.0] * (len(links) - count)

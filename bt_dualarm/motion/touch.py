@@ -1,0 +1,55 @@
+"""Does a link of an arm touch what it should not?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.world.world import World
+
+_DEPTH = 5e-4  # metres: less is a touch
+
+
+class Touch:
+    """Contacts of an arm's links other than its tool; to be made anew after a recompilation.
+
+    Args:
+        world: That the arm is in.
+        arm: Its name.
+    """
+
+    def __init__(self, world: World, arm: str) -> None:
+        self._world = world
+        body = world.arms[arm]
+        self._mine = np.zeros(world.model.ngeom, dtype=bool)
+        self._mine[list(body.geom_ids)] = True
+        self._links = self._mine.copy()
+        self._links[list(body.tool_geom_ids)] = False
+
+    def unwanted(self) -> Failure | None:
+        """``IN_COLLISION`` if a link is in something that is not of this arm."""
+        data = self._world.data
+        if data.ncon == 0:
+            return None
+        geoms = data.contact.geom
+        links = self._links[geoms]
+        hits = np.flatnonzero((links[:, 0] != links[:, 1]) & ~self._mine[geoms].all(axis=1))
+        for i in hits.tolist():
+            depth = -float(data.contact.dist[i])
+            if depth > _DEPTH:
+                return self._failure_of(geoms[i].tolist(), depth)
+        return None
+
+    def _failure_of(self, geoms: list[int], depth: float) -> Failure:
+        model = self._world.model
+        first, second = [
+            model.body(model.geom_bodyid[g]).name or model.geom(g).name or "the scene"
+            for g in sorted(geoms, key=lambda g: not self._links[g])
+        ]
+        return Failure(
+            "IN_COLLISION",
+            f"{first} touches {second}",
+            first=first,
+            second=second,
+            depth_m=depth,
+        )

@@ -1,0 +1,134 @@
+"""What arms commit themselves to is clear of what the others have, so that they never meet."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from bt_dualarm.motion.controller import JointController
+from bt_dualarm.motion.hull import Hull, apart, reach
+from bt_dualarm.motion.limiter import SetPoint
+from bt_dualarm.motion.right_of_way import RightOfWay
+from bt_dualarm.motion.separation import Separation
+from bt_dualarm.motion.timing import point_to_point
+from bt_dualarm.motion.vicinity import CLEAR_M, FLOOR_M
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.world import World
+from tests.world.worlds import arm, box, file_of
+
+PERIOD = 0.004
+NEAR = np.array((0.0, -0.6, 0.9, -1.9, -1.57, 0.0))
+"""Arms that face each other touch, or nearly, if both are there."""
+
+
+@pytest.fixture
+def world() -> World:
+    return World(file_of({"arm1": arm("ur5"), "arm2": arm("ur5", (1.1, 0.0, 0.4), 180.0)}))
+
+
+def way(start: Vector, end: Vector, world: World) -> Matrix:
+    return point_to_point(start, end, world.robots["arm1"].limits, PERIOD).q
+
+
+def test_a_way_is_refused_that_leads_into_what_another_arm_is_committed_to(world: World) -> None:
+    """It is where the other one will be that counts, not where it is."""
+    first, second = (RightOfWay(world, name, PERIOD) for name in ("arm1", "arm2"))
+    home = world.arms["arm1"].q
+    assert first.take_way(way(home, NEAR, world), 0.0, CLEAR_M).metres >= CLEAR_M
+    before = world.commitments["arm1"]
+    gap = second.take_way(way(home, NEAR, world), 0.0, CLEAR_M)
+    assert gap.metres < CLEAR_M
+    assert gap.second.startswith("arm1/")
+    assert "arm2" not in world.commitments
+    assert world.commitments["arm1"] is before
+
+
+def test_a_place_is_free_once_the_other_arm_will_have_left_it(world: World) -> None:
+    """Ways are compared at the same times: an arm that leaves makes room for one that comes."""
+    first, second = (RightOfWay(world, name, PERIOD) for name in ("arm1", "arm2"))
+    home, limits = world.arms["arm2"].q, world.robots["arm1"].limits
+    aside = home + np.array((1.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+    leaving = point_to_point(NEAR, aside, limits.scaled(0.2), PERIOD)
+    first.insist(leaving.q, 0.0)
+    coming = point_to_point(home, NEAR, limits, PERIOD, 2.0 * leaving.duration)
+    assert second.take_way(way(home, NEAR, world), 0.0, CLEAR_M).metres < CLEAR_M
+    assert second.take_way(coming.q, 0.0, CLEAR_M).metres >= CLEAR_M
+
+
+def test_room_is_only_taken_where_there_is_some(world: World) -> None:
+    """The faster it is the farther an arm gets before it can stop."""
+    own = RightOfWay(world, "arm2", PERIOD)
+    still = np.zeros(6)
+    here = world.arms["arm2"].q
+    slow = SetPoint(here, still, still)
+    fast = SetPoint(here, still + 2.0, still)
+    waits = (10.0, 0.02)
+    assert own.take_room(slow, 0.0, CLEAR_M, waits) == 0.02
+    assert world.commitments["arm2"].reach > 0.0
+    assert own.take_room(fast, 0.0, CLEAR_M, waits) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_spheres_hold_the_arm_and_what_it_holds(seed: int) -> None:
+    """Their distance is never more than the true one; no motion leads farther than the bound."""
+    thing = box((0.487, 0.109, 0.79))
+    world = World(
+        file_of({"arm1": arm("ur5"), "arm2": arm("panda", (1.0, 0.0, 0.4), 180.0)}, {"cube": thing})
+    )
+    world.attach("arm1", "cube")
+    rng = np.random.default_rng(seed)
+    separation, hulls = Separation(world, "arm1"), [Hull(world, name) for name in world.arms]
+    turn = rng.uniform(-0.05, 0.05, 6)
+    before = hulls[0].spheres()
+    bound = reach(hulls[0].levers(before), np.abs(turn))
+    world.data.qpos[world.arms["arm1"].qpos_ids] += turn
+    mujoco.mj_kinematics(world.model, world.data)
+    arm1 = np.arange(len(before))[:-1]  # the cube is not moved with the arm here
+    moved = np.linalg.norm(hulls[0].spheres()[arm1, :3] - before[arm1, :3], axis=1)
+    assert moved.max() <= bound
+    for name in world.arms:
+        body = world.arms[name]
+        world.data.qpos[body.qpos_ids] += rng.uniform(-0.5, 0.5, len(body.qpos_ids))
+    mujoco.mj_kinematics(world.model, world.data)
+    true = separation.gap({}, 2.0).metres
+    assert apart(hulls[0].spheres(), hulls[1].spheres()) <= true + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_arms_that_are_sent_anywhere_never_meet(world: World, seed: int) -> None:
+    """Whatever is begun, stopped or streamed: both head for one place again and again.
+
+    The gap kept is the guard's, a little less with each motion, less what the servos are off.
+    """
+    rng = np.random.default_rng(seed)
+    separation = Separation(world, "arm1")
+    controllers = [JointController(world, name, PERIOD) for name in world.arms]
+    nearest = float("inf")
+    for step in range(3000):
+        for controller in controllers:
+            if step % 2 == 0:
+                controller.update(world.time)
+            if controller.motion is None and rng.random() < 0.05:
+                begin(controller, world, rng)
+            elif rng.random() < 0.001:
+                controller.stop()
+        world.step()
+        if step % 4 == 0:
+            nearest = min(nearest, separation.gap({}).metres)
+    held = sum(int(str(controller.guard["stopped"])) for controller in controllers)
+    assert held > 0
+    assert nearest > FLOOR_M - 0.001
+
+
+def begin(controller: JointController, world: World, rng: np.random.Generator) -> None:
+    """A motion, or a stream of its set-points, to somewhere near the place that both head for."""
+    start = controller.setpoint
+    goal = NEAR + rng.uniform(-0.5, 0.5, 6)
+    limits = world.robots["arm1"].limits
+    motion = point_to_point(start.q, goal, limits.scaled(float(rng.uniform(0.3, 1.0))), PERIOD)
+    if rng.random() < 0.5:
+        controller.follow(motion)
+        return
+    began = world.time
+    controller.stream(lambda time: SetPoint(*motion.at(time - began)))
