@@ -185,7 +185,11 @@ class ArmMotion(ArmState):
         begun = self._begun
         if begun is not None and not begun.done and self.controller.motion is not begun:
             self._begun = None
-            raise Failure("INTERRUPTED", f"something else has stopped the motion of {self.name}")
+            raise Failure(
+                "INTERRUPTED",
+                f"something else has stopped the motion of {self.name}",
+                **({"progress": begun.progress} if isinstance(begun, TrajectoryMotion) else {}),
+            )
 
     def trouble(self) -> Exception | SystemExit | None:
         """What this leaf's motion, stream or camera callback has raised since last asked."""

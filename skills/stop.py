@@ -23,6 +23,8 @@ class Stop(Skill):
         for _ in self.arm.halt():
             took = self.time - began
             if took > self.ports.longest:
-                raise Failure("TIMED_OUT", f"{self.arm.name} still moves after {took:.2f} s")
+                raise Failure(
+                    "TIMED_OUT", f"{self.arm.name} still moves after {took:.2f} s", took_s=took
+                )
             yield
         self.metrics["stopping_s"] = self.time - began

@@ -1,0 +1,195 @@
+"""Every way to fail that a motion has, from a tree file: the code, the sentence, the numbers.
+
+Whatever is refused has not moved the arm; whatever is given up leaves it standing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import pytest
+import yaml
+
+from bt_dualarm.spec.problems import SpecError
+from tests.plays import STOPPED, Deed, Stage
+from tests.skills.scenarios import PRESENTING, SCENARIOS, Scenario, Tree
+from tests.skills.trials import BESIDE, HALVES, HAND, MIRRORED, PANDA, SPLIT, knocks
+
+STANDS_RAD = 2e-3
+"""Servo noise and the sag of the first moments, well below any motion."""
+
+SHARE = (1e-3, 0.999)
+
+IN_THE_WAY = {
+    "robot": "ur3",
+    "base": {"xyz": [0.68, 0.46, 0.35]},
+    "spawned": False,
+    "tree": {"wait": {"seconds": 10}},
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One failure.
+
+    Attributes:
+        code: Of it.
+        leaf: What fails, in YAML.
+        says: A part of its sentence.
+        numbers: Smallest and largest value of each that must be there.
+        names: What its other evidence begins with.
+        scenario: The world, the arm, what it does before.
+        beside: Another node that runs at the same time, in YAML.
+        deeds: What happens to the world.
+        other: Another arm.
+        moves: Whether the arm may have moved when it fails.
+    """
+
+    code: str
+    leaf: str
+    says: str
+    numbers: dict[str, tuple[float, float]]
+    names: dict[str, str] = field(default_factory=dict)
+    scenario: Scenario = field(default_factory=lambda: Scenario(arm=PRESENTING))
+    beside: str = ""
+    deeds: tuple[tuple[float, Deed], ...] = ()
+    other: Tree | None = None
+    moves: bool = False
+
+    @property
+    def file(self) -> Tree:
+        """The content of the tree file."""
+        nodes = [yaml.safe_load(text) for text in (self.leaf, self.beside) if text]
+        file = self.scenario.file({"parallel": {"on_failure": "continue", "children": nodes}})
+        if self.other is not None:
+            file["arms"]["arm2"] = self.other
+        return file
+
+
+CASES = {
+    "outside the workspace": Case(
+        "INVALID_TARGET",
+        "reach_to_pose: {to: {xyz: [3, 0, 0.5]}}",
+        "(3.000, 0.000, 0.500) m is outside the workspace",
+        {"distance_m": (2.9, 3.1), "reach_m": (0.95, 1.3)},
+    ),
+    "a line out of the workspace": Case(
+        "INVALID_TARGET",
+        "move_linear: {offset: {xyz: [2, 0, 0]}}",
+        "is outside the workspace",
+        {"distance_m": (2.5, 2.8), "reach_m": (0.95, 1.3)},
+    ),
+    "beyond a joint's limit": Case(
+        "JOINT_LIMIT",
+        "move_joints: {by: {elbow_joint: 300}}",
+        "elbow_joint would be 209.7° beyond its limit of 180.0°",
+        {"beyond_rad": (3.65, 3.67)},
+        {"joint": "elbow_joint"},
+    ),
+    "too far": Case(
+        "UNREACHABLE",
+        "reach_to_pose: {to: {xyz: [1.15, 0, 0.5], rpy: [0, 90, 0]}}",
+        " mm and ",
+        {"residual_m": (0.1, 0.3), "residual_rad": (0.0, math.pi)},
+    ),
+    "something is there": Case(
+        "IN_COLLISION",
+        "move_linear: {offset: {xyz: [0, 0.12, 0]}}",
+        " mm deep in slab",
+        {"depth_m": (0.0, 0.1)},
+        {"first": "arm1/", "second": "slab"},
+        Scenario(BESIDE, arm=PRESENTING),
+    ),
+    "through a stretched elbow": Case(
+        "SINGULAR",
+        "move_linear: {offset: {xyz: [0.5, 0, 0]}}",
+        "% of the path, to (",
+        {"fraction": SHARE, "condition": (50.0, math.inf)},
+    ),
+    "around too much": Case(
+        "NO_PLAN",
+        "go_home: {}",
+        "no way free of collisions was found",
+        {"states": (1000, math.inf)},
+        {"planner": "RRTConnect"},
+        Scenario(HALVES, SCENARIOS["reach_to_pose"].arm, (MIRRORED, *SPLIT)),
+        moves=True,  # before, to where there is no way home from
+    ),
+    "half of a circle": Case(
+        "PATH_BROKEN",
+        "circle: {radius: 0.25, plane: xz}",
+        "% of the path, to (",
+        {"fraction": SHARE, "branches": (1, 100)},
+        scenario=Scenario(arm=PANDA),
+    ),
+    "another arm stays in the way": Case(
+        "TIMED_OUT",
+        "move_linear: {offset: {xyz: [0, 0.35, 0]}, speed: 0.1}",
+        "would come to within 30 mm of arm2/",
+        {"progress": (0.3, 0.95), "waited_s": (0.5, 2.1)},
+        beside="delay: {seconds: 0.6, child: {spawn: {arm: arm2}}}",
+        other=IN_THE_WAY,
+        moves=True,
+    ),
+    "knocked": Case(
+        "TRACKING_ERROR",
+        "move_linear: {offset: {xyz: [0, 0.1, 0]}}",
+        " mm from where it was planned to be",
+        {"path_error_m": (0.005, 0.1), "progress": SHARE},
+        deeds=knocks(HAND, 0.4),
+        moves=True,
+    ),
+    "stopped": Case(
+        "INTERRUPTED",
+        "circle: {turns: 5}",
+        "something else has stopped the motion of arm1",
+        {"progress": SHARE},
+        beside="delay: {seconds: 2.0, child: {stop: {}}}",
+        moves=True,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_a_motion_fails_with_its_reason_and_its_numbers(case: Case, stage: Stage) -> None:
+    play = stage.run(case.file, deeds=case.deeds)
+    (leaf,) = play.leaves(case.leaf.partition(":")[0])
+    assert (leaf.status, leaf.code) == ("FAILURE", case.code), leaf.reason
+    assert case.says in leaf.reason
+    for name, (least, most) in case.numbers.items():
+        assert least <= float(leaf.metrics[name]) <= most, name
+    for name, beginning in case.names.items():
+        assert str(leaf.metrics[name]).startswith(beginning)
+    assert leaf.ended_s is not None
+    if not case.moves:
+        assert play.ways["arm1"] < STANDS_RAD
+        assert play.speed_after(0.0) < STOPPED
+    assert play.speeds["arm1"][-1][1] < STOPPED
+
+
+@pytest.mark.parametrize(
+    ("pose", "reason"),
+    [
+        ("{xyz: [0.5, 0, 0.5], quat: [2, 0, 0, 0]}", "quat has length 2; a rotation has length 1"),
+        ("{xyz: [0.5, 0, 0.5], quat: [0, 0, 0, 0]}", "quat has length 0; a rotation has length 1"),
+        ("{xyz: [.nan, 0, 0.5]}", "nan"),
+        ("{xyz: [0.5, 0, 0.5], rpy: [.inf, 0, 0]}", "inf"),
+        ("{xyz: [500, 0, 0.5]}", "100"),
+    ],
+)
+@pytest.mark.parametrize("skill", ["reach_to_pose: {to: POSE}", "move_through: {poses: [POSE]}"])
+def test_what_is_no_pose_is_refused_before_anything_is_built(
+    skill: str, pose: str, reason: str, stage: Stage
+) -> None:
+    leaf = yaml.safe_load(skill.replace("POSE", pose))
+    with pytest.raises(SpecError, match=reason):
+        stage.play(Scenario().file(leaf))
+
+
+def test_nor_does_a_detour_by_the_blackboard_help(stage: Stage) -> None:
+    """What a key holds is known from the file, too."""
+    no_pose = {"xyz": [0.5, 0.0, 0.5], "quat": [2.0, 0.0, 0.0, 0.0]}
+    reach = {"reach_to_pose": {"to": "{goal}"}}
+    with pytest.raises(SpecError, match="quat has length 2"):
+        stage.play(Scenario().file({"set": {"key": "goal", "value": no_pose}}, reach))
