@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,7 +72,7 @@ class Spot:
     complaints: tuple[str, ...]
 
 
-Measure = Callable[[Sequence[Cell]], Sequence[Sequence[Trial | TrialError]]]
+Measure = Callable[[Sequence[Cell]], Iterable[Sequence[Trial | TrialError]]]
 """Runs every cell with every seed."""
 
 

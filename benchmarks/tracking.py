@@ -120,7 +120,7 @@ def figure_6(bench: Bench) -> None:
             thefts += trial.error[-25:].mean() > 0.02
     bench.say(f"thefts by a twin that crosses {times} times", thefts, 0, "")
     colors = ("yellow", "red", "green", "blue", "orange")
-    results = bench.results([Cell("circle", 1.0, more={"color": color}) for color in colors])
+    results = list(bench.results([Cell("circle", 1.0, more={"color": color}) for color in colors]))
     for color, result in zip(colors[1:], results[1:], strict=True):
         ratio = result.rms / results[0].rms
         bench.say(f"{color}: RMS by that of yellow", ratio, 1.2, "")

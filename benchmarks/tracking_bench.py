@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -49,28 +50,39 @@ class Bench:
         Raises:
             TrialError: One could not be measured.
         """
-        return self.results([cell])[0]
+        return next(self.results([cell]))
 
-    def results(self, cells: Sequence[Cell]) -> list[Result]:
-        """All seeds of all cells, each run once; errors as `result`."""
+    def results(self, cells: Sequence[Cell]) -> Iterator[Result]:
+        """All seeds of all cells, each run once, as they come; errors as `result`."""
         new = [cell for cell in cells if cell.command(0) not in self._known]
-        for cell, trials in zip(new, self.trials(new), strict=True):
-            for trial in trials:
-                if isinstance(trial, TrialError):
-                    raise trial
-            measured = [trial for trial in trials if isinstance(trial, Trial)]
-            self._known[cell.command(0)] = Result(cell, measured)
-        return [self._known[cell.command(0)] for cell in cells]
+        running = self.trials(new)
+        for cell in cells:
+            if cell.command(0) not in self._known:
+                self._known[cell.command(0)] = Result(cell, _measured(next(running)))
+            yield self._known[cell.command(0)]
 
-    def trials(self, cells: Sequence[Cell]) -> list[list[Trial | TrialError]]:
-        """All seeds of all cells, or why there is no measurement."""
+    def trials(self, cells: Sequence[Cell]) -> Iterator[list[Trial | TrialError]]:
+        """All seeds of each cell as they come, or why there is no measurement."""
         runs = [(cell, seed) for cell in cells for seed in range(self.seeds)]
         if self.jobs == 1:
-            done = [_tried(cell, seed, self.registry) for cell, seed in runs]
-        else:
+            done = (_tried(cell, seed, self.registry) for cell, seed in runs)
+            yield from (list(islice(done, self.seeds)) for _ in cells)
+        elif runs:
             with ProcessPoolExecutor(self.jobs, get_context("spawn")) as pool:
-                done = list(pool.map(_tried, *zip(*runs, strict=True)))
-        return [done[begin : begin + self.seeds] for begin in range(0, len(done), self.seeds)]
+                coming = pool.map(_tried, *zip(*runs, strict=True))
+                yield from (list(islice(coming, self.seeds)) for _ in cells)
+
+
+def _measured(trials: Sequence[Trial | TrialError]) -> list[Trial]:
+    """The trials, if all of them are.
+
+    Raises:
+        TrialError: One is not.
+    """
+    for trial in trials:
+        if isinstance(trial, TrialError):
+            raise trial
+    return [trial for trial in trials if isinstance(trial, Trial)]
 
 
 @cache

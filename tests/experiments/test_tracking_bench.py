@@ -1,0 +1,54 @@
+"""Running cells for the benchmarks: each once, its seeds together, errors as they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import tracking_bench
+from benchmarks.tracking_bench import Bench
+from bt_dualarm.experiments.cases import Cell
+from bt_dualarm.experiments.trial import Trial, TrialError
+from bt_dualarm.registry import Registry
+from tests.experiments.test_results import made_up
+
+ROUND, EIGHT = Cell("circle", 1.0), Cell("lissajous", 1.0)
+
+
+@pytest.fixture
+def runs(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
+    """What was run, by curve and seed; a curve at speed 0.2 cannot be measured."""
+    done: list[tuple[str, int]] = []
+
+    def run_trial(cell: Cell, seed: int, registry: Registry) -> Trial:
+        done.append((cell.case, seed))
+        if cell.speed == 0.2:
+            raise TrialError("nothing to measure")
+        return made_up(seed=seed)
+
+    monkeypatch.setattr(tracking_bench, "run_trial", run_trial)
+    return done
+
+
+def test_each_cell_is_run_once(runs: list[tuple[str, int]], registry: Registry) -> None:
+    bench = Bench(2, quick=False, out=Path(), registry=registry)
+    assert [result.cell for result in bench.results([ROUND, EIGHT, ROUND])] == [ROUND, EIGHT, ROUND]
+    assert bench.result(EIGHT).trials[1].seed == 1
+    assert runs == [("circle", 0), ("circle", 1), ("lissajous", 0), ("lissajous", 1)]
+
+
+def test_results_come_one_by_one(runs: list[tuple[str, int]], registry: Registry) -> None:
+    bench = Bench(1, quick=False, out=Path(), registry=registry)
+    first = next(bench.results([ROUND, EIGHT]))
+    assert (first.cell, runs) == (ROUND, [("circle", 0)])
+
+
+def test_what_cannot_be_measured_is_no_result(
+    runs: list[tuple[str, int]], registry: Registry
+) -> None:
+    bench = Bench(1, quick=False, out=Path(), registry=registry)
+    slow = Cell("circle", 0.2)
+    assert [str(trial) for (trial,) in bench.trials([slow])] == ["nothing to measure"]
+    with pytest.raises(TrialError):
+        bench.result(slow)
