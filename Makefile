@@ -42,8 +42,9 @@ format: $(STAMP) ## Format the code and apply the safe fixes
 
 check: lint test ## What every commit passes: lint, then test
 
-docs: $(STAMP) ## Renew docs/reference.md from the code
+docs: $(STAMP) ## Renew docs/reference.md and the limits in docs/motion.md
 	@$(BIN)/python docs/reference.py
+	@$(BIN)/python docs/limits.py
 
 constraints: ## Resolve the ranges of pyproject.toml anew into constraints.txt
 	@scratch=$$(mktemp -d) && trap 'rm -rf "$$scratch"' EXIT \
