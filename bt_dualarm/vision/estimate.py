@@ -51,7 +51,7 @@ class TargetEstimate:
 
     @property
     def started(self) -> bool:
-        """Whether there has been a measurement since the last ``reset``."""
+        """Whether there has been a measurement yet."""
         return bool(self._beliefs)
 
     @property
@@ -63,10 +63,9 @@ class TargetEstimate:
         """
         return self._last.stamp
 
-    def reset(self) -> None:
-        """Forget the target."""
-        self._beliefs.clear()
-        self._measurements.clear()
+    def anew(self) -> TargetEstimate:
+        """One for another target, of the same model, that has not seen anything yet."""
+        return TargetEstimate(self._model)
 
     def update(self, stamp: float, position: Vector, sigma: float | Vector) -> None:
         """Take in a measurement.

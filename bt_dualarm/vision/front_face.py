@@ -47,7 +47,7 @@ def front_face(
         flanks: Share of the flanks that has the colour; by default what the area says, which
             asks for a depth that is known to a hundredth.
     """
-    corners = _cube(frame, point, normal, edge)
+    corners = cube_corners(frame, point, normal, edge)
     local = frame.pose.inverse.apply(corners)
     if local[:, 2].min() < _MIN_DEPTH_M:
         return detection
@@ -73,14 +73,26 @@ def front_face(
     )
 
 
-def _cube(frame: Frame, point: Vector, normal: Vector, edge: float) -> Matrix:
-    """Corners of the cube, of shape (8, 3): those of the front face first."""
-    away = normal if normal @ (point - frame.pose.position) > 0.0 else -normal
-    across = frame.pose.rotation_matrix[:, 0]
+def cube_corners(frame: Frame, point: Vector, normal: Vector, edge: float) -> Matrix:
+    """Corners of a cube whose front face has its centre at a point, (8, 3), those first."""
+    away = _away(frame, point, normal)
+    face = square_corners(frame, point, away, edge)
+    return np.vstack([face, face + edge * away])
+
+
+def square_corners(frame: Frame, point: Vector, normal: Vector, edge: float) -> Matrix:
+    """Corners of a square centred at a point, along the image, of shape (4, 3)."""
+    away = _away(frame, point, normal)
+    across = frame.pose.rotation.apply((1.0, 0.0, 0.0))
     across -= (across @ away) * away
     across /= np.linalg.norm(across)
-    face = point + edge * _CORNERS @ np.array([across, np.cross(away, across)])
-    return np.vstack([face, face + edge * away])
+    square: Matrix = point + edge * _CORNERS @ np.array([across, np.cross(away, across)])
+    return square
+
+
+def _away(frame: Frame, point: Vector, normal: Vector) -> Vector:
+    """The normal, pointing away from the camera."""
+    return normal if normal @ (point - frame.pose.position) > 0.0 else -normal
 
 
 def _outline(pixels: npt.NDArray[np.float64]) -> tuple[float, float, float]:

@@ -13,9 +13,9 @@ from typing import Protocol
 import numpy as np
 
 from bt_dualarm.errors import DualArmError
-from bt_dualarm.pose import Vector
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.vision.detect import Detection
-from bt_dualarm.vision.front_face import front_face
+from bt_dualarm.vision.front_face import cube_corners, front_face, square_corners
 from bt_dualarm.world.camera import Frame
 
 PIXEL_SIGMA = 0.07
@@ -59,8 +59,18 @@ class Localiser(Protocol):
             LocaliseError: The line of sight leads nowhere.
         """
 
+    def meet(self, face: Detection, frame: Frame) -> Sighting:
+        """As ``locate``, where the detection is that of the front face alone already."""
+
     def learn(self, detection: Detection, frame: Frame) -> None:
         """Take up what the target, and surely the target seen whole, tells of its place."""
+
+    @property
+    def knows_shape(self) -> bool:
+        """Whether the shape is known by which one thing looks different from elsewhere."""
+
+    def corners(self, point: Vector, frame: Frame) -> Matrix:
+        """Outermost points in the world of a target at ``point``, of shape (n, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +103,21 @@ class OnPlane:
             math.sqrt(detection.area_px) * across,
         )
 
+    def meet(self, face: Detection, frame: Frame) -> Sighting:
+        """The same; see ``Localiser``."""
+        return self.locate(face, frame)
+
     def learn(self, detection: Detection, frame: Frame) -> None:
         """Nothing: the plane is known."""
+
+    @property
+    def knows_shape(self) -> bool:
+        """No."""
+        return False
+
+    def corners(self, point: Vector, frame: Frame) -> Matrix:  # noqa: ARG002 - see ``Localiser``
+        """The point alone."""
+        return point[None]
 
 
 @dataclass(frozen=True)
@@ -119,8 +142,21 @@ class OfSize:
         point = frame.pose.position + depth * frame.ray(detection.centroid_px)
         return Sighting(detection.stamp, point, sigma, self.side)
 
+    def meet(self, face: Detection, frame: Frame) -> Sighting:
+        """The same; see ``Localiser``."""
+        return self.locate(face, frame)
+
     def learn(self, detection: Detection, frame: Frame) -> None:
         """Nothing: each image tells its own depth."""
+
+    @property
+    def knows_shape(self) -> bool:
+        """The size alone: what is beside the front face is not known."""
+        return False
+
+    def corners(self, point: Vector, frame: Frame) -> Matrix:
+        """Of a square that faces the camera."""
+        return square_corners(frame, point, frame.pose.turn(np.array((0.0, 0.0, 1.0))), self.side)
 
 
 class OnPlaneOfSize:
@@ -145,7 +181,13 @@ class OnPlaneOfSize:
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
         """Where the line of sight meets the plane; see ``Localiser``."""
-        return self._meet(self._face(detection, frame), frame)
+        return self.meet(self._face(detection, frame), frame)
+
+    def meet(self, face: Detection, frame: Frame) -> Sighting:
+        """On the plane, as soon as it is known; see ``Localiser``."""
+        if self._count == 0:
+            return self._by_size.locate(face, frame)
+        return OnPlane(self._offset * self._normal, self._normal).locate(face, frame)
 
     def learn(self, detection: Detection, frame: Frame) -> None:
         """Take its size into the mean; one that is cut off says nothing."""
@@ -154,6 +196,16 @@ class OnPlaneOfSize:
         found = self._by_size.locate(self._face(detection, frame), frame)
         self._count = min(self._count + 1, _PLANE_MEMORY_FRAMES)
         self._offset += (float(self._normal @ found.point) - self._offset) / self._count
+
+    @property
+    def knows_shape(self) -> bool:
+        """That of a cube."""
+        return self._cube
+
+    def corners(self, point: Vector, frame: Frame) -> Matrix:
+        """Of the cube, or of a square in the plane."""
+        of_shape = cube_corners if self._cube else square_corners
+        return of_shape(frame, point, self._normal, self._by_size.side)
 
     def _face(self, detection: Detection, frame: Frame) -> Detection:
         return self._without_flanks(detection, frame) if self._cube else detection
@@ -164,16 +216,11 @@ class OnPlaneOfSize:
         flanks = None if self._count >= _KNOWN_AFTER_FRAMES else 1.0
         corrected = detection
         for _ in range(_FLANK_ROUNDS):
-            point = self._meet(corrected, frame).point
+            point = self.meet(corrected, frame).point
             corrected = front_face(
                 detection, frame, point, self._normal, self._by_size.side, flanks=flanks
             )
         return corrected
-
-    def _meet(self, detection: Detection, frame: Frame) -> Sighting:
-        if self._count == 0:
-            return self._by_size.locate(detection, frame)
-        return OnPlane(self._offset * self._normal, self._normal).locate(detection, frame)
 
 
 def _sigma_px(frame: Frame) -> float:

@@ -14,14 +14,13 @@ from bt_dualarm.vision.colors import ColorFilter
 from bt_dualarm.vision.detect import Detection, detect_all
 from bt_dualarm.vision.estimate import Motion, TargetEstimate
 from bt_dualarm.vision.localise import LocaliseError, Localiser, Sighting
+from bt_dualarm.vision.outline import Outline, Seen
 from bt_dualarm.world.camera import Camera, Frame, Window
 from bt_dualarm.world.guarded_camera import GuardedCamera
 
 _MIN_DEPTH_M = 0.02
-_SIDE_MEMORY_FRAMES = 10
-_STRANGE_MEMORY_FRAMES = 60  # another size is believed only if it stays
-_STRANGE = 1.1  # times the side of one, or less than one by it: merged, or covered in part
-_PERSISTENCE = 4.0  # the shift of a covered target is the same for many frames: unlike noise
+_FORESEEN_S = 0.5  # a target that was lost is looked for where it should be after this long
+_FORGOTTEN_S = 1.0  # and after this long one of another size is taken for it, too
 
 
 @dataclass(frozen=True)
@@ -80,11 +79,12 @@ class TargetTracker:
         self.sightings: list[Sighting] = []
         self._color = ColorFilter(color)
         self._localiser = localiser
+        self._outline = Outline(localiser)
         self._estimate = estimate or TargetEstimate()
+        self._before_loss: TargetEstimate | None = None
         self._settings = settings or TrackerSettings()
+        self._hunting = True
         self._in_row = 0
-        self._side = 0.0
-        self._sized = 0
         self._extent_px = 0.0
         self._focal_px = 0.0
         self._noise_px = 0.0
@@ -98,10 +98,10 @@ class TargetTracker:
 
         Frames that never come are not noticed here: ask ``age`` before moving.
         """
-        return self.lost_since is None and self._in_row >= self._settings.confirm
+        return not self._hunting and self._in_row >= self._settings.confirm
 
     def age(self, time: float) -> float:
-        """Seconds since the exposure in which the target was last seen; inf if it never was."""
+        """Seconds since the exposure that last showed a locked target; inf if none ever did."""
         return time - self.last_stamp
 
     def predict(self, time: float) -> Motion:
@@ -130,14 +130,12 @@ class TargetTracker:
         """Take in one frame."""
         self.frames += 1
         self._focal_px, self._noise_px = frame.focal_px, frame.noise_px
-        chosen = self._choose(frame, self._candidates(frame))
+        chosen = self._choose(frame)
+        self.detection = None if chosen is None else chosen.detection
         if chosen is None:
-            self.detection = None
             self._missed(frame.stamp)
-            return
-        self.detection, sighting = chosen
-        if self._seen(self.detection, sighting):
-            self._localiser.learn(self.detection, frame)
+        else:
+            self._take(chosen, frame)
 
     def window(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
         """Where the target will be seen at ``stamp``, wide enough for what is not known."""
@@ -164,12 +162,17 @@ class TargetTracker:
             )
         )
 
-    @property
-    def _hunting(self) -> bool:
-        """Nothing to aim at: never seen, or lost."""
-        return self.lost_since is not None or not self._estimate.started
+    def _choose(self, frame: Frame) -> Seen | None:
+        """What the frame shows of the target."""
+        found = self._found(frame)
+        if not self._hunting:
+            return self._fitting(found, frame)
+        if self._before_loss is None:
+            return max(found, key=lambda seen: seen.detection.area_px, default=None)
+        return self._returning(found, self._before_loss, frame.stamp)
 
-    def _candidates(self, frame: Frame) -> list[tuple[Detection, Sighting]]:
+    def _found(self, frame: Frame) -> list[Seen]:
+        """All that has the colour and can be where the target can be."""
         settings = self._settings
         found = []
         for detection in detect_all(frame, self._color, settings.min_area, settings.max_area):
@@ -178,69 +181,83 @@ class TargetTracker:
             except LocaliseError:
                 # A patch of the right colour where the target cannot be is not the target.
                 continue
-            found.append((detection, self._doubted(detection, sighting)))
+            whole = self._outline.shows_whole(detection, sighting, frame)
+            found.append(Seen(detection, sighting, whole))
         return found
 
-    def _doubted(self, detection: Detection, sighting: Sighting) -> Sighting:
-        """Allow for the shift of the centre of a target that is cut off, covered or merged."""
-        whole = self._side**2
-        # Less is seen than there is: something covers it. More: something alike stands beside it.
-        strange = abs(1.0 - sighting.side**2 / whole) if whole > 0.0 else 0.0
-        if detection.touches_border:
-            strange = max(strange, 0.5)
-        if strange < 0.1:
-            return sighting
-        shift = _PERSISTENCE * 0.5 * strange * max(self._side, sighting.side)
-        return replace(sighting, sigma=np.hypot(sighting.sigma, shift))
+    def _fitting(self, found: list[Seen], frame: Frame) -> Seen | None:
+        """The one that fits the prediction best, by position, size and edges."""
+        expected = self._estimate.predict(frame.stamp).position
+        sigma = math.sqrt(float(self._estimate.variance(frame.stamp).max()))
+        best, least = None, self._settings.gate
+        for seen in found:
+            trusted = self._trusted(seen, frame, expected, sigma)
+            if trusted is not None:
+                surprise = self._surprise(frame.stamp, trusted.sighting)
+                if surprise <= least:
+                    best, least = trusted, surprise
+        return best
 
-    def _choose(
-        self, frame: Frame, found: list[tuple[Detection, Sighting]]
-    ) -> tuple[Detection, Sighting] | None:
-        """The candidate that fits the prediction best; the largest where there is none."""
-        if self._hunting:
-            return max(found, key=lambda pair: pair[0].area_px, default=None)
-        rated = [(self._surprise(frame.stamp, pair[1]), index) for index, pair in enumerate(found)]
-        best = min(rated, default=(math.inf, -1))
-        return found[best[1]] if best[0] <= self._settings.gate else None
+    def _trusted(self, seen: Seen, frame: Frame, expected: Vector, sigma: float) -> Seen | None:
+        """The target in what may be a part of it, or more than it."""
+        if seen.whole:
+            return seen
+        if not self._outline.known:
+            return _doubted(seen)
+        try:
+            return self._outline.fit(seen.detection, frame, expected, sigma)
+        except LocaliseError:
+            return None
+
+    def _returning(self, found: list[Seen], lost: TargetEstimate, stamp: float) -> Seen | None:
+        """The one of the right size that is nearest to where a lost target should be."""
+        if stamp - lost.stamp > _FORGOTTEN_S:
+            self._outline.forget()
+        expected = lost.predict(min(stamp, lost.stamp + _FORESEEN_S)).position
+        return min(
+            (seen for seen in found if self._outline.alike(seen.sighting)),
+            key=lambda seen: float(np.linalg.norm(seen.sighting.point - expected)),
+            default=None,
+        )
 
     def _surprise(self, stamp: float, sighting: Sighting) -> float:
         sigma = np.hypot(sighting.sigma, self._settings.gate_sigma)
         return self._estimate.surprise(stamp, sighting.point, sigma)
 
-    def _seen(self, detection: Detection, sighting: Sighting) -> bool:
-        """Take in a sighting; whether the target was seen whole in it."""
+    def _take(self, seen: Seen, frame: Frame) -> None:
         if self._hunting:
-            self._estimate.reset()
-            self.lost_since = None
-            self._in_row = 0
-            self._side, self._sized = sighting.side, 0
+            self._estimate = self._estimate.anew()
+            self._hunting, self._in_row = False, 0
+        detection, sighting = seen.detection, seen.sighting
         self._estimate.update(sighting.stamp, sighting.point, sighting.sigma)
         self.sightings.append(sighting)
         self._in_row += 1
-        self.last_stamp = max(self.last_stamp, sighting.stamp)
-        whole = not detection.touches_border and self._learn_size(sighting)
+        if self.locked:
+            self.last_stamp = max(self.last_stamp, sighting.stamp)
+            self.lost_since = self._before_loss = None
+        if seen.whole:
+            self._outline.learn(seen, frame)
+            self._localiser.learn(detection, frame)
         left, top, right, bottom = detection.bounds_px
         # Cut off at the window's edge it is larger than it looks.
         growth = 2.0 if detection.touches_border else 1.0
         self._extent_px = growth * max(right - left, bottom - top)
-        return whole
-
-    def _learn_size(self, sighting: Sighting) -> bool:
-        """Take in the size of a target seen to its edges; whether it is the one that is known."""
-        self._sized += 1
-        known = self._sized > _SIDE_MEMORY_FRAMES
-        strange = not self._side / _STRANGE < sighting.side < _STRANGE * self._side
-        memory = _STRANGE_MEMORY_FRAMES if known and strange else _SIDE_MEMORY_FRAMES
-        self._side += (sighting.side - self._side) / min(self._sized, memory)
-        return not (known and strange)
 
     def _missed(self, stamp: float) -> None:
         if self._hunting:
             return
         if self._in_row < self._settings.confirm:
             # A speck that did not stay: not yet a target, so not a loss either.
-            self._estimate.reset()
-            self._in_row = 0
+            self._estimate = self._before_loss or self._estimate.anew()
+            self._hunting = True
         elif stamp - self.last_stamp > self._settings.lost_after:
             self.lost_since = self.last_stamp
             self.lost_count += 1
+            self._before_loss = self._estimate
+            self._hunting = True
+
+
+def _doubted(seen: Seen) -> Seen:
+    """A target that is cut off, before it is known how much of it: off by as much as is seen."""
+    sigma = np.hypot(seen.sighting.sigma, seen.sighting.side)
+    return seen._replace(sighting=replace(seen.sighting, sigma=sigma))

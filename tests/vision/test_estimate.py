@@ -185,6 +185,5 @@ def test_nothing_is_predicted_before_the_first_sight() -> None:
         estimate.predict(0.0)
     estimate.update(0.0, np.zeros(3), 1e-3)
     assert estimate.started
-    estimate.reset()
     with pytest.raises(ValueError, match="not been seen"):
-        estimate.variance(0.0)
+        estimate.anew().variance(0.0)

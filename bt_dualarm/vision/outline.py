@@ -1,0 +1,169 @@
+"""The outline of the target, and where the target is when only a part of it can be trusted.
+
+What covers a target hides an edge, what merges with it shifts one, the border of an image cuts one
+off: its centroid is then worth nothing. The opposite edge still is where it was, though, and which
+of the two it is tells the prediction.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.pose import Vector
+from bt_dualarm.vision.detect import Detection
+from bt_dualarm.vision.localise import PIXEL_SIGMA, Localiser, Sighting
+from bt_dualarm.world.camera import Frame
+
+EDGE_SIGMA_PX = 0.5
+"""Standard deviation of an edge: of its whole pixels, which stay wrong for many frames."""
+
+_Box: TypeAlias = npt.NDArray[np.float64]  # left, top, right, bottom in px
+
+_MIN_DEPTH_M = 1e-3
+# Of a shape that is not known, and looks different from elsewhere, and of one that is:
+_MEMORY_FRAMES = (3, 10)
+_ALIKE = (1.03, 1.015)  # times the side of one, or less than one by it: the same, seen whole
+_SLACK_PX = (2.5, 1.6)  # by which width or height may change
+_KNOWN_AFTER_FRAMES = 5
+_ALIKE_FAR = 1.12  # as _ALIKE, in a coarse image or after some time unseen
+_FULL = 0.97  # of the share of its box that the target fills: a thing as simple as itself
+_EDGE_GATE_PX = 1.5  # from its prediction, besides what that is uncertain by
+_GATE_SIGMAS = 3.0
+
+
+class Seen(NamedTuple):
+    """A detection, where it is in the world, and whether it shows the target whole."""
+
+    detection: Detection
+    sighting: Sighting
+    whole: bool
+
+
+@dataclass
+class Outline:
+    """Running means over the last images that showed the target whole.
+
+    Args:
+        localiser: Knows the shape, if anybody does.
+    """
+
+    localiser: Localiser
+    side: float = 0.0
+    _count: int = 0
+
+    def __post_init__(self) -> None:
+        self._rest: _Box = np.zeros(4)
+        self._fill = 0.0
+
+    @property
+    def known(self) -> bool:
+        """Whether enough was seen to tell a part from the whole."""
+        return self._count >= _KNOWN_AFTER_FRAMES
+
+    def forget(self) -> None:
+        """What comes next may have any size."""
+        self._count = 0
+
+    def learn(self, seen: Seen, frame: Frame) -> None:
+        """Take in the target seen whole; a coarse image tells too little."""
+        if frame.stride > 1:
+            return
+        self._count += 1
+        frames = min(self._count, _MEMORY_FRAMES[self.localiser.knows_shape])
+        rest = np.array(seen.detection.bounds_px) - self._box(seen.sighting.point, frame)
+        self._rest = self._rest + (rest - self._rest) / frames
+        self._fill += (_fill(seen.detection) - self._fill) / frames
+        self.side += (seen.sighting.side - self.side) / frames
+
+    def alike(self, sighting: Sighting) -> bool:
+        """Whether a thing may be the target by its size; anything may before that is known."""
+        return not self.known or 1 / _ALIKE_FAR < sighting.side / self.side < _ALIKE_FAR
+
+    def shows_whole(self, detection: Detection, sighting: Sighting, frame: Frame) -> bool:
+        """Whether a detection is the target with all its edges, and nothing else."""
+        if detection.touches_border or not self.known:
+            return not detection.touches_border
+        most = _ALIKE[self.localiser.knows_shape]
+        if not 1 / most < sighting.side / self.side < most:
+            return False
+        change = np.array(detection.bounds_px) - self._box(sighting.point, frame) - self._rest
+        slack = _SLACK_PX[self.localiser.knows_shape]
+        return bool(max(abs(change[2] - change[0]), abs(change[3] - change[1])) <= slack)
+
+    def fit(
+        self, detection: Detection, frame: Frame, expected: Vector, sigma: float
+    ) -> Seen | None:
+        """The target by those edges of a detection that are its own.
+
+        Args:
+            detection: A part of it, or more than it.
+            frame: In which it was detected.
+            expected: Where the target should be, of shape (3,).
+            sigma: Standard deviation of that, in m.
+
+        Returns:
+            ``None`` where it cannot be told, along either direction of the image.
+
+        Raises:
+            LocaliseError: The line of sight leads nowhere.
+        """
+        local = frame.pose.inverse.apply(expected)
+        across = float(local[2]) / frame.focal_px
+        box = self._box(expected, frame) + self._rest
+        shift = np.array(detection.bounds_px) - box
+        if self._is_another(detection, shift):
+            return None
+        shift[self._cut_off(detection, frame)] = math.inf
+        gate = _EDGE_GATE_PX + _GATE_SIGMAS * sigma / across
+        pairs = shift.reshape(2, 2)  # of low and high edges along x and y
+        moved = pairs[np.abs(pairs).argmin(axis=0), (0, 1)]
+        if np.abs(moved).max() > gate:
+            return None
+        x = frame.width / 2.0 + local[0] / across + moved[0]
+        y = frame.height / 2.0 + local[1] / across + moved[1]
+        face = replace(
+            detection,
+            centroid=(2.0 * x / frame.width - 1.0, 2.0 * y / frame.height - 1.0),
+            centroid_px=(float(x), float(y)),
+            area_px=(self.side / across) ** 2,
+        )
+        sighting = self.localiser.meet(face, frame)
+        coarser = EDGE_SIGMA_PX / PIXEL_SIGMA
+        return Seen(face, replace(sighting, sigma=coarser * sighting.sigma), whole=False)
+
+    def _is_another(self, detection: Detection, shift: _Box) -> bool:
+        """Whether it is a whole thing of another width and of another height.
+
+        One that covers the target, or one that the target has left: what covers a part of it, or
+        stands beside it, makes a more complicated outline, or leaves one of the two as it is.
+        """
+        slack = _SLACK_PX[self.localiser.knows_shape]
+        change = np.abs(shift[2:] - shift[:2])
+        return bool(change.min() > slack and _fill(detection) > _FULL * self._fill)
+
+    def _box(self, point: Vector, frame: Frame) -> _Box:
+        """Where the edges of the shape that is known would be, if it were at a point."""
+        local = frame.pose.inverse.apply(self.localiser.corners(point, frame))
+        pixels = frame.focal_px * local[:, :2] / np.maximum(local[:, 2:], _MIN_DEPTH_M)
+        pixels += (frame.width / 2.0, frame.height / 2.0)
+        return np.concatenate((pixels.min(axis=0), pixels.max(axis=0)))
+
+    @staticmethod
+    def _cut_off(detection: Detection, frame: Frame) -> npt.NDArray[np.bool_]:
+        """Which of the four edges are those of what was exposed."""
+        left, top, right, bottom = detection.bounds_px
+        limits = frame.region
+        return np.array(
+            (left <= limits[0], top <= limits[1], right >= limits[2], bottom >= limits[3])
+        )
+
+
+def _fill(detection: Detection) -> float:
+    """Share of its box that a detection fills."""
+    left, top, right, bottom = detection.bounds_px
+    return detection.area_px / max((right - left) * (bottom - top), 1)
