@@ -7,6 +7,7 @@ from collections.abc import Generator, Iterator, Sequence
 from bt_dualarm.arm_planning import REPLANS, ArmPlanning
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.planners import DEFAULT_PLANNER, Planner
+from bt_dualarm.motion.retreat import places_out_of_the_way
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Vector
 
@@ -32,30 +33,30 @@ class ArmTravel(ArmPlanning):
         """Plan to one of several goals, and follow the plan.
 
         Where another arm stands at the goal or in the way, it waits for that to change. When
-        something has moved into the way meanwhile, the arm stops and plans once more, from where
-        it stands, around what is there then.
+        something has moved into the way meanwhile, the arm stops and plans anew, from where it
+        stands, around what is there then: once at least, and again while its patience lasts.
 
         Args:
             goals: Configurations of shape (dof,), the preferred one first.
             speed: Share of the limits.
             ignore: Objects that may be touched.
-            give_way: Wait at home, so that two arms do not wait for each other.
-            patience: Seconds that it waits at most.
+            give_way: Wait out of the way, so that two arms do not wait for each other.
+            patience: Seconds after which it does not wait or plan any more.
             planner: Searches where the straight way is not free.
 
         Raises:
             Failure: As ``plan`` and ``follow``.
         """
-        replans = REPLANS
+        began, replans = self.time, REPLANS
         while True:
             motion = yield from self._plan_when_clear(
-                goals, speed, ignore, patience, planner, give_way=give_way
+                goals, speed, ignore, began + patience, planner, give_way=give_way
             )
             try:
                 yield from self.follow(motion, ignore)
             except Failure as failure:
                 in_the_way = failure.code in _IN_THE_WAY and "progress" in failure.numbers
-                if not in_the_way or replans == 0:
+                if not in_the_way or (replans <= 0 and self.time > began + patience):
                     raise
             else:
                 return
@@ -67,29 +68,38 @@ class ArmTravel(ArmPlanning):
         goals: Sequence[Vector],
         speed: float,
         ignore: frozenset[str],
-        patience: float,
+        until: float,
         planner: Planner,
         *,
         give_way: bool,
     ) -> Generator[float | None, None, Trajectory]:
-        began = self.time
         while True:
             try:
                 return (yield from self.plan(goals, speed, ignore, planner))
             except Failure as refusal:
-                if not self._may_clear(refusal) or self.time - began > patience:
+                if not self._may_clear(refusal) or self.time > until:
                     raise
-            until = self.time + self._draw_patience()
-            while self.time < until:
+            tried = self.time
+            patience = self._draw_patience()
+            while self.time < tried + patience:
                 yield None
             if give_way:
                 yield from self._give_way(speed, ignore)
 
     def _give_way(self, speed: float, ignore: frozenset[str]) -> Iterator[float | None]:
-        """Go home, as far as that is possible."""
+        """Go out of the way of the other arms, as far as that is possible."""
+        others = [body.base.position for name, body in self.world.arms.items() if name != self.name]
+        places = places_out_of_the_way(
+            self.checker(ignore),
+            others,
+            tuple(self.robot.postures.values()),
+            self.robot.limits,
+            self._patience_rng,
+        )
+        if not places:
+            return
         try:
-            home = yield from self.plan([self.posture("home")], speed, ignore)
-            yield from self.follow(home, ignore)
+            yield from self.follow((yield from self.plan(places, speed, ignore)), ignore)
         except Failure as failure:
             if failure.code not in (*_IN_THE_WAY, "NO_PLAN"):
                 raise

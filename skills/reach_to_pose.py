@@ -36,7 +36,7 @@ class ReachToPose(Skill):
         )
         patience: Duration = port(5.0, "how long to wait for an arm that is in the way", le=600)
         give_way: bool = port(
-            False, "wait at home while another arm is in the way, instead of where the arm is"
+            False, "wait out of the way while another arm is in the way, not where the arm is"
         )
         speed: Speed = port(0.5, "share of the arm's limits")
         planner: Planner = port("RRTConnect", "searches where the straight way is not free")

@@ -84,3 +84,16 @@ def test_separation_is_the_distance_of_the_arms() -> None:
     assert gap.metres == pytest.approx(second.gap(near).metres, abs=1e-9)
     assert gap.first.startswith("arm1/")
     assert gap.second.startswith("arm2/")
+
+
+def test_two_arms_that_want_each_others_place_make_way(stage: Stage) -> None:
+    """Neither can go first, and both homes are between them."""
+    reach = "{reach_to_pose: {to: {xyz: [0.55, Y, 0.75]}, give_way: true, patience: 20}}"
+
+    def tree(side: float) -> str:
+        return f"sequence: [{reach.replace('Y', str(side))}, {reach.replace('Y', str(-side))}]"
+
+    play = stage.run(FACING.replace("TREE1", tree(0.2)).replace("TREE2", tree(-0.2)), duration=60.0)
+    for name in ("arm1", "arm2"):
+        leaves = play.leaves("reach_to_pose", name)
+        assert [leaf.status for leaf in leaves] == ["SUCCESS"] * 2, leaves[-1].reason
