@@ -15,10 +15,10 @@ from matplotlib.patches import Rectangle
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.trial import Trial, TrialError
 
-SCALES = ((0.0, 0.02, 0.04, 0.06, 0.08, 0.1), (0.0, 0.1, 0.2, 0.3), (0.0, 1.0, 2.0))
+SCALES = ((0.0, 0.025, 0.05, 0.075, 0.1), (0.0, 0.1, 0.2, 0.3), (0.0, 1.0, 2.0))
 """Latency in s, share of lost frames, shake in px."""
 
-CURVE = Cell("circle", 1.0, more={"turns": "6"})
+CURVE = Cell("circle", 1.0, more={"turns": "4"})
 """What is followed: at full speed, so often around that an error has time to grow."""
 
 _GROWTH = 2.0
