@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Set
+from collections.abc import Iterable, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,21 +101,33 @@ class CollisionChecker:
         vars(self).update(state)
         self.data = self._fresh_data()
 
+    def keeping_off(self, ends: Iterable[Vector]) -> CollisionChecker:
+        """The same, but what touches at none of these ends may not touch at all in between.
+
+        Between two samples of a way a touch that is just allowed may be one that is not.
+
+        Args:
+            ends: Configurations, each of shape (dof,).
+        """
+        strict = copy.copy(self)
+        strict._least = np.where(self._least == -TOUCH, 0.0, self._least)
+        for q in ends:
+            self.place(q)
+            for first, second in self.data.contact.geom.tolist():
+                strict._least[first, second] = self._least[first, second]
+                strict._least[second, first] = self._least[second, first]
+        return strict
+
     def contact(self, q: Vector) -> Contact | None:
         """The deepest contact that the arm would have at ``q``, of shape (dof,), if any."""
-        self.place(q)
-        if self.data.ncon == 0:
+        worst = self._deepest(q)
+        if worst is None:
             return None
-        pairs, distance = self.data.contact.geom, self.data.contact.dist
-        excess = self._least[pairs[:, 0], pairs[:, 1]] - distance
-        worst = int(excess.argmax())
-        if excess[worst] <= 0.0:
-            return None
-        return self._described(pairs[worst], float(-distance[worst]))
+        return self._described(self.data.contact.geom[worst], float(-self.data.contact.dist[worst]))
 
     def free(self, q: Vector) -> bool:
         """Whether the arm touches nothing at ``q``, of shape (dof,)."""
-        return self.contact(q) is None
+        return self._deepest(q) is None
 
     def first_contact(self, rows: Matrix) -> tuple[int, Contact] | None:
         """The first of several configurations, of shape (n, dof), that touches, and its contact."""
@@ -134,6 +146,16 @@ class CollisionChecker:
             self._carry()
             mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
+
+    def _deepest(self, q: Vector) -> int | None:
+        """Which of MuJoCo's contacts at ``q`` is the one that is too close by most, if any is."""
+        self.place(q)
+        if self.data.ncon == 0:
+            return None
+        pairs = self.data.contact.geom
+        excess = self._least[pairs[:, 0], pairs[:, 1]] - self.data.contact.dist
+        worst = int(excess.argmax())
+        return worst if excess[worst] > 0.0 else None
 
     def _fresh_data(self) -> Any:
         data = mujoco.MjData(self.model)

@@ -25,13 +25,17 @@ PLANNERS: Final[tuple[Planner, ...]] = get_args(Planner)
 DEFAULT_PLANNER: Final[Planner] = "RRTConnect"
 """Kuffner and LaValle 2000: two trees, from both ends, that grow towards each other."""
 
-_REACH = 1.5
-"""Longest edge of a tree, in metres that the arm moves."""
 
+def made(name: Planner, reach: float, ompl: Any, information: Any) -> Any:
+    """A planner of OMPL for one search.
 
-def made(name: Planner, ompl: Any, information: Any) -> Any:
-    """A planner of OMPL for one search."""
+    Args:
+        name: Of the planner.
+        reach: Longest edge of its trees, in the space's measure, where it has such a bound.
+        ompl: The package.
+        information: Of the space that it searches.
+    """
     planner = getattr(ompl.geometric, name)(information)
     if hasattr(planner, "setRange"):
-        planner.setRange(_REACH)
+        planner.setRange(reach)
     return planner

@@ -8,7 +8,7 @@ and depends on the problem and its seed alone.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,13 +23,18 @@ from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
 
 _COARSE = 0.03
-"""Likewise while planning; a result that does not pass the fine check is planned again, finer."""
+"""Metres that the arm moves at most between two checks of a search, as long as that is good enough;
+what fails the fine check is searched for again, at half of it."""
+
+_FINEST = 0.002
+"""Likewise, at the least. OMPL measures along the diagonal, the fine check joint by joint."""
+
+_ATTEMPTS = ((1.5, 0.1), (0.7, 0.4), (0.35, 1.0))
+"""Longest edges of the trees, in metres that the arm moves, and the share of all checks after which
+the next one is tried: long ones are quick, short ones find their way through narrow places."""
 
 CHECKS = 60_000
 """Configurations that may be looked at in all; about one and a half seconds."""
-
-_FIRST_SHARE = 12
-"""One part in so many of them is for a way to the preferred goal alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +68,7 @@ class PlanningProblem:
 
 
 def admitted(problem: PlanningProblem) -> PlanningProblem:
-    """The same problem with those goals alone in which the arm can stand.
+    """The same problem with those goals alone in which the arm can stand, and free ways between.
 
     Raises:
         Failure: ``IN_COLLISION`` or ``JOINT_LIMIT`` of the start, or of the preferred goal if
@@ -80,7 +85,8 @@ def admitted(problem: PlanningProblem) -> PlanningProblem:
             goals.append(goal)
     if not goals:
         raise refusals[0]
-    return replace(problem, goals=tuple(goals))
+    strict = problem.checker.keeping_off((problem.start, *goals))
+    return replace(problem, checker=strict, goals=tuple(goals))
 
 
 def is_free(checker: CollisionChecker, corners: Matrix, radii: Vector) -> bool:
@@ -93,7 +99,7 @@ def way_around(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda:
     """Corners of a free way to one of the goals, of shape (n, dof).
 
     Between corners the way is straight in joint space, and checked every ``FINE`` metres. A short
-    search for a way to the preferred goal comes first, then a longer one to any of them; a straight
+    search for a way to the preferred goal comes first, then longer ones to any of them; a straight
     way to another goal that is shorter than what was found is taken instead.
 
     Args:
@@ -105,40 +111,20 @@ def way_around(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda:
     """
     radii = sweep_radii(problem.checker)
     effort = Effort(abandoned)
-    found = None
-    if len(problem.goals) > 1:
-        found = _found(problem, problem.goals[:1], radii, effort, problem.checks // _FIRST_SHARE)
-    if found is None:
-        found = _found(problem, problem.goals, radii, effort, problem.checks)
-    if found is None:
-        raise _no_plan(problem, effort)
-    return _shorter_straight(problem, found, radii)
-
-
-def _found(
-    problem: PlanningProblem,
-    goals: Sequence[Vector],
-    radii: Vector,
-    effort: Effort,
-    limit: int,
-) -> Matrix | None:
-    """Corners of a way that passes the fine check, of shape (n, dof), from ever finer searches."""
-    effort.limit = limit
-    for attempt, resolution in enumerate((_COARSE, _COARSE / 2, FINE), start=1):
-        search = Search(
-            problem.checker,
-            problem.start,
-            goals,
-            problem.limits.lower,
-            problem.limits.upper,
-            radii,
-            resolution,
-            problem.seed + attempt,
-        )
-        corners = search.run(problem.planner, effort)
-        if corners is None or is_free(problem.checker, corners, radii):
-            return corners
-    return None
+    resolution, seed = _COARSE, problem.seed
+    for number, (reach, share) in enumerate(_ATTEMPTS):
+        goals = problem.goals if number else problem.goals[:1]
+        effort.limit = round(share * problem.checks)
+        while not effort.is_over():
+            seed += 1
+            search = Search(problem.checker, problem.start, goals, problem.limits, radii, seed)
+            corners = search.run(problem.planner, reach, resolution, effort)
+            if corners is None:
+                break
+            if is_free(problem.checker, corners, radii):
+                return _shorter_straight(problem, corners, radii)
+            resolution = max(resolution / 2, _FINEST)
+    raise _no_plan(problem, effort)
 
 
 def _shorter_straight(problem: PlanningProblem, corners: Matrix, radii: Vector) -> Matrix:

@@ -11,6 +11,7 @@ import numpy as np
 from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.motion.planners import Planner, made
 from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.catalogue import JointLimits
 
 _ASK_EVERY = 16
 """Rounds of a planner from one question whether the search is still wanted to the next."""
@@ -53,9 +54,8 @@ class Search:
         checker: The arm in its world.
         start: Of shape (dof,), rad.
         goals: Each of shape (dof,), rad.
-        lower: Position limits to stay within, of shape (dof,), rad; likewise ``upper``.
+        limits: Position limits to stay within.
         radii: Metres that the arm moves at most per radian of each joint, of shape (dof,).
-        resolution: Metres that it moves at most from one check to the next.
         seed: Of all that is random; at least 1.
     """
 
@@ -64,19 +64,16 @@ class Search:
         checker: CollisionChecker,
         start: Vector,
         goals: Sequence[Vector],
-        lower: Vector,
-        upper: Vector,
+        limits: JointLimits,
         radii: Vector,
-        resolution: float,
         seed: int,
     ) -> None:
         self._checker, self._radii = checker, radii
         self._ompl = ompl = _ompl()
-        ompl.util.RNG.setSeed(seed)  # before the space: it draws projections
-        self._space = space = ompl.base.RealVectorStateSpace(len(start))
-        space.setBounds(self._bounds(np.array((start, *goals)), lower, upper))
-        self._information = ompl.base.SpaceInformation(space)
-        self._resolution = resolution / space.getMaximumExtent()
+        ompl.util.RNG.setSeed(seed)  # before the space, which may draw something, too
+        self._space = ompl.base.RealVectorStateSpace(len(start))
+        self._space.setBounds(self._bounds(np.array((start, *goals)), limits))
+        self._information = ompl.base.SpaceInformation(self._space)
         self._problem = ompl.base.ProblemDefinition(self._information)
         self._problem.addStartState(self._state(start))
         ends = ompl.base.GoalStates(self._information)
@@ -84,13 +81,21 @@ class Search:
             ends.addState(self._state(goal))
         self._problem.setGoal(ends)
 
-    def run(self, name: Planner, effort: Effort) -> Matrix | None:
-        """Corners of the way found, of shape (n, dof); None if none was found."""
+    def run(self, name: Planner, reach: float, resolution: float, effort: Effort) -> Matrix | None:
+        """Corners of the way found, of shape (n, dof); None if none was found. To be run once.
+
+        Args:
+            name: Of the planner.
+            reach: Longest edge of its trees, in metres that the arm moves.
+            resolution: Metres that it moves at most from one check to the next.
+            effort: Counts, and ends the search.
+        """
         ompl, validity = self._ompl, _Validity(self._checker, self._radii, effort)
         self._information.setStateValidityChecker(validity)
-        self._information.setStateValidityCheckingResolution(self._resolution)
+        share = resolution / self._space.getMaximumExtent()
+        self._information.setStateValidityCheckingResolution(share)
         self._information.setup()
-        planner = made(name, ompl, self._information)
+        planner = made(name, reach, ompl, self._information)
         planner.setProblemDefinition(self._problem)
         planner.setup()
         planner.solve(ompl.base.PlannerTerminationCondition(effort.is_over))
@@ -103,10 +108,10 @@ class Search:
             simplifier.reduceVertices(path)
         return np.array([validity.angles(state) for state in path.getStates()])
 
-    def _bounds(self, ends: Matrix, lower: Vector, upper: Vector) -> Any:
+    def _bounds(self, ends: Matrix, limits: JointLimits) -> Any:
         """Half a turn beyond the ends: joints with two turns would waste most samples."""
-        lower = np.maximum(ends.min(axis=0) - np.pi, lower) * self._radii
-        upper = np.minimum(ends.max(axis=0) + np.pi, upper) * self._radii
+        lower = np.maximum(ends.min(axis=0) - np.pi, limits.lower) * self._radii
+        upper = np.minimum(ends.max(axis=0) + np.pi, limits.upper) * self._radii
         bounds = self._ompl.base.RealVectorBounds(len(lower))
         for i, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
             bounds.setLow(i, low)

@@ -182,3 +182,14 @@ def test_interpolation_keeps_its_ends_and_its_step() -> None:
     rows = interpolated(np.zeros(2), np.ones(2), radii, 0.1)
     np.testing.assert_array_equal(rows[[0, -1]], [[0, 0], [1, 1]])
     assert (np.abs(np.diff(rows, axis=0)) @ radii).max() <= 0.1 + 1e-12
+
+
+def test_on_the_way_nothing_is_touched_that_is_not_touched_at_an_end() -> None:
+    """A touch that just counts as none at a sample may be deeper between two of them."""
+    world = pick_world()
+    checker = CollisionChecker(world, "arm1")
+    touching, apart = above(world, -0.0003), above(world, 0.01)
+    assert checker.free(touching)
+    assert not checker.keeping_off([apart]).free(touching)
+    assert checker.keeping_off([apart, touching]).free(touching)
+    assert not checker.keeping_off([touching]).free(above(world, -0.01))
