@@ -16,7 +16,7 @@ from bt_dualarm.motion.joint_range import refuse_beyond
 from bt_dualarm.motion.paths import line
 from bt_dualarm.motion.planners import DEFAULT_PLANNER, Planner
 from bt_dualarm.motion.planning import PlanningProblem, admitted
-from bt_dualarm.motion.planning_process import PlanningProcess
+from bt_dualarm.motion.planning_process import PendingMotion, PlanningProcess
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.motion.vicinity import clearance
 from bt_dualarm.pose import Matrix, Pose, Vector
@@ -115,17 +115,7 @@ class ArmPlanning(ArmMotion):
         planner: Planner,
     ) -> Generator[None, None, Trajectory]:
         due = self.time + PLANNING_S
-        problem = admitted(
-            PlanningProblem(
-                self.checker(ignore),
-                self.setpoint.q,
-                tuple(goals),
-                self.limits(speed),
-                self.period,
-                self._seed,
-                planner,
-            )
-        )
+        problem = admitted(self._problem(goals, speed, ignore, planner))
         straight = straight_motion(problem)
         if straight is not None:
             yield from self._pass_until(due)
@@ -133,9 +123,22 @@ class ArmPlanning(ArmMotion):
         pending = self._planning.solve(problem)
         try:
             yield from self._pass_until(due)
-            return pending.result()
+            return _found(pending)
         finally:
             pending.abandon()
+
+    def _problem(
+        self, goals: Sequence[Vector], speed: float, ignore: frozenset[str], planner: Planner
+    ) -> PlanningProblem:
+        return PlanningProblem(
+            self.checker(ignore),
+            self.setpoint.q,
+            tuple(goals),
+            self.limits(speed),
+            self.period,
+            self._seed,
+            planner,
+        )
 
     def _come_to_rest(self) -> Iterator[None]:
         began = self.time
@@ -214,3 +217,12 @@ class ArmPlanning(ArmMotion):
     def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
         """Where each set-point of a motion puts the tool, of shape (n, 3)."""
         return np.array([self.kinematics.matrix(q)[:3, 3] for q in trajectory.q])
+
+
+def _found(pending: PendingMotion) -> Trajectory:
+    """What was looked for; a refusal says what looking for it has cost."""
+    try:
+        return pending.result()
+    except Failure as refusal:
+        numbers = {**refusal.numbers, "planning_s": PLANNING_S}
+        raise Failure(refusal.code, refusal.reason, **numbers) from refusal

@@ -98,6 +98,18 @@ def test_a_leaf_that_is_halted_while_it_plans_abandons_its_problem() -> None:
     assert unanswered.waiting == 0
 
 
+def test_a_plan_that_is_not_found_says_what_was_tried_and_what_that_took() -> None:
+    class Hopeless(Unanswered):
+        def result(self) -> Trajectory:
+            raise Failure("NO_PLAN", "no way", planner="RRTConnect", states=7)
+
+    bench = WalledBench(Hopeless())
+    with pytest.raises(Failure, match="no way") as caught:
+        bench.run(bench.first.plan([LEFT], 1.0))
+    numbers = caught.value.numbers
+    assert numbers == {"planner": "RRTConnect", "states": 7, "planning_s": PLANNING_S}
+
+
 def test_goals_that_cannot_be_are_refused_at_once_and_by_the_first() -> None:
     bench = WalledBench(PlanningProcess())
     in_the_wall = (RIGHT + LEFT) / 2
