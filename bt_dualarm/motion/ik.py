@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.motion.broken import SINGULAR_CONDITION, broken
 from bt_dualarm.motion.chain import TOOL, Chain
 from bt_dualarm.motion.descent import Aim, Continuation
-from bt_dualarm.motion.search import STEP, Search, different
+from bt_dualarm.motion.search import NEAR, STEP, Search, different
 from bt_dualarm.motion.target import EXACT, STREAM, Tolerance, target_matrix, unreachable
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.catalogue import Robot
@@ -68,13 +68,17 @@ class Kinematics(Chain):
         """The configuration, of shape (dof,), that puts the tool on a target.
 
         Of the answers found it is the one nearest to ``near``, of shape (dof,), or the best
-        conditioned.
+        conditioned; an answer that is near is not compared with others.
 
         Raises:
             Failure: ``INVALID_TARGET`` for what is no pose, or outside the workspace;
                 ``UNREACHABLE`` with the smallest residual found.
         """
-        return self.solutions(target, near, tolerance, prefer)[0]
+        if prefer != "nearest":
+            return self.solutions(target, near, tolerance, prefer)[0]
+        goals = (target_matrix(target),)
+        self._refuse_outside(goals)
+        return self._answers(goals, near, tolerance, near_enough=NEAR)[0]
 
     def solutions(
         self,
@@ -93,21 +97,28 @@ class Kinematics(Chain):
             tolerance: Of the residual.
             prefer: What comes first. For ``"conditioned"`` all starts are tried, and redundant
                 joints are left where each of them leads, too.
-            every_branch: Try all starts, instead of stopping when enough is found.
+            every_branch: Try all starts, instead of stopping when three are found.
 
         Raises:
             Failure: As ``solve``.
         """
         goals, every = (target_matrix(target),), every_branch or prefer == "conditioned"
         self._refuse_outside(goals)
-        found, closest = self._search.answers(goals, near, tolerance, every=every)
-        if not found:
-            raise unreachable(*self._search.residuals(closest, goals)[0])
+        found = self._answers(goals, near, tolerance, every=every)
         if prefer == "nearest":
-            return sorted(found, key=lambda q: float(np.linalg.norm(q - near)))
+            return found
         if self._search.redundant:  # not only those that have been pulled towards ``near``
             found += self._search.answers(goals, near, tolerance, every=True, pull=False)[0]
         return sorted(found, key=lambda q: (self.room(q) < _ROOM, self.condition(q)))
+
+    def _answers(
+        self, goals: Sequence[Matrix], near: Vector, tolerance: Tolerance, **wishes: Any
+    ) -> list[Vector]:
+        """What the search finds, nearest first; ``wishes`` are its."""
+        found, closest = self._search.answers(goals, near, tolerance, **wishes)
+        if not found:
+            raise unreachable(*self._search.residuals(closest, goals)[0])
+        return sorted(found, key=lambda q: float(np.linalg.norm(q - near)))
 
     def track(
         self,

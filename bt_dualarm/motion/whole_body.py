@@ -17,7 +17,7 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.motion.chain import TOOL, Chain, with_tool
 from bt_dualarm.motion.descent import Aim
 from bt_dualarm.motion.mechanism import Mechanism, origin
-from bt_dualarm.motion.search import Search, different
+from bt_dualarm.motion.search import NEAR, Search, different
 from bt_dualarm.motion.target import EXACT, Tolerance, target_matrix
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.catalogue import Robot
@@ -142,7 +142,7 @@ class WholeBody(Mechanism):
         every: bool,
     ) -> list[Vector]:
         search, goals, start = self._search(aims), _goals(aims), self._joined(near)
-        found, closest = search.answers(goals, start, tolerance, every=every)
+        found, closest = search.answers(goals, start, tolerance, every=every, near_enough=NEAR)
         if not found:
             raise _missed(aims, search.residuals(closest, goals))
         return sorted(found, key=lambda q: float(np.linalg.norm(q - start)))
