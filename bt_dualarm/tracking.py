@@ -9,6 +9,7 @@ import numpy as np
 from bt_dualarm.arm import Arm
 from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.servo import PlanarServo, PlaneTarget
+from bt_dualarm.motion.spiral import Spiral
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.plane import Plane
@@ -18,17 +19,15 @@ from bt_dualarm.world.camera import camera_pose
 from bt_dualarm.world.guarded_camera import GuardedCamera
 
 STALE_S = 0.1
-"""Age of the newest sighting in seconds from which nothing moves towards the target.
+"""Age of the newest sighting in seconds, at the moment of actuation, from which nothing moves
+towards the target.
 
-A camera whose frames are about as old when they come gets two frames' time more than its latency:
-else its arm would never move.
+Where images that come regularly are older than that already, by latency and frame rate, the limit
+is two frames more than the latency: else the arm would never move.
 """
 
 HOLD_S = 0.5
 """How long the tool holds still before the search begins, in seconds."""
-
-SEARCH_SPEED = 0.1
-"""Speed of the search in m/s."""
 
 _FACING = 0.5  # cosine between the camera's axis and the plane's normal
 _BANDWIDTH = (30.0, 150.0)  # rad/s, least and most
@@ -67,7 +66,7 @@ class PlaneTracking:
             its depth instead, and takes out what is seen of its flanks.
         gains: Of proportional control; None to predict the target.
         reach: Farthest that the tool leaves its start, in m.
-        search_radius: How far the search goes, in m.
+        search_radius: How far the search goes from where the target should be, in m.
 
     Raises:
         Failure: ``NO_CAMERA``.
@@ -104,7 +103,10 @@ class PlaneTracking:
         )
         self._tracker = TargetTracker(camera, color, localiser)
         self._latency = camera.latency
-        self._stale = max(STALE_S, camera.latency + _PATIENCE_FRAMES * camera.period)
+        self._stale = _stale_after(camera, arm.period)
+        self._old_data_steps = 0
+        self._last_place = np.zeros(2)
+        self._search: Spiral | None = None
         self._beyond_since: float | None = None
         self._bandwidth = _bandwidth(camera)
         self._servo: PlanarServo | None = None
@@ -159,7 +161,7 @@ class PlaneTracking:
             self._arm.period,
             self._arm.setpoint,
             self._axes,
-            self._target if self._gains is None else self._proportional_target,
+            self._target,
             self._bandwidth,
         )
         self._arm.stream(self._servo)
@@ -184,46 +186,57 @@ class PlaneTracking:
         return np.array([sighting.stamp for sighting in seen]), points
 
     def metrics(self) -> dict[str, Number]:
-        """Frames looked at, and how often the target was lost."""
-        return {"frames": self._tracker.frames, "lost_count": self._tracker.lost_count}
+        """Frames looked at, how often the target was lost, and motion towards old data.
 
-    def _target(self, time: float) -> PlaneTarget | None:
+        ``old_data_steps`` counts the control steps that moved towards a target whose newest
+        sighting was older than ``STALE_S`` at that step.
+        """
+        return {
+            "frames": self._tracker.frames,
+            "lost_count": self._tracker.lost_count,
+            "old_data_steps": self._old_data_steps,
+        }
+
+    def _predicted(self, time: float) -> PlaneTarget | None:
         """Predictive control: where the target is now, by all that was seen of it."""
-        if not self._tracker.locked or self._stale_for(time) > 0.0:
-            return self._search(time)
         motion = self._tracker.predict(time)
         place = self._axes @ motion.position - self._center
-        if not self._may_go_to(place, time):
-            return None
         return PlaneTarget(place, self._axes @ motion.velocity, self._axes @ motion.acceleration)
 
-    def _proportional_target(self, time: float) -> PlaneTarget | None:
+    def _stepped(self, _: float) -> PlaneTarget | None:
         """Proportional control: one step for each new image."""
         detection, servo, gains = self._tracker.detection, self._servo, self._gains
-        if detection is None or self._stale_for(time) > 0.0:
-            return self._search(time)
-        if servo is not None and gains is not None and detection.stamp > self._goal_stamp:
+        if servo is None or gains is None:
+            return None
+        if detection is not None and detection.stamp > self._goal_stamp:
             error = np.where(np.abs(detection.centroid) > gains.dead_band, detection.centroid, 0.0)
             step = (self._image_axes @ error) * (gains.u, gains.v)
             self._goal, self._goal_stamp = servo.displacement + step, detection.stamp
-        if not self._may_go_to(self._goal, time):
-            return None
         return PlaneTarget(self._goal, np.zeros(2), np.zeros(2))
 
-    def _search(self, time: float) -> PlaneTarget | None:
-        """Hold, then wind around where the target was last believed to be, within the radius."""
+    def _target(self, time: float) -> PlaneTarget | None:
+        """Where the tool should be at ``time``; None to come to rest."""
+        if not self._tracker.locked or self._stale_for(time) > 0.0:
+            return self._without_target(time)
+        self._search = None
+        target = self._predicted(time) if self._gains is None else self._stepped(time)
+        if target is None or not self._may_go_to(target.position, time):
+            return None
+        self._old_data_steps += self._tracker.age(time) > STALE_S
+        self._last_place = target.position
+        return target
+
+    def _without_target(self, time: float) -> PlaneTarget | None:
+        """Come to rest and hold, then search around where the target was last predicted."""
         self._beyond_since = None
-        if self._servo is None or self._search_radius == 0.0:
+        searched_for = self._stale_for(time) - HOLD_S
+        if self._servo is None or self._search_radius == 0.0 or searched_for < 0.0:
             return None
-        lost_for = self._stale_for(time) - HOLD_S
-        if lost_for < 0.0:
-            self._goal = self._servo.displacement.copy()
-            return None
-        angle = SEARCH_SPEED * lost_for / self._search_radius
-        radius = self._search_radius * min(1.0, angle / (2 * np.pi))
-        place = self._goal + radius * np.array([np.cos(angle), np.sin(angle)])
-        if float(np.hypot(*place)) > self._reach:
-            return None
+        if self._search is None:
+            start = self._servo.displacement.copy()
+            self._search = Spiral(start, self._last_place, self._search_radius)
+        place = self._search.place(searched_for)
+        place *= min(1.0, self._reach / max(float(np.hypot(*place)), 1e-9))
         return PlaneTarget(place, np.zeros(2), np.zeros(2))
 
     def _stale_for(self, time: float) -> float:
@@ -237,6 +250,13 @@ class PlaneTracking:
         elif self._beyond_since is None:
             self._beyond_since = time
         return self._beyond_since is None
+
+
+def _stale_after(camera: GuardedCamera, step: float) -> float:
+    """Age in s from which a sighting is too old; exposure and delivery wait for a step each."""
+    if camera.latency + camera.period + 2 * step <= STALE_S:
+        return STALE_S
+    return camera.latency + _PATIENCE_FRAMES * camera.period
 
 
 def _bandwidth(camera: GuardedCamera) -> float:

@@ -56,8 +56,10 @@ class Track(Skill):
             None, "ends when the target, having moved, stays still this long", gt=0
         )
         wait: Duration = port(60.0, "longest wait for the target to come into view", gt=0)
-        lost_timeout: Duration = port(2.0, "longest time without the target", gt=0)
-        search_radius: float = port(0.05, "how far the search goes", unit="m", ge=0, le=0.5)
+        lost_timeout: Duration = port(3.0, "longest time without the target", gt=0)
+        search_radius: float = port(
+            0.05, "how far the search goes from where the target should be", unit="m", ge=0, le=0.5
+        )
         score: ObjectName | None = port(
             None, "object whose true path the metrics compare with; never used to move"
         )

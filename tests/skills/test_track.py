@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from bt_dualarm.pose import Vector
+from bt_dualarm.tracking import _stale_after
 from bt_dualarm.world.world import World
 from tests.plays import STOPPED, Deed, Play, Stage
 from tests.skills.scenarios import CUBE, LOOKING, SCENARIOS, Scenario, Tree
@@ -121,19 +123,27 @@ def test_a_lost_target_means_hold_then_search_then_failure(controller: str, stag
     gone, timeout, radius = 3.0, 2.0, 0.05
     ports = {"controller": controller, "lost_timeout": timeout, "search_radius": radius}
     play = stage.play(scenario().file({"track": TRACK["track"] | ports}), deeds=lost_at(gone))
-    play.watchers.append(carried(circling if controller == "predictive" else swaying))
+    place = circling if controller == "predictive" else swaying
+    play.watchers.append(carried(place))
     tools: list[tuple[float, Vector]] = []
     play.watchers.append(lambda w: tools.append((w.time, w.arms["arm1"].tool_pose.position)))
     play.run()
     leaf = play.leaf("track")
     assert leaf.code == "LOST", leaf.reason
+    assert leaf.metrics["old_data_steps"] == 0
     assert leaf.ended_s == pytest.approx(gone + timeout, abs=0.1)
     still = (gone + STALE_S + BRAKING_S, gone - PERIOD_S + STALE_S + HOLD_S)
     assert max(v for at, v in play.speeds["arm1"] if still[0] < at < still[1]) < STOPPED
-    held = next(place for at, place in tools if at > still[0])
-    search = [place for at, place in tools if at > still[1]]
-    assert max(np.linalg.norm(place - held) for place in search) < radius + 0.005
-    assert max(np.linalg.norm(place - held) for place in search) > 0.3 * radius, "it does search"
+    held = next(tool for at, tool in tools if at > still[0])
+    # Where the target should be is where it would have been when what was seen of it grew too old.
+    due = gone - PERIOD_S + STALE_S
+    offset = np.mean([tool - place(at) for at, tool in tools if 2.0 < at < gone], axis=0)
+    expected = place(due) + offset
+    search = [(at, tool) for at, tool in tools if at > still[1]]
+    away = np.array([np.linalg.norm(tool - expected) for _, tool in search])
+    assert away.max() < max(radius, float(np.linalg.norm(held - expected))) + 0.005
+    assert max(np.linalg.norm(tool - held) for _, tool in search) > 0.3 * radius, "it does search"
+    assert max(v for at, v in play.speeds["arm1"] if at > still[1]) < 2.0, "slowly"
     assert play.speed_after((leaf.ended_s or 0.0) + 1.0) < STOPPED
 
 
@@ -166,6 +176,69 @@ def test_a_target_that_comes_back_is_followed_again(stage: Stage) -> None:
     leaf = play.leaf("track")
     assert leaf.status == "SUCCESS", leaf.reason
     assert leaf.metrics["lost_count"] == 1
+    assert leaf.metrics["old_data_steps"] == 0
+
+
+def test_it_is_regained_without_a_jerk(stage: Stage) -> None:
+    """The target goes on meanwhile: all set-points stay within the limits of jerk, and a second
+    later the tool is where it was before."""
+    away = (2.5, 3.3)
+
+    def hidden(world: World) -> None:
+        behind = 5.0 if away[0] < world.time < away[1] else 0.0
+        place = CENTER + circling(world.time) + (behind, 0.0, 0.0)
+        world.model.body_pos[world.object_body("cube")] = place
+
+    play = stage.play(scenario({"fps": 60}).file(TRACK))
+    play.watchers.append(hidden)
+    tools: list[tuple[float, Vector]] = []
+
+    def note(world: World) -> None:
+        tools.append((world.time, world.arms["arm1"].tool_pose.position - circling(world.time)))
+
+    play.watchers.append(note)
+    play.run()
+    leaf = play.leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["lost_count"] == 1
+    assert leaf.metrics["old_data_steps"] == 0
+    assert play.arm().clipped_setpoints == 0
+    before = np.mean([tool for at, tool in tools if 2.0 < at < away[0]], axis=0)
+    gaps = [(at, float(np.linalg.norm(tool - before))) for at, tool in tools]
+    assert max(gap for at, gap in gaps if away[0] + 0.5 < at < away[1]) > 0.05, "it was left behind"
+    assert max(gap for at, gap in gaps if at > away[1] + 1.0) < 0.01, "and is followed again"
+
+
+def test_covered_for_half_a_tenth_of_a_second_it_is_followed_by_prediction(stage: Stage) -> None:
+    """0.16 m/s on a circle: who held still for 0.05 s would be 8 mm behind."""
+
+    def hidden(world: World) -> None:
+        behind = 5.0 if 3.0 < world.time < 3.05 else 0.0
+        place = CENTER + circling(world.time) + (behind, 0.0, 0.0)
+        world.model.body_pos[world.object_body("cube")] = place
+
+    play = stage.play(scenario({"fps": 60}).file(TRACK))
+    play.watchers.append(hidden)
+    tools: list[tuple[float, Vector]] = []
+
+    def note(world: World) -> None:
+        tools.append((world.time, world.arms["arm1"].tool_pose.position - circling(world.time)))
+
+    play.watchers.append(note)
+    play.run()
+    assert play.leaf("track").metrics["lost_count"] == 0
+    before = np.mean([tool for at, tool in tools if 2.5 < at < 3.0], axis=0)
+    assert max(np.linalg.norm(tool - before) for at, tool in tools if 3.0 < at < 3.3) < 3e-3
+
+
+@pytest.mark.parametrize(
+    ("fps", "latency", "limit"),
+    [(60, 1 / 60, 0.1), (30, 1 / 30, 0.1), (60, 0.079, 0.1), (60, 0.1, 0.1 + 2 / 60), (10, 0, 0.2)],
+)
+def test_data_is_old_after_a_tenth_of_a_second(fps: float, latency: float, limit: float) -> None:
+    """Unless all images are about as old when they come: then two frames after their latency."""
+    camera: Any = SimpleNamespace(period=1 / fps, latency=latency)
+    assert _stale_after(camera, 0.002) == pytest.approx(limit)
 
 
 def hide(world: World) -> None:
