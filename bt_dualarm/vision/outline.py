@@ -25,12 +25,14 @@ EDGE_SIGMA_PX = 0.5
 _Box: TypeAlias = npt.NDArray[np.float64]  # left, top, right, bottom in px
 
 _MIN_DEPTH_M = 1e-3
-# Of a shape that is not known, and looks different from elsewhere, and of one that is:
-_MEMORY_FRAMES = (3, 10)
-_ALIKE = (1.03, 1.015)  # times the side of one, or less than one by it: the same, seen whole
-_SLACK_PX = (2.5, 1.6)  # by which width or height may change
+_MEMORY_FRAMES = 10
+_STRANGE_MEMORY_FRAMES = 60  # another size of a shape that is not known is believed if it stays
 _KNOWN_AFTER_FRAMES = 5
-_ALIKE_FAR = 1.12  # as _ALIKE, in a coarse image or after some time unseen
+# Of a shape that is not known, and looks different from elsewhere, and of one that is:
+_ALIKE = (1.1, 1.015)  # times the side of one, or less than one by it: the same, seen whole
+_ALIKE_FAR = (1.15, 1.12)  # the same in a coarse image, or after some time unseen
+_SLACK_PX = 1.6  # by which width or height may change
+_PERSISTENCE = 4.0  # the shift of a covered target is the same for many frames: unlike noise
 _FULL = 0.97  # of the share of its box that the target fills: a thing as simple as itself
 _EDGE_GATE_PX = 1.5  # from its prediction, besides what that is uncertain by
 _GATE_SIGMAS = 3.0
@@ -70,11 +72,15 @@ class Outline:
         self._count = 0
 
     def learn(self, seen: Seen, frame: Frame) -> None:
-        """Take in the target seen whole; a coarse image tells too little."""
-        if frame.stride > 1:
+        """Take in the target seen whole; a coarse image tells too little.
+
+        Of a shape that is not known, one that looks strange is taken in as well, slowly.
+        """
+        strange = self.known and not seen.whole
+        if frame.stride > 1 or (strange and self.localiser.knows_shape):
             return
         self._count += 1
-        frames = min(self._count, _MEMORY_FRAMES[self.localiser.knows_shape])
+        frames = min(self._count, _STRANGE_MEMORY_FRAMES if strange else _MEMORY_FRAMES)
         rest = np.array(seen.detection.bounds_px) - self._box(seen.sighting.point, frame)
         self._rest = self._rest + (rest - self._rest) / frames
         self._fill += (_fill(seen.detection) - self._fill) / frames
@@ -82,7 +88,8 @@ class Outline:
 
     def alike(self, sighting: Sighting) -> bool:
         """Whether a thing may be the target by its size; anything may before that is known."""
-        return not self.known or 1 / _ALIKE_FAR < sighting.side / self.side < _ALIKE_FAR
+        most = _ALIKE_FAR[self.localiser.knows_shape]
+        return not self.known or 1 / most < sighting.side / self.side < most
 
     def shows_whole(self, detection: Detection, sighting: Sighting, frame: Frame) -> bool:
         """Whether a detection is the target with all its edges, and nothing else."""
@@ -91,9 +98,27 @@ class Outline:
         most = _ALIKE[self.localiser.knows_shape]
         if not 1 / most < sighting.side / self.side < most:
             return False
+        if not self.localiser.knows_shape:
+            return True
         change = np.array(detection.bounds_px) - self._box(sighting.point, frame) - self._rest
-        slack = _SLACK_PX[self.localiser.knows_shape]
-        return bool(max(abs(change[2] - change[0]), abs(change[3] - change[1])) <= slack)
+        return bool(max(abs(change[2] - change[0]), abs(change[3] - change[1])) <= _SLACK_PX)
+
+    def trusted(self, seen: Seen, frame: Frame, expected: Vector, sigma: float) -> Seen | None:
+        """The target in what may be a part of it, or more than it; arguments as of ``fit``.
+
+        Raises:
+            LocaliseError: The line of sight leads nowhere.
+        """
+        if seen.whole:
+            return seen
+        if self.known and self.localiser.knows_shape:
+            return self.fit(seen.detection, frame, expected, sigma)
+        sighting = seen.sighting
+        strange = abs(1.0 - (sighting.side / self.side) ** 2) if self.known else 0.0
+        if seen.detection.touches_border:
+            strange = max(strange, 0.5)
+        shift = _PERSISTENCE * 0.5 * strange * max(self.side, sighting.side)
+        return seen._replace(sighting=replace(sighting, sigma=np.hypot(sighting.sigma, shift)))
 
     def fit(
         self, detection: Detection, frame: Frame, expected: Vector, sigma: float
@@ -142,9 +167,8 @@ class Outline:
         One that covers the target, or one that the target has left: what covers a part of it, or
         stands beside it, makes a more complicated outline, or leaves one of the two as it is.
         """
-        slack = _SLACK_PX[self.localiser.knows_shape]
         change = np.abs(shift[2:] - shift[:2])
-        return bool(change.min() > slack and _fill(detection) > _FULL * self._fill)
+        return bool(change.min() > _SLACK_PX and _fill(detection) > _FULL * self._fill)
 
     def _box(self, point: Vector, frame: Frame) -> _Box:
         """Where the edges of the shape that is known would be, if it were at a point."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -191,23 +191,15 @@ class TargetTracker:
         sigma = math.sqrt(float(self._estimate.variance(frame.stamp).max()))
         best, least = None, self._settings.gate
         for seen in found:
-            trusted = self._trusted(seen, frame, expected, sigma)
+            try:
+                trusted = self._outline.trusted(seen, frame, expected, sigma)
+            except LocaliseError:
+                continue
             if trusted is not None:
                 surprise = self._surprise(frame.stamp, trusted.sighting)
                 if surprise <= least:
                     best, least = trusted, surprise
         return best
-
-    def _trusted(self, seen: Seen, frame: Frame, expected: Vector, sigma: float) -> Seen | None:
-        """The target in what may be a part of it, or more than it."""
-        if seen.whole:
-            return seen
-        if not self._outline.known:
-            return _doubted(seen)
-        try:
-            return self._outline.fit(seen.detection, frame, expected, sigma)
-        except LocaliseError:
-            return None
 
     def _returning(self, found: list[Seen], lost: TargetEstimate, stamp: float) -> Seen | None:
         """The one of the right size that is nearest to where a lost target should be."""
@@ -235,8 +227,9 @@ class TargetTracker:
         if self.locked:
             self.last_stamp = max(self.last_stamp, sighting.stamp)
             self.lost_since = self._before_loss = None
-        if seen.whole:
+        if not detection.touches_border:
             self._outline.learn(seen, frame)
+        if seen.whole:
             self._localiser.learn(detection, frame)
         left, top, right, bottom = detection.bounds_px
         # Cut off at the window's edge it is larger than it looks.
@@ -255,9 +248,3 @@ class TargetTracker:
             self.lost_count += 1
             self._before_loss = self._estimate
             self._hunting = True
-
-
-def _doubted(seen: Seen) -> Seen:
-    """A target that is cut off, before it is known how much of it: off by as much as is seen."""
-    sigma = np.hypot(seen.sighting.sigma, seen.sighting.side)
-    return seen._replace(sighting=replace(seen.sighting, sigma=sigma))

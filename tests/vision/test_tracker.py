@@ -198,6 +198,20 @@ def test_a_target_that_was_lost_is_found_again_where_it_should_be(
     assert tracker.predict(1.5).position == pytest.approx(CENTRE, abs=1e-3)
 
 
+def test_what_looks_different_from_elsewhere_is_still_the_target(make_studio: StudioMaker) -> None:
+    """100 mm off axis a third more of a cube is seen, which a plane alone does not know."""
+    studio = make_studio(fps=60.0)
+    tracker = TargetTracker(studio.camera, YELLOW, FACE)
+
+    def coming(time: float) -> tuple[float, float]:
+        away = 1.0 - min(max((time - 0.4) / 0.3, 0.0), 1.0)
+        return 0.1 * away, 0.07 * away
+
+    follow(studio, tracker, coming, 0.0, 1.5)
+    assert tracker.lost_count == 0
+    assert tracker.predict(1.5).position == pytest.approx(CENTRE, abs=1e-3)
+
+
 def test_a_passing_speck_is_no_loss(make_studio: StudioMaker) -> None:
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
