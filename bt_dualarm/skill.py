@@ -33,6 +33,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "NO_PLAN": "no motion free of collisions was found",
     "TRACKING_ERROR": "the arm does not follow what it was sent",
     "TIMED_OUT": "the motion was held up for too long",
+    "STALE": "a stream of set-points gave no new one for 0.1 s",
     "INTERRUPTED": "something else has stopped the motion",
     "BUSY": "another leaf is moving the arm",
     "NO_VALUE": "a key of the blackboard was read that has no value of the right type",

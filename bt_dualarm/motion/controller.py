@@ -103,8 +103,9 @@ class JointController:
 
     def stream(self, source: Stream) -> None:
         """Follow a stream of set-points until ``stop``."""
-        self._motion, self.fault = StreamMotion(source), None
-        self._followed = self._motion
+        jerk = self._robot.limits.jerk
+        self._motion = StreamMotion(source, self.setpoint, self.period, jerk)
+        self._followed, self.fault = self._motion, None
 
     def stop(self) -> None:
         """Brake with bounded jerk and hold; harmless at rest, and where the arm brakes already."""

@@ -9,7 +9,7 @@ from bt_dualarm.motion.guard_report import GuardReport
 from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.motions import TrajectoryMotion
 from bt_dualarm.motion.pace import Stretch, at_places
-from bt_dualarm.motion.vicinity import Vicinity, reason_of
+from bt_dualarm.motion.vicinity import NEAR, Vicinity, reason_of
 from bt_dualarm.world.catalogue import JointLimits
 
 LOOK_S = 0.02
@@ -67,7 +67,7 @@ class Driver:
             return free, None
         self._vicinity.see(sent, time)
         if self._vicinity.pace < pace:
-            pace, reason = self._vicinity.pace, "another arm is near"
+            pace, reason = self._vicinity.pace, NEAR
         refusal = self._take_next_piece(pace, reason, time)
         return LOOK_S, None if refusal is None else self._hold(sent, refusal, time)
 

@@ -24,7 +24,7 @@ from bt_dualarm.motion.posture import Posture
 from bt_dualarm.motion.right_of_way import RightOfWay
 from bt_dualarm.motion.touch import Touch
 from bt_dualarm.motion.trajectory import Trajectory
-from bt_dualarm.motion.vicinity import CLEAR_M, Vicinity, reason_of
+from bt_dualarm.motion.vicinity import CLEAR_M, NEAR, Vicinity, reason_of
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.world import World
 
@@ -76,7 +76,7 @@ class Guard:
             wait, refusal = self._driver.go_on(sent, pace, reason, time)
             self._next = time + wait - 1e-9
         elif isinstance(motion, StreamMotion):
-            motion.go_at(min(pace, self._vicinity.pace))
+            self._pace_stream(motion, pace, reason)
         return refusal
 
     def permits(self, motion: StreamMotion, wanted: SetPoint, time: float) -> Failure | None:
@@ -135,6 +135,12 @@ class Guard:
         self._driver = None
         if isinstance(motion, TrajectoryMotion):
             self._driver = Driver(motion, self._vicinity, self._limits, self.report)
+
+    def _pace_stream(self, motion: StreamMotion, pace: float, reason: str) -> None:
+        if self._vicinity.pace < pace:
+            pace, reason = self._vicinity.pace, NEAR
+        if motion.go_at(pace) and pace < 1.0:
+            self.report.slow(reason)
 
     def _pace_of_posture(self) -> tuple[float, str]:
         self._looks += 1

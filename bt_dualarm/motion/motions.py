@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol, TypeAlias, runtime_checkable
 
+import numpy as np
+
+from bt_dualarm.errors import Failure
 from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.pace import (
     Place,
@@ -20,8 +23,14 @@ from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.catalogue import JointLimits
 
-Stream: TypeAlias = Callable[[float], SetPoint]
-"""Gives the set-point for a simulated time in seconds; asked once a control period."""
+Stream: TypeAlias = Callable[[float], SetPoint | None]
+"""Gives the set-point for a simulated time in seconds; asked once a control period.
+
+None, or the one before again though the arm is moving, means that there is no new one.
+"""
+
+STALE_S = 0.1
+"""Seconds for which an arm goes on without a new set-point of its stream."""
 
 _PIECE = 25  # set-points at an even pace that are worked out at a time
 
@@ -184,18 +193,55 @@ class TrajectoryMotion:
 class StreamMotion:
     """Follows whatever a function says, until it is stopped.
 
+    Args:
+        stream: The function.
+        sent: The last set-point that was sent.
+        period: Seconds between set-points.
+        jerk: Limit of shape (dof,), rad/s³.
+
     Attributes:
         way_left: From the last set-point to rest, as it is committed to; None if it is free.
     """
 
     done = False
 
-    def __init__(self, stream: Stream) -> None:
-        self.next = stream
+    def __init__(self, stream: Stream, sent: SetPoint, period: float, jerk: Vector) -> None:
         self.way_left: Trajectory | None = None
         self._stream = stream
+        self._given: SetPoint | None = None
+        self._next = sent
+        self._period, self._change = period, jerk * period
+        self._old = 0
 
-    def go_at(self, pace: float) -> None:
-        """Ask the stream to go slower, if it can, or at its usual speed again."""
-        if isinstance(self._stream, PacedStream):
-            self._stream.pace = pace
+    def next(self, time: float) -> SetPoint:
+        """The set-point for now; without a new one the arm coasts for a while.
+
+        Raises:
+            Failure: ``STALE`` when there has been no new one for ``STALE_S``.
+        """
+        given = self._stream(time)
+        if given is not None and (given is not self._given or not given.v.any()):
+            self._given = self._next = given
+            self._old = 0
+            return given
+        self._old += 1
+        if self._old * self._period > STALE_S:
+            waited = self._old * self._period
+            raise Failure("STALE", f"no new set-point for {waited:.2f} s", waited_s=waited)
+        self._next = self._coasting()
+        return self._next
+
+    def go_at(self, pace: float) -> bool:
+        """Ask the stream to go at another pace, if it can; whether that is a change."""
+        stream = self._stream
+        if not isinstance(stream, PacedStream) or stream.pace == pace:
+            return False
+        stream.pace = pace
+        return True
+
+    def _coasting(self) -> SetPoint:
+        """One set-point later, while the acceleration fades."""
+        last, dt = self._next, self._period
+        a = last.a - np.clip(last.a, -self._change, self._change)
+        v = last.v + 0.5 * (last.a + a) * dt
+        return SetPoint(last.q + 0.5 * (last.v + v) * dt, v, a)

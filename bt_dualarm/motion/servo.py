@@ -67,6 +67,9 @@ class PlanarServo:
         axes: Unit vectors of the plane in the world, of shape (2, 3).
         target: Says where to go.
         bandwidth: ``w`` in rad/s.
+
+    Attributes:
+        pace: Share, from 0 to 1, of the velocity that it would have: the guard's to set.
     """
 
     def __init__(
@@ -94,6 +97,7 @@ class PlanarServo:
         self._last_jacobian = kinematics.jacobian(start.q)
         self.displacement = np.zeros(2)
         self.velocity = np.zeros(2)
+        self.pace = 1.0
 
     def __call__(self, time: float) -> SetPoint:
         """The set-point for ``time``.
@@ -156,13 +160,13 @@ class PlanarServo:
         return ahead + 2 * self._bandwidth * (share * goal - self.velocity)
 
     def _passable_share(self, inverse: Matrix, velocity: Vector) -> float:
-        """Of a velocity in the plane, what the joints can do and stop from before their limits."""
+        """Of a velocity in the plane, what the pace allows and the joints can do and stop from."""
         limits, q = self._limits, self._now.q
         rates = inverse[:, :3] @ (velocity @ self._axes)
         room = np.maximum(np.where(rates > 0, limits.upper - q, q - limits.lower), 0.0)
         braking = np.sqrt(2 * _BRAKE_SHARE * limits.acceleration * room)
         most = np.minimum(braking, _TOP_SHARE * limits.velocity)
-        return min(1.0, float((most / np.maximum(np.abs(rates), 1e-9)).min()))
+        return min(self.pace, float((most / np.maximum(np.abs(rates), 1e-9)).min()))
 
     def _reachable_acceleration(self, inverse: Matrix) -> float:
         """What the joints allow in the worse of the two directions, m/s²."""

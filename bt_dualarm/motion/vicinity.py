@@ -23,6 +23,10 @@ SLOW = ((0.05, 1.0), (0.025, 0.6), (0.0, 0.3))
 """From how many metres beyond that distance on an arm goes at which pace."""
 
 
+NEAR = "another arm is near"
+"""Why an arm goes slower."""
+
+
 class Vicinity:
     """The other arms, as one motion meets them.
 
