@@ -23,7 +23,7 @@ from bt_dualarm.motion.trajectory import shares_of_limits
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.catalogue import load_robot
 
-DT = 0.002
+DT = 0.004
 YZ: Axes = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))
 POSTURES = {  # away from limits and singularities; the tool looks along x or down
     "ur5": np.array((0.0015, -0.9451, 1.5663, 2.5204, -1.5723, 3.1416)),

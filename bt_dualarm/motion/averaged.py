@@ -16,14 +16,28 @@ from bt_dualarm.world.catalogue import JointLimits
 _WIDTHS = (14, 7)
 """Numbers of widths of the average that are tried: first of all, then around the best."""
 
-_NODES = 1000
-"""Most set-points at which a width is judged."""
+_RAMP = 1.1
+"""Another width, in times that a joint takes to its full acceleration: too narrow for places where
+the acceleration changes sides, but it gives little away where a motion begins and ends."""
 
-_ROUNDS = 5
+_NODES = 4000
+"""Most places in time at which a motion is judged; else there are two for each set-point, as the
+set-points will fall elsewhere once time is stretched."""
+
+_ROUNDS = 10
 """Most times that the acceleration is redistributed along a path."""
 
-_GAIN = 0.7
-"""Exponent of a redistribution: with 1 it swings, with less it takes more rounds."""
+_IDLE = 3
+"""Rounds without a gain after which nobody looks for more."""
+
+_GAIN = 0.55
+"""Exponent of a redistribution: with more it swings, with less it takes more rounds."""
+
+_BACK = 1.15
+"""Most that a place gets back of its acceleration in one round."""
+
+_SHORT = 1.01
+"""Of the shortest time without jerk limits: no search for less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +66,7 @@ class AveragedMotion:
 
     def judged(self, dt: float) -> tuple[Vector, Vector]:
         """Places along the path, and by how much time there must be stretched: (n,) each."""
-        step = min(max(dt, self.unstretched / _NODES), self.width)
+        step = min(max(0.5 * dt, self.unstretched / _NODES), self.width)
         motion = self.sampled(step)
         times = np.minimum(np.arange(len(motion)) * step, self.unstretched)
         return self.profile.smoothed(times, self.width)[0], stretches(motion, self.limits)
@@ -70,21 +84,38 @@ def shortest_motion(
 ) -> tuple[AveragedMotion, float]:
     """The shortest motion found, and the stretch of time that it needs.
 
-    Where a place on the path would make all of it slow, as the tip of a narrow curve does, the
-    acceleration is lowered there and the fastest motion sought again.
+    Where a place on the path would make all of it slow, as the tip of a narrow curve does, or a
+    change from speeding up to slowing down, the acceleration is lowered there and the fastest
+    motion sought again.
     """
-    share = np.ones_like(grid_of(path))
-    best, stretch = _best_width(path, fastest_profile(path, limits), limits, dt)
-    tried = best
-    for _ in range(_ROUNDS):
-        share = share * _shares_needed(tried, dt)
-        tried, needed = _best_width(path, fastest_profile(path, limits, share), limits, dt)
-        gain = best.unstretched * stretch / (tried.unstretched * needed)
-        if gain > 1.0:
-            best, stretch = tried, needed
-        if gain < 1.01:
+    fastest = fastest_profile(path, limits)
+    best, stretch = _best_width(path, fastest, limits, dt)
+    ramp = float((limits.acceleration / limits.jerk).max())
+    for width in (max(_RAMP * ramp, dt), best.width):
+        if best.unstretched * stretch < _SHORT * fastest.duration:
             break
+        tried, needed = _redistributed(AveragedMotion(path, fastest, width, limits), dt)
+        if tried.unstretched * needed < best.unstretched * stretch:
+            return tried, needed
     return best, stretch
+
+
+def _redistributed(motion: AveragedMotion, dt: float) -> tuple[AveragedMotion, float]:
+    """The shortest motion of the same width, and the stretch of time that it needs."""
+    path, limits, width = motion.path, motion.limits, motion.width
+    share = np.ones_like(grid_of(path))
+    best, least, since = motion, float("inf"), 0
+    for _ in range(_ROUNDS):
+        places, needed = motion.judged(dt)
+        stretch = float(needed.max())
+        since += 1
+        if motion.unstretched * stretch < 0.998 * best.unstretched * least:
+            best, least, since = motion, stretch, 0
+        if since == _IDLE:
+            break
+        share = np.clip(share * _shares_needed(motion, places, needed), 1e-2, 1.0)
+        motion = AveragedMotion(path, fastest_profile(path, limits, share), width, limits)
+    return best, least
 
 
 def _best_width(
@@ -104,12 +135,11 @@ def _best_width(
     return best, stretch
 
 
-def _shares_needed(motion: AveragedMotion, dt: float) -> Vector:
-    """By what the acceleration at each place of the grid should be lowered, of shape (n,)."""
-    places, needed = motion.judged(dt)
+def _shares_needed(motion: AveragedMotion, places: Vector, needed: Vector) -> Vector:
+    """By what the acceleration at each place of the grid should be multiplied, of shape (n,)."""
     # A set-point is an average over the width: whatever lies within it is to blame.
-    reach = max(int(motion.width / motion.unstretched * len(needed)), 1)
-    needed = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
+    reach = max(int(0.5 * motion.width / motion.unstretched * len(needed)), 1)
+    blamed = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
     # Stretching time by r takes r² from the acceleration.
-    lowered: Vector = np.interp(grid_of(motion.path), places, needed) ** (-2.0 * _GAIN)
-    return np.clip(lowered, 1e-2, 1.0)
+    shares: Vector = np.interp(grid_of(motion.path), places, blamed) ** (-2.0 * _GAIN)
+    return np.clip(shares, 1e-2, _BACK)
