@@ -20,6 +20,7 @@ from bt_dualarm import (
     port,
 )
 
+_ALONG = 0.7  # cosine
 _TURNS = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])
 
 
@@ -116,7 +117,10 @@ class ApproachAndAttach(Skill):
         direction = direction / length
         center = self.arm.world.object_pose(self.ports.object)
         surface = self.arm.world.surface_point(self.ports.object, -direction)
-        facing = _tool_axis_along(surface, direction, center.rotation_matrix[:, 0])
+        x, y, _ = center.rotation_matrix.T
+        # Seen along its x axis, an object's own small tilt would be all that tells a side.
+        side = y if abs(x @ direction) > _ALONG else x
+        facing = _tool_axis_along(surface, direction, side)
         return [facing @ Pose.from_rpy((0, 0, 0), (0, 0, turn)) for turn in _TURNS]
 
     def _way_to(self, surface: Pose) -> Generator[None, None, Approach]:

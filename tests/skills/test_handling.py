@@ -7,7 +7,7 @@ import pytest
 
 from bt_dualarm.world.world import World
 from tests.plays import Stage
-from tests.skills.scenarios import CUBE, ON_TABLE, PICK, SCENARIOS, Scenario, Tree
+from tests.skills.scenarios import CUBE, ON_TABLE, PICK, PRESENTING, SCENARIOS, Scenario, Tree
 
 CARRY: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.3, -0.4, 0.65]}}}
 LET_GO: Tree = {"detach": {"object": "cube"}}
@@ -142,3 +142,31 @@ def test_scenario_of_detach_holds_first(stage: Stage) -> None:
     play = stage.run(SCENARIOS["detach"].file(LET_GO))
     assert play.leaf("approach_and_attach").status == "SUCCESS"
     assert len(play.world.attachments) == 0
+
+
+@pytest.mark.parametrize("tilt", [-2.0, -0.1, 0.0, 0.1, 2.0])
+def test_taken_along_its_axis_a_tilted_cube_is_taken_as_a_straight_one(
+    tilt: float, stage: Stage
+) -> None:
+    """The tool does not turn about its axis, nor does the arm go around by another way."""
+    stand = {"shape": "box", "size": [0.03, 0.06, 0.676], "mass": 5, "fixed": True}
+    objects = {
+        "cube": CUBE | {"pose": {"xyz": [0.68, 0.11, 0.701], "rpy": [0, 0, tilt]}},
+        "stand": stand | {"pose": {"xyz": [0.68, 0.11, 0.338]}},
+    }
+    scenario = Scenario(objects, arm=PRESENTING)
+    play = stage.play(
+        scenario.file(
+            {"approach_and_attach": {"object": "cube", "direction": [1, 0, 0], "standoff": 0.08}}
+        )
+    )
+    start = play.world.arms["arm1"].q
+    farthest = [0.0]
+
+    def note(world: World) -> None:
+        farthest.append(float(np.abs(world.arms["arm1"].q - start).max()))
+
+    play.watchers.append(note)
+    play.run()
+    assert play.arm().leaves[0].status == "SUCCESS", play.arm().leaves[0].reason
+    assert max(farthest) < np.radians(30)
