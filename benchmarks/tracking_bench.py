@@ -68,9 +68,12 @@ class Bench:
             done = (_tried(cell, seed, self.registry) for cell, seed in runs)
             yield from (list(islice(done, self.seeds)) for _ in cells)
         elif runs:
-            with ProcessPoolExecutor(self.jobs, get_context("spawn")) as pool:
+            pool = ProcessPoolExecutor(self.jobs, get_context("spawn"))
+            try:
                 coming = pool.map(_tried, *zip(*runs, strict=True))
                 yield from (list(islice(coming, self.seeds)) for _ in cells)
+            finally:
+                pool.shutdown(cancel_futures=True)
 
 
 def _measured(trials: Sequence[Trial | TrialError]) -> list[Trial]:
