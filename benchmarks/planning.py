@@ -33,7 +33,7 @@ from bt_dualarm.motion.planning import (
     is_free,
     way_around,
 )
-from bt_dualarm.motion.sweep import interpolated, sweep_radii
+from bt_dualarm.motion.sweep import interpolated
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.node import NodeSpec
@@ -180,7 +180,7 @@ def solve(world: World, name: str, problem: PlanningProblem) -> Outcome:
     with contextlib.suppress(Failure):
         problem = admitted(problem)
         corners = problem.straight
-        outcome.straight = is_free(problem.checker, corners, sweep_radii(problem.checker))
+        outcome.straight = is_free(problem.checker, corners)
         if not outcome.straight:
             corners = way_around(problem)
     outcome.plan_s, outcome.cpu_s = time.perf_counter() - wall, time.process_time() - cpu
@@ -191,7 +191,7 @@ def solve(world: World, name: str, problem: PlanningProblem) -> Outcome:
         began = time.perf_counter()
         rows = motion_around(problem).q
         outcome.motion_s = time.perf_counter() - began
-    radii = sweep_radii(problem.checker)
+    radii = problem.checker.radii
     outcome.overlap, outcome.replayed = replayed(world, name, rows, radii)
     lengths = np.linalg.norm(np.diff(rows, axis=0), axis=1)
     outcome.ratio = float(lengths.sum() / np.linalg.norm(rows[-1] - rows[0]))
@@ -223,7 +223,7 @@ def replayed(world: World, name: str, rows: Matrix, radii: Vector) -> tuple[floa
 
 def is_solvable(world: World, name: str, problem: PlanningProblem) -> bool:
     """Whether others find a way that can be replayed, with ten times the checks."""
-    radii = sweep_radii(problem.checker)
+    radii = problem.checker.radii
     others: tuple[tuple[Planner, int], ...] = (("RRTConnect", 100), ("AORRTC", 200))
     for planner, seed in others:
         harder = replace(problem, planner=planner, seed=seed, checks=10 * problem.checks)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Iterable, Set
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.errors import Failure
+from bt_dualarm.motion.sweep import sweep_radii
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.attachments import Attachment
 from bt_dualarm.world.world import World
@@ -100,6 +102,13 @@ class CollisionChecker:
         """The same checker in another process."""
         vars(self).update(state)
         self.data = self._fresh_data()
+
+    @functools.cached_property
+    def radii(self) -> Vector:
+        """Metres that a point of the arm moves at most per radian of a joint, of shape (dof,)."""
+        self.place(self.present)  # the last digits hang on where the arm is
+        moving = np.flatnonzero(self.moving).tolist()
+        return sweep_radii(self.model, self.data, self.joint_ids, moving, self.held)
 
     def keeping_off(self, ends: Iterable[Vector]) -> CollisionChecker:
         """The same, but what touches at none of these ends may not touch at all in between.

@@ -9,7 +9,7 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.motion.planning import PlanningProblem, is_free, way_around
 from bt_dualarm.motion.rounding import rounded
-from bt_dualarm.motion.sweep import FINE, sweep_radii
+from bt_dualarm.motion.sweep import FINE
 from bt_dualarm.motion.timing import point_to_point, time_path
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
@@ -17,7 +17,7 @@ from bt_dualarm.pose import Matrix, Vector
 
 def straight_motion(problem: PlanningProblem) -> Trajectory | None:
     """The motion straight to the preferred goal of an admitted problem; None if not free."""
-    if not is_free(problem.checker, problem.straight, sweep_radii(problem.checker)):
+    if not is_free(problem.checker, problem.straight):
         return None
     return point_to_point(problem.start, problem.goals[0], problem.limits, problem.dt)
 
@@ -46,7 +46,7 @@ def motion_around(
 def _rounded_motion(problem: PlanningProblem, corners: Matrix) -> Trajectory:
     """Through the corners, cut where there is room."""
     motion = Trajectory.rest(corners[0], problem.dt)
-    for piece in rounded(corners, problem.checker, sweep_radii(problem.checker)):
+    for piece in rounded(corners, problem.checker):
         motion = motion.then(time_path(piece, problem.limits, problem.dt))
     return motion
 
@@ -65,7 +65,7 @@ def refuse_contact(checker: CollisionChecker, rows: Matrix) -> None:
     Raises:
         Failure: ``IN_COLLISION`` at the first one that touches something.
     """
-    radii = sweep_radii(checker)
+    radii = checker.radii
     last = rows[0]
     for i, q in enumerate(rows):
         way = abs(q - last) @ radii

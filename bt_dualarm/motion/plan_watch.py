@@ -7,7 +7,6 @@ import numpy as np
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.collision import CollisionChecker, Contact
 from bt_dualarm.motion.motions import TrajectoryMotion
-from bt_dualarm.motion.sweep import sweep_radii
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.world import World
 
@@ -70,7 +69,7 @@ class PlanWatch:
         checker = CollisionChecker(self._world, self._arm, ignore=self._ignore)
         ahead = self._row() + round(AHEAD_S / self._motion.trajectory.dt)
         waiting = False
-        for q in self._rows(max(self._row(), self._checked), ahead, sweep_radii(checker)):
+        for q in self._rows(max(self._row(), self._checked), ahead, checker.radii):
             contact = checker.contact(q)
             if contact is not None and not self._is_moving(contact.second):
                 raise self._failure(contact)

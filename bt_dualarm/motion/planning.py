@@ -17,7 +17,7 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.motion.joint_range import refuse_beyond
 from bt_dualarm.motion.planners import DEFAULT_PLANNER, Planner
-from bt_dualarm.motion.sweep import FINE, interpolated, sweep_radii
+from bt_dualarm.motion.sweep import FINE, interpolated
 from bt_dualarm.motion.tree_search import Effort, Search
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
@@ -89,9 +89,9 @@ def admitted(problem: PlanningProblem) -> PlanningProblem:
     return replace(problem, checker=strict, goals=tuple(goals))
 
 
-def is_free(checker: CollisionChecker, corners: Matrix, radii: Vector) -> bool:
+def is_free(checker: CollisionChecker, corners: Matrix) -> bool:
     """Whether straight lines from corner to corner, of shape (n, dof), touch nothing."""
-    pieces = (interpolated(a, b, radii, FINE) for a, b in itertools.pairwise(corners))
+    pieces = (interpolated(a, b, checker.radii, FINE) for a, b in itertools.pairwise(corners))
     return all(checker.first_contact(rows) is None for rows in pieces)
 
 
@@ -109,7 +109,7 @@ def way_around(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda:
     Raises:
         Failure: ``NO_PLAN``.
     """
-    radii = sweep_radii(problem.checker)
+    radii = problem.checker.radii
     effort = Effort(abandoned)
     resolution, seed = _COARSE, problem.seed
     for number, (reach, share) in enumerate(_ATTEMPTS):
@@ -121,19 +121,20 @@ def way_around(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda:
             corners = search.run(problem.planner, reach, resolution, effort)
             if corners is None:
                 break
-            if is_free(problem.checker, corners, radii):
-                return _shorter_straight(problem, corners, radii)
+            if is_free(problem.checker, corners):
+                return _shorter_straight(problem, corners)
             resolution = max(resolution / 2, _FINEST)
     raise _no_plan(problem, effort)
 
 
-def _shorter_straight(problem: PlanningProblem, corners: Matrix, radii: Vector) -> Matrix:
+def _shorter_straight(problem: PlanningProblem, corners: Matrix) -> Matrix:
     """The shortest straight way to a goal that is free and shorter than a way; else that way."""
+    radii = problem.checker.radii
     least = float((np.abs(np.diff(corners, axis=0)) @ radii).sum())
     ways = [np.array((problem.start, goal)) for goal in problem.goals]
     lengths = [float(np.abs(way[1] - way[0]) @ radii) for way in ways]
     for length, way in sorted(zip(lengths, ways, strict=True), key=lambda one: one[0]):
-        if length < least and is_free(problem.checker, way, radii):
+        if length < least and is_free(problem.checker, way):
             return way
     return corners
 

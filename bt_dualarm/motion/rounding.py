@@ -18,16 +18,17 @@ _SPACING = 0.02
 """Most that a point of the arm moves between two samples, in metres."""
 
 
-def rounded(corners: Matrix, checker: CollisionChecker, radii: Vector) -> list[Matrix]:
+def rounded(corners: Matrix, checker: CollisionChecker) -> list[Matrix]:
     """Smooth pieces, each of shape (m, dof), that lead through corners, of shape (n, dof).
 
     At a corner that cannot be cut without touching something, one piece ends and the next begins:
     the arm stops there.
     """
+    radii = checker.radii
     pieces: list[list[Matrix]] = [[]]
     begin = corners[0]
     for i in range(1, len(corners) - 1):
-        cut = _cut(corners[i - 1], corners[i], corners[i + 1], checker, radii)
+        cut = _cut(corners[i - 1], corners[i], corners[i + 1], checker)
         enter = corners[i] if cut is None else cut[0]
         pieces[-1].append(interpolated(begin, enter, radii, _SPACING))
         if cut is None:
@@ -40,10 +41,9 @@ def rounded(corners: Matrix, checker: CollisionChecker, radii: Vector) -> list[M
     return [np.vstack(piece) for piece in pieces]
 
 
-def _cut(
-    before: Vector, corner: Vector, after: Vector, checker: CollisionChecker, radii: Vector
-) -> Matrix | None:
+def _cut(before: Vector, corner: Vector, after: Vector, checker: CollisionChecker) -> Matrix | None:
     """The longest free curve from the piece before a corner to the piece after it."""
+    radii = checker.radii
     arriving, leaving = before - corner, after - corner
     length = min(np.abs(arriving) @ radii, np.abs(leaving) @ radii)
     for share in _CUTS:

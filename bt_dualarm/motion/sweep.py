@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence, Set
+
 import mujoco
 import numpy as np
 
-from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.pose import Matrix, Vector
 
 FINE = 0.008
@@ -13,26 +14,36 @@ FINE = 0.008
 thickness of a link, too little to step through a wall of 10 mm."""
 
 
-def sweep_radii(checker: CollisionChecker) -> Vector:
+def sweep_radii(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    joints: Sequence[int],
+    moving: Iterable[int],
+    held: Set[int],
+) -> Vector:
     """Per joint, metres that a point of the arm moves at most per radian, of shape (dof,).
 
     The way from a joint's axis over all further joints to the farthest shape, stretched out: it
-    holds in every configuration. What the arm holds counts as part of its last link.
+    holds in every configuration.
+
+    Args:
+        model: With the arm in it.
+        data: The arm in any configuration.
+        joints: Their numbers, base to tip.
+        moving: Shapes of the arm, and of what it holds.
+        held: Those of them that hang on the last joint.
     """
-    checker.place(checker.present)  # the last digits hang on where the arm is
-    model, data = checker.model, checker.data
-    joints = checker.joint_ids
     anchors = data.xanchor[joints]
     links = model.jnt_bodyid[joints].tolist()
-    farthest = np.zeros(len(joints))
-    for geom in np.flatnonzero(checker.moving).tolist():
-        held = geom in checker.held
-        link = len(links) - 1 if held else _last_link(links, int(model.geom_bodyid[geom]), model)
+    farthest = np.zeros(len(links))
+    for geom in moving:
+        last = len(links) - 1
+        link = last if geom in held else _last_link(links, int(model.geom_bodyid[geom]), model)
         if link is not None:
             distance = np.linalg.norm(data.geom_xpos[geom] - anchors[link])
             farthest[link] = max(farthest[link], distance + model.geom_rbound[geom])
     radii = farthest.copy()
-    for i in range(len(joints) - 2, -1, -1):
+    for i in range(len(links) - 2, -1, -1):
         onwards = np.linalg.norm(anchors[i + 1] - anchors[i]) + radii[i + 1]
         radii[i] = max(radii[i], onwards)
     return radii

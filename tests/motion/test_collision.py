@@ -8,7 +8,7 @@ import pytest
 
 from bt_dualarm.motion.collision import CollisionChecker
 from bt_dualarm.motion.ik import Kinematics
-from bt_dualarm.motion.sweep import interpolated, sweep_radii
+from bt_dualarm.motion.sweep import interpolated
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.catalogue import robot_names
 from bt_dualarm.world.world import World
@@ -132,7 +132,7 @@ def test_the_first_contact_of_several_configurations_is_told_with_its_place() ->
 
 def test_no_point_of_an_arm_moves_farther_than_its_sweep_radius_says() -> None:
     world = world_with("ur5")
-    radii = sweep_radii(CollisionChecker(world, "arm1"))
+    radii = CollisionChecker(world, "arm1").radii
     body = world.arms["arm1"]
     rng = np.random.default_rng(0)
     geoms = sorted(body.geom_ids)
@@ -160,7 +160,7 @@ def test_the_last_joint_sweeps_what_hangs_on_it_and_not_the_base(
     world.spawn_object("cube", below)
     if holding:
         world.attach("arm1", "cube")
-    last = sweep_radii(CollisionChecker(world, "arm1"))[-1]
+    last = CollisionChecker(world, "arm1").radii[-1]
     assert last < reach
     assert (last > 0.2) == holding
 
@@ -174,7 +174,7 @@ def test_a_checker_that_went_to_another_process_finds_the_same() -> None:
     found = [(here.contact(q), there.contact(q)) for q in home + rng.uniform(-2, 2, (200, 6))]
     assert all(one == other for one, other in found)
     assert 20 < sum(one is not None for one, _ in found) < 180
-    np.testing.assert_array_equal(sweep_radii(here), sweep_radii(there))
+    np.testing.assert_array_equal(here.radii, there.radii)
 
 
 def test_interpolation_keeps_its_ends_and_its_step() -> None:

@@ -12,7 +12,7 @@ from bt_dualarm.motion.joint_motion import motion_around, refuse_contact, straig
 from bt_dualarm.motion.planners import PLANNERS, Planner
 from bt_dualarm.motion.planning import admitted, is_free, way_around
 from bt_dualarm.motion.rounding import rounded
-from bt_dualarm.motion.sweep import interpolated, sweep_radii
+from bt_dualarm.motion.sweep import interpolated
 from bt_dualarm.motion.trajectory import use_of_limits
 from bt_dualarm.world.world import World
 from tests.motion.walls import ABOVE, LEFT, RIGHT, locked_world, problem_in, walled_world
@@ -47,7 +47,7 @@ def test_no_way_leads_through_a_thin_wall(world: World, checker: CollisionChecke
     assert len(corners) > 2
     np.testing.assert_allclose(corners[[0, -1]], [RIGHT, LEFT], atol=1e-12)
     for before, after in itertools.pairwise(corners):
-        fine = interpolated(before, after, sweep_radii(checker), 0.001)
+        fine = interpolated(before, after, checker.radii, 0.001)
         assert checker.first_contact(fine) is None
     assert np.all(corners >= problem.limits.lower)
     assert np.all(corners <= problem.limits.upper)
@@ -67,7 +67,7 @@ def test_every_planner_finds_a_way_and_the_same_one_again(planner: Planner) -> N
     """Those that optimise use all their checks, so few are given."""
     problem = problem_in(walled_world(), RIGHT, LEFT, planner=planner, checks=4000)
     corners = way_around(problem)
-    assert is_free(problem.checker, corners, sweep_radii(problem.checker))
+    assert is_free(problem.checker, corners)
     np.testing.assert_array_equal(way_around(problem), corners)
 
 
@@ -129,7 +129,7 @@ def test_the_motion_around_a_wall_keeps_the_limits_and_touches_nothing(
 
 def test_corners_are_rounded_without_touching(world: World, checker: CollisionChecker) -> None:
     corners = way_around(problem_in(world, RIGHT, LEFT))
-    pieces = rounded(corners, checker, sweep_radii(checker))
+    pieces = rounded(corners, checker)
     np.testing.assert_array_equal(pieces[0][0], corners[0])
     np.testing.assert_array_equal(pieces[-1][-1], corners[-1])
     for piece in pieces:

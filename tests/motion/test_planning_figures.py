@@ -9,7 +9,6 @@ import numpy as np
 
 from benchmarks.planning import OVERLAP_M, is_solvable, problems, replayed, survey, table
 from bt_dualarm.motion.planning import admitted
-from bt_dualarm.motion.sweep import sweep_radii
 from tests.motion.walls import LEFT, RIGHT, locked_world, problem_in, walled_world
 
 
@@ -25,7 +24,7 @@ def test_the_replay_sees_what_a_straight_motion_through_a_thin_wall_touches() ->
     """Independently of the planner's own checks: in the world's model, contacts of its physics."""
     world = walled_world()
     problem = problem_in(world, RIGHT, LEFT)
-    radii = sweep_radii(problem.checker)
+    radii = problem.checker.radii
     before = world.data.qpos.copy()
     overlap, count = replayed(world, "arm1", np.array((RIGHT, LEFT)), radii)
     assert overlap > OVERLAP_M
