@@ -1,17 +1,22 @@
-"""What a control update and a physics step cost: python benchmarks/control.py.
+"""What a control update and a physics step cost: python -m benchmarks.control.
 
-Two arms, the main job's, one of them with a load; microseconds, the fastest of several rounds.
+Two arms, the main job's, one of them with a load; microseconds, the fastest of several rounds. Then
+what the guard costs a set-point while an arm moves, on average over a motion and over a stream, and
+as a share of the whole update: with the other arm far away, at 0.3 m as in the main job, and near.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import mujoco
+import numpy as np
 
 from bt_dualarm.motion.controller import JointController
 from bt_dualarm.motion.limiter import SetPoint
+from bt_dualarm.motion.timing import point_to_point
 from bt_dualarm.world.world import World
 from tests.world.worlds import arm, box, file_of
 
@@ -28,6 +33,51 @@ def microseconds(action: Callable[[], object]) -> float:
             action()
         rounds.append((time.perf_counter() - start) / CALLS * 1e6)
     return min(rounds)
+
+
+def cost_of_guard(x: float, kind: str) -> tuple[float, float]:
+    """Microseconds a set-point: of the guard, and of the whole update.
+
+    Args:
+        x: Where the other arm's base stands, in m.
+        kind: Of what is followed, motion or stream.
+    """
+    arms = {"arm1": arm("ur5", posture="present"), "arm2": arm("panda", (x, 0.0, 0.3), 180.0)}
+    world = World(file_of(arms))
+    period = 2 * world.timestep
+    controller = JointController(world, "arm1", period)
+    start, limits = controller.setpoint.q, world.robots["arm1"].limits.scaled(0.3)
+    motion = point_to_point(
+        start, start + np.array((0.5, -0.1, 0.1, 0.0, 0.0, 0.5)), limits, period
+    )
+    controller.stop()  # the guard looks at the world's shapes once
+    if kind == "motion":
+        controller.follow(motion)
+    else:
+        controller.stream(lambda time: SetPoint(*motion.at(time)))
+    spent = {"guard": 0.0, "update": 0.0}
+    guard = controller._guard
+    for method in ("look", "permits"):
+        setattr(guard, method, timed(getattr(guard, method), spent, "guard"))
+    update = timed(controller.update, spent, "update")
+    count = len(motion)
+    for _ in range(count):
+        update(world.time)
+        world.step()
+        world.step()
+    return spent["guard"] / count * 1e6, spent["update"] / count * 1e6
+
+
+def timed(action: Callable[..., Any], spent: dict[str, float], name: str) -> Callable[..., Any]:
+    """The same, with the seconds that it takes added up."""
+
+    def run(*args: object) -> object:
+        start = time.perf_counter()
+        result = action(*args)
+        spent[name] += time.perf_counter() - start
+        return result
+
+    return run
 
 
 def main() -> None:
@@ -54,11 +104,17 @@ def main() -> None:
         print(f"{name} update, holding     {update:6.1f} µs")
         gate = microseconds(lambda g=limiter, h=hold: g.send(h))  # type: ignore[misc]
         print(f"  of it the gate         {gate:6.1f} µs")
-        torque = microseconds(lambda c=controller, a=rest.a: c._torque(a))  # type: ignore[misc]
+        dynamics = controller._torque
+        torque = microseconds(lambda d=dynamics, r=hold: d.command(r, 0.0))  # type: ignore[misc]
         print(f"  of it the torques      {torque:6.1f} µs")
     step, whole = microseconds(world.step), microseconds(everything)
     print(f"World.step               {step:6.1f} µs")
     print(f"both updates and a step  {whole:6.1f} µs")
+    for name, x in (("3 m away", 4.0), ("0.3 m away", 1.3), ("0.1 m away", 1.08)):
+        for kind in ("motion", "stream"):
+            guard, update = min(cost_of_guard(x, kind) for _ in range(5))
+            share = f"{100 * guard / update:3.0f} % of the update"
+            print(f"guard, {kind}, {name:10}  {guard:6.1f} µs a set-point, {share}")
 
 
 if __name__ == "__main__":

@@ -15,8 +15,8 @@ from bt_dualarm.world.catalogue import JointLimits
 LOOK_S = 0.02
 """Simulated seconds between two looks near another arm."""
 
-FAR_S = 0.04
-"""Likewise where it cannot be met in that time."""
+PIECE_S = 0.1
+"""Likewise where none is near."""
 
 RESUME_S = 0.3
 """Seconds ahead that must be clear before an arm that was stopped goes on."""
@@ -62,14 +62,17 @@ class Driver:
         """
         if not self._motion.along_path:
             pace, reason = 1.0, ""
-        free = self._vicinity.leave_alone(sent, time, (FAR_S, LOOK_S))
+        free = self._vicinity.leave_alone(sent, time, (PIECE_S, 0.5 * PIECE_S, LOOK_S))
         if free > 0.0 and self._change_to(pace, reason):
             return free, None
         self._vicinity.see(sent, time)
+        wait = PIECE_S if self._vicinity.pace == 1.0 else LOOK_S
         if self._vicinity.pace < pace:
             pace, reason = self._vicinity.pace, NEAR
-        refusal = self._take_next_piece(pace, reason, time)
-        return LOOK_S, None if refusal is None else self._hold(sent, refusal, time)
+        refusal = self._take_next_piece(wait, pace, reason, time)
+        if refusal is None:
+            return wait, None
+        return LOOK_S, self._hold(sent, refusal, time)
 
     def _change_to(self, pace: float, reason: str) -> bool:
         """Go at this pace without being committed to a stop; whether that can be."""
@@ -82,11 +85,11 @@ class Driver:
         self._went_on(before, pace, reason)
         return True
 
-    def _take_next_piece(self, pace: float, reason: str, time: float) -> str | None:
+    def _take_next_piece(self, wait: float, pace: float, reason: str, time: float) -> str | None:
         """Commit the motion to its next piece and a stop; or returns why that must not be."""
         motion = self._motion
         held = motion.held_since is not None
-        count = round((RESUME_S if held else LOOK_S) / self._period)
+        count = round((RESUME_S if held else wait) / self._period)
         ahead = motion.to_rest_after(count, pace, self._limits)
         leaves_path = ahead is None
         if ahead is None:

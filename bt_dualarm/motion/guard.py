@@ -16,7 +16,7 @@ import numpy as np
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion import timing
-from bt_dualarm.motion.driver import FAR_S, LOOK_S, Driver
+from bt_dualarm.motion.driver import LOOK_S, Driver
 from bt_dualarm.motion.guard_report import GuardReport
 from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.motions import Motion, StreamMotion, TrajectoryMotion
@@ -28,6 +28,7 @@ from bt_dualarm.motion.vicinity import CLEAR_M, NEAR, Vicinity, reason_of
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.world import World
 
+_WAITS = (25, 10, 5, 3, 2, 1)  # set-points of a stream that may pass unseen, where there is room
 _EVERY = 5  # looks between two at the posture, which changes slowly
 
 
@@ -49,7 +50,7 @@ class Guard:
         self._limits = world.robots[name].limits
         self._motion: Motion | None = None
         self._driver: Driver | None = None
-        self._next = self._free_until = -np.inf
+        self._next = self._drive_at = self._free_until = -np.inf
         self._looks = 0
         self._generation = -1
 
@@ -73,8 +74,10 @@ class Guard:
         pace, reason = self._pace_of_posture()
         refusal = None
         if self._driver is not None:
-            wait, refusal = self._driver.go_on(sent, pace, reason, time)
-            self._next = time + wait - 1e-9
+            if time >= self._drive_at:
+                wait, refusal = self._driver.go_on(sent, pace, reason, time)
+                self._drive_at = time + wait - 1e-9
+            self._next = min(time + 2.0 * LOOK_S - 1e-9, self._drive_at)
         elif isinstance(motion, StreamMotion):
             self._pace_stream(motion, pace, reason)
         return refusal
@@ -89,7 +92,7 @@ class Guard:
         """
         if time < self._free_until:
             return None
-        free = self._vicinity.leave_alone(wanted, time, (FAR_S, LOOK_S, self._period))
+        free = self._vicinity.leave_alone(wanted, time, [n * self._period for n in _WAITS])
         self._free_until = time + free - 1e-9
         if free > 0.0:
             motion.way_left = None
@@ -130,7 +133,7 @@ class Guard:
             self._way.stand(q, time)
 
     def _begin(self, motion: Motion, sent: SetPoint, time: float) -> None:
-        self._motion, self._free_until = motion, -np.inf
+        self._motion, self._drive_at, self._free_until = motion, -np.inf, -np.inf
         self._vicinity = Vicinity(self._way, self.report, sent, time)
         self._driver = None
         if isinstance(motion, TrajectoryMotion):

@@ -19,6 +19,9 @@ class Hull:
     Args:
         world: That the arm is in.
         arm: Its name.
+
+    Attributes:
+        span: Farthest that any point can be from any joint, in metres, however the arm stands.
     """
 
     def __init__(self, world: World, arm: str) -> None:
@@ -35,6 +38,7 @@ class Hull:
         self._moved = np.repeat(self._turned, repeats, axis=0)
         self._placed = np.vstack(pieces)
         self._data = world.data
+        self.span = self._stretched()
 
     def spheres(self) -> Matrix:
         """Centres and radii now, of shape (n, 4), m."""
@@ -56,6 +60,20 @@ class Hull:
         levers: Matrix = (np.sqrt(np.maximum(square, 0.0)) + spheres[:, 3:]) * self._moved
         return levers
 
+    def reach(self, levers: Matrix, way: Vector) -> float:
+        """How far any point gets, in m, when the joints turn by no more than ``way``.
+
+        A point is moved by each joint as far as its distance from the axis, which grows by no more
+        than the result itself, ``R <= way · levers + R Σ way``, and is at most the span.
+
+        Args:
+            levers: As they are now, of shape (n, dof).
+            way: Of shape (dof,), rad.
+        """
+        total = float(way.sum())
+        most = self.span * total
+        return min(float((levers @ way).max()) / (1.0 - total), most) if total < 1.0 else most
+
     def centers(self, data: Any) -> Matrix:
         """Of the shapes, of shape (m, 3), in a state of the model."""
         centers: Matrix = data.geom_xpos[self._shapes]
@@ -72,19 +90,16 @@ class Hull:
         way = np.sqrt(((second - first) ** 2).sum(axis=1))
         return float((way + self._bounds * (self._turned @ np.abs(turn))).max())
 
-
-def reach(levers: Matrix, way: Vector) -> float:
-    """How far any point gets, in m, when the joints turn by no more than ``way``.
-
-    A point is moved by each joint as far as its distance from the axis, which grows by no more
-    than the result itself: ``R <= way · levers + R Σ way``.
-
-    Args:
-        levers: As they are now, of shape (n, dof).
-        way: Of shape (dof,), rad.
-    """
-    total = float(way.sum())
-    return float((levers @ way).max()) / (1.0 - total) if total < 1.0 else float("inf")
+    def _stretched(self) -> float:
+        """From the first joint over all others to the farthest sphere."""
+        anchors = self._data.xanchor[self._joints]
+        along = np.concatenate(
+            ((0.0,), np.cumsum(np.linalg.norm(np.diff(anchors, axis=0), axis=1)))
+        )
+        spheres = self.spheres()
+        last = np.maximum(self._moved.sum(axis=1).astype(int) - 1, 0)
+        onwards = np.linalg.norm(spheres[:, :3] - anchors[last], axis=1) + spheres[:, 3]
+        return float((along[last] + onwards).max())
 
 
 def apart(first: Matrix, second: Matrix) -> float:

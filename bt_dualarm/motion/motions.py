@@ -208,6 +208,7 @@ class StreamMotion:
     def __init__(self, stream: Stream, sent: SetPoint, period: float, jerk: Vector) -> None:
         self.way_left: Trajectory | None = None
         self._stream = stream
+        self._paced = stream if isinstance(stream, PacedStream) else None
         self._given: SetPoint | None = None
         self._next = sent
         self._period, self._change = period, jerk * period
@@ -233,10 +234,9 @@ class StreamMotion:
 
     def go_at(self, pace: float) -> bool:
         """Ask the stream to go at another pace, if it can; whether that is a change."""
-        stream = self._stream
-        if not isinstance(stream, PacedStream) or stream.pace == pace:
+        if self._paced is None or self._paced.pace == pace:
             return False
-        stream.pace = pace
+        self._paced.pace = pace
         return True
 
     def _coasting(self) -> SetPoint:

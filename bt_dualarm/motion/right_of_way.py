@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bt_dualarm.motion.hull import Hull, apart, reach
+from bt_dualarm.motion.hull import Hull, apart
 from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.separation import HORIZON, Gap, Separation
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.commitment import Commitment
 from bt_dualarm.world.world import World
 
-FAR_M = 0.02
+FAR_M = 0.01
 """By how much more arms must be apart, in metres, that are not looked at any nearer."""
 
 SAMPLE_S = 0.032
@@ -123,7 +123,9 @@ class RightOfWay:
         room = self._room(here, others) - keep
         if room <= 0.0:
             return False
-        away = reach(here.levers, np.abs(q - self._world.arms[self._arm].q).max(axis=0))
+        away = self._hulls[self._arm].reach(
+            here.levers, np.abs(q - self._world.arms[self._arm].q).max(axis=0)
+        )
         if away > room:
             return False
         self._publish(q, time, 0.0, away)
@@ -146,7 +148,9 @@ class RightOfWay:
         if room <= 0.0:
             return 0.0
         for seconds in waits:
-            away = reach(here.levers, self._way_at_will(sent, seconds + self._period))
+            away = self._hulls[self._arm].reach(
+                here.levers, self._way_at_will(sent, seconds + self._period)
+            )
             if away <= room:
                 self._publish(sent.q[None], time, away, away)
                 return seconds

@@ -29,7 +29,7 @@ class Touch:
     def unwanted(self) -> Failure | None:
         """``IN_COLLISION`` if a link is in something that is not of this arm."""
         data = self._world.data
-        if data.ncon == 0:
+        if data.ncon == 0 or data.contact.dist.min() >= -_DEPTH:
             return None
         geoms = data.contact.geom
         links = self._links[geoms]

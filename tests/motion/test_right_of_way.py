@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.motion.controller import JointController
-from bt_dualarm.motion.hull import Hull, apart, reach
+from bt_dualarm.motion.hull import Hull, apart
 from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.right_of_way import RightOfWay
 from bt_dualarm.motion.separation import Separation
@@ -81,12 +81,15 @@ def test_spheres_hold_the_arm_and_what_it_holds(seed: int) -> None:
     separation, hulls = Separation(world, "arm1"), [Hull(world, name) for name in world.arms]
     turn = rng.uniform(-0.05, 0.05, 6)
     before = hulls[0].spheres()
-    bound = reach(hulls[0].levers(before), np.abs(turn))
+    bound = hulls[0].reach(hulls[0].levers(before), np.abs(turn))
     world.data.qpos[world.arms["arm1"].qpos_ids] += turn
     mujoco.mj_kinematics(world.model, world.data)
     arm1 = np.arange(len(before))[:-1]  # the cube is not moved with the arm here
     moved = np.linalg.norm(hulls[0].spheres()[arm1, :3] - before[arm1, :3], axis=1)
     assert moved.max() <= bound
+    assert bound < 2.0 * moved.max() + 0.1
+    far = hulls[0].reach(hulls[0].levers(before), np.ones(6))
+    assert far == pytest.approx(6.0 * hulls[0].span)
     for name in world.arms:
         body = world.arms[name]
         world.data.qpos[body.qpos_ids] += rng.uniform(-0.5, 0.5, len(body.qpos_ids))
