@@ -31,15 +31,20 @@ class ComputedTorque:
     Args:
         world: The world that the arm is in.
         arm: Its name.
+        period: Seconds for which a torque is held.
 
     Attributes:
         saturated: How often the efforts did not suffice.
     """
 
-    def __init__(self, world: World, arm: str) -> None:
+    def __init__(self, world: World, arm: str, period: float) -> None:
         self.saturated = 0
+        # A torque takes the velocity from half a step before now to half a step before the next
+        # set-point: it is to give the acceleration in the middle of that, so many periods ahead.
+        self._ahead = 0.5 * (period - world.timestep) / period
         self._world, self._name = world, arm
         self._limit = world.robots[arm].limits.effort
+        self._before = np.zeros_like(self._limit)
         self._bind()
 
     def command(self, sent: SetPoint, time: float) -> Vector:
@@ -53,7 +58,9 @@ class ComputedTorque:
         data, body = self._world.data, self._body
         error: Vector = sent.q - data.qpos[body.qpos_ids]
         lag = sent.v - self._half_step * sent.a - data.qvel[body.dof_ids]
-        torque = self._torque(sent.a, (2 * BANDWIDTH) * lag + BANDWIDTH**2 * error)
+        meant = sent.a + self._ahead * (sent.a - self._before)
+        self._before = sent.a
+        torque = self._torque(meant, (2 * BANDWIDTH) * lag + BANDWIDTH**2 * error)
         if not (np.abs(torque) <= self._limit).all():
             if not np.isfinite(torque).all():
                 raise DivergenceError(

@@ -46,7 +46,7 @@ class JointController:
         self._motion: Motion | None = None
         self._followed: Motion | None = None
         self._guard = Guard(world, name, period)
-        self._torque = ComputedTorque(world, name)
+        self._torque = ComputedTorque(world, name, period)
         self._hold = self.setpoint
 
     @property

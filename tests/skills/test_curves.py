@@ -111,7 +111,8 @@ def test_at_full_speed_a_curve_is_exact_and_nearly_as_short_as_can_be(
 ) -> None:
     """Twice the errors that were measured, and 1.1 of TOPP-RA's bound; with 1 kg or without.
 
-    A servo that compared velocities of different instants was 0.08 mm off, in RMS.
+    A servo that compared velocities of different instants was 0.08 mm off, in RMS; one that held
+    the acceleration of a set-point until the next one 0.006 mm.
     """
     place = {"xyz": [0.70, 0.109, 0.70]}
     weight = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 1.0, "pose": place}
@@ -123,8 +124,8 @@ def test_at_full_speed_a_curve_is_exact_and_nearly_as_short_as_can_be(
     (leaf,) = play.arm().leaves
     assert leaf.status == "SUCCESS", leaf.reason
     numbers = {name: float(value) for name, value in leaf.metrics.items()}
-    assert numbers["path_rms_m"] < 1.2e-5
-    assert numbers["path_max_m"] < 3e-5
+    assert numbers["path_rms_m"] < 4e-6
+    assert numbers["path_max_m"] < 8e-6
     assert numbers["shortest_s"] < numbers["duration_s"] < 1.1 * numbers["shortest_s"]
     assert play.arm().clipped_setpoints == 0
     if payload:
