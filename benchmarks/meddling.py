@@ -56,8 +56,22 @@ class Mover:
         model.body_pos[body] = self._place(now)
 
 
-COVERED_CELL: Final = Cell("circle", 0.5, more={"turns": "3"})
-"""What is followed while something disturbs: about six seconds from the fifth on."""
+COVERED_CELL: Final = Cell("circle", 0.5, more={"turns": "4"})
+"""What is followed while something disturbs: about seven seconds from the third on."""
+
+COVERED_FROM_S: Final = (4.0, 6.5)
+"""Between which times of the run covers begin: all end two seconds before the curve does."""
+
+BACK_AFTER_S: Final = 1.0
+"""This long after the target is in view again it has to be followed as before."""
+
+BACK_M: Final = 0.01
+"""How near that is, in m."""
+
+_TWIN_SPEED = 0.3  # m/s
+_TWIN_PASSES_S = 6.0  # when it is in the middle
+_STOLEN_M = 0.025  # half an edge: nearer to the twin, and farther from the target
+_STOLEN_SAMPLES = 5  # 0.1 s
 
 
 def covered(registry: Registry, seed: int, begin: float, length: float) -> Trial:
@@ -81,6 +95,32 @@ def covered(registry: Registry, seed: int, begin: float, length: float) -> Trial
     return run_trial(COVERED_CELL, seed, registry, objects, lambda w: Mover(w, "screen", place))
 
 
+def came_back(trial: Trial, begin: float, length: float) -> bool:
+    """Whether the target was followed as before, soon after it could be seen again."""
+    times = trial.times + trial.began
+    gap = trial.tracked - trial.cube
+    before = gap[times < begin].mean(axis=0)
+    after = np.linalg.norm(gap[times > begin + length + BACK_AFTER_S] - before, axis=1)
+    return trial.outcome == "SUCCESS" and len(after) > 0 and float(after.max()) < BACK_M
+
+
+def _twin_at(now: float, height: float) -> Vector:
+    """Its y and z."""
+    return np.array((0.11 + _TWIN_SPEED * (now - _TWIN_PASSES_S), 0.70 + height))
+
+
+def was_stolen(trial: Trial, height: float) -> bool:
+    """Whether the tool went with the twin instead of the target, by eyes or by inertia."""
+    times = trial.times + trial.began
+    gap = trial.tracked - trial.cube
+    tool = trial.cube + gap - np.median(gap, axis=0)
+    twin = np.array([_twin_at(now, height) for now in times])
+    astray = np.linalg.norm(tool - trial.cube, axis=1) > _STOLEN_M
+    with_twin = np.linalg.norm(tool - twin, axis=1) < _STOLEN_M
+    moving = np.linalg.norm(np.gradient(tool, times, axis=0), axis=1) > 0.5 * _TWIN_SPEED
+    return int((astray & with_twin & moving).sum()) >= _STOLEN_SAMPLES
+
+
 def crossed(registry: Registry, seed: int, height: float, depth: float) -> Trial:
     """A trial in which a cube like the target crosses the picture.
 
@@ -98,9 +138,8 @@ def crossed(registry: Registry, seed: int, height: float, depth: float) -> Trial
     )
 
     def place(now: float) -> Vector:
-        across = 0.3 * (now - 7.0)
-        crossing = abs(across) < 0.35
-        return np.array([depth, 0.11 + across, 0.70 + height] if crossing else AWAY.xyz)
+        y, z = _twin_at(now, height)
+        return np.array([depth, y, z] if abs(y - 0.11) < 0.35 else AWAY.xyz)
 
     objects = {"twin": twin}
     return run_trial(COVERED_CELL, seed, registry, objects, lambda w: Mover(w, "twin", place))

@@ -27,7 +27,15 @@ from typing import Any
 import numpy as np
 
 from benchmarks.camera_map import draw, survey, table
-from benchmarks.meddling import TWIN_X_M, ages_of_data, covered, crossed
+from benchmarks.meddling import (
+    COVERED_FROM_S,
+    TWIN_X_M,
+    ages_of_data,
+    came_back,
+    covered,
+    crossed,
+    was_stolen,
+)
 from benchmarks.tracking_bench import Bench
 from bt_dualarm.experiments.cases import CASES, UNTUNED, Cell
 from bt_dualarm.experiments.trial import TrialError, run_trial
@@ -92,19 +100,26 @@ def figure_4(bench: Bench) -> None:
 def figure_5(bench: Bench) -> None:
     """Covered: regained, and no motion on old data."""
     rng = np.random.default_rng(0)
-    times = 3 if bench.quick else 20
+    times, old = 3 if bench.quick else 20, 0
     with ages_of_data() as ages:
         for length in (0.05, 0.1, 0.5, 2.0):
             regained = 0
             for seed in range(times):
-                begin = float(rng.uniform(5.0, 9.0))
+                begin = float(rng.uniform(*COVERED_FROM_S))
                 try:
-                    regained += covered(bench.registry, seed, begin, length).outcome == "SUCCESS"
+                    trial = covered(bench.registry, seed, begin, length)
                 except TrialError as error:
                     print(f"  covered from {begin:.2f} s for {length} s: {error}")
+                    continue
+                back = came_back(trial, begin, length)
+                if not back:
+                    print(f"  covered from {begin:.2f} s for {length} s: {trial.rest or 'astray'}")
+                regained += back
+                old += trial.old_data_steps
             bench.say(f"covered for {length} s: not regained of {times}", times - regained, 0, "")
     print(f"  {ages.asked} set-points by prediction")
     bench.say("oldest data that a set-point was made of", 1e3 * ages.oldest, 100, "ms")
+    bench.say("control steps that moved towards older data", old, 0, "")
 
 
 def figure_6(bench: Bench) -> None:
@@ -115,9 +130,11 @@ def figure_6(bench: Bench) -> None:
     for seed in range(times):
         height, depth = float(rng.uniform(-0.05, 0.05)), TWIN_X_M[seed % 2]
         trial = crossed(bench.registry, seed, height, depth)
-        if trial.error.max() > 0.03 or trial.lost_count:
-            print(f"  crossing {seed}: {1e3 * trial.error.max():.1f} mm, {trial.lost_count} lost")
-            thefts += trial.error[-25:].mean() > 0.02
+        stolen = trial.outcome != "SUCCESS" or was_stolen(trial, height)
+        if stolen or trial.error.max() > 0.01:
+            worst = 1e3 * trial.error.max()
+            print(f"  crossing {seed}: {worst:.1f} mm, lost {trial.lost_count} times, {stolen=}")
+        thefts += stolen
     bench.say(f"thefts by a twin that crosses {times} times", thefts, 0, "")
     colors = ("yellow", "red", "green", "blue", "orange")
     results = list(bench.results([Cell("circle", 1.0, more={"color": color}) for color in colors]))

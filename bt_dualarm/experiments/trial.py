@@ -46,6 +46,8 @@ class Trial:
         margins: How far the follower stayed from its limits.
         outcome: Of the run.
         rest: What the follower's tree reported besides, if it failed.
+        began: Simulated time in s at which the curve began.
+        old_data_steps: Control steps that moved towards data older than 0.1 s.
     """
 
     seed: int
@@ -59,6 +61,8 @@ class Trial:
     margins: Margins
     outcome: str
     rest: str = ""
+    began: float = 0.0
+    old_data_steps: int = 0
 
     @property
     def error(self) -> Vector:
@@ -147,4 +151,6 @@ def _trial(cell: Cell, seed: int, result: RunResult, log: SeriesLog, margins: Ma
         margins=margins,
         outcome=str(result.outcome),
         rest=leaf.reason,
+        began=float(begin),
+        old_data_steps=int(leaf.metrics["old_data_steps"]),
     )
