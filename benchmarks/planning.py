@@ -179,10 +179,8 @@ def solve(world: World, name: str, problem: PlanningProblem) -> Outcome:
     corners = None
     with contextlib.suppress(Failure):
         problem = admitted(problem)
-        corners = problem.straight
-        outcome.straight = is_free(problem.checker, corners)
-        if not outcome.straight:
-            corners = way_around(problem)
+        outcome.straight = is_free(problem.checker, problem.straight)
+        corners = problem.straight if outcome.straight else way_around(problem)
     outcome.plan_s, outcome.cpu_s = time.perf_counter() - wall, time.process_time() - cpu
     if corners is None:
         return outcome

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.planning import OVERLAP_M, is_solvable, problems, replayed, survey, table
+from benchmarks.planning import OVERLAP_M, is_solvable, problems, replayed, solve, survey, table
 from bt_dualarm.motion.planning import admitted
 from tests.motion.walls import LEFT, RIGHT, locked_world, problem_in, walled_world
 
@@ -30,6 +30,14 @@ def test_the_replay_sees_what_a_straight_motion_through_a_thin_wall_touches() ->
     assert overlap > OVERLAP_M
     assert count > 1000
     np.testing.assert_array_equal(world.data.qpos, before)
+
+
+def test_a_problem_that_is_not_solved_is_no_success_and_no_crash() -> None:
+    world = locked_world()
+    outcome = solve(world, "arm1", problem_in(world, RIGHT, LEFT, checks=100))
+    assert not outcome.solved
+    assert not outcome.straight
+    assert outcome.replayed == 0
 
 
 def test_a_problem_counts_as_solvable_only_if_somebody_solves_it() -> None:
