@@ -53,15 +53,13 @@ class Driver:
 
         Args:
             sent: The last set-point.
-            pace: That the arm's posture allows along a path.
+            pace: That the arm's posture and surroundings allow.
             reason: For that pace, if it is less than 1.
             time: Of the next set-point, in simulated seconds.
 
         Returns:
             When to call again, in s from now; and why the motion must be given up, if so.
         """
-        if not self._motion.along_path:
-            pace, reason = 1.0, ""
         free = self._vicinity.leave_alone(sent, time, (PIECE_S, 0.5 * PIECE_S, LOOK_S))
         if free > 0.0 and self._change_to(pace, reason):
             return free, None

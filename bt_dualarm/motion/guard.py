@@ -22,6 +22,7 @@ from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.motions import Motion, StreamMotion, TrajectoryMotion
 from bt_dualarm.motion.posture import Posture
 from bt_dualarm.motion.right_of_way import RightOfWay
+from bt_dualarm.motion.surroundings import Surroundings
 from bt_dualarm.motion.touch import Touch
 from bt_dualarm.motion.trajectory import Trajectory
 from bt_dualarm.motion.vicinity import CLEAR_M, NEAR, Vicinity, reason_of
@@ -71,7 +72,7 @@ class Guard:
         contact = self._touch.unwanted()
         if contact is not None:
             return self.report.given_up(contact)
-        pace, reason = self._pace_of_posture()
+        pace, reason = min(self._pace_of_posture(motion), self._pace_of_surroundings())
         refusal = None
         if self._driver is not None:
             if time >= self._drive_at:
@@ -135,6 +136,7 @@ class Guard:
     def _begin(self, motion: Motion, sent: SetPoint, time: float) -> None:
         self._motion, self._drive_at, self._free_until = motion, -np.inf, -np.inf
         self._vicinity = Vicinity(self._way, self.report, sent, time)
+        self._surroundings.begin()
         self._driver = None
         if isinstance(motion, TrajectoryMotion):
             self._driver = Driver(motion, self._vicinity, self._limits, self.report)
@@ -145,14 +147,21 @@ class Guard:
         if motion.go_at(pace) and pace < 1.0:
             self.report.slow(reason)
 
-    def _pace_of_posture(self) -> tuple[float, str]:
+    def _pace_of_posture(self, motion: Motion) -> tuple[float, str]:
         self._looks += 1
         if self._looks % _EVERY == 0:
             report, posture = self.report, self._posture
             posture.look()
             report.nearest_limit_rad = min(report.nearest_limit_rad, posture.room)
             report.worst_condition = max(report.worst_condition, posture.condition)
+        if isinstance(motion, TrajectoryMotion) and not motion.along_path:
+            return 1.0, ""
         return self._posture.pace
+
+    def _pace_of_surroundings(self) -> tuple[float, str]:
+        pace = self._surroundings.pace
+        self.report.nearest_body_m = min(self.report.nearest_body_m, self._surroundings.nearest)
+        return pace
 
     def _refresh(self) -> None:
         """Look up what a recompilation of the world has moved."""
@@ -164,3 +173,4 @@ class Guard:
         self._way = RightOfWay(world, self._name, self._period)
         self._touch = Touch(world, self._name)
         self._posture = Posture(world, self._name)
+        self._surroundings = Surroundings(world, self._name)

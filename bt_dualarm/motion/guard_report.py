@@ -13,6 +13,8 @@ class GuardReport:
 
     Attributes:
         nearest_arm_m: Smallest distance to another arm, infinite if never within reach.
+        nearest_body_m: Smallest distance of a link to anything else, infinite if never near;
+            what it stands on included.
         nearest_limit_rad: Smallest distance of a joint from its position limit.
         worst_condition: Largest condition number of the Jacobian.
         slowed: How often it made the arm go slower; ``stopped`` likewise.
@@ -20,6 +22,7 @@ class GuardReport:
     """
 
     nearest_arm_m: float = float("inf")
+    nearest_body_m: float = float("inf")
     nearest_limit_rad: float = float("inf")
     worst_condition: float = 1.0
     slowed: int = 0
