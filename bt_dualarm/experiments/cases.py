@@ -135,8 +135,8 @@ UNTUNED: Final[tuple[Cell, ...]] = (
         label="circle in XZ",
         more={
             "plane": "xz",
-            "cube": "{xyz: [-0.11, 0.68, 0.701], rpy: [0, 0, 90]}",
-            "stand": "{xyz: [-0.11, 0.68, 0.338], rpy: [0, 0, 90]}",
+            "cube": "{xyz: [-0.11, 0.686, 0.701], rpy: [0, 0, 90]}",
+            "stand": "{xyz: [-0.11, 0.686, 0.338], rpy: [0, 0, 90]}",
             "approach": "[0, 1, 0]",
             "leader": "{xyz: [0, 0, 0.40], rpy: [0, 0, 90]}",
             "follower": "{xyz: [-0.11, 1.60, 0.28], rpy: [0, 0, -90]}",
