@@ -178,6 +178,7 @@ class OnPlaneOfSize:
         self._cube = cube
         self._offset = 0.0
         self._count = 0
+        self._faced: tuple[Detection, Detection] | None = None
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
         """Where the line of sight meets the plane; see ``Localiser``."""
@@ -208,7 +209,12 @@ class OnPlaneOfSize:
         return of_shape(frame, point, self._normal, self._by_size.side)
 
     def _face(self, detection: Detection, frame: Frame) -> Detection:
-        return self._without_flanks(detection, frame) if self._cube else detection
+        if not self._cube:
+            return detection
+        # What was located is learnt from next, most times: once is enough.
+        if self._faced is None or self._faced[0] is not detection:
+            self._faced = detection, self._without_flanks(detection, frame)
+        return self._faced[1]
 
     def _without_flanks(self, detection: Detection, frame: Frame) -> Detection:
         """Better each time, as the place gets better; a third would change micrometres."""
