@@ -216,6 +216,19 @@ def test_a_run_begins_without_what_it_does_not_use() -> None:
     assert "SLOW []" in done.stdout
 
 
+def test_timing_a_path_loads_no_plots_but_leaves_them_to_be_loaded() -> None:
+    """TOPP-RA imports pyplot, which takes longer than all else of it."""
+    code = (
+        "import sys; import numpy as np; from bt_dualarm.motion.timing import time_path\n"
+        "from bt_dualarm.world.catalogue import load_robot\n"
+        "time_path(np.outer([0, 1, 2], 6 * [0.1]), load_robot('ur5').limits, 0.004)\n"
+        "print('matplotlib.pyplot' in sys.modules)\n"
+        "from matplotlib.pyplot import plot"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False"]
+
+
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["--version"]) == 0
     assert capsys.readouterr().out.startswith("bt-run 0.")

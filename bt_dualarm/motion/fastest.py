@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
+import sys
+from collections.abc import Iterator
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -79,12 +83,13 @@ def _slow_rates(grid: Vector) -> Vector:
 def _toppra() -> tuple[Any, Any, Any]:
     """TOPP-RA, its base class of paths, and the acceleration constraint with a share.
 
-    Imported when the first path is timed: it takes as long as the rest of the start.
+    Imported when the first path is timed: not every run has one.
     """
-    import toppra
-    import toppra.algorithm
-    import toppra.constraint
-    from toppra.interpolator import AbstractGeometricPath
+    with _without_plots():
+        import toppra
+        import toppra.algorithm
+        import toppra.constraint
+        from toppra.interpolator import AbstractGeometricPath
 
     logging.getLogger("toppra").setLevel(logging.CRITICAL)
 
@@ -102,3 +107,15 @@ def _toppra() -> tuple[Any, Any, Any]:
             return (a * self._over, b * self._over, *others)
 
     return toppra, AbstractGeometricPath, Weighted
+
+
+@contextlib.contextmanager
+def _without_plots() -> Iterator[None]:
+    """Keep TOPP-RA from importing pyplot, which nobody asks it for: half a second of a start."""
+    names = [name for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules]
+    sys.modules.update((name, ModuleType(name)) for name in names)
+    try:
+        yield
+    finally:
+        for name in names:
+            del sys.modules[name]

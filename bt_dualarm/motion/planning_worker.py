@@ -9,11 +9,9 @@ from __future__ import annotations
 import os
 import pickle
 import signal
-import sys
 from collections import deque
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
-from types import ModuleType
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.joint_motion import motion_around
@@ -69,8 +67,6 @@ class Inbox:
 def serve() -> None:
     """Solve one problem after the other, until nobody can send one any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it asks the run to end, which ends this
-    for name in ("matplotlib", "matplotlib.pyplot"):
-        sys.modules[name] = ModuleType(name)  # TOPP-RA imports it for plots: half of the start
     inbox = Inbox(Connection(os.dup(0), writable=False))
     answers = Connection(os.dup(1), readable=False)
     os.dup2(2, 1)  # nothing that a library prints gets between the answers
