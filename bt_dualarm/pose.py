@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -69,17 +70,22 @@ class Pose:
         """The orientation as a SciPy rotation."""
         return scipy.spatial.transform.Rotation.from_quat(self.quaternion, scalar_first=True)
 
-    @property
+    @cached_property
     def rotation_matrix(self) -> Matrix:
-        """The orientation, of shape (3, 3): its columns are the axes of B in A."""
+        """The orientation, of shape (3, 3): its columns are the axes of B in A.
+
+        Worked out once, and read-only.
+        """
         w, x, y, z = self.quaternion.tolist()
-        return np.array(
+        matrix = np.array(
             (
                 (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
                 (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
                 (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
             )
         )
+        matrix.flags.writeable = False
+        return matrix
 
     @property
     def matrix(self) -> Matrix:

@@ -48,7 +48,7 @@ def front_face(
             asks for a depth that is known to a hundredth.
     """
     corners = cube_corners(frame, point, normal, edge)
-    local = frame.pose.inverse.apply(corners)
+    local = frame.world_in_camera.apply(corners)
     if local[:, 2].min() < _MIN_DEPTH_M:
         return detection
     pixels = frame.focal_px * local[:, :2] / local[:, 2:]
@@ -83,10 +83,11 @@ def cube_corners(frame: Frame, point: Vector, normal: Vector, edge: float) -> Ma
 def square_corners(frame: Frame, point: Vector, normal: Vector, edge: float) -> Matrix:
     """Corners of a square centred at a point, along the image, of shape (4, 3)."""
     away = _away(frame, point, normal)
-    across = frame.pose.rotation.apply((1.0, 0.0, 0.0))
-    across -= (across @ away) * away
-    across /= np.linalg.norm(across)
-    square: Matrix = point + edge * _CORNERS @ np.array([across, np.cross(away, across)])
+    across = frame.right - (frame.right @ away) * away
+    across /= math.sqrt(across @ across)
+    (a, b, c), (x, y, z) = away.tolist(), across.tolist()
+    along = (b * z - c * y, c * x - a * z, a * y - b * x)
+    square: Matrix = point + edge * _CORNERS @ np.array([(x, y, z), along])
     return square
 
 

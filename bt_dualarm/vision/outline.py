@@ -137,7 +137,7 @@ class Outline:
         Raises:
             LocaliseError: The line of sight leads nowhere.
         """
-        local = frame.pose.inverse.apply(expected)
+        local = frame.world_in_camera.apply(expected)
         across = float(local[2]) / frame.focal_px
         box = self._box(expected, frame) + self._rest
         shift = np.array(detection.bounds_px) - box
@@ -172,7 +172,7 @@ class Outline:
 
     def _box(self, point: Vector, frame: Frame) -> _Box:
         """Where the edges of the shape that is known would be, if it were at a point."""
-        local = frame.pose.inverse.apply(self.localiser.corners(point, frame))
+        local = frame.world_in_camera.apply(self.localiser.corners(point, frame))
         pixels = frame.focal_px * local[:, :2] / np.maximum(local[:, 2:], _MIN_DEPTH_M)
         pixels += (frame.width / 2.0, frame.height / 2.0)
         return np.concatenate((pixels.min(axis=0), pixels.max(axis=0)))

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import mujoco
@@ -55,10 +56,21 @@ class Frame:
         """Height of the whole image in pixels."""
         return int(self.image.shape[0])
 
-    @property
+    @cached_property
     def focal_px(self) -> float:
         """Focal length in pixels, the same in x and y."""
         return focal_length_px(self.height, self.fov_rad)
+
+    @cached_property
+    def world_in_camera(self) -> Pose:
+        """The inverse of ``pose``, worked out once."""
+        return self.pose.inverse
+
+    @cached_property
+    def right(self) -> Vector:
+        """Unit vector of the image's x axis in the world, of shape (3,), worked out once."""
+        right: Vector = self.pose.rotation.apply((1.0, 0.0, 0.0))
+        return right
 
     def ray(self, pixel: tuple[float, float]) -> Vector:
         """Direction in the world, of shape (3,), through a pixel; 1 m deep along the view axis."""
