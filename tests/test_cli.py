@@ -119,7 +119,7 @@ def test_equal_seeds_run_alike(waiting: Path, tmp_path: Path) -> None:
         (["."], "is a folder, not a tree file"),
         (["circle", "--skills", "/no/such/folder"], "there is no such folder of skills"),
         (["circle", "--record", "/dev/null"], "it is there and is not a folder"),
-        (["circle", "--param", "speed=1"], "speed"),
+        (["circle", "--param", "sped=1"], "sped"),
     ],
 )
 def test_what_cannot_be_used_is_code_2(

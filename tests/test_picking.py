@@ -26,4 +26,4 @@ def test_cube_out_of_reach_is_refused_before_moving(registry: Registry, tmp_path
     assert not one.within_reach
     assert one.verdict == "refused"
     assert "OUT_OF_REACH" in one.reason
-    assert "mm" in one.reason
+    assert "1.28 m" in one.reason

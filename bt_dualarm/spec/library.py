@@ -111,10 +111,10 @@ class Libraries:
         shown = FilePath(source.file).parent / path
         try:
             resolved = shown.resolve()
-        except (OSError, RuntimeError, ValueError) as error:  # a loop of symlinks, a NUL
+            if resolved.is_symlink():  # from Python 3.13 on, resolve() lets a loop pass
+                raise RuntimeError("a loop of symlinks")
+        except (OSError, RuntimeError, ValueError) as error:  # a name too long, a loop, a NUL
             return self._refuse(source, place, f"'{path}' leads nowhere: {error}")
-        if resolved.is_symlink():  # from Python 3.13 on, resolve() lets a loop pass
-            return self._refuse(source, place, f"'{path}' leads nowhere: a loop of symlinks")
         if FilePath(path).is_absolute() or not resolved.is_relative_to(self.root.resolve()):
             return self._refuse(source, place, f"'{path}' is outside of the folder {self.root}")
         if resolved in stack:
