@@ -49,6 +49,7 @@ class Guard:
         self.report = GuardReport()
         self._world, self._name, self._period = world, name, period
         self._limits = world.robots[name].limits
+        self._waits = [count * period for count in _WAITS]
         self._motion: Motion | None = None
         self._driver: Driver | None = None
         self._next = self._drive_at = self._free_until = -np.inf
@@ -93,7 +94,7 @@ class Guard:
         """
         if time < self._free_until:
             return None
-        free = self._vicinity.leave_alone(wanted, time, [n * self._period for n in _WAITS])
+        free = self._vicinity.leave_alone(wanted, time, self._waits)
         self._free_until = time + free - 1e-9
         if free > 0.0:
             motion.way_left = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.world import World
@@ -22,6 +23,7 @@ class Hull:
 
     Attributes:
         span: Farthest that any point can be from any joint, in metres, however the arm stands.
+        ball: The sphere that no point can leave: around the first joint, of shape (1, 4), m.
     """
 
     def __init__(self, world: World, arm: str) -> None:
@@ -29,23 +31,29 @@ class Hull:
         held = [world.object_geom(name) for name in world.attachments.attached_to(arm)]
         self._shapes = np.array(sorted((*body.geom_ids, *held)))
         self._bounds = model.geom_rbound[self._shapes]
-        self._joints = [int(model.dof_jntid[dof]) for dof in body.dof_ids]
-        links = [int(model.jnt_bodyid[joint]) for joint in self._joints]
+        self._joints = model.dof_jntid[body.dof_ids]
+        links = model.jnt_bodyid[self._joints].tolist()
         self._turned = np.array([_joints_of(model, geom, links) for geom in self._shapes])
         pieces = [_spheres(model, geom) for geom in self._shapes]
         repeats = [len(piece) for piece in pieces]
         self._of_sphere = np.repeat(self._shapes, repeats)
         self._moved = np.repeat(self._turned, repeats, axis=0)
         self._placed = np.vstack(pieces)
-        self._data = world.data
+        data = world.data
+        # Views: looking a field up costs as much as a product of matrices.
+        self._places, self._frames = data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)
+        self._anchors, self._axes = data.xanchor, data.xaxis
         self.span = self._stretched()
+        self.ball = np.array(((*self._anchors[self._joints[0]], self.span),))
 
     def spheres(self) -> Matrix:
         """Centres and radii now, of shape (n, 4), m."""
-        frames = self._data.geom_xmat[self._of_sphere].reshape(-1, 3, 3)
         spheres = self._placed.copy()
-        spheres[:, :3] = np.einsum("nij,nj->ni", frames, self._placed[:, :3])
-        spheres[:, :3] += self._data.geom_xpos[self._of_sphere]
+        centers = spheres[:, :3]
+        np.einsum(
+            "nij,nj->ni", self._frames.take(self._of_sphere, 0), self._placed[:, :3], out=centers
+        )
+        centers += self._places.take(self._of_sphere, 0)
         return spheres
 
     def levers(self, spheres: Matrix) -> Matrix:
@@ -53,11 +61,15 @@ class Hull:
 
         Zero where the joint does not move it.
         """
-        anchors, axes = self._data.xanchor[self._joints], self._data.xaxis[self._joints]
+        anchors, axes = self._anchors.take(self._joints, 0), self._axes.take(self._joints, 0)
         arms = spheres[:, None, :3] - anchors
-        along = (arms * axes).sum(axis=2)
-        square = (arms * arms).sum(axis=2) - along * along
-        levers: Matrix = (np.sqrt(np.maximum(square, 0.0)) + spheres[:, 3:]) * self._moved
+        along = np.einsum("nij,ij->ni", arms, axes)
+        levers: Matrix = np.einsum("nij,nij->ni", arms, arms)
+        levers -= along * along
+        np.maximum(levers, 0.0, out=levers)
+        np.sqrt(levers, out=levers)
+        levers += spheres[:, 3:]
+        levers *= self._moved
         return levers
 
     def reach(self, levers: Matrix, way: Vector) -> float:
@@ -92,7 +104,7 @@ class Hull:
 
     def _stretched(self) -> float:
         """From the first joint over all others to the farthest sphere."""
-        anchors = self._data.xanchor[self._joints]
+        anchors = self._anchors[self._joints]
         along = np.concatenate(
             ((0.0,), np.cumsum(np.linalg.norm(np.diff(anchors, axis=0), axis=1)))
         )
@@ -104,9 +116,9 @@ class Hull:
 
 def apart(first: Matrix, second: Matrix) -> float:
     """The least distance in m of two sets of spheres, of shape (n, 4) and (m, 4)."""
-    a, b = first[:, :3], second[:, :3]
-    square = (a * a).sum(axis=1)[:, None] + (b * b).sum(axis=1) - 2.0 * (a @ b.T)
-    gaps = np.sqrt(np.maximum(square, 0.0)) - first[:, 3:] - second[:, 3]
+    gaps = scipy.spatial.distance.cdist(first[:, :3], second[:, :3])
+    gaps -= first[:, 3:]
+    gaps -= second[:, 3]
     return float(gaps.min())
 
 

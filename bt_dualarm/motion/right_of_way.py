@@ -9,7 +9,7 @@ Where the others are far away, an arm commits itself to no more than to stay wit
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,6 +67,9 @@ class RightOfWay:
         world: Its ``commitments`` are those of all arms.
         arm: Name of the arm.
         period: Seconds between set-points.
+
+    Attributes:
+        alone: There is no other arm.
     """
 
     def __init__(self, world: World, arm: str, period: float) -> None:
@@ -75,19 +78,18 @@ class RightOfWay:
         self._half_ramp = 0.5 * self._limits.acceleration / self._limits.jerk
         self._generation = world.generation
         self._shape: Shape | None = None
-        self._others = [name for name in world.arms if name != arm]
         self._stride = max(round(SAMPLE_S / period), 1)
-        if self._others:
+        self.alone = len(world.arms) < 2
+        self._others: list[str] = []
+        if not self.alone:
             self._separation = Separation(world, arm)
             self._hulls = {name: Hull(world, name) for name in world.arms}
-
-    @property
-    def alone(self) -> bool:
-        """Whether there is no other arm."""
-        return not self._others
+            self._others = [name for name in world.arms if name != arm and self._meets(name)]
 
     def present(self, q: Vector, time: float) -> Gap:
         """The distance to the others where all are to be now; own set-point of shape (dof,)."""
+        if not self._others:
+            return Gap()
         others = {name: one.rows(time, 1)[0] for name, one in self._commitments().items()}
         return self._separation.gap({self._arm: q, **others})
 
@@ -131,7 +133,7 @@ class RightOfWay:
         self._publish(q, time, 0.0, away)
         return True
 
-    def take_room(self, sent: SetPoint, time: float, keep: float, waits: Iterable[float]) -> float:
+    def take_room(self, sent: SetPoint, time: float, keep: float, waits: Sequence[float]) -> float:
         """Commit the arm to nothing but to stay where it cannot meet any other arm.
 
         Args:
@@ -147,10 +149,8 @@ class RightOfWay:
         room = self._room(here, self._commitments()) - keep
         if room <= 0.0:
             return 0.0
-        for seconds in waits:
-            away = self._hulls[self._arm].reach(
-                here.levers, self._way_at_will(sent, seconds + self._period)
-            )
+        for seconds, way in zip(waits, self._ways_at_will(sent, waits), strict=True):
+            away = self._hulls[self._arm].reach(here.levers, way)
             if away <= room:
                 self._publish(sent.q[None], time, away, away)
                 return seconds
@@ -205,18 +205,18 @@ class RightOfWay:
         turn = second.q[name] - first.q[name]
         return self._hulls[name].moved(first.centers[name], second.centers[name], turn)
 
-    def _way_at_will(self, sent: SetPoint, seconds: float) -> Vector:
-        """How far the joints get at most when they brake after so long at will, of shape (dof,).
+    def _ways_at_will(self, sent: SetPoint, waits: Sequence[float]) -> Matrix:
+        """How far the joints get at most when they brake a period after each wait: (n, dof).
 
         To brake, the acceleration fades first; after that it takes no longer than at an even
         acceleration and two ramps, at half of the speed on average.
         """
-        limits = self._limits
+        limits, seconds = self._limits, np.array(waits)[:, None] + self._period
         a = np.minimum(np.abs(sent.a) + limits.jerk * seconds, limits.acceleration)
         fade = a / limits.jerk
         v = np.minimum(np.abs(sent.v) + a * seconds, limits.velocity) + 0.5 * a * fade
-        way: Vector = v * (seconds + fade + 0.5 * v / limits.acceleration + self._half_ramp)
-        return way
+        ways: Matrix = v * (seconds + fade + 0.5 * v / limits.acceleration + self._half_ramp)
+        return ways
 
     def _here(self, time: float) -> Shape:
         """This arm as it is, worked out once for a time."""
@@ -228,7 +228,12 @@ class RightOfWay:
 
     def _room(self, here: Shape, others: dict[str, Commitment]) -> float:
         """How far from here no other arm can come, in metres, less what is not looked at."""
-        return min(apart(here.spheres, one.spheres) - one.spread for one in others.values()) - FAR_M
+        rooms = [apart(here.spheres, one.spheres) - one.spread for one in others.values()]
+        return min(rooms, default=float("inf")) - FAR_M
+
+    def _meets(self, name: str) -> bool:
+        """Whether another arm can ever come near this one: decided once, not at every look."""
+        return apart(self._hulls[self._arm].ball, self._hulls[name].ball) < HORIZON + FAR_M
 
     def _commitments(self) -> dict[str, Commitment]:
         """What the other arms have published, as it holds for the world as it is now."""
