@@ -48,8 +48,12 @@ class Shading:
             lambert = np.maximum(np.einsum("ij,ij->j", normals, toward), 0.0)
             light += lambert * self.model.light_diffuse[index][:, None]
         light[:, geoms < 0] = 1.0
-        shaded = np.minimum(self._base[geoms] * light.T, 1.0)
-        pixels: Image = (shaded * 255.0 + 0.5).astype(np.uint8).reshape(*grid, 3)
+        shaded = self._base.take(geoms, axis=0)
+        shaded *= light.T
+        np.minimum(shaded, 1.0, out=shaded)
+        shaded *= 255.0
+        shaded += 0.5
+        pixels: Image = shaded.astype(np.uint8).reshape(*grid, 3)
         return pixels
 
     def _toward_light(

@@ -170,7 +170,7 @@ class Polyhedron:
 
     def contains(self, eye: Vector) -> bool:
         """Below every face."""
-        return bool((self._heights(eye) >= 0.0).all())
+        return bool((self.offsets - self.face_normals @ eye).min() > -_TINY)
 
     def enter(self, eye: Vector, rays: Matrix) -> Vector:
         """See the class."""

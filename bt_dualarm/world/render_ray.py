@@ -84,7 +84,7 @@ def _fan(
     return Fan(
         eye=data.cam_xpos[camera_id].copy(),
         axes=data.cam_xmat[camera_id].reshape(3, 3).copy(),
-        rays=camera_rays(width, height, fovy_deg, stride)[:, rows, columns],
+        rays=np.ascontiguousarray(camera_rays(width, height, fovy_deg, stride)[:, rows, columns]),
         spacing=stride * 2.0 * math.tan(math.radians(fovy_deg) / 2.0) / height,
         centre=(width / 2.0 / stride - columns.start, height / 2.0 / stride - rows.start),
     )

@@ -105,6 +105,29 @@ def test_each_shape_is_met_where_mujoco_meets_it(
 
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=25, deadline=None)
+@pytest.mark.parametrize("kind", ["sphere", "cylinder", "box", "mesh"])
+def test_what_reaches_behind_the_eye_is_met_where_mujoco_meets_it(kind: str, seed: int) -> None:
+    """Close to the eye, on any side of it."""
+    rng = np.random.default_rng(seed)
+    direction = rng.normal(size=3)
+    place = direction / np.linalg.norm(direction) * rng.uniform(0.3, 0.45)
+    model, data = model_of({**SHAPES[kind], "quat": rng.normal(size=4), "pos": place})
+    fan = fan_towards(np.array((1.0, 0.0, 0.0)), np.zeros(3))
+    if RayScene(model, (0,))._shapes[0].contains(-place @ data.geom_xmat[0].reshape(3, 3)):
+        return
+    assert_same(RayScene(model, (0,)).trace(data, fan), by_mujoco(model, data, fan))
+
+
+def test_what_reaches_behind_the_eye_beside_it_needs_no_ray() -> None:
+    fan = fan_towards(np.zeros(3), (0.0, 0.0, 1.0))
+    corners = Polyhedron.box(np.full(3, 0.1)).vertices
+    for x, y in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
+        assert fan.part(corners + np.array((0.3 * x, 0.3 * y, 0.0))) is None
+    assert fan.part(corners + np.array((0.1, 0.0, 0.0))) == fan.whole
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=25, deadline=None)
 def test_the_nearest_of_many_wins(seed: int) -> None:
     """A heap of shapes, one of them without a closed form, over a floor."""
     rng = np.random.default_rng(seed)
