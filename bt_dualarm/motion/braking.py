@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.pose import Vector
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
 
 Flags: TypeAlias = npt.NDArray[np.bool_]
@@ -76,6 +76,26 @@ def stopping_distance(v: Vector, a: Vector, acceleration: Vector, jerk: Vector) 
     ends_short = (a < 0.0) & (2.0 * jerk * v < a * a)
     way = np.where(ends_short, short, lead_way + profile)
     return np.where((v > 0.0) | (top > 0.0), np.maximum(way, 0.0), 0.0)
+
+
+def ways_at_will(v: Vector, a: Vector, limits: JointLimits, seconds: Matrix) -> Matrix:
+    """How far joints get at most, either way, that do as they like and brake then, (n, dof) in rad.
+
+    To brake, the acceleration fades first; after that it takes no longer than at an even
+    acceleration and two ramps, at half of the speed on average.
+
+    Args:
+        v: Velocity of shape (dof,), rad/s.
+        a: Acceleration of shape (dof,), rad/s², within the limit.
+        limits: That they keep meanwhile.
+        seconds: After how long they brake, of shape (n, 1).
+    """
+    most = np.minimum(np.abs(a) + limits.jerk * seconds, limits.acceleration)
+    fade = most / limits.jerk
+    fast = np.minimum(np.abs(v) + most * seconds, limits.velocity) + 0.5 * most * fade
+    half_ramp = 0.5 * limits.acceleration / limits.jerk
+    ways: Matrix = fast * (seconds + fade + 0.5 * fast / limits.acceleration + half_ramp)
+    return ways
 
 
 def _duration(v: Vector, acceleration: Vector, jerk: Vector) -> Vector:

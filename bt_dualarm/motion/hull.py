@@ -23,6 +23,7 @@ class Hull:
 
     Attributes:
         span: Farthest that any point can be from any joint, in metres, however the arm stands.
+        spans: Farthest that any point which a joint moves can be from it, likewise, (dof,).
         ball: The sphere that no point can leave: around the first joint, of shape (1, 4), m.
     """
 
@@ -43,7 +44,7 @@ class Hull:
         # Views: looking a field up costs as much as a product of matrices.
         self._places, self._frames = data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)
         self._anchors, self._axes = data.xanchor, data.xaxis
-        self.span = self._stretched()
+        self.span, self.spans = self._stretched()
         self.ball = np.array(((*self._anchors[self._joints[0]], self.span),))
 
     def spheres(self) -> Matrix:
@@ -102,8 +103,8 @@ class Hull:
         way = np.sqrt(((second - first) ** 2).sum(axis=1))
         return float((way + self._bounds * (self._turned @ np.abs(turn))).max())
 
-    def _stretched(self) -> float:
-        """From the first joint over all others to the farthest sphere."""
+    def _stretched(self) -> tuple[float, Vector]:
+        """From the first joint, and from each, over the others to the farthest sphere."""
         anchors = self._anchors[self._joints]
         along = np.concatenate(
             ((0.0,), np.cumsum(np.linalg.norm(np.diff(anchors, axis=0), axis=1)))
@@ -111,7 +112,8 @@ class Hull:
         spheres = self.spheres()
         last = np.maximum(self._moved.sum(axis=1).astype(int) - 1, 0)
         onwards = np.linalg.norm(spheres[:, :3] - anchors[last], axis=1) + spheres[:, 3]
-        return float((along[last] + onwards).max())
+        lengths = along[last] + onwards
+        return float(lengths.max()), ((lengths[:, None] - along) * self._moved).max(axis=0)
 
 
 def apart(first: Matrix, second: Matrix) -> float:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bt_dualarm.motion.braking import ways_at_will
 from bt_dualarm.motion.hull import Hull, apart
 from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.separation import HORIZON, Gap, Separation
@@ -75,7 +76,6 @@ class RightOfWay:
     def __init__(self, world: World, arm: str, period: float) -> None:
         self._world, self._arm, self._period = world, arm, period
         self._limits = world.robots[arm].limits
-        self._half_ramp = 0.5 * self._limits.acceleration / self._limits.jerk
         self._generation = world.generation
         self._shape: Shape | None = None
         self._stride = max(round(SAMPLE_S / period), 1)
@@ -145,16 +145,28 @@ class RightOfWay:
         Returns:
             The first of these for which there is room enough; 0 if there is none.
         """
+        if not self._others:
+            return self._roam(sent, time, waits[0])
         here = self._here(time)
         room = self._room(here, self._commitments()) - keep
         if room <= 0.0:
             return 0.0
-        for seconds, way in zip(waits, self._ways_at_will(sent, waits), strict=True):
+        for seconds, way in zip(waits, self._ways(sent, waits), strict=True):
             away = self._hulls[self._arm].reach(here.levers, way)
             if away <= room:
                 self._publish(sent.q[None], time, away, away)
                 return seconds
         return 0.0
+
+    def _roam(self, sent: SetPoint, time: float, seconds: float) -> float:
+        """Commit an arm that can meet no other one to no more than where it can get.
+
+        Nobody asks before the world is recompiled.
+        """
+        hull = self._hulls[self._arm]
+        away = float(hull.spans @ self._ways(sent, (seconds,))[0])
+        self._publish(sent.q[None], time, away, away, hull.ball)
+        return seconds
 
     def stand(self, q: Vector, time: float) -> None:
         """Commit the arm to stay at ``q``, of shape (dof,), or to come to rest there."""
@@ -205,18 +217,9 @@ class RightOfWay:
         turn = second.q[name] - first.q[name]
         return self._hulls[name].moved(first.centers[name], second.centers[name], turn)
 
-    def _ways_at_will(self, sent: SetPoint, waits: Sequence[float]) -> Matrix:
-        """How far the joints get at most when they brake a period after each wait: (n, dof).
-
-        To brake, the acceleration fades first; after that it takes no longer than at an even
-        acceleration and two ramps, at half of the speed on average.
-        """
-        limits, seconds = self._limits, np.array(waits)[:, None] + self._period
-        a = np.minimum(np.abs(sent.a) + limits.jerk * seconds, limits.acceleration)
-        fade = a / limits.jerk
-        v = np.minimum(np.abs(sent.v) + a * seconds, limits.velocity) + 0.5 * a * fade
-        ways: Matrix = v * (seconds + fade + 0.5 * v / limits.acceleration + self._half_ramp)
-        return ways
+    def _ways(self, sent: SetPoint, waits: Sequence[float]) -> Matrix:
+        seconds = np.array(waits)[:, None] + self._period
+        return ways_at_will(sent.v, sent.a, self._limits, seconds)
 
     def _here(self, time: float) -> Shape:
         """This arm as it is, worked out once for a time."""
@@ -249,8 +252,11 @@ class RightOfWay:
             return Commitment(0.0, self._period, q, 0.0, 0.0, spheres, self._generation)
         return replace(one, spheres=spheres, spread=2.0 * one.spread, generation=self._generation)
 
-    def _publish(self, q: Matrix, time: float, away: float, spread: float) -> None:
-        spheres = self._here(time).spheres
+    def _publish(
+        self, q: Matrix, time: float, away: float, spread: float, spheres: Matrix | None = None
+    ) -> None:
+        if spheres is None:
+            spheres = self._here(time).spheres
         self._world.commitments[self._arm] = Commitment(
             time, self._period, q, away, spread, spheres, self._generation
         )

@@ -69,6 +69,34 @@ def test_room_is_only_taken_where_there_is_some(world: World) -> None:
     assert own.take_room(fast, 0.0, CLEAR_M, waits) == 0.0
 
 
+def test_arms_whose_bases_are_too_far_apart_are_not_asked_for_room() -> None:
+    """However fast it is, and for however long: it commits itself to no less than it can do."""
+    world = World(file_of({"arm1": arm("ur5"), "arm2": arm("ur5", (2.8, 0.0, 0.4), 180.0)}))
+    own, other = (RightOfWay(world, name, PERIOD) for name in ("arm1", "arm2"))
+    fast = SetPoint(world.arms["arm1"].q, np.full(6, 2.0), np.zeros(6))
+    assert own.take_room(fast, 0.0, CLEAR_M, (10.0, 0.02)) == 10.0
+    assert world.commitments["arm1"].reach > 2.0
+    here = world.arms["arm2"].q
+    assert other.take_way(way(here, NEAR, world), 0.0, CLEAR_M).metres == float("inf")
+    assert other.present(here, 0.0).metres == float("inf")
+
+
+def test_no_posture_leads_farther_than_what_is_decided_once() -> None:
+    """What is worked out in one posture holds in all: balls, and how far points are from joints."""
+    rng = np.random.default_rng(0)
+    world = World(file_of({"arm1": arm("ur5"), "arm2": arm("panda", (3.0, 0.0, 0.4), 180.0)}))
+    hulls = {name: Hull(world, name) for name in world.arms}
+    for _ in range(50):
+        for name, hull in hulls.items():
+            limits = world.robots[name].limits
+            world.data.qpos[world.arms[name].qpos_ids] = rng.uniform(limits.lower, limits.upper)
+            mujoco.mj_kinematics(world.model, world.data)
+            spheres = hull.spheres()
+            away = np.linalg.norm(spheres[:, :3] - hull.ball[0, :3], axis=1) + spheres[:, 3]
+            assert away.max() <= hull.ball[0, 3] + 1e-9
+            assert (hull.levers(spheres).max(axis=0) <= hull.spans + 1e-9).all()
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_spheres_hold_the_arm_and_what_it_holds(seed: int) -> None:
     """Their distance is never more than the true one; no motion leads farther than the bound."""
