@@ -69,8 +69,10 @@ class Frame:
     @cached_property
     def right(self) -> Vector:
         """Unit vector of the image's x axis in the world, of shape (3,), worked out once."""
-        right: Vector = self.pose.rotation.apply((1.0, 0.0, 0.0))
-        return right
+        w, x, y, z = self.pose.quaternion.tolist()
+        length = math.sqrt(x * x + y * y + z * z + w * w)
+        w, x, y, z = w / length, x / length, y / length, z / length
+        return np.array((x * x - y * y - z * z + w * w, 2 * (x * y + z * w), 2 * (x * z - y * w)))
 
     def ray(self, pixel: tuple[float, float]) -> Vector:
         """Direction in the world, of shape (3,), through a pixel; 1 m deep along the view axis."""

@@ -56,6 +56,13 @@ def test_a_point_on_the_plane_is_found_again(pose: Pose, local: Vector, tilt: fl
     assert sighting.side == pytest.approx(SIDE_M, rel=1e-9)
 
 
+@given(poses)
+def test_right_is_the_x_axis_of_the_camera_and_no_longer_than_one(pose: Pose) -> None:
+    right = frame_from(pose).right
+    assert right == pytest.approx(pose.rotation_matrix[:, 0], abs=1e-12)
+    assert right @ right == pytest.approx(1.0, abs=1e-12)
+
+
 @given(pose=poses, local=ahead)
 def test_a_known_size_tells_the_depth(pose: Pose, local: Vector) -> None:
     frame, point = frame_from(pose), pose.apply(local)
