@@ -36,8 +36,17 @@ class Foresight:
 
     def can_go_on(self, q: Vector, v: Vector, a: Vector) -> Flags:
         """Whether each joint can keep its limits from here, all three of shape (dof,)."""
-        easy: Flags = (np.abs(v) < self._calm) & (q > self._low) & (q < self._high)
-        return easy if easy.all() else easy | self._can_stop(q, v, a)
+        easy = self._far_from_limits(q, v)
+        return easy if every(easy) else easy | self._can_stop(q, v, a)
+
+    def all_can_go_on(self, q: Vector, v: Vector, a: Vector) -> bool:
+        """Whether all of them can."""
+        easy = self._far_from_limits(q, v)
+        return every(easy) or every(easy | self._can_stop(q, v, a))
+
+    def _far_from_limits(self, q: Vector, v: Vector) -> Flags:
+        far: Flags = (np.abs(v) < self._calm) & (q > self._low) & (q < self._high)
+        return far
 
     def _can_stop(self, q: Vector, v: Vector, a: Vector) -> Flags:
         limits = self._limits
@@ -48,6 +57,11 @@ class Foresight:
         in_reach = (behind >= limits.lower - ROUNDING) & (ahead <= limits.upper + ROUNDING)
         kept: Flags = in_reach & (fast <= limits.velocity * (1 + ROUNDING))
         return kept
+
+
+def every(flags: Flags) -> bool:
+    """As ``flags.all()``, at a third of what that costs: it is asked at the control rate."""
+    return b"\0" not in flags.tobytes()
 
 
 def stopping_distance(v: Vector, a: Vector, acceleration: Vector, jerk: Vector) -> Vector:

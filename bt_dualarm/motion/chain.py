@@ -46,6 +46,11 @@ class Chain(Mechanism):
         jacobian: Matrix = self.placo.frame_jacobian(TOOL, "local_world_aligned")[:, self.v_ids]
         return jacobian
 
+    def tool(self, q: Vector) -> tuple[Matrix, Matrix]:
+        """As ``matrix`` and ``jacobian``, at the cost of one of them."""
+        jacobian = self.jacobian(q)
+        return self.frame(TOOL), jacobian
+
     def condition(self, q: Vector) -> float:
         """Ratio of the Jacobian's largest to smallest singular value; infinite when singular.
 

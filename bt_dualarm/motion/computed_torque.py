@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.errors import DivergenceError
+from bt_dualarm.motion.braking import every
 from bt_dualarm.motion.limiter import SetPoint
 from bt_dualarm.motion.load import Load
 from bt_dualarm.pose import Vector
@@ -61,7 +62,7 @@ class ComputedTorque:
         meant = sent.a + self._ahead * (sent.a - self._before)
         self._before = sent.a
         torque = self._torque(meant, (2 * BANDWIDTH) * lag + BANDWIDTH**2 * error)
-        if not (np.abs(torque) <= self._limit).all():
+        if not every(np.abs(torque) <= self._limit):
             if not np.isfinite(torque).all():
                 raise DivergenceError(
                     f"the simulation diverged at {time:.3f} s: "

@@ -175,7 +175,7 @@ class JointController:
         return wanted
 
     def _watch(self, error: Vector) -> None:
-        worst = float(np.abs(error).max())
+        worst = max(np.abs(error).tolist())
         if worst > LEFT_BEHIND and self.fault is None:
             joint = self._robot.joints[int(np.argmax(np.abs(error)))]
             self.fault = Failure(

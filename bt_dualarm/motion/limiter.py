@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bt_dualarm.motion.braking import ROUNDING, Flags, Foresight
+from bt_dualarm.motion.braking import ROUNDING, Flags, Foresight, every
 from bt_dualarm.motion.pursuit import Pursuit
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.catalogue import JointLimits
@@ -56,7 +56,7 @@ class SetPointLimiter:
     def bend(self, wanted: SetPoint) -> SetPoint:
         """As ``send``, but it has not been sent yet: that is for the caller to say."""
         q, v, a = wanted.q, wanted.v, wanted.a
-        if not self._within(wanted).all() or not self._foresight.can_go_on(q, v, a).all():
+        if not every(self._within(wanted)) or not self._foresight.all_can_go_on(q, v, a):
             self.clipped += 1
             wanted = self._bent(wanted)
         return wanted

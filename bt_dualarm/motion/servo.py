@@ -106,8 +106,7 @@ class PlanarServo:
             Failure: ``UNREACHABLE`` where the arm can no longer hold the plane or the orientation.
         """
         q, v = self._now.q, self._now.v
-        jacobian = self._kinematics.jacobian(q)
-        tool = self._kinematics.matrix(q)
+        tool, jacobian = self._kinematics.tool(q)
         twist = jacobian @ v
         self.displacement = self._axes @ (tool[:3, 3] - self._origin[:3, 3])
         self.velocity = self._axes @ twist[:3]
@@ -133,7 +132,7 @@ class PlanarServo:
         turn = 0.5 * np.array(
             (skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1])
         )
-        if abs(off) > LOST_M or float(np.abs(turn).max()) > LOST_RAD:
+        if abs(off) > LOST_M or max(np.abs(turn).tolist()) > LOST_RAD:
             raise Failure(
                 "UNREACHABLE",
                 f"the tool cannot follow there: it is {abs(off) * 1e3:.0f} mm out of its plane and "
@@ -166,28 +165,28 @@ class PlanarServo:
         room = np.maximum(np.where(rates > 0, limits.upper - q, q - limits.lower), 0.0)
         braking = np.sqrt(2 * _BRAKE_SHARE * limits.acceleration * room)
         most = np.minimum(braking, _TOP_SHARE * limits.velocity)
-        return min(self.pace, float((most / np.maximum(np.abs(rates), 1e-9)).min()))
+        return float(min(self.pace, *(most / np.maximum(np.abs(rates), 1e-9)).tolist()))
 
     def _reachable_acceleration(self, inverse: Matrix) -> float:
         """What the joints allow in the worse of the two directions, m/s²."""
         per_unit = np.abs(inverse[:, :3] @ self._axes.T).max(axis=1)
-        return float((self._limits.acceleration / np.maximum(per_unit, 1e-6)).min())
+        return float(min((self._limits.acceleration / np.maximum(per_unit, 1e-6)).tolist()))
 
     def _within(self, hold: Vector, move: Vector) -> Vector:
         """Both accelerations, as much of the second as the limits leave, then less of both."""
         limits, dt = self._limits, self._period
         left = limits.acceleration - hold * np.sign(move)
-        share = float((left / np.maximum(np.abs(move), 1e-9)).min())
+        share = min((left / np.maximum(np.abs(move), 1e-9)).tolist())
         a = hold + min(max(share, 0.0), 1.0) * move
-        a *= min(1.0, 1.0 / float((np.abs(a) / limits.acceleration).max(initial=1e-9)))
+        a *= min(1.0, 1.0 / max(1e-9, *(np.abs(a) / limits.acceleration).tolist()))
         change = a - self._now.a
-        change *= min(1.0, 1.0 / float((np.abs(change) / (limits.jerk * dt)).max(initial=1e-9)))
+        change *= min(1.0, 1.0 / max(1e-9, *(np.abs(change) / (limits.jerk * dt)).tolist()))
         within: Vector = self._now.a + change
         return within
 
     def _feasible(self, wanted: SetPoint) -> SetPoint:
         """The set-point itself; the hardest brake where it would be too late for one."""
-        if self._foresight.can_go_on(wanted.q, wanted.v, wanted.a).all():
+        if self._foresight.all_can_go_on(wanted.q, wanted.v, wanted.a):
             return wanted
         last = self._sent
         return SetPoint(*self._pursuer.to_rest(np.array((last.q, last.v, last.a))))

@@ -8,7 +8,7 @@ import ruckig
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from bt_dualarm.motion.braking import stopping_distance
+from bt_dualarm.motion.braking import every, stopping_distance
 
 A, J = 5.0, 100.0
 
@@ -32,3 +32,14 @@ def farthest_of_ruckig(v: float, a: float) -> float:
 def test_it_is_ruckigs(v: float, a: float) -> None:
     found = stopping_distance(np.array([v]), np.array([a]), np.array([A]), np.array([J]))
     assert found[0] == pytest.approx(farthest_of_ruckig(v, a), abs=1e-9)
+
+
+def test_every_flag_counts() -> None:
+    """Of any shape and layout; what is no number is no flag that is set."""
+    flags = np.ones((5, 6), dtype=bool)
+    assert every(flags)
+    flags[4, 5] = False
+    assert not every(flags)
+    assert not every(flags.T[1::2])
+    assert every(flags[:4])
+    assert not every(np.array((0.0, np.nan)) < 1.0)

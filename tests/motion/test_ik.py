@@ -94,6 +94,16 @@ def test_the_jacobian_is_the_derivative_of_the_tool_pose(name: str) -> None:
         np.testing.assert_allclose(arm.jacobian(q)[:, joint], [*linear, *angular], atol=1e-6)
 
 
+@pytest.mark.parametrize("name", robot_names())
+def test_the_tool_and_its_jacobian_are_those_asked_for_one_by_one(name: str) -> None:
+    arm = ARMS[name]
+    q = home(arm)
+    arm.matrix(q + 0.1)
+    matrix, jacobian = arm.tool(q)
+    np.testing.assert_array_equal(matrix, arm.matrix(q))
+    np.testing.assert_array_equal(jacobian, arm.jacobian(q))
+
+
 def test_the_base_pose_is_that_of_the_base_link() -> None:
     """The flange of a UR5 that points up stands above its base, wherever the URDF's root is."""
     robot = load_robot("ur5")
