@@ -177,10 +177,11 @@ class Polyhedron:
         heights = self._heights(eye)
         toward = heights < 0.0
         scaled = self.face_normals / heights[:, None]
+        front, back = scaled[toward], scaled[~toward]
         entry, leave = np.empty(rays.shape[1]), np.zeros(rays.shape[1])
-        for some in _portions(len(scaled), rays.shape[1]):
-            (scaled[toward] @ rays[:, some]).min(axis=0, out=entry[some])
-            (scaled[~toward] @ rays[:, some]).max(axis=0, initial=0.0, out=leave[some])
+        for some in _portions(max(len(front), len(back)), rays.shape[1]):
+            (front @ rays[:, some]).min(axis=0, out=entry[some])
+            (back @ rays[:, some]).max(axis=0, initial=0.0, out=leave[some])
         hit = (entry >= leave) & (entry > _TINY)
         return np.where(hit, 1.0 / np.maximum(entry, _TINY), np.inf)
 
