@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.world.ray_scene import Fan, Hits
+from bt_dualarm.world.ray_fan import Fan
+from bt_dualarm.world.ray_scene import Hits
 from bt_dualarm.world.ray_shapes import multiply
 from bt_dualarm.world.rendering import Image
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.world.ray_scene import Fan, RayScene
+from bt_dualarm.world.ray_fan import Fan
+from bt_dualarm.world.ray_scene import RayScene
 from bt_dualarm.world.ray_shading import Shading
 from bt_dualarm.world.rendering import LOOP_GROUPS, Image, Region, blocks_of, clip_region, fill
 

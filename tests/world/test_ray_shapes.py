@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bt_dualarm.world import ray_scene
-from bt_dualarm.world.ray_scene import Fan, Hits, RayScene
+from bt_dualarm.world.ray_fan import Fan
+from bt_dualarm.world.ray_scene import Hits, RayScene
 from bt_dualarm.world.ray_shapes import Cylinder, Plane, Polyhedron, Shape, Sphere, multiply
 from bt_dualarm.world.render_ray import camera_rays
 
