@@ -18,7 +18,13 @@ time, and finds one that is 2 % nearer on average."""
 STEP = 0.6
 """Radians of a joint in one iteration: more overshoots from far starts, less takes longer."""
 
-_RESTARTS = 40
+_RESTARTS = 150
+"""Starts until a target counts as out of reach; with 40, one in forty is missed of those targets
+that want every joint on a limit."""
+
+_ALL = 40
+"""Starts that are tried for all the answers that there are."""
+
 _ITERATIONS = 40
 _ENOUGH = 3  # answers of which the nearest is taken
 _ALIKE = 1e-2  # rad
@@ -76,7 +82,7 @@ class Search:
             near: Where the search begins, of shape (dof,).
             tolerance: Of each residual.
             pull: Take redundant joints towards ``near``.
-            every: Try all starts, instead of stopping when three answers are found.
+            every: Try more starts, instead of stopping when three answers are found.
             near_enough: Stop at a first answer that no joint is farther away from, in rad.
 
         Returns:
@@ -85,7 +91,9 @@ class Search:
         near = np.clip(near, self._mechanism.lower, self._mechanism.upper)
         found: list[Vector] = []
         closest, least = near, float("inf")
-        for start in self._starts(near):
+        for number, start in enumerate(self._starts(near)):
+            if every and found and number > _ALL:
+                break
             q = self._descend(goals, start, near, pull=pull)
             residuals = self.residuals(q, goals)
             if not all(tolerance.holds(residual) for residual in residuals):

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bt_dualarm.errors import Failure
@@ -46,6 +46,7 @@ def circle(arm: Kinematics, radius: float, count: int) -> list[Pose]:
 
 
 @given(arms, shares)
+@example("panda", [0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0])  # in a corner of the joints' ranges
 @settings(max_examples=60, deadline=None)
 def test_an_answer_puts_the_tool_on_its_target_within_limits(name: str, share: list[float]) -> None:
     """FK(IK(x)) = x for every pose that some configuration has."""
