@@ -36,12 +36,7 @@ _YIELD_S = 0.1  # that a contact gets to push the arm away
 class ArmMotion(ArmState):
     """Motions and streams of set-points in the hands of the leaf that has begun them.
 
-    Args:
-        world: The world that the arm is in.
-        name: Of the arm in the tree file.
-        controller: Follows what the skills ask for.
-        camera: Of this arm, if it has one.
-        seed: Of everything random in this arm's planning.
+    Its arguments are those of `ArmState`.
     """
 
     def __init__(

@@ -29,7 +29,6 @@ PLANNING_S = 0.1
 PLANNING_MARGIN_M = 0.045
 """Distance in metres that plans keep from other arms: more than the guard asks for."""
 
-
 REPLANS = 1
 """How often an arm plans anew when something has moved into its way."""
 
@@ -38,11 +37,7 @@ class ArmPlanning(ArmMotion):
     """Paths, plans and refusals; nothing here moves the arm.
 
     Args:
-        world: The world that the arm is in.
-        name: Of the arm in the tree file.
-        controller: Follows what the skills ask for.
-        camera: Of this arm, if it has one.
-        seed: Of everything random in this arm's planning.
+        world, name, controller, camera, seed: As for `ArmState`.
         planning: Looks for ways around what is in the way.
     """
 

@@ -54,8 +54,10 @@ def follow_curve(
     limits = arm.limits(speed)
     motion, shortest = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
     arm.refuse_collision_along(motion.q)
+    checked = arm.time
     yield from _enter(arm, path, motion.q[0], speed)
-    arm.refuse_collision_along(motion.q)  # the world has gone on meanwhile
+    if arm.time > checked:  # the world has gone on meanwhile
+        arm.refuse_collision_along(motion.q)
     planned = arm.planned_tool_positions(motion)
     running = arm.begin(motion, along_path=True)
     watch = arm.watch(running)
