@@ -39,6 +39,12 @@ Near the best of a sweep from 0.35 to 3.5 on the circle at speed 1.0 and 60 Hz; 
 Above one, because the arm comes only a part of the way until the next image.
 """
 
+JERK: Final = 0.5
+"""Share of its limit of jerk that the leading arm uses; docs/tracking.md says why.
+
+Half of the catalogue's 100 rad/s³, a limit that Universal Robots does not publish.
+"""
+
 _HALF_IMAGE: Final = (0.2176, 0.1632)
 """Metres in half the image's width and height, 0.35 m before a camera of 50° and 4:3."""
 
@@ -58,6 +64,7 @@ class Cell:
         latency: Of a frame in s; None for the time of one frame.
         drop: Share of the frames that get lost.
         noise: Shake of the camera in px.
+        jerk: Share of the leading arm's limit.
         more: Further parameters of the tree file.
         label: Name in tables; by default curve and speed.
     """
@@ -70,6 +77,7 @@ class Cell:
     latency: float | None = None
     drop: float = 0.0
     noise: float = 0.0
+    jerk: float = JERK
     more: Mapping[str, str] = field(default_factory=dict)
     label: str = ""
 
@@ -101,6 +109,7 @@ class Cell:
         settings: dict[str, object] = {
             "case": self.case,
             "speed": self.speed,
+            "jerk": self.jerk,
             "controller": self.controller,
             "fps": self.fps,
             "latency": round(self.latency_s, 6),

@@ -17,6 +17,7 @@ from rich.table import Table
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.experiments.cases import (
     CASES,
+    JERK,
     UNTUNED,
     Cell,
     ControllerName,
@@ -65,6 +66,13 @@ def command_line() -> argparse.ArgumentParser:
     add("--latency", type=float, metavar="S", help="of a frame (default: the time of one frame)")
     add("--drop", type=float, default=0.0, help="share of the frames that get lost, 0 to 0.9")
     add("--noise", type=float, default=0.0, metavar="PX", help="shake of the camera")
+    add(
+        "--jerk",
+        type=float,
+        default=JERK,
+        metavar="S",
+        help=f"share of the leading arm's limit of jerk, 0.05 to 1 (default: {JERK:g})",
+    )
     add("--json", type=Path, metavar="FILE", help="write the numbers there; no report unless --out")
     add("--out", type=Path, metavar="DIR", help="of the report (default: out/experiments)")
     return parser
@@ -83,10 +91,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         cells = list(_cells(arguments))
         results, failures = _run(cells, arguments.seeds)
     except DualArmError as error:
-        errors.print(f"bt-experiments: error: {error}", markup=False)
+        errors.print(f"bt-experiments: error: {error}", markup=False, soft_wrap=True)
         return 2
     for failure in failures:
-        errors.print(f"bt-experiments: {failure}", markup=False)
+        errors.print(f"bt-experiments: {failure}", markup=False, soft_wrap=True)
     if results:
         _write(arguments, results)
     return 1 if failures else 0
@@ -106,6 +114,7 @@ def _cells(arguments: argparse.Namespace) -> Iterator[Cell]:
         "latency": arguments.latency,
         "drop": arguments.drop,
         "noise": arguments.noise,
+        "jerk": arguments.jerk,
     }
     curves = _curves(arguments)
     single = len(curves) == 1 and arguments.controller
@@ -187,4 +196,4 @@ def _write(arguments: argparse.Namespace, results: Sequence[Result]) -> None:
     if arguments.out is not None or arguments.json is None:
         folder = arguments.out or Path("out/experiments")
         write_report(folder, results)
-        console.print(f"report: {folder / 'report.html'}", markup=False)
+        console.print(f"report: {folder / 'report.html'}", markup=False, soft_wrap=True)

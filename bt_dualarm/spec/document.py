@@ -21,7 +21,7 @@ from pydantic import (
 )
 
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.values import Duration, PoseSpec, Value
+from bt_dualarm.spec.values import Duration, PoseSpec, Speed, Value
 
 NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_-]{0,47}$"
 """Names end up in MuJoCo's names (``arm1/wrist``), in file names and in paths of nodes."""
@@ -164,6 +164,20 @@ class CameraSpec(Value):
         return math.radians(self.fov)
 
 
+class LimitShares(Value):
+    """How much of the robot's own limits an arm may use: a share above 0, at most 1, of each.
+
+    Attributes:
+        velocity: Of the joints' velocities.
+        acceleration: Of the joints' accelerations.
+        jerk: Of the joints' jerks: less is smoother, and easier to follow for whoever watches.
+    """
+
+    velocity: Speed = 1.0
+    acceleration: Speed = 1.0
+    jerk: Speed = 1.0
+
+
 class ArmSpec(Value):
     """An arm with its tree.
 
@@ -171,6 +185,7 @@ class ArmSpec(Value):
         robot: Name in the catalogue, or path of such a page relative to the tree file.
         base: Of the arm in the world.
         posture: Where its joints start: a posture of the robot's catalogue page.
+        limits: Shares of the robot's limits that everything the arm does keeps to.
         tick_hz: Ticks of its tree per simulated second.
         camera: Its camera, if it has one.
         spawned: Whether it is there from the start.
@@ -180,6 +195,7 @@ class ArmSpec(Value):
     robot: Annotated[str, Field(min_length=1, max_length=200)]
     base: PoseSpec = PoseSpec(xyz=(0.0, 0.0, 0.0))
     posture: Name = "home"
+    limits: LimitShares = LimitShares()
     tick_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 50.0
     camera: CameraSpec | None = None
     spawned: bool = True

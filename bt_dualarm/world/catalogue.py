@@ -18,6 +18,7 @@ import numpy as np
 from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.share import share_dir
+from bt_dualarm.spec.document import LimitShares
 from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.spec.source import Path as Place
 from bt_dualarm.world.robot_file import LimitEntry, RobotFile, ToolShape
@@ -40,11 +41,15 @@ class JointLimits:
 
     def scaled(self, speed: float) -> JointLimits:
         """Velocity, acceleration and jerk times ``speed``, the share in (0, 1]."""
+        return self.derated(LimitShares(velocity=speed, acceleration=speed, jerk=speed))
+
+    def derated(self, shares: LimitShares) -> JointLimits:
+        """Velocity, acceleration and jerk times a share of each."""
         return replace(
             self,
-            velocity=self.velocity * speed,
-            acceleration=self.acceleration * speed,
-            jerk=self.jerk * speed,
+            velocity=self.velocity * shares.velocity,
+            acceleration=self.acceleration * shares.acceleration,
+            jerk=self.jerk * shares.jerk,
         )
 
 
@@ -85,6 +90,10 @@ class Robot:
     def dof(self) -> int:
         """Number of joints of the arm."""
         return len(self.joints)
+
+    def derated(self, shares: LimitShares) -> Robot:
+        """The same arm that keeps to a share of its limits."""
+        return replace(self, limits=self.limits.derated(shares))
 
     @cached_property
     def urdf_text(self) -> str:

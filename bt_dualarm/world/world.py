@@ -48,7 +48,8 @@ class World(WorldView):
             name: composition.noisy_pose(name, thing, seed) for name, thing in file.objects.items()
         }
         self.robots: dict[str, Robot] = {
-            name: load_robot(arm.robot, file.root) for name, arm in file.arms.items()
+            name: load_robot(arm.robot, file.root).derated(arm.limits)
+            for name, arm in file.arms.items()
         }
         self.arms: dict[str, ArmBody] = {}
         self.objects: dict[str, ObjectSpec] = {}

@@ -53,10 +53,11 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> SENT:
     ("scenario", "leaves"),
     [
         (Scenario(arm=PRESENTING), MOVES),
+        (Scenario(arm={**PRESENTING, "limits": {"velocity": 0.3, "jerk": 0.5}}), MOVES[:4]),
         (Scenario(arm={"robot": "panda", "posture": "look_out"}), MOVES),
         (Scenario(TARGET, arm=LOOKING), [{"track": {"duration": 2.0}}]),
     ],
-    ids=["ur5", "panda", "panda tracks"],
+    ids=["ur5", "ur5 at a share", "panda", "panda tracks"],
 )
 def test_no_set_point_breaks_a_limit(
     scenario: Scenario, leaves: list[Tree], stage: Stage, sent: SENT

@@ -12,8 +12,9 @@ import pytest
 
 from bt_dualarm.errors import CatalogueError, DivergenceError, WorldError
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.spec.document import CameraSpec, NoiseSpec, ObjectSpec, TreeFile
+from bt_dualarm.spec.document import CameraSpec, LimitShares, NoiseSpec, ObjectSpec, TreeFile
 from bt_dualarm.spec.values import PoseSpec
+from bt_dualarm.world.catalogue import load_robot
 from bt_dualarm.world.world import World
 from tests.world.worlds import Place, arm, box, file_of
 
@@ -158,6 +159,18 @@ def test_two_arms_of_a_kind_have_names_and_places_of_their_own() -> None:
     assert world.model.body("arm2/forearm_link").id != world.model.body("arm1/forearm_link").id
     relative = one.base.inverse @ one.tool_pose
     assert relative.distance(two.base.inverse @ two.tool_pose) < 1e-9
+
+
+def test_an_arm_keeps_to_its_share_of_the_robots_limits() -> None:
+    """Of its own: another arm of the same kind keeps all of them."""
+    some = LimitShares(velocity=0.5, jerk=0.25)
+    world = World(file_of({"arm1": arm("panda", limits=some), "arm2": arm("panda", (2, 0, 0.4))}))
+    derated, whole = (world.robots[name].limits for name in ("arm1", "arm2"))
+    assert (derated.velocity == 0.5 * whole.velocity).all()
+    assert (derated.acceleration == whole.acceleration).all()
+    assert (derated.jerk == 0.25 * whole.jerk).all()
+    assert (derated.effort == whole.effort).all()
+    assert (whole.jerk == load_robot("panda").limits.jerk).all()
 
 
 def test_an_arm_stands_where_its_base_says(file: TreeFile) -> None:
