@@ -14,6 +14,7 @@ from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.vision.localise import Localiser, OnPlane, OnPlaneOfSize
+from bt_dualarm.vision.stillness import Stillness
 from bt_dualarm.vision.tracker import TargetTracker
 from bt_dualarm.world.camera import camera_pose
 from bt_dualarm.world.guarded_camera import GuardedCamera
@@ -34,8 +35,6 @@ _BANDWIDTH = (30.0, 150.0)  # rad/s, least and most
 _BANDWIDTH_PER_FPS = 4.0  # above it the noise of the estimate is followed, below it the target lags
 _OLD_S = 0.1  # latency that halves the bandwidth
 _PATIENCE_FRAMES = 2
-_STILL_M = 0.003  # a target that stays within this distance is still,
-_STILL_SIGMAS = 4.0  # and by as much as it may seem to move
 
 
 @dataclass(frozen=True)
@@ -112,8 +111,8 @@ class PlaneTracking:
         self._servo: PlanarServo | None = None
         self._goal = np.zeros(2)
         self._goal_stamp = -np.inf
-        self._still_at = np.zeros(2)
-        self._still_since: float | None = None
+        self._stillness = Stillness()
+        self._watched = 0
 
     @property
     def locked(self) -> bool:
@@ -142,10 +141,8 @@ class PlaneTracking:
 
     @property
     def still_for(self) -> float:
-        """Seconds for which a target that has moved has been still; 0 before it moved."""
-        if self._still_since is None or not self.in_view:
-            return 0.0
-        return self._arm.time - self._still_since
+        """Seconds for which a target that has moved was seen to be still; 0 before it moved."""
+        return self._stillness.still_for if self.in_view else 0.0
 
     @property
     def target(self) -> Vector:
@@ -154,7 +151,7 @@ class PlaneTracking:
 
     def begin(self) -> None:
         """Start to move."""
-        self._still_at = self._axes @ self.target
+        self._watched = len(self._tracker.sightings)
         self._servo = PlanarServo(
             self._arm.kinematics,
             self._arm.limits(self._speed),
@@ -168,12 +165,13 @@ class PlaneTracking:
 
     def watch(self) -> None:
         """Note whether the target moves; call it once a tick."""
-        if not self.in_view:
+        new = self._tracker.sightings[self._watched :]
+        self._watched += len(new)
+        if not self._tracker.locked:
             return
-        at = self._axes @ self.target
-        doubt = float(np.sqrt(self._tracker.variance(self._arm.time).max()))
-        if float(np.hypot(*(at - self._still_at))) > _STILL_M + _STILL_SIGMAS * doubt:
-            self._still_at, self._still_since = at, self._arm.time
+        for seen in new:
+            sigma = float(np.sqrt((np.square(self._axes) @ np.square(seen.sigma)).max()))
+            self._stillness.take(seen.stamp, self._axes @ seen.point, sigma)
 
     def close(self) -> None:
         """Let go of the camera."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.pose import Pose
 from bt_dualarm.spec.color import Color
 from bt_dualarm.vision.colors import ColorFilter
 from bt_dualarm.vision.detect import Detection, detect_all
@@ -111,14 +111,6 @@ class TargetTracker:
             ValueError: The target has never been seen.
         """
         return self._estimate.predict(time)
-
-    def variance(self, time: float) -> Vector:
-        """Variance of the predicted position along x, y, z, of shape (3,), in m².
-
-        Raises:
-            ValueError: The target has never been seen.
-        """
-        return self._estimate.variance(time)
 
     def close(self) -> None:
         """Stop listening to the camera and aiming it; harmless when repeated."""

@@ -253,6 +253,31 @@ def test_success_is_not_said_without_the_target(stage: Stage) -> None:
     assert play.leaf("track").code == "LOST"
 
 
+def moved_once(size: float, begin: float, length: float) -> Callable[[float], Vector]:
+    """Smoothly along y."""
+
+    def place(time: float) -> Vector:
+        share = min(max((time - begin) / length, 0.0), 1.0)
+        return np.array((0.0, size * share**3 * (10 - 15 * share + 6 * share**2), 0.0))
+
+    return place
+
+
+@pytest.mark.parametrize(
+    ("camera", "size"),
+    [({"fps": 60}, 0.003), ({"fps": 60, "latency": 0.08, "noise": 2.0}, 0.05)],
+)
+def test_until_still_waits_for_a_movement_and_for_its_end(
+    camera: dict[str, Any], size: float, stage: Stage
+) -> None:
+    """No shake is taken for a movement; then the end is known as soon as images show it."""
+    began, length, rest = 2.5, 0.5, 1.0
+    node: Tree = {"track": {"until_still": rest, "score": "cube"}}
+    leaf = follow(stage, node, scenario(camera), moved_once(size, began, length)).leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.ended_s == pytest.approx(began + length + rest, abs=0.25)
+
+
 @pytest.mark.parametrize(
     "camera", [{"mount": {"xyz": [1.2, 0.11, 0.7], "look_at": [0.68, 0.11, 0.7]}}]
 )

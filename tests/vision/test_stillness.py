@@ -1,0 +1,101 @@
+"""When a target counts as moved, and for how long it has been still since."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bt_dualarm.pose import Vector
+from bt_dualarm.vision.stillness import Stillness
+
+FPS = 60
+GOOD_M, SHAKY_M = 1e-4, 2.7e-3
+"""Standard deviation of a sighting 0.35 m away: of pixels alone, and with 2 px of shake."""
+
+
+def watched(
+    place: Callable[[float], float],
+    seconds: float,
+    noise: float,
+    *,
+    expected: float | None = None,
+    fps: int = FPS,
+    seed: int = 0,
+) -> tuple[Stillness, Vector]:
+    """Where the target is along one axis by time; also for how long it was still at each frame."""
+    rng, stillness, still = np.random.default_rng(seed), Stillness(), []
+    for stamp in np.arange(0.0, seconds, 1.0 / fps).tolist():
+        seen = np.array((place(stamp), 0.0)) + rng.normal(0.0, noise, 2)
+        stillness.take(stamp, seen, noise if expected is None else expected)
+        still.append(stillness.still_for)
+    return stillness, np.array(still)
+
+
+def step(size: float, begin: float, length: float = 0.2) -> Callable[[float], float]:
+    """Smoothly by ``size``."""
+
+    def place(time: float) -> float:
+        share = min(max((time - begin) / length, 0.0), 1.0)
+        return size * share**3 * (10 - 15 * share + 6 * share**2)
+
+    return place
+
+
+def resting(_: float) -> float:
+    return 0.3
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("noise", [GOOD_M, SHAKY_M, 10 * SHAKY_M])
+def test_a_shake_is_no_movement(noise: float, seed: int) -> None:
+    """A minute at rest, with up to 20 px of shake."""
+    assert not watched(resting, 60.0, noise, seed=seed)[1].any()
+
+
+def test_nor_is_a_shake_that_nobody_expects() -> None:
+    """Its scatter tells."""
+    assert not watched(resting, 60.0, SHAKY_M, expected=GOOD_M)[1].any()
+
+
+def test_nor_are_two_sightings_far_off() -> None:
+    """Of a target that is half covered for a moment, say."""
+    stillness = Stillness()
+    rng = np.random.default_rng(0)
+    for frame in range(300):
+        off = 0.05 if frame % 50 in (20, 21) else 0.0
+        stillness.take(frame / FPS, rng.normal(off, GOOD_M, 2), GOOD_M)
+    assert stillness.still_for == 0.0
+
+
+@pytest.mark.parametrize("fps", [15, 30, 60, 200])
+def test_three_millimetres_are_a_movement_to_a_good_camera(fps: int) -> None:
+    """Which is over at 2.2 s, as is known some frames later."""
+    stillness, still = watched(step(0.003, 2.0), 4.0, GOOD_M, fps=fps)
+    assert not still[: 2 * fps].any()
+    assert stillness.still_for == pytest.approx(1.8, abs=0.1 + 12 / fps)
+
+
+def test_a_shaky_one_sees_a_centimetre() -> None:
+    """Four times the deviation of a single sighting; the end is found to 0.2 s."""
+    stillness, still = watched(step(0.011, 2.0), 4.0, SHAKY_M)
+    assert not still[: 2 * FPS].any()
+    assert stillness.still_for == pytest.approx(1.8, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("speed", "noise", "fps"),
+    [(0.005, GOOD_M, 60), (0.5, GOOD_M, 60), (0.015, GOOD_M, 5), (0.025, SHAKY_M, 60)],
+)
+def test_what_goes_on_is_not_still(speed: float, noise: float, fps: int) -> None:
+    """Not for a second, however slow; 25 mm/s are a curve at a twentieth of full speed."""
+    stillness, still = watched(lambda time: speed * min(time, 15.0), 17.0, noise, fps=fps)
+    assert still[: 15 * fps].max() < 1.0
+    assert 1.9 - 4 / fps < stillness.still_for < 3.0
+
+
+def test_a_moment_is_not_enough_to_be_called_still() -> None:
+    """Between two sightings at 0.5 m/s it does not stand."""
+    _, still = watched(lambda time: 0.5 * time, 2.0, GOOD_M)
+    assert not still.any()
