@@ -7,11 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from bt_dualarm.spec.docstring import attributes_of
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.notation import notation_of, range_of
-from bt_dualarm.spec.ports import PortModel, unit_of
+from bt_dualarm.spec.ports import unit_of
 
 
 @dataclass(frozen=True)
@@ -79,19 +81,21 @@ def describe(kind: Kind) -> Description:
     )
 
 
-def ports_of(model: type[PortModel]) -> tuple[PortDescription, ...]:
+def ports_of(model: type[BaseModel]) -> tuple[PortDescription, ...]:
     """The fields of a model, each in words."""
-    return tuple(_port(name, field) for name, field in model.model_fields.items())
+    told = attributes_of(model)
+    fields = model.model_fields.items()
+    return tuple(_port(name, field, told.get(name, "")) for name, field in fields)
 
 
-def _port(name: str, field: FieldInfo) -> PortDescription:
+def _port(name: str, field: FieldInfo, told: str) -> PortDescription:
     return PortDescription(
         name,
         notation_of(field),
         unit_of(field),
         range_of(field),
         _default_of(field),
-        field.description or "",
+        field.description or told,
         field.is_required(),
     )
 
@@ -110,6 +114,9 @@ def _written(value: Any) -> str:
         return f"[{', '.join(map(_written, value))}]"
     if isinstance(value, float):
         return f"{value:g}"
+    if isinstance(value, BaseModel):
+        given = value.model_dump(exclude_unset=True).items()
+        return f"{{{', '.join(f'{name}: {_written(item)}' for name, item in given)}}}"
     return json.dumps(value, ensure_ascii=False)
 
 

@@ -46,6 +46,7 @@ NAMED_COLORS: Final[Mapping[str, tuple[float, float, float]]] = {
 ColorName: TypeAlias = Literal["red", "orange", "yellow", "green", "blue", "white", "grey", "black"]
 _Share: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
 _Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
+_Pixels: TypeAlias = Annotated[int, Field(ge=16, le=1920)]
 _HalfWidth: TypeAlias = Annotated[float, Field(ge=0.0, le=10.0)]
 _SIZES: Final = {"box": ("x", "y", "z"), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 
@@ -149,9 +150,7 @@ class CameraSpec(Value):
         Annotated[Name, Tag("name")] | Annotated[PoseSpec, Tag("value")],
         Discriminator(_written_as),
     ] = "wrist"
-    resolution: tuple[
-        Annotated[int, Field(ge=16, le=1920)], Annotated[int, Field(ge=16, le=1080)]
-    ] = (320, 240)
+    resolution: tuple[_Pixels, _Pixels] = (320, 240)
     fov: Annotated[float, Field(ge=5.0, le=150.0)] = 50.0
     fps: Annotated[float, Field(gt=0.0, le=1000.0)] = 30.0
     latency: Annotated[Duration, Field(le=10.0)] = 0.0

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import Template, WrittenKey
 from bt_dualarm.spec.unit import Unit
 from bt_dualarm.spec.values import Refers
@@ -20,6 +21,7 @@ _WORDS: Final[Mapping[Any, str]] = {
     float: "number",
     str: "text",
     Any: "any value",
+    NodeSpec: "node",
 }
 _QUANTITIES: Final = {"s": "duration", "deg": "angle"}
 _BOUNDS: Final = {
@@ -109,7 +111,10 @@ def _numbers(found: list[Any]) -> str:
             if end not in ends or _tighter(end, (bound, sign), ends[end]):
                 ends[end] = (bound, sign)
     told = (ends[end] for end in ("lower", "upper") if end in ends)
-    return ", ".join(f"{sign} {bound:.9g}" for bound, sign in told)
+    return ", ".join(
+        f"{sign} {bound if isinstance(bound, int) else format(bound, '.9g')}"
+        for bound, sign in told
+    )
 
 
 def _given(found: list[Any], attribute: str) -> list[Any]:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from bt_dualarm.spec.describe import Description, PortDescription, describe
+from bt_dualarm.spec.file_sections import FILE_NAMES, NESTED_NAMES, OUTLINE, file_sections
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.value_sections import VALUE_NAMES, value_sections
@@ -14,8 +15,9 @@ from bt_dualarm.spec.value_sections import VALUE_NAMES, value_sections
 _HEAD: Final = """\
 # Reference
 
-Every word of the tree language and every shipped skill: what may be written for it, between which
-bounds, and how it fails. Generated from the code; `make docs` renews it.
+What stands in a tree file, every word of the tree language and every shipped skill: what may be
+written for it, between which bounds, and how it fails. Generated from the code; `make docs` renews
+it.
 
 In a file a node is its name with its ports: `circle: {radius: 0.1}`. Any port may be given as
 `"{key}"`: a parameter, or a key of the blackboard; `name:` beside the ports is what people are
@@ -38,7 +40,9 @@ def reference_page(skills: Mapping[str, Kind], standard_failures: Mapping[str, s
         "Leaves of the language": leaves,
         "Skills": [skills[name] for name in sorted(skills)],
     }
-    parts = [_HEAD, *_index(groups)]
+    parts = [_HEAD, *_index(groups), "## The file\n", f"```yaml\n{OUTLINE}```\n"]
+    for part, summary, fields in file_sections():
+        parts += [f"### {part}\n", f"{summary}\n", _table("field", fields)]
     for title, kinds in groups.items():
         parts.append(f"## {title}\n")
         if title == "Skills":
@@ -50,11 +54,15 @@ def reference_page(skills: Mapping[str, Kind], standard_failures: Mapping[str, s
 
 
 def _index(groups: Mapping[str, Iterable[Kind]]) -> Iterator[str]:
+    yield f"- [The file](#the-file): {_links(FILE_NAMES)}"
     for title, kinds in groups.items():
         links = ", ".join(f"[`{kind.name}`](#{kind.name})" for kind in kinds)
         yield f"- [{title}](#{_anchor(title)}): {links}"
-    links = ", ".join(f"[{name}](#{_anchor(name)})" for name in VALUE_NAMES)
-    yield f"- [Values](#values): {links}\n"
+    yield f"- [Values](#values): {_links(VALUE_NAMES)}\n"
+
+
+def _links(names: Iterable[str]) -> str:
+    return ", ".join(f"[{name}](#{_anchor(name)})" for name in names)
 
 
 def _node(told: Description) -> Iterator[str]:
@@ -102,7 +110,8 @@ def _cell(text: str) -> str:
 
 def _linked(words: str) -> str:
     """The words for a type, each kind of value linked to where it is explained."""
-    names = "|".join(sorted(map(re.escape, VALUE_NAMES), key=len, reverse=True))
+    explained = (*VALUE_NAMES, *NESTED_NAMES)
+    names = "|".join(sorted(map(re.escape, explained), key=len, reverse=True))
     return re.sub(
         rf"\b({names})(s?)\b", lambda m: f"[{m[1]}{m[2]}](#{_anchor(m[1])})", _cell(words)
     )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
-import re
 from collections.abc import Iterator
 from typing import Any, Final, get_args
 
 from pydantic import BaseModel
 
 from bt_dualarm.spec.color import Color, HsvRange
+from bt_dualarm.spec.docstring import attributes_of, summary_of
 from bt_dualarm.spec.notation import model_name, notation_of, range_of
 from bt_dualarm.spec.offset import Offset
 from bt_dualarm.spec.plane import Plane
@@ -25,8 +24,6 @@ _QUANTITIES: Final = {
 VALUE_NAMES: Final = (*_QUANTITIES, *map(model_name, _MODELS))
 """What the reference explains, as types are called there."""
 
-_ATTRIBUTE: Final = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
-
 
 def value_sections() -> Iterator[str]:
     """A section of Markdown for each."""
@@ -40,9 +37,9 @@ def value_sections() -> Iterator[str]:
 
 
 def _section(model: type[BaseModel]) -> Iterator[str]:
-    summary, attributes = _docstring(model)
+    attributes = attributes_of(model)
     yield f"### {model_name(model)}\n"
-    yield f"{summary}\n"
+    yield f"{summary_of(model)}\n"
     names = _names(model)
     if names:
         yield f"Names: {', '.join(f'`{name}`' for name in names)}.\n"
@@ -52,13 +49,6 @@ def _section(model: type[BaseModel]) -> Iterator[str]:
         cells = (f"`{name}`", notation_of(field), unit_of(field), range_of(field), words)
         yield f"| {' | '.join(cells)} |"
     yield ""
-
-
-def _docstring(model: type[BaseModel]) -> tuple[str, dict[str, str]]:
-    """The first paragraph of a docstring, and what it says of each attribute."""
-    text = (inspect.getdoc(model) or "").replace("``", "`")
-    attributes = {name: " ".join(words.split()) for name, words in _ATTRIBUTE.findall(text)}
-    return text.partition("\n\n")[0].replace("\n", " "), attributes
 
 
 def _names(model: type[BaseModel]) -> list[str]:

@@ -22,6 +22,7 @@ from pydantic import (
 )
 
 from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.spec.docstring import attributes_of
 from bt_dualarm.spec.unit import Unit
 
 Vector3: TypeAlias = tuple[float, float, float]
@@ -94,10 +95,23 @@ Speed: TypeAlias = Annotated[float, Field(gt=0.0, le=1.0)]
 """Share of the arm's limits of velocity, acceleration and jerk; 1.0 is the arm's maximum."""
 
 
+def _with_descriptions(schema: dict[str, Any], model: type[Any]) -> None:
+    """Give editors what the docstring says of each field."""
+    for name, words in attributes_of(model).items():
+        if name in schema.get("properties", {}):
+            schema["properties"][name].setdefault("description", words)
+
+
 class Value(BaseModel):
     """Base of value types: frozen, and strict about what YAML says."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        json_schema_extra=_with_descriptions,
+    )
 
 
 class PoseSpec(Value):

@@ -130,3 +130,12 @@ def test_the_schema_is_json_with_every_reference_defined() -> None:
     text = json.dumps(SCHEMA)
     names = {part.split('"')[0] for part in text.split('"#/$defs/')[1:]}
     assert names <= SCHEMA["$defs"].keys()
+
+
+def test_every_field_of_a_file_is_explained_to_editors() -> None:
+    schema = json_schema(SKILLS)
+    parts = [schema["properties"]["world"], schema["$defs"]["CameraSpec"]]
+    parts += [schema["properties"][name]["additionalProperties"] for name in ("objects", "arms")]
+    for part in parts:
+        for name, field in part["properties"].items():
+            assert field.get("description") or field == {"$ref": "#/$defs/node"}, name
