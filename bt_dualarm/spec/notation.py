@@ -112,7 +112,7 @@ def _numbers(found: list[Any]) -> str:
                 ends[end] = (bound, sign)
     told = (ends[end] for end in ("lower", "upper") if end in ends)
     return ", ".join(
-        f"{sign} {bound if isinstance(bound, int) else format(bound, '.9g')}"
+        f"{sign} {bound}" if isinstance(bound, int) else f"{sign} {bound:.9g}"
         for bound, sign in told
     )
 

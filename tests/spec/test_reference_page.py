@@ -6,8 +6,8 @@ import re
 import runpy
 from pathlib import Path
 
-from bt_dualarm.share import share_dir
 from bt_dualarm.registry import Registry
+from bt_dualarm.share import share_dir
 from bt_dualarm.spec.file_sections import FILE_NAMES, OUTLINE
 from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.load import load_tree_file
