@@ -47,12 +47,9 @@ def front_face(
         flanks: Share of the flanks that has the colour; by default what the area says, which
             asks for a depth that is known to a hundredth.
     """
-    corners = cube_corners(frame, point, normal, edge)
-    local = frame.world_in_camera.apply(corners)
-    if local[:, 2].min() < _MIN_DEPTH_M:
+    pixels = _corner_pixels(frame, point, normal, edge)
+    if pixels is None:
         return detection
-    pixels = frame.focal_px * local[:, :2] / local[:, 2:]
-    pixels += (frame.width / 2.0, frame.height / 2.0)
     face_x, face_y, face_area = _outline(pixels[:4])
     all_x, all_y, all_area = _outline(pixels)
     if flanks is None:
@@ -73,6 +70,17 @@ def front_face(
     )
 
 
+def flank_share(frame: Frame, point: Vector, normal: Vector, edge: float) -> float:
+    """Share by which a cube's flanks enlarge its outline, as root of the area, at most.
+
+    Arguments as of ``front_face``.
+    """
+    pixels = _corner_pixels(frame, point, normal, edge)
+    if pixels is None:
+        return 1.0
+    return max(math.sqrt(_outline(pixels)[2] / _outline(pixels[:4])[2]) - 1.0, 0.0)
+
+
 def cube_corners(frame: Frame, point: Vector, normal: Vector, edge: float) -> Matrix:
     """Corners of a cube whose front face has its centre at a point, (8, 3), those first."""
     away = _away(frame, point, normal)
@@ -89,6 +97,18 @@ def square_corners(frame: Frame, point: Vector, normal: Vector, edge: float) -> 
     along = (b * z - c * y, c * x - a * z, a * y - b * x)
     square: Matrix = point + edge * _CORNERS @ np.array([(x, y, z), along])
     return square
+
+
+def _corner_pixels(
+    frame: Frame, point: Vector, normal: Vector, edge: float
+) -> npt.NDArray[np.float64] | None:
+    """A cube's corners in the image, of shape (8, 2); None where the camera is too near."""
+    local = frame.world_in_camera.apply(cube_corners(frame, point, normal, edge))
+    if local[:, 2].min() < _MIN_DEPTH_M:
+        return None
+    pixels: npt.NDArray[np.float64] = frame.focal_px * local[:, :2] / local[:, 2:]
+    pixels += (frame.width / 2.0, frame.height / 2.0)
+    return pixels
 
 
 def _away(frame: Frame, point: Vector, normal: Vector) -> Vector:

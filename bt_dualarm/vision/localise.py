@@ -15,7 +15,8 @@ import numpy as np
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.vision.detect import Detection
-from bt_dualarm.vision.front_face import cube_corners, front_face, square_corners
+from bt_dualarm.vision.front_face import cube_corners, flank_share, front_face, square_corners
+from bt_dualarm.vision.memory import Memory
 from bt_dualarm.world.camera import Frame
 
 PIXEL_SIGMA = 0.07
@@ -26,6 +27,7 @@ _MIN_SLOPE = 0.05
 _PLANE_MEMORY_FRAMES = 30
 _FLANK_ROUNDS = 2
 _KNOWN_AFTER_FRAMES = 10
+_KNOWN_TO = 0.01  # share of the depth
 
 
 class LocaliseError(DualArmError):
@@ -71,6 +73,9 @@ class Localiser(Protocol):
 
     def corners(self, point: Vector, frame: Frame) -> Matrix:
         """Outermost points in the world of a target at ``point``, of shape (n, 3)."""
+
+    def doubt(self, point: Vector, frame: Frame) -> float:
+        """Share by which the side, and so the depth, of one at ``point`` may be misjudged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +124,10 @@ class OnPlane:
         """The point alone."""
         return point[None]
 
+    def doubt(self, point: Vector, frame: Frame) -> float:  # noqa: ARG002 - see ``Localiser``
+        """None that is known of."""
+        return 0.0
+
 
 @dataclass(frozen=True)
 class OfSize:
@@ -158,12 +167,17 @@ class OfSize:
         """Of a square that faces the camera."""
         return square_corners(frame, point, frame.pose.turn(np.array((0.0, 0.0, 1.0))), self.side)
 
+    def doubt(self, point: Vector, frame: Frame) -> float:  # noqa: ARG002 - see ``Localiser``
+        """None that is known of."""
+        return 0.0
+
 
 class OnPlaneOfSize:
     """The target stays on a plane of known direction, whose place its known size tells.
 
     The place is a running mean over the last ``_PLANE_MEMORY_FRAMES`` that were learnt: much
-    steadier than one image's.
+    steadier than one image's. A cube seen from ahead counts for far more than one whose flanks may
+    be in view: whether they are in the dark, or stand on something, its size does not tell.
 
     Args:
         normal: Unit vector of the plane, of shape (3,).
@@ -176,7 +190,7 @@ class OnPlaneOfSize:
         self._normal = np.array(normal, dtype=float)
         self._by_size = OfSize(side)
         self._cube = cube
-        self._offset = 0.0
+        self._place = Memory(1)
         self._count = 0
         self._faced: tuple[Detection, Detection] | None = None
 
@@ -188,15 +202,18 @@ class OnPlaneOfSize:
         """On the plane, as soon as it is known; see ``Localiser``."""
         if self._count == 0:
             return self._by_size.locate(face, frame)
-        return OnPlane(self._offset * self._normal, self._normal).locate(face, frame)
+        return OnPlane(self._place.value[0] * self._normal, self._normal).locate(face, frame)
 
     def learn(self, detection: Detection, frame: Frame) -> None:
         """Take its size into the mean; one that is cut off says nothing."""
         if detection.touches_border:
             return
         found = self._by_size.locate(self._face(detection, frame), frame)
-        self._count = min(self._count + 1, _PLANE_MEMORY_FRAMES)
-        self._offset += (float(self._normal @ found.point) - self._offset) / self._count
+        grain = PIXEL_SIGMA * frame.stride / math.sqrt(detection.area_px)
+        doubt = grain + self.doubt(found.point, frame)
+        self._place.take(self._normal[None] @ found.point, doubt, _PLANE_MEMORY_FRAMES)
+        self._count += 1
+        self._faced = None
 
     @property
     def knows_shape(self) -> bool:
@@ -208,10 +225,16 @@ class OnPlaneOfSize:
         of_shape = cube_corners if self._cube else square_corners
         return of_shape(frame, point, self._normal, self._by_size.side)
 
+    def doubt(self, point: Vector, frame: Frame) -> float:
+        """By a cube's flanks: which of them have its colour is not known."""
+        if not self._cube:
+            return 0.0
+        return flank_share(frame, point, self._normal, self._by_size.side)
+
     def _face(self, detection: Detection, frame: Frame) -> Detection:
         if not self._cube:
             return detection
-        # What was located is learnt from next, most times: once is enough.
+        # What was located is learnt from next, most times: once is enough until something is.
         if self._faced is None or self._faced[0] is not detection:
             self._faced = detection, self._without_flanks(detection, frame)
         return self._faced[1]
@@ -219,7 +242,8 @@ class OnPlaneOfSize:
     def _without_flanks(self, detection: Detection, frame: Frame) -> Detection:
         """Better each time, as the place gets better; a third would change micrometres."""
         # Until the place of the plane is known, the area cannot tell near from flanks in view.
-        flanks = None if self._count >= _KNOWN_AFTER_FRAMES else 1.0
+        known = self._count >= _KNOWN_AFTER_FRAMES and self._place.doubt <= _KNOWN_TO
+        flanks = None if known else 1.0
         corrected = detection
         for _ in range(_FLANK_ROUNDS):
             point = self.meet(corrected, frame).point

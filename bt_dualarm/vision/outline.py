@@ -17,6 +17,7 @@ import numpy.typing as npt
 from bt_dualarm.pose import Vector
 from bt_dualarm.vision.detect import Detection
 from bt_dualarm.vision.localise import PIXEL_SIGMA, Localiser, Sighting
+from bt_dualarm.vision.memory import Memory
 from bt_dualarm.world.camera import Frame
 
 EDGE_SIGMA_PX = 0.5
@@ -26,12 +27,12 @@ _Box: TypeAlias = npt.NDArray[np.float64]  # left, top, right, bottom in px
 
 _MIN_DEPTH_M = 1e-3
 _MEMORY_FRAMES = 10
-_STRANGE_MEMORY_FRAMES = 60  # another size of a shape that is not known is believed if it stays
+_STRANGENESS = 2.5  # times the doubt: another size of a shape that is not known, until it stays
 _KNOWN_AFTER_FRAMES = 5
 # Of a shape that is not known, and looks different from elsewhere, and of one that is:
-_ALIKE = (1.1, 1.015)  # times the side of one, or less than one by it: the same, seen whole
+_ALIKE = (1.1, 1.013)  # times the side of one, or less than one by it: the same, seen whole
 _ALIKE_FAR = (1.15, 1.12)  # the same in a coarse image, or after some time unseen
-_SLACK_PX = 1.6  # by which width or height may change
+_SLACK_PX = 1.46  # by which width or height may change, besides what they are in doubt by
 _PERSISTENCE = 4.0  # the shift of a covered target is the same for many frames: unlike noise
 _FULL = 0.97  # of the share of its box that the target fills: a thing as simple as itself
 _EDGE_GATE_PX = 1.5  # from its prediction, besides what that is uncertain by
@@ -48,19 +49,29 @@ class Seen(NamedTuple):
 
 @dataclass
 class Outline:
-    """Running means over the last images that showed the target whole.
+    """Running means over the last images that showed the target whole, and showed it well.
+
+    One that was seen from aside only may look different from ahead: by what is in doubt.
 
     Args:
         localiser: Knows the shape, if anybody does.
     """
 
     localiser: Localiser
-    side: float = 0.0
-    _count: int = 0
 
     def __post_init__(self) -> None:
-        self._rest: _Box = np.zeros(4)
-        self._fill = 0.0
+        self._count = 0
+        # Of the box, what is beside the shape that is known; share of the box that is filled; side.
+        self._look = Memory(6)
+
+    @property
+    def side(self) -> float:
+        """Root of the area, in m."""
+        return float(self._look.value[5])
+
+    @property
+    def _rest(self) -> _Box:
+        return self._look.value[:4]
 
     @property
     def known(self) -> bool:
@@ -70,6 +81,7 @@ class Outline:
     def forget(self) -> None:
         """What comes next may have any size."""
         self._count = 0
+        self._look.forget()
 
     def learn(self, seen: Seen, frame: Frame) -> None:
         """Take in the target seen whole; a coarse image tells too little.
@@ -80,11 +92,12 @@ class Outline:
         if frame.stride > 1 or (strange and self.localiser.knows_shape):
             return
         self._count += 1
-        frames = min(self._count, _STRANGE_MEMORY_FRAMES if strange else _MEMORY_FRAMES)
-        rest = np.array(seen.detection.bounds_px) - self._box(seen.sighting.point, frame)
-        self._rest = self._rest + (rest - self._rest) / frames
-        self._fill += (_fill(seen.detection) - self._fill) / frames
-        self.side += (seen.sighting.side - self.side) / frames
+        detection, sighting = seen.detection, seen.sighting
+        rest = np.array(detection.bounds_px) - self._box(sighting.point, frame)
+        look = np.array((*rest, _fill(detection), sighting.side))
+        doubt = PIXEL_SIGMA / math.sqrt(detection.area_px)
+        doubt += self.localiser.doubt(sighting.point, frame)
+        self._look.take(look, _STRANGENESS * doubt if strange else doubt, _MEMORY_FRAMES)
 
     def alike(self, sighting: Sighting) -> bool:
         """Whether a thing may be the target by its size; anything may before that is known."""
@@ -95,13 +108,14 @@ class Outline:
         """Whether a detection is the target with all its edges, and nothing else."""
         if detection.touches_border or not self.known:
             return not detection.touches_border
-        most = _ALIKE[self.localiser.knows_shape]
+        most = _ALIKE[self.localiser.knows_shape] + self._look.doubt
         if not 1 / most < sighting.side / self.side < most:
             return False
         if not self.localiser.knows_shape:
             return True
         change = np.array(detection.bounds_px) - self._box(sighting.point, frame) - self._rest
-        return bool(max(abs(change[2] - change[0]), abs(change[3] - change[1])) <= _SLACK_PX)
+        changed = max(abs(change[2] - change[0]), abs(change[3] - change[1]))
+        return bool(changed <= self._slack(detection))
 
     def trusted(self, seen: Seen, frame: Frame, expected: Vector, sigma: float) -> Seen | None:
         """The target in what may be a part of it, or more than it; arguments as of ``fit``.
@@ -168,7 +182,12 @@ class Outline:
         stands beside it, makes a more complicated outline, or leaves one of the two as it is.
         """
         change = np.abs(shift[2:] - shift[:2])
-        return bool(change.min() > _SLACK_PX and _fill(detection) > _FULL * self._fill)
+        full = _fill(detection) > _FULL * float(self._look.value[4])
+        return full and bool(change.min() > self._slack(detection))
+
+    def _slack(self, detection: Detection) -> float:
+        """By which width and height may change, in px: a strip at one edge is all of the doubt."""
+        return _SLACK_PX + 2.0 * self._look.doubt * math.sqrt(detection.area_px)
 
     def _box(self, point: Vector, frame: Frame) -> _Box:
         """Where the edges of the shape that is known would be, if it were at a point."""

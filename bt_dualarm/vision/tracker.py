@@ -219,10 +219,12 @@ class TargetTracker:
         if self.locked:
             self.last_stamp = max(self.last_stamp, sighting.stamp)
             self.lost_since = self._before_loss = None
-        if not detection.touches_border:
-            self._outline.learn(seen, frame)
         if seen.whole:
             self._localiser.learn(detection, frame)
+            # By what is known now: else the size would be one that fits a depth of before.
+            seen = seen._replace(sighting=self._localiser.locate(detection, frame))
+        if not detection.touches_border:
+            self._outline.learn(seen, frame)
         left, top, right, bottom = detection.bounds_px
         # Cut off at the window's edge it is larger than it looks.
         growth = 2.0 if detection.touches_border else 1.0
