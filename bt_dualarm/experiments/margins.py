@@ -13,7 +13,9 @@ from bt_dualarm.world.world import World
 
 @dataclass(frozen=True)
 class Margins:
-    """The least over all joints and all time.
+    """The least over all joints and all time, of the measured state.
+
+    Set-points keep every limit; a measured acceleration may pass its own for moments.
 
     Attributes:
         position_rad: To a position limit.
