@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from functools import cache
 from itertools import islice
-from multiprocessing import get_context
 from pathlib import Path
 
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.results import Result
-from bt_dualarm.experiments.trial import Trial, TrialError, run_trial
+from bt_dualarm.experiments.trial import Trial, TrialError
+from bt_dualarm.experiments.trials import run_trials
 from bt_dualarm.registry import Registry
 
 
@@ -64,16 +62,8 @@ class Bench:
     def trials(self, cells: Sequence[Cell]) -> Iterator[list[Trial | TrialError]]:
         """All seeds of each cell as they come, or why there is no measurement."""
         runs = [(cell, seed) for cell in cells for seed in range(self.seeds)]
-        if self.jobs == 1:
-            done = (_tried(cell, seed, self.registry) for cell, seed in runs)
-            yield from (list(islice(done, self.seeds)) for _ in cells)
-        elif runs:
-            pool = ProcessPoolExecutor(self.jobs, get_context("spawn"))
-            try:
-                coming = pool.map(_tried, *zip(*runs, strict=True))
-                yield from (list(islice(coming, self.seeds)) for _ in cells)
-            finally:
-                pool.shutdown(cancel_futures=True)
+        coming = run_trials(runs, self.registry, self.jobs)
+        yield from (list(islice(coming, self.seeds)) for _ in cells)
 
 
 def _measured(trials: Sequence[Trial | TrialError]) -> list[Trial]:
@@ -86,17 +76,3 @@ def _measured(trials: Sequence[Trial | TrialError]) -> list[Trial]:
         if isinstance(trial, TrialError):
             raise trial
     return [trial for trial in trials if isinstance(trial, Trial)]
-
-
-@cache
-def _registry() -> Registry:
-    """One a process."""
-    return Registry.load()
-
-
-def _tried(cell: Cell, seed: int, registry: Registry | None = None) -> Trial | TrialError:
-    """A trial, or why there is none; for a process of its own without a registry."""
-    try:
-        return run_trial(cell, seed, registry or _registry())
-    except TrialError as error:
-        return error

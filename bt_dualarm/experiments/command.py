@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
@@ -61,6 +62,12 @@ def command_line() -> argparse.ArgumentParser:
         help="only this one (default: those that work here; ray where case, speed and controller "
         "leave one experiment)",
     )
+    add(
+        "--jobs",
+        type=_count,
+        metavar="N",
+        help="runs side by side, for the same numbers (default: one for each core)",
+    )
     add("--seeds", type=_count, default=3, metavar="N", help="repetitions (default: 3)")
     add("--fps", type=float, default=60.0, help="of the camera (default: 60)")
     add("--latency", type=float, metavar="S", help="of a frame (default: the time of one frame)")
@@ -89,7 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     errors = Console(stderr=True, highlight=False)
     try:
         cells = list(_cells(arguments))
-        results, failures = _run(cells, arguments.seeds)
+        results, failures = _run(cells, arguments.seeds, arguments.jobs)
     except DualArmError as error:
         errors.print(f"bt-experiments: error: {error}", markup=False, soft_wrap=True)
         return 2
@@ -102,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _count(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= 1000:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of repetitions from 1 to 1000")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 to 1000")
     return int(text)
 
 
@@ -154,24 +161,29 @@ def _renderers(*, single: bool) -> tuple[RendererName, ...]:
     return ("ray", "gl")
 
 
-def _run(cells: Sequence[Cell], seeds: int) -> tuple[list[Result], list[str]]:
+def _run(cells: Sequence[Cell], seeds: int, jobs: int | None) -> tuple[list[Result], list[str]]:
     """Every cell with every seed; what could not be measured is a sentence."""
     from bt_dualarm.experiments.results import Result
-    from bt_dualarm.experiments.trial import TrialError, run_trial
+    from bt_dualarm.experiments.trial import TrialError, tree_file
+    from bt_dualarm.experiments.trials import run_trials, usable_cores
     from bt_dualarm.registry import Registry
 
     registry, results, failures = Registry.load(), [], []
+    for cell in cells:
+        tree_file(cell, registry)  # what it refuses is said before anything runs
+    runs = [(cell, seed) for cell in cells for seed in range(seeds)]
+    coming = zip(runs, run_trials(runs, registry, jobs or usable_cores()), strict=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
-        task = progress.add_task("", total=len(cells) * seeds)
+        task = progress.add_task("", total=len(runs))
         for cell in cells:
             progress.update(task, description=f"{cell.name} {cell.controller} {cell.renderer}")
             trials = []
-            for seed in range(seeds):
-                try:
-                    trials.append(run_trial(cell, seed, registry))
-                except TrialError as error:
-                    failures.append(f"{cell.name} {cell.controller}, seed {seed}: {error}")
+            for (_, seed), trial in islice(coming, seeds):
+                if isinstance(trial, TrialError):
+                    failures.append(f"{cell.name} {cell.controller}, seed {seed}: {trial}")
+                else:
+                    trials.append(trial)
                 progress.advance(task)
             if trials:
                 results.append(Result(cell, trials))

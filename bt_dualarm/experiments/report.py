@@ -28,9 +28,9 @@ EXPLANATION = (
     "all, 2/π · v · (latency + half a frame); for predictive control the error of the same filter "
     "fed with true positions and white noise of the measured deviation of a sighting, through the "
     "same latency. Amplitude: spread of the tracked path over that of the true one. Images: how "
-    "many the follower moved by, its effective waypoints. Margins: of the measured state, the least "
-    "of all joints, times and seeds. Set-points keep every limit; a measured acceleration passes "
-    "its own for moments, which are below 0 %, where that of the set-points changes suddenly."
+    "many the follower moved by, its effective waypoints. Margins: of the measured state, the "
+    "least of all joints, times and seeds. Set-points keep every limit; a measured acceleration "
+    "passes its own for moments, which is below 0 %, where that of the set-points changes suddenly."
 )
 
 

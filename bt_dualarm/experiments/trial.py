@@ -19,7 +19,7 @@ from bt_dualarm.run.series import SeriesLog
 from bt_dualarm.run.session import Session, Wishes
 from bt_dualarm.run.shipped import find_tree
 from bt_dualarm.scoring import lag
-from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.document import ObjectSpec, TreeFile
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.world.world import World
 
@@ -92,6 +92,15 @@ class Trial:
         return float(np.sqrt(np.mean(np.sum(velocity**2, axis=1))))
 
 
+def tree_file(cell: Cell, registry: Registry) -> TreeFile:
+    """What a cell runs.
+
+    Raises:
+        SpecError: The file refuses a setting.
+    """
+    return load_tree_file(find_tree(TREE), registry.kinds, cell.params)
+
+
 def run_trial(
     cell: Cell,
     seed: int,
@@ -112,7 +121,7 @@ def run_trial(
         TrialError: The curve was not drawn, or not followed at all.
         DualArmError: The file or the renderer cannot be used.
     """
-    file = load_tree_file(find_tree(TREE), registry.kinds, cell.params)
+    file = tree_file(cell, registry)
     file = file.model_copy(update={"objects": {**file.objects, **(objects or {})}})
     with Session(file, registry, Wishes(seed=seed, renderer=cell.renderer)) as session:
         world = session.assembly.world

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import tracking_bench
 from benchmarks.tracking_bench import Bench
+from bt_dualarm.experiments import trials
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.trial import Trial, TrialError
 from bt_dualarm.registry import Registry
@@ -27,7 +27,7 @@ def runs(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
             raise TrialError("nothing to measure")
         return made_up(seed=seed)
 
-    monkeypatch.setattr(tracking_bench, "run_trial", run_trial)
+    monkeypatch.setattr(trials, "run_trial", run_trial)
     return done
 
 
