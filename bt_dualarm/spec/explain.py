@@ -12,6 +12,7 @@ from pydantic_core import ErrorDetails
 
 from bt_dualarm.spec.annotations import containers_in, models_in
 from bt_dualarm.spec.location import Location, field_at, path_in, type_at
+from bt_dualarm.spec.notation import names_of
 from bt_dualarm.spec.ports import UNKNOWN, key_name, reference_of, shown, unit_of
 from bt_dualarm.spec.problems import nearest, suggestion
 from bt_dualarm.spec.source import Data, Path
@@ -165,7 +166,17 @@ class _Words:
             wanted = [self._expectation(details) for details in found]
             message = f"expected {' or '.join(dict.fromkeys(wanted))}, not {describe(given)}"
             hint = self._nearest_choice(found)
-        return Finding(path, _owned(path, message), hint or _reference_hint(given))
+        hint = hint or _reference_hint(given) or self._forms(found)
+        return Finding(path, _owned(path, message), hint)
+
+    def _forms(self, found: Sequence[ErrorDetails]) -> str:
+        """What may stand where a mapping was expected."""
+        for details in found:
+            if details["type"] == "model_type":
+                for model in models_in(type_at(self.model, details["loc"])):
+                    names = [f"'{name}'" for name in names_of(model)]
+                    return " or ".join([*names, f"a mapping of {', '.join(model.model_fields)}"])
+        return ""
 
     def _one_value(self, details: ErrorDetails) -> tuple[str, str]:
         kind, given, context = details["type"], details["input"], details.get("ctx", {})

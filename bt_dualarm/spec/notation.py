@@ -49,6 +49,12 @@ def model_name(model: type[BaseModel]) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", model.__name__.removesuffix("Spec")).lower()
 
 
+def names_of(model: type[BaseModel]) -> list[str]:
+    """Names that may be written instead of the fields."""
+    forms: list[dict[str, Any]] = model.model_json_schema().get("anyOf", [])
+    return [name for form in forms for name in form.get("enum", [])]
+
+
 def _words(annotation: Any) -> str:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if annotation in _WORDS:

@@ -78,7 +78,7 @@ class ParamSpec(Value):
             validated(model, {name: value})
         except ValidationError as error:
             found = explain(error, model, {name: value}, "parameter")
-            return [" ".join(filter(None, (item.message, item.hint))) for item in found]
+            return [f"{f.message} ({f.hint})" if f.hint else f.message for f in found]
         return []
 
 
@@ -134,20 +134,25 @@ def chosen(
     values: dict[str, Data] = {name: spec.default for name, spec in specs.items()}
     for name, text in given.items():
         if name not in specs:
-            hint = suggestion(name, specs, "parameter")
+            hint = suggestion(name, specs, "parameter") if specs else "it declares none"
             problems.append(Problem(Place(file), f"it has no parameter '{name}'", hint))
             continue
         values[name] = text if specs[name].type in ("text", "object", "arm") else _parsed(text)
-        problems += [
-            Problem(Place(file), f"parameter {complaint}")
-            for complaint in specs[name].complaints(name, values[name])
-        ]
+        complaints = specs[name].complaints(name, values[name])
+        problems += [Problem(Place(file), f"parameter {complaint}") for complaint in complaints]
+        if complaints:  # said once, here, and not at every place that uses it
+            values[name] = _unknown(name)
     for name, value in values.items():
         if value is None:
             hint = f"{name}: {specs[name].description}" if specs[name].description else ""
             problems.append(Problem(Place(file), f"parameter '{name}' must be given", hint))
-            values[name] = f"{{{UNKNOWN}{name}}}"
+            values[name] = _unknown(name)
     return values, problems
+
+
+def _unknown(name: str) -> str:
+    """A value that nobody complains of."""
+    return f"{{{UNKNOWN}{name}}}"
 
 
 def _parsed(text: str) -> Data:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final, get_args
+from typing import Final, get_args
 
 from pydantic import BaseModel
 
 from bt_dualarm.spec.color import Color, HsvRange
 from bt_dualarm.spec.docstring import attributes_of, summary_of
-from bt_dualarm.spec.notation import model_name, notation_of, range_of
+from bt_dualarm.spec.notation import model_name, names_of, notation_of, range_of
 from bt_dualarm.spec.offset import Offset
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.spec.ports import unit_of
@@ -40,7 +40,7 @@ def _section(model: type[BaseModel]) -> Iterator[str]:
     attributes = attributes_of(model)
     yield f"### {model_name(model)}\n"
     yield f"{summary_of(model)}\n"
-    names = _names(model)
+    names = names_of(model)
     if names:
         yield f"Names: {', '.join(f'`{name}`' for name in names)}.\n"
     yield "| field | type | unit | range | |\n|---|---|---|---|---|"
@@ -49,9 +49,3 @@ def _section(model: type[BaseModel]) -> Iterator[str]:
         cells = (f"`{name}`", notation_of(field), unit_of(field), range_of(field), words)
         yield f"| {' | '.join(cells)} |"
     yield ""
-
-
-def _names(model: type[BaseModel]) -> list[str]:
-    """Names that may be written instead of the fields."""
-    forms: list[dict[str, Any]] = model.model_json_schema().get("anyOf", [])
-    return [name for form in forms for name in form.get("enum", [])]
