@@ -68,11 +68,12 @@ def figure_2(bench: Bench) -> None:
     """30 Hz, and against proportional control."""
     errors(bench, 30.0, 2.5, 7.0)
     for case, speed in CASES:
-        if speed == 1.0:
-            cell = Cell(case, speed)
+        for fps in (60.0, 30.0) if speed == 1.0 else ():
+            cell = Cell(case, speed, fps=fps)
             plain = bench.result(replace(cell, controller="proportional"))
             ratio = bench.result(cell).rms / plain.rms
-            bench.say(f"{cell.name}: predictive ÷ proportional", ratio, 1 / 12, "")
+            print(f"  {cell.name}, {fps:g} Hz: proportional {1e3 * plain.rms:.2f} mm RMS")
+            bench.say(f"{cell.name}, {fps:g} Hz: predictive ÷ proportional", ratio, 1 / 12, "")
 
 
 def figure_3(bench: Bench) -> None:

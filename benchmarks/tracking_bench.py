@@ -38,7 +38,7 @@ class Bench:
         """One figure with its goal: an upper limit."""
         good = value <= goal
         verdict = "ok" if good else "MISSED"
-        print(f"  {what:<58} {value:9.2f} {unit:<3} (goal ≤ {goal:g}) {verdict}", flush=True)
+        print(f"  {what:<58} {value:9.3f} {unit:<3} (goal ≤ {goal:.3g}) {verdict}", flush=True)
         if not good:
             self.missed.append(what)
 

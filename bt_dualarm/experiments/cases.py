@@ -32,17 +32,18 @@ CASES: Final[tuple[tuple[CurveName, float], ...]] = (
 
 HARDEST: Final = ("lissajous", 1.0)
 
-GAIN: Final = 3.0
-"""Of proportional control: a step is so many times the error that the image shows.
+_GAINS: Final = ((30.0, 60.0), (2.25, 3.25))
+"""Frames a second, and for each the best constant gain of proportional control.
 
-Near the best of a sweep from 0.35 to 3.5 on the circle at speed 1.0 and 60 Hz; docs/tracking.md.
-Above one, because the arm comes only a part of the way until the next image.
+A step is so many times the error that the image shows: more than one, because the arm comes only a
+part of the way until the next image. The best of sweeps from 1 to 4.5 on the circle and the
+Lissajous curve at speed 1.0; docs/tracking.md.
 """
 
-JERK: Final = 0.5
+JERK: Final = 0.4
 """Share of its limit of jerk that the leading arm uses; docs/tracking.md says why.
 
-Half of the catalogue's 100 rad/s³, a limit that Universal Robots does not publish.
+Of the catalogue's 100 rad/s³, a limit that Universal Robots does not publish.
 """
 
 _HALF_IMAGE: Final = (0.2176, 0.1632)
@@ -117,7 +118,8 @@ class Cell:
             "noise": self.noise,
         }
         if self.controller == "proportional":
-            settings |= {"gain_u": GAIN * _HALF_IMAGE[0], "gain_v": GAIN * _HALF_IMAGE[1]}
+            gain = float(np.interp(self.fps, *_GAINS))
+            settings |= {"gain_u": gain * _HALF_IMAGE[0], "gain_v": gain * _HALF_IMAGE[1]}
         return {name: f"{value}" for name, value in settings.items()} | dict(self.more)
 
     def command(self, seed: int) -> str:
