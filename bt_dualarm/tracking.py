@@ -102,7 +102,7 @@ class PlaneTracking:
         )
         self._tracker = TargetTracker(camera, color, localiser)
         self._latency = camera.latency
-        self._stale = _stale_after(camera, arm.period)
+        self._stale = _stale_after(camera)
         self._old_data_steps = 0
         self._last_place = np.zeros(2)
         self._search: Spiral | None = None
@@ -250,9 +250,9 @@ class PlaneTracking:
         return self._beyond_since is None
 
 
-def _stale_after(camera: GuardedCamera, step: float) -> float:
-    """Age in s from which a sighting is too old; exposure and delivery wait for a step each."""
-    if camera.latency + camera.period + 2 * step <= STALE_S:
+def _stale_after(camera: GuardedCamera) -> float:
+    """Age in s from which a sighting is too old."""
+    if camera.latency + camera.period < STALE_S:
         return STALE_S
     return camera.latency + _PATIENCE_FRAMES * camera.period
 
