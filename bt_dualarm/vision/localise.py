@@ -67,6 +67,9 @@ class Localiser(Protocol):
     def learn(self, detection: Detection, frame: Frame) -> None:
         """Take up what the target, and surely the target seen whole, tells of its place."""
 
+    def forget(self) -> None:
+        """All of that: it was not seen whole."""
+
     @property
     def knows_shape(self) -> bool:
         """Whether the shape is known by which one thing looks different from elsewhere."""
@@ -115,6 +118,9 @@ class OnPlane:
     def learn(self, detection: Detection, frame: Frame) -> None:
         """Nothing: the plane is known."""
 
+    def forget(self) -> None:
+        """Nothing was learnt."""
+
     @property
     def knows_shape(self) -> bool:
         """No."""
@@ -157,6 +163,9 @@ class OfSize:
 
     def learn(self, detection: Detection, frame: Frame) -> None:
         """Nothing: each image tells its own depth."""
+
+    def forget(self) -> None:
+        """Nothing was learnt."""
 
     @property
     def knows_shape(self) -> bool:
@@ -213,6 +222,12 @@ class OnPlaneOfSize:
         doubt = grain + self.doubt(found.point, frame)
         self._place.take(self._normal[None] @ found.point, doubt, _PLANE_MEMORY_FRAMES)
         self._count += 1
+        self._faced = None
+
+    def forget(self) -> None:
+        """Where the plane is."""
+        self._place.forget()
+        self._count = 0
         self._faced = None
 
     @property

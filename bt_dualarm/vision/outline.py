@@ -61,6 +61,7 @@ class Outline:
 
     def __post_init__(self) -> None:
         self._count = 0
+        self._better_in_row = 0
         # Of the box, what is beside the shape that is known; share of the box that is filled; side.
         self._look = Memory(6)
 
@@ -80,20 +81,30 @@ class Outline:
 
     def forget(self) -> None:
         """What comes next may have any size."""
-        self._count = 0
+        self._count = self._better_in_row = 0
         self._look.forget()
 
     def learn(self, seen: Seen, frame: Frame) -> None:
         """Take in the target seen whole; a coarse image tells too little.
 
-        Of a shape that is not known, one that looks strange is taken in as well, slowly.
+        Of a shape that is not known, one that looks strange is taken in as well, slowly. Of one
+        that is known, all is forgotten where what looks strange has its proportions, and what is
+        remembered has not: that was a part of it, or more than it.
         """
         strange = self.known and not seen.whole
-        if frame.stride > 1 or (strange and self.localiser.knows_shape):
+        if frame.stride > 1:
             return
-        self._count += 1
         detection, sighting = seen.detection, seen.sighting
         rest = np.array(detection.bounds_px) - self._box(sighting.point, frame)
+        if strange and self.localiser.knows_shape:
+            better = _misproportion(rest) + _SLACK_PX < _misproportion(self._rest)
+            self._better_in_row = self._better_in_row + 1 if better else 0
+            if self._better_in_row == _MEMORY_FRAMES:
+                self.forget()
+                self.localiser.forget()
+            return
+        self._count += 1
+        self._better_in_row = 0
         look = np.array((*rest, _fill(detection), sighting.side))
         doubt = PIXEL_SIGMA / math.sqrt(detection.area_px)
         doubt += self.localiser.doubt(sighting.point, frame)
@@ -204,6 +215,11 @@ class Outline:
         return np.array(
             (left <= limits[0], top <= limits[1], right >= limits[2], bottom >= limits[3])
         )
+
+
+def _misproportion(rest: _Box) -> float:
+    """By how much a box is too wide for its height, or too high, in px."""
+    return abs(float((rest[2] - rest[0]) - (rest[3] - rest[1])))
 
 
 def _fill(detection: Detection) -> float:
