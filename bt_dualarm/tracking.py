@@ -167,7 +167,8 @@ class PlaneTracking:
         """Note whether the target moves; call it once a tick."""
         new = self._tracker.sightings[self._watched :]
         self._watched += len(new)
-        if not self._tracker.locked:
+        if not self.in_view:
+            self._stillness.interrupt()
             return
         for seen in new:
             sigma = float(np.sqrt((np.square(self._axes) @ np.square(seen.sigma)).max()))

@@ -53,7 +53,7 @@ class Track(Skill):
         reach: float = port(0.3, "farthest that the tool leaves its start", unit="m", gt=0, le=2)
         duration: Duration | None = port(None, "ends after this long with the target in view", gt=0)
         until_still: Duration | None = port(
-            None, "ends when the target, having moved, stays still this long", gt=0
+            None, "ends when the target, having moved by 1 cm, stays still this long", gt=0
         )
         wait: Duration = port(60.0, "longest wait for the target to come into view", gt=0)
         lost_timeout: Duration = port(3.0, "longest time without the target", gt=0)

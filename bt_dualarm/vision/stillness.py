@@ -9,6 +9,7 @@ import numpy as np
 from bt_dualarm.pose import Vector
 
 _STILL_M = 0.0025  # what stays within this distance is still
+_BEGUN_M = 0.01  # what has not been farther yet has not moved
 _SIGMAS = 6.0  # of a mean: exceeded at rest once in 10⁷ frames, and by _STILL_M more hardly ever
 _FEWEST, _MOST = 3, 12  # sightings whose mean is compared
 
@@ -29,6 +30,9 @@ class Stillness:
 
     Sightings, and not the filter's estimate, which is predicted over the latency: a shake comes out
     of that several times as large, by the velocity that is taken from it.
+
+    The first movement has to be larger than those that end a rest: while a camera comes near, what
+    it learns of a target's depth moves all that it sees aside by millimetres.
     """
 
     def __init__(self) -> None:
@@ -42,6 +46,11 @@ class Stillness:
             return 0.0
         return self._seen[-1].stamp - self._moved_at
 
+    def interrupt(self) -> None:
+        """The target was out of view: whether it rested meanwhile nobody knows."""
+        if self._moved_at is not None:
+            self._seen.clear()
+
     def take(self, stamp: float, place: Vector, sigma: float) -> None:
         """Take in a sighting.
 
@@ -50,8 +59,9 @@ class Stillness:
             place: Of shape (n,), in m.
             sigma: Standard deviation along an axis that is expected of it, in m.
         """
+        resumed = self._moved_at is not None and not self._seen
         self._seen.append(_Seen(stamp, place, sigma * sigma))
-        if self._has_moved():
+        if resumed or self._has_moved():
             self._moved_at = stamp
             del self._seen[:-1]
         del self._seen[_MOST:-_MOST]
@@ -67,7 +77,8 @@ class Stillness:
         away = np.linalg.norm(now - then, axis=1)
         # One or two sightings far off move the mean, too: all of the last have to be elsewhere.
         least = np.linalg.norm(places[-_FEWEST:, None] - then, axis=2).min(axis=0)
-        return bool(((away > _STILL_M + _SIGMAS * scatter) & (least > _STILL_M)).any())
+        far = _BEGUN_M if self._moved_at is None else _STILL_M
+        return bool(((away > far + _SIGMAS * scatter) & (least > far)).any())
 
     def _spread(self) -> float:
         """Standard deviation of a sighting along an axis: as expected, or as seen if that is more.

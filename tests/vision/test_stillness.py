@@ -70,16 +70,45 @@ def test_nor_are_two_sightings_far_off() -> None:
 
 
 @pytest.mark.parametrize("fps", [15, 30, 60, 200])
-def test_three_millimetres_are_a_movement_to_a_good_camera(fps: int) -> None:
-    """Which is over at 2.2 s, as is known some frames later."""
-    stillness, still = watched(step(0.003, 2.0), 4.0, GOOD_M, fps=fps)
+def test_a_movement_is_seen_to_end(fps: int) -> None:
+    """At 2.2 s, as is known some frames later."""
+    stillness, still = watched(step(0.011, 2.0), 4.0, GOOD_M, fps=fps)
     assert not still[: 2 * fps].any()
     assert stillness.still_for == pytest.approx(1.8, abs=0.1 + 12 / fps)
 
 
-def test_a_shaky_one_sees_a_centimetre() -> None:
-    """Four times the deviation of a single sighting; the end is found to 0.2 s."""
-    stillness, still = watched(step(0.011, 2.0), 4.0, SHAKY_M)
+@pytest.mark.parametrize("fps", [15, 60])
+def test_three_millimetres_end_a_rest(fps: int) -> None:
+    """But are no first movement: a depth that is learnt moves what is seen as far."""
+    first, then = step(0.02, 1.0), step(0.003, 3.0)
+    stillness, _ = watched(lambda time: first(time) + then(time), 5.0, GOOD_M, fps=fps)
+    assert stillness.still_for == pytest.approx(1.8, abs=0.1 + 12 / fps)
+    assert not watched(then, 5.0, GOOD_M, fps=fps)[1].any()
+
+
+def test_time_out_of_view_is_no_rest() -> None:
+    stillness, still = watched(step(0.02, 1.0), 2.0, GOOD_M)
+    assert still[-1] > 0.7
+    stillness.interrupt()
+    assert stillness.still_for == 0.0
+    for stamp in np.arange(4.0, 4.5, 1 / FPS).tolist():
+        stillness.take(stamp, np.array((0.1, 0.0)), GOOD_M)
+        assert stillness.still_for <= stamp - 4.0
+    assert stillness.still_for > 0.4
+
+
+def test_a_movement_out_of_view_counts() -> None:
+    stillness, still = watched(resting, 1.0, GOOD_M)
+    stillness.interrupt()
+    for stamp in np.arange(2.0, 3.0, 1 / FPS).tolist():
+        stillness.take(stamp, np.array((0.4, 0.0)), GOOD_M)
+    assert not still.any()
+    assert stillness.still_for == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_shaky_one_sees_two_centimetres() -> None:
+    """Seven times the deviation of a single sighting; the end is found to 0.2 s."""
+    stillness, still = watched(step(0.02, 2.0), 4.0, SHAKY_M)
     assert not still[: 2 * FPS].any()
     assert stillness.still_for == pytest.approx(1.8, abs=0.2)
 
