@@ -167,7 +167,8 @@ class PlaneTracking:
         """Note whether the target moves; call it once a tick."""
         new = self._tracker.sightings[self._watched :]
         self._watched += len(new)
-        if not self.in_view:
+        # Frames that got lost are no absence, though a late camera is `in_view` no more meanwhile.
+        if not self._tracker.locked:
             self._stillness.interrupt()
             return
         for seen in new:

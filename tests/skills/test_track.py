@@ -277,7 +277,11 @@ def moved_once(size: float, begin: float, length: float) -> Callable[[float], Ve
 
 @pytest.mark.parametrize(
     ("camera", "size"),
-    [({"fps": 60}, 0.012), ({"fps": 60, "latency": 0.08, "noise": 2.0}, 0.05)],
+    [
+        ({"fps": 60}, 0.012),
+        ({"fps": 60, "latency": 0.08, "noise": 2.0}, 0.05),
+        ({"fps": 60, "latency": 0.08, "drop": 0.3}, 0.05),
+    ],
 )
 def test_until_still_waits_for_a_movement_and_for_its_end(
     camera: dict[str, Any], size: float, stage: Stage
