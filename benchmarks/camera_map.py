@@ -15,8 +15,8 @@ from matplotlib.patches import Rectangle
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.trial import Trial, TrialError
 
-SCALES = ((0.0, 2 / 60, 4 / 60, 0.1), (0.0, 0.15, 0.3), (0.0, 1.0, 2.0))
-"""Latency in s (none, two, four and six frames), share of lost frames, shake in px."""
+SCALES = ((0.0, 0.025, 0.05, 0.075, 0.1), (0.0, 0.1, 0.2, 0.3), (0.0, 1.0, 2.0))
+"""Latency in s, share of lost frames, shake in px."""
 
 CURVE = Cell("circle", 1.0, more={"turns": "4"})
 """What is followed: at full speed, so often around that an error has time to grow."""
