@@ -178,15 +178,18 @@ def _check_names(file: RobotFile, urdf: Urdf) -> None:
 
 
 def _limits(file: RobotFile, urdf: Urdf) -> JointLimits:
-    """The URDF's limits; the catalogue may tighten velocity and effort, never widen them."""
+    """The URDF's limits; the catalogue may tighten velocity and effort, never widen them.
+
+    Where the URDF gives none, or zero, the catalogue's are taken.
+    """
     entry = file.entry
     rows = np.array([urdf.limits[joint] for joint in entry.joints])
     lower, upper, velocity, effort = rows.T.copy()
     given = entry.limits
     if given.velocity is not None:
-        velocity = np.minimum(velocity, _per_joint(file, "velocity", given.velocity))
+        velocity = _tightened(velocity, _per_joint(file, "velocity", given.velocity))
     if given.effort is not None:
-        effort = np.minimum(effort, _per_joint(file, "effort", given.effort))
+        effort = _tightened(effort, _per_joint(file, "effort", given.effort))
     for what, limit in (("velocity", velocity), ("effort", effort)):
         if not (limit > 0).all():
             file.refuse(("limits",), f"{entry.urdf} gives no {what} for a joint", f"add {what}")
@@ -198,6 +201,11 @@ def _limits(file: RobotFile, urdf: Urdf) -> JointLimits:
         jerk=_per_joint(file, "jerk", given.jerk),
         effort=effort,
     )
+
+
+def _tightened(limit: Vector, given: Vector) -> Vector:
+    """The smaller of the two where there are two, of shape (dof,)."""
+    return np.where(limit > 0, np.minimum(limit, given), given)
 
 
 def _per_joint(file: RobotFile, what: str, limit: LimitEntry) -> Vector:

@@ -62,6 +62,7 @@ class Urdf:
         for joint in root.findall("joint"):
             if joint.get("name") in joints:
                 limits[str(joint.get("name"))] = _limits(joint)
+                _bound(joint)
             else:
                 _lock(joint, locked.get(str(joint.get("name")), 0.0))
         _root_at_world(root)
@@ -135,12 +136,26 @@ def _parse(path: Path) -> ET.Element:
 
 def _limits(joint: ET.Element) -> tuple[float, float, float, float]:
     limit = joint.find("limit")
-    if limit is None or joint.get("type") not in _TURNING:
-        raise CatalogueError(f"joint {joint.get('name')!r} is not a revolute joint with limits")
-    lower, upper = _CONTINUOUS
-    if joint.get("type") == "revolute":
+    if joint.get("type") == "continuous":
+        lower, upper = _CONTINUOUS
+        limit = ET.Element("limit") if limit is None else limit
+    elif joint.get("type") == "revolute" and limit is not None:
         lower, upper = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
+    else:
+        raise CatalogueError(f"joint {joint.get('name')!r} is not a revolute joint with limits")
     return lower, upper, float(limit.get("velocity", "0")), float(limit.get("effort", "0"))
+
+
+def _bound(joint: ET.Element) -> None:
+    """Give a joint without stops its limits: PlaCo would have an angle as a point of a circle."""
+    if joint.get("type") != "continuous":
+        return
+    joint.set("type", "revolute")
+    limit = joint.find("limit")
+    if limit is None:
+        limit = ET.SubElement(joint, "limit", velocity="0", effort="0")
+    for side, angle in zip(("lower", "upper"), _CONTINUOUS, strict=True):
+        limit.set(side, repr(float(angle)))
 
 
 def _lock(joint: ET.Element, value: float) -> None:

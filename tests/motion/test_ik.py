@@ -11,9 +11,10 @@ from bt_dualarm.motion.paths import line
 from bt_dualarm.motion.target import EXACT
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.catalogue import load_robot, robot_names
+from tests.world.worlds import ROBOTS, WORLD
 
 BASE = Pose.from_rpy((0.3, -0.6, 0.1), (0.1, -0.2, 1.0))
-ARMS = {name: Kinematics(load_robot(name), BASE) for name in robot_names()}
+ARMS = {name: Kinematics(load_robot(name, WORLD), BASE) for name in ROBOTS}
 
 shares = st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7)
 arms = st.sampled_from(sorted(ARMS))
@@ -74,14 +75,14 @@ def test_an_answer_does_not_depend_on_what_was_asked_before(
     np.testing.assert_allclose(arm.solve(target, home(arm)), first, rtol=0.0, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", ROBOTS)
 def test_where_the_tool_is_already_nothing_moves(name: str) -> None:
     arm = ARMS[name]
     q = arm.solve(arm.forward(home(arm)), home(arm))
     np.testing.assert_allclose(q, home(arm), atol=1e-9)
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", ROBOTS)
 def test_the_jacobian_is_the_derivative_of_the_tool_pose(name: str) -> None:
     arm = ARMS[name]
     q, h = home(arm) + 0.1, 1e-6
@@ -95,7 +96,7 @@ def test_the_jacobian_is_the_derivative_of_the_tool_pose(name: str) -> None:
         np.testing.assert_allclose(arm.jacobian(q)[:, joint], [*linear, *angular], atol=1e-6)
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", ROBOTS)
 def test_the_tool_and_its_jacobian_are_those_asked_for_one_by_one(name: str) -> None:
     arm = ARMS[name]
     q = home(arm)

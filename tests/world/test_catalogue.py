@@ -79,6 +79,39 @@ def test_the_tool_points_away_from_the_arm(name: str) -> None:
     assert away.min() > 0.3
 
 
+CONTINUOUS = """\
+title: Turntable
+urdf: turntable.urdf
+base_link: base
+tool: {link: plate}
+joints: [turn]
+limits:
+  velocity: {value: 1.0, source: chosen for this test}
+  effort: {value: 5.0, source: chosen for this test}
+  acceleration: {value: 2.0, source: chosen for this test}
+  jerk: {value: 40.0, source: chosen for this test}
+postures: {home: [0]}
+"""
+
+TURNTABLE = """\
+<robot name="turntable"><link name="base"/><link name="plate"/>
+<joint name="turn" type="continuous"><parent link="base"/><child link="plate"/></joint></robot>
+"""
+
+
+@pytest.mark.parametrize("limit", ["", '<limit effort="9" velocity="9"/>'])
+def test_a_joint_without_stops_turns_once_either_way(limit: str, tmp_path: Path) -> None:
+    """For the text that PlaCo and MuJoCo get, too; what a URDF leaves out the page may give."""
+    (tmp_path / "turntable.yaml").write_text(CONTINUOUS, encoding="utf-8")
+    urdf = TURNTABLE.replace("</joint>", f"{limit}</joint>")
+    (tmp_path / "turntable.urdf").write_text(urdf, encoding="utf-8")
+    robot = load_robot("turntable.yaml", tmp_path)
+    assert "continuous" not in robot.urdf_text
+    assert robot.limits.lower == pytest.approx(-2 * np.pi)
+    assert robot.limits.upper == pytest.approx(2 * np.pi)
+    assert f'upper="{2 * np.pi!r}"' in robot.urdf_text
+
+
 def test_speed_scales_the_rates_only() -> None:
     limits = load_robot("ur5").limits
     half = limits.scaled(0.5)

@@ -11,9 +11,10 @@ from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.world.catalogue import robot_names
 from bt_dualarm.world.world import World
 
-PAGES = tuple(
-    f"robots/{path.name}" for path in sorted((Path(__file__).parent / "robots").glob("*.yaml"))
-)
+WORLD = Path(__file__).parent
+"""The folder below which the pages of further robots lie."""
+
+PAGES = tuple(f"robots/{path.name}" for path in sorted((WORLD / "robots").glob("*.yaml")))
 """Catalogue pages beside this file, of arms that no code mentions."""
 
 ROBOTS = (*robot_names(), *PAGES)
@@ -43,7 +44,7 @@ def file_of(
         world=WorldSpec(**({"scene": "empty"} | world)),
         objects=objects or {},
         arms=arms,
-        path=Path(__file__).parent / "test.yaml",
+        path=WORLD / "test.yaml",
     )
 
 
