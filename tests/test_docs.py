@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -30,7 +31,13 @@ EXAMPLE_PAGES = (
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)(#[\w-]+)?\)")
 
+ROBOT_DATA = (
+    '.venv/bin/python -c "from bt_dualarm.world.robot_data import robot_data_dir; '
+    'print(robot_data_dir())"'
+)
+
 RUN_ELSEWHERE = {
+    ROBOT_DATA: "test_the_folder_of_the_urdfs_is_printed",
     "python3 -m venv .venv": "Makefile, and tests/test_packaging.py",
     ".venv/bin/python -m pip install --constraint constraints.txt --editable '.[dev]'": "Makefile",
     ".venv/bin/python -m pytest": "this suite",
@@ -121,6 +128,14 @@ def run_in(folder: Path, command: str) -> subprocess.CompletedProcess[str]:
         check=False,
         timeout=300,
     )
+
+
+def test_the_folder_of_the_urdfs_is_printed(tmp_path: Path) -> None:
+    code = shlex.split(ROBOT_DATA)[2]
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=True
+    )
+    assert (Path(done.stdout.strip()) / "ur_description" / "urdf" / "ur5_robot.urdf").is_file()
 
 
 @pytest.mark.slow

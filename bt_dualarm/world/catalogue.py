@@ -6,8 +6,7 @@ what a URDF lacks: acceleration and jerk limits, postures, the tool frame, camer
 
 from __future__ import annotations
 
-import functools
-import importlib.metadata
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,6 +20,7 @@ from bt_dualarm.share import share_dir
 from bt_dualarm.spec.document import LimitShares
 from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.spec.source import Path as Place
+from bt_dualarm.world.robot_data import robot_data_dir
 from bt_dualarm.world.robot_file import LimitEntry, RobotFile, ToolShape
 from bt_dualarm.world.urdf import Urdf
 
@@ -144,13 +144,22 @@ def _robot_file(name: str, root: Path | None) -> Path:
         path = _file_below(folder, name)
         if path is not None:
             return path
-        here = [p.name for p in (folder / name.replace("\0", "")).parent.glob("*.yaml")]
-        near = suggestion(Path(name).name, [n for n in here if n != name], "robot file")
-        raise CatalogueError(f"there is no robot file {name!r} below {folder}; {near}")
+        raise CatalogueError(
+            f"there is no robot file {name!r} below {folder}; {_elsewhere(folder, name)}"
+        )
     if name in robot_names():
         return share_dir("assets") / "robots" / f"{name}.yaml"
     near = suggestion(name, robot_names(), "robot")
     raise CatalogueError(f"there is no robot {name!r} in the catalogue; {near}")
+
+
+def _elsewhere(folder: Path, name: str) -> str:
+    """A hint for the path of a robot's page that is not there, or not below the folder."""
+    path = Path(os.path.normpath(folder / name.replace("\0", "")))
+    if not path.is_relative_to(folder):
+        return "a robot's page lies beside the tree file or in a folder below it"
+    pages = [page.name for page in path.parent.glob("*.yaml") if page != path]
+    return suggestion(path.name, pages, "robot file")
 
 
 def _check_names(file: RobotFile, urdf: Urdf) -> None:
@@ -254,16 +263,3 @@ def _file_below(folder: Path, name: str) -> Path | None:
         return path if path.is_file() and path.is_relative_to(folder) else None
     except (OSError, RuntimeError, ValueError):  # a name too long, a loop of symlinks, a NUL
         return None
-
-
-@functools.cache
-def robot_data_dir() -> Path:
-    """Folder ``robots`` of the installed example-robot-data package.
-
-    Raises:
-        CatalogueError: It is not installed.
-    """
-    for file in importlib.metadata.files("example-robot-data") or []:
-        if file.name == "package.xml" and "example-robot-data" in file.parts:
-            return Path(str(file.locate())).resolve().parent / "robots"
-    raise CatalogueError("the package example-robot-data is not installed")

@@ -12,6 +12,7 @@ import numpy as np
 
 from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Pose
+from bt_dualarm.world.robot_data import package_dir
 
 _PACKAGE = "package://"
 _TURNING = ("revolute", "continuous")
@@ -121,10 +122,14 @@ class Urdf:
         if not name.startswith(_PACKAGE):
             return self.path.parent / name.removeprefix("file://")
         package, _, rest = name.removeprefix(_PACKAGE).partition("/")
-        for folder in self.path.parents:
-            if folder.name == package:
-                return folder / rest
-        raise CatalogueError(f"{self.path}: package {package!r} of mesh {name!r} is not above it")
+        folder = package_dir(package, self.path)
+        if folder is None:
+            raise CatalogueError(
+                f"{self.path}: mesh {name!r}: there is no folder {package!r} above the URDF, nor "
+                "in the installed example-robot-data; put the URDF below a folder of that name, or "
+                "write paths relative to the URDF"
+            )
+        return folder / rest
 
 
 def _parse(path: Path) -> ET.Element:

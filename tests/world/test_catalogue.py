@@ -11,6 +11,8 @@ import yaml
 from bt_dualarm.errors import CatalogueError
 from bt_dualarm.share import share_dir
 from bt_dualarm.world.catalogue import load_robot, robot_names
+from bt_dualarm.world.robot_data import robot_data_dir
+from bt_dualarm.world.robot_model import robot_spec
 from tests.world.worlds import PAGES, ROBOTS, world_with
 
 HERE = Path(__file__).parent
@@ -79,6 +81,37 @@ def test_the_tool_points_away_from_the_arm(name: str) -> None:
     assert away.min() > 0.3
 
 
+PACKAGE = "package://example-robot-data/robots/z1_description"
+
+
+def page_beside_its_urdf(folder: Path, package: str) -> str:
+    """A page with a copy of the URDF, whose meshes are of the given package."""
+    page = (HERE / "robots" / "z1.yaml").read_text().replace("z1_description/urdf/", "")
+    (folder / "z1.yaml").write_text(page)
+    urdf = (robot_data_dir() / "z1_description" / "urdf" / "z1.urdf").read_text()
+    assert PACKAGE in urdf
+    (folder / "z1.urdf").write_text(urdf.replace(PACKAGE, package))
+    return "z1.yaml"
+
+
+@pytest.mark.parametrize("package", [PACKAGE, "package://z1_description"])
+def test_meshes_of_a_package_are_also_found_where_it_is_installed(
+    package: str, tmp_path: Path
+) -> None:
+    robot = load_robot(page_beside_its_urdf(tmp_path, package), tmp_path)
+    shapes = [s for link in robot.model.links for s in robot.model.shapes(link, "visual")]
+    meshes = [shape.mesh for shape in shapes if shape.mesh is not None]
+    assert meshes
+    assert all(mesh.is_file() for mesh in meshes)
+
+
+def test_a_package_that_is_nowhere_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    robot = load_robot(page_beside_its_urdf(tmp_path, "package://my_arm"), tmp_path)
+    remedy = "put the URDF below a folder of that name, or write paths relative to the URDF"
+    with pytest.raises(CatalogueError, match=f"no folder 'my_arm' above .*{remedy}"):
+        robot_spec(robot, visuals=False)
+
+
 CONTINUOUS = """\
 title: Turntable
 urdf: turntable.urdf
@@ -131,12 +164,14 @@ def test_a_missing_file_names_its_folder_and_the_nearest() -> None:
         load_robot("robots/z2.yaml", HERE)
 
 
-def test_a_file_outside_the_root_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["../z1.yaml", "robots/../../z1.yaml", "../z2.yaml"])
+def test_a_file_outside_the_root_is_refused_with_the_rule(name: str, tmp_path: Path) -> None:
+    """There, not elsewhere: the name of a page that is as far away would help nobody."""
     inside = tmp_path / "inside"
     inside.mkdir()
     (tmp_path / "z1.yaml").write_text((HERE / "robots" / "z1.yaml").read_text())
-    with pytest.raises(CatalogueError, match="below"):
-        load_robot("../z1.yaml", inside)
+    with pytest.raises(CatalogueError, match=r"below .*; a robot's page lies beside the tree"):
+        load_robot(name, inside)
 
 
 WRONG = {
