@@ -27,6 +27,7 @@ setup: $(STAMP) ## Create .venv and install the project with its tools (done onc
 
 demo: $(STAMP) ## Run the main job: two arms pick, carry and track
 	@$(BIN)/bt-run trees/pick_and_track.yaml
+	@echo "Now yours: source $(VENV)/bin/activate, then bt-run --list"
 
 test: $(STAMP) ## Run the whole test suite
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet
@@ -42,9 +43,10 @@ format: $(STAMP) ## Format the code and apply the safe fixes
 
 check: lint test ## What every commit passes: lint, then test
 
-docs: $(STAMP) ## Renew docs/reference.md and the limits in docs/motion.md
+docs: $(STAMP) ## Renew what the pages in docs/ take from the code
 	@$(BIN)/python docs/reference.py
 	@$(BIN)/python docs/limits.py
+	@$(BIN)/python docs/skills.py
 
 constraints: ## Resolve the ranges of pyproject.toml anew into constraints.txt
 	@scratch=$$(mktemp -d) && trap 'rm -rf "$$scratch"' EXIT \

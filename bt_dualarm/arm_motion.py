@@ -135,7 +135,7 @@ class ArmMotion(ArmState):
         """
         limits = self.robot.limits
         for _ in range(_RELAXATIONS):
-            here = np.clip(self.world.arms[self.name].q, limits.lower, limits.upper)
+            here = np.clip(self.q, limits.lower, limits.upper)
             way = timing.point_to_point(self.setpoint.q, here, limits, self.period)
             motion, began = self.begin(way), self.time
             latest = began + way.duration + SETTLE_S
@@ -209,7 +209,7 @@ class ArmMotion(ArmState):
     @property
     def _servo_error(self) -> float:
         """Largest joint error in rad."""
-        return float(np.abs(self.setpoint.q - self.world.arms[self.name].q).max())
+        return float(np.abs(self.setpoint.q - self.q).max())
 
     def _claim(self) -> None:
         self._refuse_if_busy()

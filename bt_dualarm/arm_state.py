@@ -70,6 +70,11 @@ class ArmState:
         return self.controller.setpoint
 
     @property
+    def q(self) -> Vector:
+        """Where the joints really are, of shape (dof,), rad."""
+        return self.world.arms[self.name].q
+
+    @property
     def tool_pose(self) -> Pose:
         """Where the tool really is."""
         return self.world.arms[self.name].tool_pose

@@ -30,5 +30,5 @@ class GoHome(Skill):
         arm = self.arm
         home = arm.posture("home")
         yield from arm.travel([home], self.ports.speed, planner=self.ports.planner)
-        error = np.abs(arm.world.arms[arm.name].q - home)
+        error = np.abs(arm.q - home)
         self.metrics["joint_error_rad"] = float(error.max())

@@ -38,7 +38,7 @@ class MoveJoints(Skill):
         goal = self._goal(arm.setpoint.q)
         yield from arm.think()
         yield from arm.follow(arm.straight_to(goal, self.ports.speed))
-        error = np.abs(arm.world.arms[arm.name].q - goal)
+        error = np.abs(arm.q - goal)
         self.metrics["joint_error_rad"] = float(error.max())
 
     def _goal(self, now: Vector) -> Vector:

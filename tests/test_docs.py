@@ -23,6 +23,7 @@ PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 EXAMPLE_PAGES = (
     "README.md",
     "docs/first_tree.md",
+    "docs/skills.md",
     "docs/motion.md",
     "docs/colors.md",
     "docs/tracking.md",

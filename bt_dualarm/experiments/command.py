@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -194,7 +195,7 @@ def _write(arguments: argparse.Namespace, results: Sequence[Result]) -> None:
     from bt_dualarm.experiments.report import HEADER, row, write_report
     from bt_dualarm.run.whole_files import write_text
 
-    table = Table(*HEADER[:9])
+    table = Table(*map(escape, HEADER[:9]))
     for result in results:
         table.add_row(*row(result)[:9])
     console = Console(highlight=False)
@@ -205,6 +206,7 @@ def _write(arguments: argparse.Namespace, results: Sequence[Result]) -> None:
         contents = [result.as_json() for result in results]
         content = contents[0] if len(contents) == 1 else {"cells": contents}
         write_text(arguments.json, json.dumps(content, indent=2) + "\n")
+        console.print(f"written: {arguments.json}", markup=False, soft_wrap=True)
     if arguments.out is not None or arguments.json is None:
         folder = arguments.out or Path("out/experiments")
         write_report(folder, results)
