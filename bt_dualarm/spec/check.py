@@ -12,7 +12,13 @@ from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.explain import describe, explain
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.ports import key_name, reference_of, references_in, validate_literals
+from bt_dualarm.spec.ports import (
+    is_unknown,
+    key_name,
+    reference_of,
+    references_in,
+    validate_literals,
+)
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.source import Data, Path
 from bt_dualarm.spec.values import Refers
@@ -69,7 +75,8 @@ def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Probl
     for name, field in kind.ports.model_fields.items():
         if name in ports:
             yield from _unknown_name(node, name, field, ports[name], declared)
-    for name in kind.fixed & references_in(kind.ports, ports).keys():
+    references = references_in(kind.ports, ports)
+    for name in (name for name in kind.fixed & references.keys() if not is_unknown(ports[name])):
         message = f"{node.kind}: {name}: cannot come from the blackboard"
         yield node.port_problem((name,), message, "write the value out, or use a parameter")
     if node.kind == "parallel" and _count(ports.get("policy")) > len(node.children):
@@ -87,7 +94,7 @@ def _inner_references(data: Data, path: Path = ()) -> Iterator[tuple[Path, str]]
         for part, item in data.items() if isinstance(data, dict) else enumerate(data):
             yield from _inner_references(item, (*path, part))
     key = reference_of(data)
-    if key is not None and len(path) > 1:
+    if key is not None and len(path) > 1 and not is_unknown(data):
         yield path, key
 
 

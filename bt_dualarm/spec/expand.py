@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from bt_dualarm.spec.params import ParamSpec
-from bt_dualarm.spec.ports import UNKNOWN, reference_of
+from bt_dualarm.spec.params import Misdeclared, ParamSpec
+from bt_dualarm.spec.ports import is_unknown, reference_of, unknown
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.scope import Scope
 from bt_dualarm.spec.site import Site, SubtreeSpec
@@ -34,8 +34,8 @@ class Expansion:
     def site(self) -> Site | None:
         """Where the subtree's root is to be parsed, or None with the reason in the problems."""
         name = self.ports.get("use")
-        if not isinstance(name, str):
-            return None  # the check of the ports says so
+        if not isinstance(name, str) or is_unknown(name):
+            return None  # another check says so
         subtree = self.here.library.get(name)
         if subtree is None:
             hint = suggestion(name, self.here.library, "subtree")
@@ -60,8 +60,8 @@ class Expansion:
 
     def _values(self, subtree: SubtreeSpec) -> dict[str, Data]:
         given = self.ports.get("params", {})
-        if not isinstance(given, dict):
-            return {}
+        if not isinstance(given, dict):  # the check of the ports says so
+            return {name: unknown(name) for name in subtree.params}
         for name in given:
             if name not in subtree.params:
                 hint = suggestion(name, subtree.params, "parameter")
@@ -79,7 +79,9 @@ class Expansion:
                 return spec.default
             message = f"subtree '{subtree.name}' needs its parameter '{name}'"
             self._add((), message, f"{name}: {spec.description or spec.type}", key=True)
-            return f"{{{UNKNOWN}{name}}}"
+            return unknown(name)
+        if isinstance(spec, Misdeclared):
+            return spec.default
         value = given[name]
         if reference_of(value) is None and spec.type == "key":
             message = f"{name}: expected a key of the blackboard"

@@ -13,7 +13,7 @@ from pydantic_core import ErrorDetails
 from bt_dualarm.spec.annotations import containers_in, models_in
 from bt_dualarm.spec.location import Location, field_at, path_in, type_at
 from bt_dualarm.spec.notation import names_of
-from bt_dualarm.spec.ports import UNKNOWN, key_name, reference_of, shown, unit_of
+from bt_dualarm.spec.ports import is_unknown, key_name, reference_of, shown, unit_of
 from bt_dualarm.spec.problems import nearest, suggestion
 from bt_dualarm.spec.source import Data, Path
 
@@ -127,7 +127,7 @@ class _Words:
                 yield self._unknown(path, details["loc"])
             elif details["loc"] and details["loc"][-1] == "[key]":
                 yield Finding(path, f"'{path[-1]}' cannot be a name", _NAME_RULE, at_key=True)
-            elif not (reference_of(details["input"]) or "").startswith(UNKNOWN):
+            elif not is_unknown(details["input"]):
                 values.append(details)
         # A value that has parts is not of the other members' types; that is no news.
         if values and not deeper and len(values) == len(found):

@@ -17,6 +17,7 @@ from bt_dualarm.spec.library import FORMAT, Libraries
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.params import chosen, declared
 from bt_dualarm.spec.parse import Parser
+from bt_dualarm.spec.ports import unknown
 from bt_dualarm.spec.problems import Place, Problem, SpecError, errors, in_order
 from bt_dualarm.spec.reader import read_file
 from bt_dualarm.spec.scope import Scope, fill_parameters
@@ -134,7 +135,7 @@ class _Loading:
             if subtree.source is not source or subtree in self._parser.used:
                 continue
             values = {
-                name: f"{{{name}}}" if spec.default is None else spec.default
+                name: unknown(name) if spec.default is None else spec.default
                 for name, spec in subtree.params.items()
             }
             site = Site(source, subtree.path, Scope(values), subtree.library, (subtree,))

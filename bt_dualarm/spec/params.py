@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, create_model, model_validator
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.explain import describe, explain
 from bt_dualarm.spec.plane import Plane
-from bt_dualarm.spec.ports import KEY, UNKNOWN, PortModel, validated
+from bt_dualarm.spec.ports import KEY, PortModel, unknown, validated
 from bt_dualarm.spec.problems import Place, Problem, SpecError, suggestion
 from bt_dualarm.spec.reader import read_text
 from bt_dualarm.spec.source import Data, Path, Source, with_tuples
@@ -82,6 +82,15 @@ class ParamSpec(Value):
         return []
 
 
+class Misdeclared(ParamSpec):
+    """Stands for a parameter whose declaration is refused: nobody complains of its uses."""
+
+    @classmethod
+    def of(cls, name: str) -> Misdeclared:
+        """That of this name; whatever it is given, its value is not known."""
+        return cls(type="number", default=unknown(name))
+
+
 def declared(source: Source, path: Path, problems: list[Problem]) -> dict[str, ParamSpec]:
     """The parameters declared in the mapping at ``path`` of a file."""
     data = source.get(path)
@@ -91,23 +100,22 @@ def declared(source: Source, path: Path, problems: list[Problem]) -> dict[str, P
         problems.append(source.problem(path, f"expected a mapping, not {describe(data)}"))
         return {}
     return {
-        name: spec
+        name: _declared_one(source, (*path, name), name, item, problems)
         for name, item in data.items()
-        if (spec := _declared_one(source, (*path, name), name, item, problems)) is not None
     }
 
 
 def _declared_one(
     source: Source, path: Path, name: str, data: Data, problems: list[Problem]
-) -> ParamSpec | None:
+) -> ParamSpec:
     if not KEY.fullmatch(name):
         hint = "a parameter's name has letters, digits and _ and begins with a letter"
         problems.append(source.problem(path, f"'{name}' cannot be a name", hint, key=True))
-        return None
+        return Misdeclared.of(name)
     if not isinstance(data, dict):
         hint = "for example: {type: number, default: 0.5, range: [0.1, 1]}"
         problems.append(source.problem(path, f"expected a mapping, not {describe(data)}", hint))
-        return None
+        return Misdeclared.of(name)
     try:
         spec = ParamSpec.model_validate(with_tuples(data))
     except ValidationError as error:
@@ -115,15 +123,12 @@ def _declared_one(
             message = found.message if found.path else f"{name}: {found.message}"
             place = (*path, *found.path)
             problems.append(source.problem(place, message, found.hint, key=found.at_key))
-        return None
+        return Misdeclared.of(name)
     spec = spec.model_copy(update={"default": data.get("default")})
-    if spec.default is not None:
-        place = (*path, "default")
-        problems += [
-            source.problem(place, f"default of {complaint}")
-            for complaint in spec.complaints(name, spec.default)
-        ]
-    return spec
+    complaints = [] if spec.default is None else spec.complaints(name, spec.default)
+    place = (*path, "default")
+    problems += [source.problem(place, f"default of {complaint}") for complaint in complaints]
+    return spec.model_copy(update={"default": unknown(name)}) if complaints else spec
 
 
 def chosen(
@@ -137,22 +142,19 @@ def chosen(
             hint = suggestion(name, specs, "parameter") if specs else "it declares none"
             problems.append(Problem(Place(file), f"it has no parameter '{name}'", hint))
             continue
+        if isinstance(specs[name], Misdeclared):
+            continue
         values[name] = text if specs[name].type in ("text", "object", "arm") else _parsed(text)
         complaints = specs[name].complaints(name, values[name])
         problems += [Problem(Place(file), f"parameter {complaint}") for complaint in complaints]
         if complaints:  # said once, here, and not at every place that uses it
-            values[name] = _unknown(name)
+            values[name] = unknown(name)
     for name, value in values.items():
         if value is None:
             hint = f"{name}: {specs[name].description}" if specs[name].description else ""
             problems.append(Problem(Place(file), f"parameter '{name}' must be given", hint))
-            values[name] = _unknown(name)
+            values[name] = unknown(name)
     return values, problems
-
-
-def _unknown(name: str) -> str:
-    """A value that nobody complains of."""
-    return f"{{{UNKNOWN}{name}}}"
 
 
 def _parsed(text: str) -> Data:

@@ -12,7 +12,7 @@ from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import KEY, REFERENCE, Template, WrittenKey, reference_of
-from bt_dualarm.spec.problems import Problem
+from bt_dualarm.spec.problems import Problem, nearest
 from bt_dualarm.spec.site import Site, SubtreeSpec
 from bt_dualarm.spec.source import Data
 
@@ -113,14 +113,15 @@ class Parser:
                 yield slot, child
 
     def _places(self, kind: Kind, fields: Mapping[str, Data], here: Site) -> Iterator[_Place]:
-        if kind.many:
+        misspelt = _misspelt(kind, fields)
+        if kind.many and "children" not in misspelt:
             yield from self._list(kind, fields.get("children"), here)
-        if kind.cases:
+        if kind.cases and "cases" not in misspelt:
             yield from self._cases(kind, fields.get("cases"), here.into("cases"))
         for slot in kind.slots:
             if fields.get(slot.name) is not None:
                 yield slot.name, fields[slot.name], here.into(slot.name)
-            elif slot.required:
+            elif slot.required and slot.name not in misspelt:
                 message = f"{kind.name}: '{slot.name}' is missing"
                 self._add(here, message, f"{slot.name}: a node", key=True)
 
@@ -192,6 +193,13 @@ def _fields(kind: Kind, body: Data) -> dict[str, Data] | None:
     if isinstance(body, list):
         return {"children": body} if kind.many else None
     return {kind.shorthand: body} if kind.shorthand else None
+
+
+def _misspelt(kind: Kind, fields: Mapping[str, Data]) -> set[str]:
+    """Missing places that an unknown field was most likely meant to be: its check says so."""
+    known = kind.places | kind.ports.model_fields.keys()
+    meant = {nearest(name, known) for name in fields if name not in known}
+    return {name for name in kind.places - fields.keys() if name in meant}
 
 
 def _not_a_body(kind: Kind, body: Data) -> tuple[str, str]:

@@ -28,7 +28,7 @@ KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
 
 
 UNKNOWN: Final = "?"
-"""Before the name of a parameter in a reference: it has no value, which is told elsewhere."""
+"""Before the name of a parameter in a reference: its value is not known, or told elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,16 @@ def port(
         max_length=max_length,
         pattern=pattern,
     )
+
+
+def unknown(name: str) -> str:
+    """A value that nobody complains of: that of a parameter whose value is not known."""
+    return f"{{{UNKNOWN}{name}}}"
+
+
+def is_unknown(value: Data) -> bool:
+    """Whether it stands for the value of a parameter that is not known."""
+    return (reference_of(value) or "").startswith(UNKNOWN)
 
 
 def reference_of(value: Data) -> str | None:
