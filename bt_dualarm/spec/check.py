@@ -19,7 +19,7 @@ from bt_dualarm.spec.ports import (
     references_in,
     validate_literals,
 )
-from bt_dualarm.spec.problems import Problem, suggestion
+from bt_dualarm.spec.problems import Problem, nearest, suggestion
 from bt_dualarm.spec.source import Data, Path
 from bt_dualarm.spec.values import Refers
 
@@ -66,12 +66,15 @@ def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Probl
         for found in explain(error, kind.ports, ports, "port", kind.places):
             message = f"{node.kind}: {found.message}"
             at_key = found.at_key or not found.path
-            yield node.port_problem(found.path, message, found.hint, key=at_key)
+            key = reference_of(_at(ports, found.path))
+            hint = _parameter_hint(node, key) if key else ""
+            yield node.port_problem(found.path, message, hint or found.hint, key=at_key)
             known.add(found.path)
     for path, key in _inner_references(ports if node.kind != "subtree" else {}):
         if path not in known:
             message = f"{node.kind}: '{{{key_name(key)}}}' is no parameter"
-            yield node.port_problem(path, message, "a key can only stand for a whole port")
+            hint = _parameter_hint(node, key) or "a key can only stand for a whole port"
+            yield node.port_problem(path, message, hint)
     for name, field in kind.ports.model_fields.items():
         if name in ports:
             yield from _unknown_name(node, name, field, ports[name], declared)
@@ -96,6 +99,22 @@ def _inner_references(data: Data, path: Path = ()) -> Iterator[tuple[Path, str]]
     key = reference_of(data)
     if key is not None and len(path) > 1 and not is_unknown(data):
         yield path, key
+
+
+def _at(data: Data, path: Path) -> Data:
+    """What the data has at a path; None where a part of it is missing."""
+    for part in path:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
+def _parameter_hint(node: NodeSpec, key: str) -> str:
+    """The parameter that was most likely meant by a key, if one is near enough."""
+    close = nearest(key_name(key), node.parameters)
+    return f"did you mean the parameter '{close}'?" if close else ""
 
 
 def _count(policy: Data) -> int:

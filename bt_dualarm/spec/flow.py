@@ -28,7 +28,7 @@ from bt_dualarm.spec.ports import (
     templates_of,
     validated,
 )
-from bt_dualarm.spec.problems import Problem, suggestion
+from bt_dualarm.spec.problems import Problem, nearest, suggestion
 
 _AGAIN = frozenset({"repeat", "retry", "while", "guard", "parallel"})
 """Nodes that may tick a child after one that comes later in the file."""
@@ -167,7 +167,11 @@ def _never_written(read: Read, everywhere: set[str]) -> Problem:
     else:
         scope = read.key.removesuffix(name)
         written = {key_name(key) for key in everywhere if key == scope + key_name(key)}
-        hint = suggestion(name, written, "key") if written else _OWN_KEYS
+        parameter = nearest(name, written | read.node.parameters)
+        if parameter in read.node.parameters:
+            hint = f"did you mean the parameter '{parameter}'?"
+        else:
+            hint = suggestion(name, written, "key") if written else _OWN_KEYS
     if read.node.user:
         hint += f"; the subtree is used at {read.node.user}"
     message = f"{read.node.kind}: no node before this one writes '{{{name}}}'"

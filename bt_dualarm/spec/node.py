@@ -23,6 +23,7 @@ class NodeSpec:
         path: Where in that file.
         whole: Whether the parser could make sense of all that was written.
         user: Where the subtree that it is part of is used, if it is part of one.
+        parameters: Names of those that it may refer to.
     """
 
     kind: str
@@ -34,6 +35,7 @@ class NodeSpec:
     path: Path = field(default=(), repr=False)
     whole: bool = field(default=True, repr=False)
     user: Place | None = field(default=None, repr=False)
+    parameters: frozenset[str] = field(default=frozenset(), repr=False)
 
     @property
     def place(self) -> Place:

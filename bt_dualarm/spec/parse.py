@@ -86,6 +86,7 @@ class Parser:
             site.source,
             site.path,
             user=site.user,
+            parameters=frozenset(site.scope.values),
         )
 
     def _name(self, kind: Kind, fields: Mapping[str, Data], here: Site) -> str:
