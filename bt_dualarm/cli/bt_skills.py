@@ -1,4 +1,4 @@
-"""``bt-skills``: what may be written in a tree file, and the schema for editors."""
+"""``bt-skills``: what may be written in a tree file, robots too, and the schema for editors."""
 
 from __future__ import annotations
 
@@ -30,12 +30,16 @@ _EPILOG = """\
 examples:
   bt-skills                    every skill and every word of the language
   bt-skills circle             its ports, failures and an example
+  bt-skills robots             every robot with its reach, postures and camera mounts
+  bt-skills ur5                its joints, postures and camera mounts with their numbers
+  bt-skills robots/z1.yaml     those of a robot's page of your own
   bt-skills --schema tree.schema.json
                                for editors: begin a tree file with the line
                                # yaml-language-server: $schema=tree.schema.json
 """
 
 _STDOUT = Path("-")
+_ROBOTS = "robots"
 
 
 def skills(argv: Sequence[str] | None = None) -> int:
@@ -62,7 +66,9 @@ def _command_line() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("name", metavar="NAME", nargs="?", help="a skill or a word of the language")
+    parser.add_argument(
+        "name", metavar="NAME", nargs="?", help="a skill, a word, a robot, or robots"
+    )
     parser.add_argument("--json", action="store_true", help="for programs")
     parser.add_argument(
         "--schema",
@@ -86,12 +92,25 @@ def _skills(arguments: argparse.Namespace) -> int:
     everything = {**kinds, **LANGUAGE}
     if arguments.name is None:
         return _list(kinds, LANGUAGE, as_json=arguments.json)
-    if arguments.name not in everything:
-        from bt_dualarm.spec.problems import suggestion
+    if arguments.name in everything:
+        return _show(everything[arguments.name], as_json=arguments.json)
+    return _show_robots(arguments.name, everything, as_json=arguments.json)
 
-        hint = suggestion(arguments.name, everything, "name")
-        raise DualArmError(f"there is no skill or word '{arguments.name}'; {hint}")
-    return _show(everything[arguments.name], as_json=arguments.json)
+
+def _show_robots(name: str, others: Mapping[str, Kind], *, as_json: bool) -> int:
+    from bt_dualarm.cli.robot_sheets import is_page, list_robots, show_robot
+    from bt_dualarm.world.catalogue import robot_names
+
+    if name == _ROBOTS:
+        list_robots(as_json=as_json)
+        return SUCCEEDED
+    if is_page(name) or name in robot_names():
+        show_robot(name, as_json=as_json)
+        return SUCCEEDED
+    from bt_dualarm.spec.problems import suggestion
+
+    hint = suggestion(name, (*others, _ROBOTS, *robot_names()), "name")
+    raise DualArmError(f"there is no skill, word or robot '{name}'; {hint}")
 
 
 def _write_schema(kinds: Mapping[str, Kind], target: Path) -> int:
@@ -119,6 +138,7 @@ def _list(kinds: Mapping[str, Kind], words: Mapping[str, Kind], *, as_json: bool
         print(f"{title}:")
         for name, kind in sorted(some.items()):
             print(f"  {name:<{width}}  {kind.summary}")
+    print("robots: listed by bt-skills robots")
     return SUCCEEDED
 
 

@@ -1,4 +1,4 @@
-"""How near an arm's tool can get to a point, whichever way it is turned."""
+"""Where an arm's tool can get, whichever way it is turned."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ _STEP = 0.4  # rad: most that a joint moves in one iteration
 _DAMPING = 1e-3  # m: keeps steps short where the arm is stretched
 _REACHED = 1e-4  # m
 _STALLED = 1e-4  # rad
+_CLIMBED = 1e-9  # m: less is no progress
 
 
 class Reach(Chain):
@@ -39,6 +40,39 @@ class Reach(Chain):
             if nearest < _REACHED:
                 return 0.0
         return nearest
+
+    def farthest(self) -> float:
+        """The tool's largest distance in m from the first joint, whose joints keep their limits.
+
+        The best of several ascents of the distance: in practice the largest, to a millimetre.
+        """
+        centre, _ = self.workspace
+        return max(self._ascend(centre, start) for start in self._starts)
+
+    def _ascend(self, centre: Vector, q: Vector) -> float:
+        """Distance that steps along its gradient, halved where they do not help, lead to."""
+        away, slope = self._distance(centre, q)
+        step = _STEP
+        while step > _STALLED:
+            blocked = ((q >= self.upper) & (slope > 0)) | ((q <= self.lower) & (slope < 0))
+            slope = np.where(blocked, 0.0, slope)
+            steepest = float(np.abs(slope).max())
+            if steepest == 0.0:
+                break
+            moved = np.clip(q + step * slope / steepest, self.lower, self.upper)
+            farther, there = self._distance(centre, moved)
+            if farther > away + _CLIMBED:
+                q, away, slope = moved, farther, there
+            else:
+                step /= 2
+        return away
+
+    def _distance(self, centre: Vector, q: Vector) -> tuple[float, Vector]:
+        """From the centre, of shape (3,), to the tool, and its gradient, of shape (dof,)."""
+        matrix, jacobian = self.tool(q)
+        arm = matrix[:3, 3] - centre
+        away = float(np.linalg.norm(arm))
+        return away, jacobian[:3].T @ arm / away
 
     def _descend(self, point: Vector, q: Vector) -> float:
         """Distance to which damped least squares (Wampler 1986) brings the tool from ``q``."""

@@ -21,7 +21,8 @@ it.
 
 In a file a node is its name with its ports: `circle: {radius: 0.1}`. Any port may be given as
 `"{key}"`: a parameter, or a key of the blackboard; `name:` beside the ports is what people are
-shown. [How trees are ticked and halted](ticking.md) has a page of its own.
+shown. [How trees are ticked and halted](ticking.md) has a page of its own, and so have the
+[robots and scenes](robots.md): joints, postures, camera mounts, reach, where the table stands.
 """
 _PORTS: Final = "| {} | type | unit | range | default | |\n|---|---|---|---|---|---|"
 

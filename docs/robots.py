@@ -1,0 +1,141 @@
+"""Write the page of all robots and scenes, ``robots.md``, from the catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.motion.data_sheet import DataSheet, data_sheet, direction, numbers
+from bt_dualarm.share import share_dir
+from bt_dualarm.world.catalogue import load_robot, robot_names
+from bt_dualarm.world.composition import scene_names
+
+PAGE: Final = Path(__file__).with_suffix(".md")
+
+_HEAD: Final = """\
+# Robots and scenes
+
+What `robot`, `posture`, `mount` and `scene` of a tree file may be. Generated from the catalogue;
+`make docs` renews it. In a terminal `bt-skills robots` and `bt-skills ur5` say the same of robots,
+and `bt-skills z1.yaml` of a page of your own.
+"""
+
+_ROBOTS: Final = """\
+Positions and directions are seen from the base link, which `base` of the file places: with
+`base: {xyz: [0, 0, 0.4]}` add 0.4 m to every height. The tool points along its z axis. Reach is the
+largest distance of the tool from the first joint that the joint limits allow, found by climbing
+from several configurations: beyond it is nothing, but not every pose within has a configuration.
+`bt-check` warns of those that have none. Limits of acceleration and jerk, with their sources, are
+in [motion.md](motion.md).
+"""
+
+_SCENES: Final = """\
+## Scenes
+
+Metres in the world. A thing that lies on a part has its centre half its own height above the part's
+top: a cube of 0.05 m on a top at 0.4 m is at `z: 0.425`.
+"""
+
+
+def robots_page() -> str:
+    """The whole page."""
+    sheets = [data_sheet(load_robot(name)) for name in robot_names()]
+    parts = [_HEAD, _overview(sheets), _ROBOTS]
+    for sheet in sheets:
+        parts += _robot(sheet)
+    parts.append(_SCENES)
+    for name in scene_names():
+        parts += [f"### {name}\n", _table(("part", "shape", "x", "y", "z"), _parts(name))]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _overview(sheets: Iterable[DataSheet]) -> str:
+    return _table(
+        ("robot", "", "joints", "reach", "postures", "camera mounts"),
+        (
+            (
+                f"[`{sheet.name}`](#{sheet.name})",
+                sheet.title,
+                str(len(sheet.joints)),
+                f"{sheet.reach_m:.2f} m",
+                _codes(posture.name for posture in sheet.postures),
+                _codes(mount.name for mount in sheet.cameras),
+            )
+            for sheet in sheets
+        ),
+    )
+
+
+def _robot(sheet: DataSheet) -> Iterator[str]:
+    yield f"## {sheet.name}\n"
+    yield (
+        f"{sheet.title}. Its tool reaches {sheet.reach_m:.2f} m from the first joint, which is at "
+        f"({numbers(sheet.centre_m)}) m from the base link, `{sheet.base_link}`. The tool frame is "
+        f"at ({numbers(sheet.tool_m)}) m in the link `{sheet.tool_link}`.\n"
+    )
+    yield _table(
+        ("joint", "from", "to", "velocity"),
+        (
+            (f"`{j.name}`", f"{j.lower_deg:g}°", f"{j.upper_deg:g}°", f"{j.velocity_deg_s:g} °/s")
+            for j in sheet.joints
+        ),
+    )
+    yield _table(
+        ("posture", "angles in degrees", "tool at, m", "points along"),
+        (
+            (f"`{p.name}`", numbers(p.angles_deg), numbers(p.tool_m), direction(p.points))
+            for p in sheet.postures
+        ),
+    )
+    yield _table(
+        ("camera mount", "in the link", "at, m", "looks along, in the link"),
+        (
+            (f"`{c.name}`", f"`{c.link}`", numbers(c.xyz_m), direction(c.looks))
+            for c in sheet.cameras
+        ),
+    )
+
+
+def _parts(scene: str) -> Iterator[tuple[str, ...]]:
+    """Each shape of a scene, and from where to where it goes along the world's axes."""
+    model = mujoco.MjModel.from_xml_path(str(share_dir("assets") / "scenes" / f"{scene}.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    for number in range(model.ngeom):
+        shape = mujoco.mjtGeom(model.geom_type[number])
+        words = (f"`{model.geom(number).name}`", shape.name.removeprefix("mjGEOM_").lower())
+        if shape == mujoco.mjtGeom.mjGEOM_PLANE:
+            yield (*words, "everywhere", "everywhere", f"{data.geom_xpos[number][2]:g}")
+        else:
+            yield (*words, *_spans(model, data, number))
+
+
+def _spans(model: Any, data: Any, geom: int) -> Iterator[str]:
+    turned = data.geom_xmat[geom].reshape(3, 3)
+    middle = data.geom_xpos[geom] + turned @ model.geom_aabb[geom, :3]
+    half = np.abs(turned) @ model.geom_aabb[geom, 3:]
+    for least, most in np.round(np.stack((middle - half, middle + half), axis=1), 3) + 0.0:
+        yield f"{least:g} to {most:g}"
+
+
+def _codes(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    titles = list(head)
+    lines = [titles, ["---"] * len(titles), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(robots_page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
