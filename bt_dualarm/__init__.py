@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill import Skill as Skill
     from bt_dualarm.skill import SkillContext as SkillContext
     from bt_dualarm.spec.aims import CarriedPose as CarriedPose
+    from bt_dualarm.spec.aims import JointAngles as JointAngles
     from bt_dualarm.spec.aims import PostureName as PostureName
     from bt_dualarm.spec.aims import ToolPose as ToolPose
     from bt_dualarm.spec.color import Color as Color
@@ -82,6 +83,7 @@ _CONTENTS: Final = {
     "CarriedPose": "spec.aims:CarriedPose",
     "Color": "spec.color:Color",
     "Duration": "spec.values:Duration",
+    "JointAngles": "spec.aims:JointAngles",
     "ObjectName": "spec.values:ObjectName",
     "Offset": "spec.offset:Offset",
     "Plane": "spec.plane:Plane",
@@ -120,6 +122,7 @@ __all__ = [
     "DualArmError",
     "Duration",
     "Failure",
+    "JointAngles",
     "Matrix",
     "ObjectName",
     "Offset",

@@ -105,6 +105,7 @@ def kind_of(skill: type[Skill], origin: str) -> Kind:
         (inspect.getdoc(skill) or "").partition("\n")[0],
         skill.Ports,
         skill.Outputs,
+        needs_camera=skill.needs_camera,
         failures=skill.failures,
         example=skill.example,
         origin=origin,
@@ -126,7 +127,7 @@ def faults(skill: type[Skill]) -> Iterator[str]:
         if not (isinstance(model, type) and issubclass(model, PortModel)):
             yield f"{part} is not a PortModel"
         else:
-            yield from _port_faults(part, model)
+            yield from (*_port_faults(part, model), *_choice_faults(part, model))
     yield from _name_faults(skill)
 
 
@@ -139,6 +140,15 @@ def _port_faults(part: str, model: type[PortModel]) -> Iterator[str]:
                 only(model, name)()
             except ValidationError as error:
                 yield f"{part}.{name} refuses its own default: {error.errors()[0]['msg']}"
+
+
+def _choice_faults(part: str, model: type[PortModel]) -> Iterator[str]:
+    for name in model.exactly_one_of:
+        field = model.model_fields.get(name)
+        if field is None:
+            yield f"{part}.exactly_one_of names '{name}', which is no port"
+        elif field.is_required() or field.default is not None:
+            yield f"{part}.{name} is one of several to choose from: its default must be None"
 
 
 def _name_faults(skill: type[Skill]) -> Iterator[str]:

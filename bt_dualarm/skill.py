@@ -84,6 +84,7 @@ class Skill:
 
     Attributes:
         needs: Modules that are slow to import and that the skill uses; imported before the run.
+        needs_camera: Whether it works only with a camera that moves with the arm.
         progress: Share done from 0 to 1, for the display; None where it cannot be known.
         metrics: What the skill measured; goes into the summary of the run.
     """
@@ -93,6 +94,7 @@ class Skill:
     failures: ClassVar[Mapping[str, str]] = {}
     example: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()
+    needs_camera: ClassVar[bool] = False
 
     ports: Any
 

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TypeAlias
 
 import numpy as np
 
-from bt_dualarm import Angle, Failure, PortModel, Skill, Speed, Vector, port
-
-Angles: TypeAlias = tuple[Angle, ...] | dict[str, Angle]
+from bt_dualarm import Failure, JointAngles, PortModel, Skill, Speed, Vector, port
 
 
 class MoveJoints(Skill):
     """Turn the joints to or by angles, each evenly, so that all arrive together."""
 
     class Ports(PortModel):
-        to: Angles | None = port(
+        exactly_one_of = ("to", "by")
+
+        to: JointAngles | None = port(
             None, "angles of all joints, base to tip, or {joint: angle} of some", unit="deg"
         )
-        by: Angles | None = port(None, "likewise, from where they are now", unit="deg")
+        by: JointAngles | None = port(None, "likewise, from where they are now", unit="deg")
         speed: Speed = port(0.5, "share of the arm's limits")
 
     failures = {
-        "INVALID_TARGET": "not exactly one of to, by; not one angle for each joint; no such joint",
+        "INVALID_TARGET": "not one angle for each joint, or no such joint",
         "JOINT_LIMIT": "an angle is beyond the joint's limits",
         "IN_COLLISION": "the arm would touch something on the way",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
@@ -44,14 +43,12 @@ class MoveJoints(Skill):
     def _goal(self, now: Vector) -> Vector:
         """Angles of all joints, of shape (dof,), rad."""
         to, by = self.ports.to, self.ports.by
-        if (to is None) == (by is None):
-            raise Failure("INVALID_TARGET", "give exactly one of: to, by")
         goal = now.copy() if by is None else np.zeros_like(now)
         for joint, angle in self._by_index(by if to is None else to, len(now)).items():
             goal[joint] = angle
         return goal if by is None else now + goal
 
-    def _by_index(self, angles: Angles | None, dof: int) -> Mapping[int, float]:
+    def _by_index(self, angles: JointAngles | None, dof: int) -> Mapping[int, float]:
         joints = self.arm.robot.joints
         if isinstance(angles, dict):
             unknown = [name for name in angles if name not in joints]

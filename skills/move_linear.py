@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bt_dualarm import (
-    Failure,
     Offset,
     PortModel,
     Pose,
@@ -22,6 +21,8 @@ class MoveLinear(Skill):
     """Move the tool along a straight line to a pose or by an offset, turning evenly."""
 
     class Ports(PortModel):
+        exactly_one_of = ("to", "offset")
+
         to: ToolPose | None = port(None, "tool pose in the world; turned as now if only xyz")
         offset: Offset | None = port(None, "step from the current tool pose")
         speed: Speed = port(0.5, "share of the arm's limits of velocity, acceleration and jerk")
@@ -30,7 +31,6 @@ class MoveLinear(Skill):
         )
 
     failures = {
-        "INVALID_TARGET": "not exactly one of to, offset",
         "SINGULAR": "the line leads through a singularity of the arm; nothing was executed",
         "PATH_BROKEN": "the arm can follow only a part of the line; nothing was executed",
         "IN_COLLISION": "the arm would touch something on the way",
@@ -51,8 +51,4 @@ class MoveLinear(Skill):
 
     def _goal(self, tool: Pose) -> Pose:
         to, offset = self.ports.to, self.ports.offset
-        if to is not None and offset is None:
-            return to.pose_from(tool)
-        if offset is not None and to is None:
-            return offset.applied_to(tool)
-        raise Failure("INVALID_TARGET", "give exactly one of: to, offset")
+        return to.pose_from(tool) if to else offset.applied_to(tool)  # type: ignore[union-attr]  # one is given

@@ -8,7 +8,6 @@ from typing import Literal
 from bt_dualarm import (
     Angle,
     Duration,
-    Failure,
     Offset,
     Planner,
     PortModel,
@@ -27,6 +26,8 @@ class ReachToPose(Skill):
     """Move the tool to a pose, by an offset, or the joints to a named posture."""
 
     class Ports(PortModel):
+        exactly_one_of = ("to", "offset", "posture")
+
         to: ToolPose | None = port(None, "tool pose in the world; turned as now if only xyz")
         offset: Offset | None = port(None, "step from the current tool pose")
         posture: PostureName | None = port(None, "a posture of the robot, such as home")
@@ -44,7 +45,7 @@ class ReachToPose(Skill):
         angle_tolerance: Angle = port(0.5, "largest turn at the end", ge=0.01, le=30)
 
     failures = {
-        "INVALID_TARGET": "not exactly one of to, offset, posture; or no such posture",
+        "INVALID_TARGET": "no such posture, or a target outside of the workspace",
         "UNREACHABLE": "no configuration of the arm puts the tool there",
         "IN_COLLISION": "the arm would touch something there",
         "NO_PLAN": "no way there free of collisions was found",
@@ -70,9 +71,6 @@ class ReachToPose(Skill):
     def _goal(self) -> tuple[list[Vector], Pose]:
         """Configurations to choose from, nearest first, and the pose they put the tool at."""
         ports, arm = self.ports, self.arm
-        given = [x for x in (ports.to, ports.offset, ports.posture) if x is not None]
-        if len(given) != 1:
-            raise Failure("INVALID_TARGET", "give exactly one of: to, offset, posture")
         if ports.posture is not None:
             q = arm.posture(ports.posture)
             return [q], arm.kinematics.forward(q)

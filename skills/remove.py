@@ -11,11 +11,13 @@ class Remove(Skill):
     """Take an object or another arm out of the running world; what that arm held falls."""
 
     class Ports(PortModel):
+        exactly_one_of = ("object", "arm")
+
         object: ObjectName | None = port(None, "object to take away, out of any arm's hold")
         arm: ArmName | None = port(None, "arm to take away; its tree ends as removed")
 
     failures = {
-        "INVALID_TARGET": "not exactly one of object and arm was given, or the arm is this one",
+        "INVALID_TARGET": "an arm does not remove itself",
         "NOT_REMOVED": "it is not in the world",
     }
     example = "remove: {object: cube}"
@@ -24,8 +26,6 @@ class Remove(Skill):
     def run(self) -> Iterator[None]:
         """Take it away, and look whether it is gone a tick later."""
         world, ports = self.arm.world, self.ports
-        if (ports.object is None) == (ports.arm is None):
-            raise Failure("INVALID_TARGET", "give either an object or an arm to remove")
         if ports.arm == self.arm.name:
             raise Failure("INVALID_TARGET", f"{self.arm.name} cannot remove itself")
         try:

@@ -73,6 +73,7 @@ class Track(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "track: {color: yellow, plane: yz, controller: predictive, duration: 5.0}"
+    needs_camera = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -159,6 +159,10 @@ def _show(kind: Kind, *, as_json: bool) -> int:
         if ports:
             console.print(f"\n{title}:")
             console.print(_table(ports))
+    if description.exactly_one_of:
+        console.print(f"\nexactly one of {', '.join(description.exactly_one_of)} is given")
+    if description.needs_camera:
+        console.print("\nthe arm needs a camera that moves with it")
     for title, words in (("children", description.children), ("failures", description.failures)):
         if words:
             console.print(f"\n{title}:")

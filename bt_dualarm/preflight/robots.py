@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from bt_dualarm.errors import CatalogueError
-from bt_dualarm.spec.aims import OnRobotPage
+from bt_dualarm.spec.aims import OfJoints, OnRobotPage
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.document import ArmSpec, TreeFile
 from bt_dualarm.spec.language import Kind
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import reference_of
 from bt_dualarm.spec.problems import Problem, suggestion
-from bt_dualarm.spec.source import Path, Source
+from bt_dualarm.spec.source import Data, Path, Source
 from bt_dualarm.world.catalogue import Robot, load_robot, robot_names
 from bt_dualarm.world.composition import names_in, scene_names, scene_spec
 
@@ -46,7 +46,7 @@ class Names:
             if robot is not None:
                 self.robots[name] = robot
                 self._arm(("arms", name), arm, robot)
-                self.problems += self._nodes(arm.tree, robot)
+                self.problems += self._nodes(name, arm, robot)
 
     def _scene(self) -> None:
         world = self.file.world
@@ -83,22 +83,44 @@ class Names:
             what = f"camera mount of {robot.name}"
             self._unknown((*path, "camera", "mount"), what, camera.mount, robot.cameras)
 
-    def _nodes(self, root: NodeSpec, robot: Robot) -> Iterator[Problem]:
-        for node in root.walk():
-            fields = self.kinds[node.kind].ports.model_fields if node.kind in self.kinds else {}
-            for port, declared in fields.items():
+    def _nodes(self, name: str, arm: ArmSpec, robot: Robot) -> Iterator[Problem]:
+        carried = arm.camera is not None and isinstance(arm.camera.mount, str)
+        for node in arm.tree.walk():
+            kind = self.kinds.get(node.kind)
+            if kind is None:
+                continue
+            if kind.needs_camera and not carried:
+                message = f"{node.kind}: {name} has no camera that moves with it"
+                mount = next(iter(robot.cameras), "wrist")
+                yield node.problem(message, f"give {name} one: camera: {{mount: {mount}}}")
+            for port, declared in kind.ports.model_fields.items():
                 value = node.ports.get(port)
-                if not isinstance(value, str) or reference_of(value) is not None:
+                if value is None or reference_of(value) is not None:
                     continue
                 if metadata_of(declared, OnRobotPage) and value not in robot.postures:
                     message = f"{node.kind}: there is no posture of {robot.name} '{value}'"
                     yield node.port_problem((port,), message, _known(value, robot.postures))
+                if metadata_of(declared, OfJoints):
+                    yield from _joints(node, port, value, robot)
 
     def _unknown(self, path: Path, what: str, given: str, known: Iterable[str]) -> None:
         self._add(path, f"there is no {what} '{given}'", _known(given, known))
 
     def _add(self, path: Path, message: str, hint: str = "", *, key: bool = False) -> None:
         self.problems.append(self.source.problem(path, message, hint, key=key))
+
+
+def _joints(node: NodeSpec, port: str, value: Data, robot: Robot) -> Iterator[Problem]:
+    """What is wrong with a value for each joint, or for some by name."""
+    if isinstance(value, dict):
+        for name in value:
+            if name not in robot.joints:
+                message = f"{node.kind}: there is no joint of {robot.name} '{name}'"
+                yield node.port_problem((port, name), message, _known(name, robot.joints), key=True)
+    elif len(value) != len(robot.joints):
+        dof = len(robot.joints)
+        message = f"{node.kind}: {port}: {len(value)} values for the {dof} joints of {robot.name}"
+        yield node.port_problem((port,), message, f"base to tip: {', '.join(robot.joints)}")
 
 
 def _known(given: str, known: Iterable[str]) -> str:

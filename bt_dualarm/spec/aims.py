@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
-from bt_dualarm.spec.values import PoseSpec
+from bt_dualarm.spec.values import Angle, PoseSpec
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,11 @@ class OnRobotPage:
     what: str
 
 
+@dataclass(frozen=True)
+class OfJoints:
+    """Metadata of a port: one value for each of the arm's joints, or some by the joint's name."""
+
+
 ToolPose: TypeAlias = Annotated[PoseSpec, Aim()]
 """A pose in the world that the tool is to take; the check warns if it is out of reach."""
 
@@ -38,3 +43,6 @@ CarriedPose: TypeAlias = Annotated[PoseSpec, Aim(carried=True)]
 
 PostureName: TypeAlias = Annotated[str, OnRobotPage("posture")]
 """A posture of the robot's catalogue page; the check knows which there are."""
+
+JointAngles: TypeAlias = Annotated[tuple[Angle, ...] | dict[str, Angle], OfJoints()]
+"""Angles of all joints, base to tip, or some by name; the check knows the robot's joints."""

@@ -15,6 +15,7 @@ from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import (
     is_unknown,
     key_name,
+    miscounted,
     reference_of,
     references_in,
     validate_literals,
@@ -79,6 +80,9 @@ def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Probl
         if name in ports:
             yield from _unknown_name(node, name, field, ports[name], declared)
     references = references_in(kind.ports, ports)
+    complaint = miscounted(kind.ports, ports) if references else ""
+    if complaint:  # without references the model itself has said so
+        yield node.port_problem((), f"{node.kind}: {complaint}", key=True)
     for name in (name for name in kind.fixed & references.keys() if not is_unknown(ports[name])):
         message = f"{node.kind}: {name}: cannot come from the blackboard"
         yield node.port_problem((name,), message, "write the value out, or use a parameter")

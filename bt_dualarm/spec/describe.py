@@ -50,6 +50,8 @@ class Description:
         outputs: Values that it writes to the blackboard where the file names a key.
         children: Places for children, each with the words that say what stands there.
         shorthand: The port that a bare value stands for, if there is one.
+        exactly_one_of: Ports of which a node is given exactly one, if there are such.
+        needs_camera: Whether it works only with a camera that moves with the arm.
         failures: Codes of its failures with their meaning.
         example: YAML of one node.
         origin: Where it comes from.
@@ -61,6 +63,8 @@ class Description:
     outputs: tuple[PortDescription, ...]
     children: Mapping[str, str]
     shorthand: str
+    exactly_one_of: tuple[str, ...]
+    needs_camera: bool
     failures: Mapping[str, str]
     example: str
     origin: str
@@ -75,6 +79,8 @@ def describe(kind: Kind) -> Description:
         ports_of(kind.outputs),
         _children_of(kind),
         kind.shorthand,
+        kind.ports.exactly_one_of,
+        kind.needs_camera,
         dict(kind.failures),
         kind.example,
         kind.origin,

@@ -166,7 +166,7 @@ class _Words:
             wanted = [self._expectation(details) for details in found]
             message = f"expected {' or '.join(dict.fromkeys(wanted))}, not {describe(given)}"
             hint = self._nearest_choice(found)
-        hint = hint or _reference_hint(given) or self._forms(found)
+        hint = hint or (_reference_hint(given) if path else "") or self._forms(found)
         return Finding(path, _owned(path, message), hint)
 
     def _forms(self, found: Sequence[ErrorDetails]) -> str:

@@ -34,6 +34,7 @@ class Kind:
         cases: Whether it takes a mapping of children, ``cases``.
         fixed: Ports that must be written out; no key of the blackboard can give them.
         shorthand: The port that a bare value stands for: ``wait: 2``.
+        needs_camera: Whether it works only with a camera that moves with the arm.
         failures: Codes of its failures with their meaning.
         example: YAML of one node.
         origin: Where it comes from: a file for skills.
@@ -48,6 +49,7 @@ class Kind:
     cases: bool = False
     fixed: frozenset[str] = frozenset()
     shorthand: str = ""
+    needs_camera: bool = False
     failures: Mapping[str, str] = field(default_factory=dict)
     example: str = ""
     origin: str = "the language"

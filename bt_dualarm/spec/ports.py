@@ -11,9 +11,9 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, ClassVar, Final, Self
 
-from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 from pydantic.fields import FieldInfo
 
 from bt_dualarm.spec.annotations import metadata_of
@@ -42,11 +42,35 @@ class WrittenKey:
 
 
 class PortModel(BaseModel):
-    """Base of a node's ports: immutable, complete, and strict about types."""
+    """Base of a node's ports: immutable, complete, and strict about types.
+
+    Attributes:
+        exactly_one_of: Names of ports, None by default, of which a node is given exactly one.
+    """
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True
     )
+    exactly_one_of: ClassVar[tuple[str, ...]] = ()
+
+    @model_validator(mode="after")
+    def _one_is_given(self) -> Self:
+        complaint = miscounted(type(self), self.__dict__)
+        if complaint:
+            raise ValueError(complaint)
+        return self
+
+
+def miscounted(model: type[PortModel], ports: Mapping[str, Any]) -> str:
+    """Why not exactly one of the ports is given that exclude each other; empty if it is.
+
+    A reference to the blackboard counts as given.
+    """
+    given = [name for name in model.exactly_one_of if ports.get(name) is not None]
+    if not model.exactly_one_of or len(given) == 1:
+        return ""
+    here = f"here are {' and '.join(given)}" if given else "here is none"
+    return f"give exactly one of: {', '.join(model.exactly_one_of)}; {here}"
 
 
 def port(

@@ -75,6 +75,11 @@ def _node(told: Description) -> Iterator[str]:
         yield f"Children: {'; '.join(places)}.\n"
     if told.shorthand:
         yield f"A bare value is its `{told.shorthand}`.\n"
+    if told.exactly_one_of:
+        names = ", ".join(f"`{name}`" for name in told.exactly_one_of)
+        yield f"Exactly one of {names} is given.\n"
+    if told.needs_camera:
+        yield "The arm needs a camera that moves with it.\n"
     if told.ports:
         yield _table("port", told.ports)
     if told.outputs:

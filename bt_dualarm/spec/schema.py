@@ -50,7 +50,7 @@ def json_schema(skills: Mapping[str, Kind]) -> Schema:
     }
     kinds = {**LANGUAGE, **skills}
     bodies = {name: _body(kind, definitions) for name, kind in sorted(kinds.items())}
-    bare = [name for name, kind in sorted(kinds.items()) if not _required(kind)]
+    bare = [name for name, kind in sorted(kinds.items()) if _can_be_bare(kind)]
     definitions["node"] = {
         "description": "One node: its kind and its ports.",
         "anyOf": [
@@ -112,6 +112,11 @@ def _required(kind: Kind) -> list[str]:
     return ports + slots + ["children"] * kind.many + ["cases"] * kind.cases
 
 
+def _can_be_bare(kind: Kind) -> bool:
+    """Whether its name alone is a node."""
+    return not _required(kind) and not kind.ports.exactly_one_of
+
+
 def _body(kind: Kind, definitions: Schema) -> Schema:
     mapping = _model(kind.ports, definitions)
     properties = mapping["properties"]
@@ -124,12 +129,14 @@ def _body(kind: Kind, definitions: Schema) -> Schema:
     if kind.cases:
         properties["cases"] = {"type": "object", "additionalProperties": _NODE, "minProperties": 1}
     mapping["required"] = _required(kind)
+    if kind.ports.exactly_one_of:
+        mapping["oneOf"] = [{"required": [name]} for name in kind.ports.exactly_one_of]
     forms: list[Schema] = [mapping]
     if kind.many:
         forms.append(children)
     if kind.shorthand:
         forms.append(properties[kind.shorthand])
-    if not _required(kind):
+    if _can_be_bare(kind):
         forms.append({"type": "null"})
     return {"description": kind.summary, "anyOf": forms}
 

@@ -96,6 +96,46 @@ def test_a_pose_out_of_reach_is_a_warning_and_no_error(
     assert all(words in problem.message for problem in found)
 
 
+@pytest.mark.parametrize(
+    ("tree", "message", "hint"),
+    [
+        (
+            "{move_joints: {to: [0, 0]}}",
+            "move_joints: to: 2 values for the 6 joints of ur5",
+            "base to tip: shoulder_pan_joint",
+        ),
+        (
+            "{move_joints: {by: {elbow: 3}}}",
+            "move_joints: there is no joint of ur5 'elbow'",
+            "'elbow_joint'",
+        ),
+        ("{move_joints: {to: [0, 0, 0, 0, 0, 0]}}", "", ""),
+        ("{move_joints: {by: {elbow_joint: 3}}}", "", ""),
+        (
+            "{sequence: [{set: {key: q, value: [0, 0]}}, {move_joints: {to: '{q}'}}]}",
+            "",
+            "",
+        ),
+    ],
+)
+def test_values_of_joints_are_those_of_the_robot(
+    tmp_path: Path, registry: Registry, tree: str, message: str, hint: str
+) -> None:
+    found = problems_of(tmp_path, registry, tree=tree)
+    assert [problem.message for problem in found] == ([message] if message else [])
+    assert all(hint in problem.hint for problem in found)
+
+
+def test_a_skill_that_looks_needs_a_camera_that_moves_with_the_arm(
+    tmp_path: Path, registry: Registry
+) -> None:
+    assert problems_of(tmp_path, registry, tree="track") == ()
+    standing = "{xyz: [1, 0, 1], look_at: [0.4, 0, 0.5]}"
+    (problem,) = problems_of(tmp_path, registry, tree="track", mount=standing)
+    assert problem.message == "track: arm1 has no camera that moves with it"
+    assert problem.hint == "give arm1 one: camera: {mount: wrist}"
+
+
 def test_what_is_wrong_is_raised_where_a_file_is_wanted(tmp_path: Path, registry: Registry) -> None:
     path = tmp_path / "task.yaml"
     path.write_text(textwrap.dedent(FILE.format(**{**GOOD, "robot": "ur55"})))

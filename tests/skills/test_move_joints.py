@@ -48,7 +48,6 @@ def test_to_is_absolute_and_leaves_joints_that_are_not_named(stage: Stage) -> No
     [
         ("to: [0, 0]", "INVALID_TARGET", "2 angles were given for 6 joints"),
         ("to: {elbow: 3}", "INVALID_TARGET", "elbow_joint"),
-        ("to: {elbow_joint: 3}, by: {elbow_joint: 3}", "INVALID_TARGET", "exactly one"),
         ("to: {elbow_joint: 350}", "JOINT_LIMIT", "170.0° beyond its limit of 180.0°"),
         ("by: {shoulder_lift_joint: 120}", "IN_COLLISION", "floor"),
     ],

@@ -73,7 +73,6 @@ def test_move_linear_to_a_place_keeps_the_orientation(stage: Stage) -> None:
 @pytest.mark.parametrize(
     ("skill", "code"),
     [
-        ("move_linear: {}", "INVALID_TARGET"),
         ("rotate_tool: {axis: z, angle: 720}", "PATH_BROKEN"),
         ("move_linear: {offset: {xyz: [0.5, 0, 0]}}", "SINGULAR"),
         ("rotate_tool: {angle: 0}", "INVALID_TARGET"),

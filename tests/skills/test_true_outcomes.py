@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from bt_dualarm.spec.problems import SpecError
 from tests.plays import Play, Stage
 
 ONE_ARM = """
@@ -97,8 +98,11 @@ def test_no_arm_is_spawned_inside_another(stage: Stage) -> None:
 
 def test_a_place_for_an_arm_is_refused_not_ignored(stage: Stage) -> None:
     """An arm comes where its base is declared."""
-    leaf = run(stage, "[{spawn: {arm: arm2, at: {xyz: [3, 0, 0]}}}]").leaf("spawn")
-    assert (leaf.status, leaf.code) == ("FAILURE", "INVALID_TARGET")
+    with pytest.raises(SpecError, match="leave out at"):
+        run(stage, "[{spawn: {arm: arm2, at: {xyz: [3, 0, 0]}}}]")
+    late = "[{set: {key: name, value: arm2}}, {spawn: {arm: '{name}', at: {xyz: [3, 0, 0]}}}]"
+    leaf = run(stage, late).leaf("spawn")
+    assert (leaf.status, leaf.code) == ("FAILURE", "NO_VALUE")
 
 
 def test_the_straight_part_of_an_approach_is_free(stage: Stage) -> None:

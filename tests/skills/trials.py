@@ -146,7 +146,6 @@ def moving(skill: str, node: Tree, at: float, body: str = HAND) -> dict[tuple[st
 
 
 TRIALS: dict[tuple[str, str], Trial] = {
-    ("spawn", "INVALID_TARGET"): Trial({"spawn": {}}),
     ("spawn", "NOT_SPAWNED"): Trial(
         {"sequence": [{"spawn": {"object": "cube"}}, {"spawn": {"object": "cube"}}]}
     ),
@@ -164,7 +163,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
         moves=True,
     ),
     # Motions of the joints
-    ("reach_to_pose", "INVALID_TARGET"): Trial({"reach_to_pose": {}}),
+    ("reach_to_pose", "INVALID_TARGET"): Trial({"reach_to_pose": {"to": {"xyz": [3, 0, 0.5]}}}),
     ("reach_to_pose", "UNREACHABLE"): Trial({"reach_to_pose": {"to": FAR}}),
     ("reach_to_pose", "IN_COLLISION"): Trial(
         {"reach_to_pose": {"to": {"xyz": [0.45, 0.1, 0.65], "rpy": [180, 0, 0]}}},
@@ -212,7 +211,6 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("draw", "PATH_BROKEN"): Trial(square(0.25, 0.25, plane="xz"), {"arm": PANDA}),
     ("draw", "IN_COLLISION"): Trial(square(0.1, 0.1), {"objects": BESIDE}),
     **moving("draw", square(0.1, 0.1), 1.0),
-    ("move_linear", "INVALID_TARGET"): Trial({"move_linear": {}}),
     ("move_linear", "SINGULAR"): Trial({"move_linear": {"offset": {"xyz": [0.5, 0, 0]}}}),
     ("move_linear", "PATH_BROKEN"): Trial(
         {"move_linear": {"offset": {"rpy": [0, 90, 0], "frame": "tool"}}}, {"arm": PANDA}

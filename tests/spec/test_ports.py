@@ -7,6 +7,7 @@ from pydantic import ValidationError, model_validator
 
 from bt_dualarm.spec.ports import (
     PortModel,
+    miscounted,
     only,
     port,
     references_in,
@@ -51,6 +52,26 @@ def test_rules_over_several_ports_wait_for_all_of_them() -> None:
     validate_literals(Ports, {"low": "{a}", "high": 0.5})
     with pytest.raises(ValidationError, match="low is above high"):
         validated(Ports, {"low": 1, "high": 0.5})
+
+
+class Choice(PortModel):
+    exactly_one_of = ("to", "by")
+
+    to: float | None = port(None, "Where to", unit="m")
+    by: float | None = port(None, "How far", unit="m")
+
+
+def test_exactly_one_of_several_ports_is_given() -> None:
+    validated(Choice, {"to": 1})
+    for ports in ({}, {"by": None}, {"to": 1, "by": 2}):
+        with pytest.raises(ValidationError, match="give exactly one of: to, by"):
+            validated(Choice, ports)
+
+
+def test_a_reference_counts_as_given() -> None:
+    assert miscounted(Choice, {"to": "{a}"}) == ""
+    assert miscounted(Choice, {"to": "{a}", "by": 1}).endswith("here are to and by")
+    assert miscounted(Choice, {}).endswith("here is none")
 
 
 @pytest.mark.parametrize("value", ["1", True, None, [1], {"a": 1}])

@@ -30,6 +30,8 @@ class Go(PortModel):
 
 
 class Spawn(PortModel):
+    exactly_one_of = ("object", "arm")
+
     object: ObjectName | None = port(None, "Which object")
     arm: ArmName | None = port(None, "Which arm")
 
