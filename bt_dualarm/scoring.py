@@ -77,14 +77,21 @@ class TrackingScore:
         if len(self.times) < 2:
             return {}
         tool, truth = np.array(self._tool) @ self._axes.T, np.array(self._truth) @ self._axes.T
-        error = tool - truth
-        away = np.linalg.norm(error - error.mean(axis=0), axis=1)
+        away = self.errors()
         return {
             "yz_rms_m": float(np.sqrt(np.mean(away**2))),
             "yz_max_m": float(away.max()),
             "lag_s": lag(truth, tool, float(np.median(np.diff(self.times)))),
             "sighting_sd_m": self._sighting_sd(*tracking.sightings()),
         }
+
+    def errors(self) -> Vector:
+        """Distance from the truth in the plane in m at ``times``, a constant offset aside."""
+        if not self.times:
+            return np.zeros(0)
+        error = (np.array(self._tool) - np.array(self._truth)) @ self._axes.T
+        away: Vector = np.linalg.norm(error - error.mean(axis=0), axis=1)
+        return away
 
     def paths(self) -> dict[str, Matrix]:
         """``target`` and ``tracked`` in the world, each of shape (n, 3), at ``times``.

@@ -102,6 +102,7 @@ class Track(Skill):
             self.metrics |= {**score.metrics(tracking), **tracking.metrics()}
             for name, positions in score.paths().items():
                 self.record(name, score.times, positions)
+            self.record("error_in_plane_m", score.times, score.errors())
 
     def _wait_for_target(self, tracking: PlaneTracking) -> Iterator[None]:
         began = self.time

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
+from bt_dualarm.pose import Vector
 from bt_dualarm.run.tracks import Tracks
 
 
@@ -51,6 +53,11 @@ class Holding:
     attached_s: float
     released_s: float | None = None
 
+    def during(self, time: Vector) -> npt.NDArray[np.bool_]:
+        """Which of some simulated times, of shape (n,), fall into it."""
+        until = np.inf if self.released_s is None else self.released_s
+        return (time >= self.attached_s) & (time <= until)
+
 
 class Holdings:
     """Remembers every attachment; looked at after each tick, as only skills attach.
@@ -72,15 +79,17 @@ class Holdings:
             if key not in now and holding.released_s is None:
                 holding.released_s = time
 
+    def of(self, arm: str) -> list[Holding]:
+        """All of an arm, in the order in which they began."""
+        return [held for held in self._all.values() if held.arm == arm]
+
     def as_dicts(self, tracks: Tracks) -> list[dict[str, Any]]:
         """JSON-ready, with ``lifted_m``: how far the object rose while it was held."""
         return [{**vars(held), "lifted_m": _rise(held, tracks)} for held in self._all.values()]
 
 
 def _rise(held: Holding, tracks: Tracks) -> float:
-    time = tracks.time
-    until = np.inf if held.released_s is None else held.released_s
-    during = (time >= held.attached_s) & (time <= until)
+    during = held.during(tracks.time)
     path = tracks.positions().get(f"object_{held.object}")
     if path is None or not during.any():
         return 0.0

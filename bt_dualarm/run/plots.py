@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
 from pathlib import Path
@@ -13,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.run.holding import Holding, Holdings
 from bt_dualarm.run.outcome import RunResult
 from bt_dualarm.run.series import Series, SeriesLog
 from bt_dualarm.run.signals import StopRequest
@@ -28,31 +30,48 @@ REFERENCES = ("planned", "target")
 _MOVED_M = 0.01
 """An object that moved less is not drawn."""
 
+_TOOL, _OBJECT = "tool_", "object_"
+
 _AXES = "xyz"
 _MAX_PANELS = 6
 
 
-def write_all(
-    folder: Path, result: RunResult, tracks: Tracks, series: SeriesLog, stop: StopRequest
-) -> Iterator[Path]:
+@dataclass(frozen=True)
+class Seen:
+    """What was observed during a run.
+
+    Attributes:
+        tracks: Where tools and objects were.
+        series: What the skills measured.
+        holdings: Who held what.
+    """
+
+    tracks: Tracks
+    series: SeriesLog
+    holdings: Holdings
+
+
+def write_all(folder: Path, result: RunResult, seen: Seen, stop: StopRequest) -> Iterator[Path]:
     """Write ``overview.png``, and ``<arm>_plane.png`` and ``<arm>_time.png`` of every arm.
 
     Args:
         folder: Where to.
         result: Names the arms.
-        tracks: Where tools and objects were.
-        series: What the skills measured.
+        seen: What they show.
         stop: The rest is left out once the end is urgent.
     """
-    time, paths = tracks.time, tracks.positions()
-    drawings: dict[str, Callable[[], Figure]] = {"overview": partial(overview, paths)}
+    time, paths = seen.tracks.time, seen.tracks.positions()
+    drawings: dict[str, Callable[[], Figure]] = {
+        "overview": partial(overview, paths, seen.tracks.bases)
+    }
     for arm in result.arms:
         leaves = {
-            leaf.partition("/")[2] or leaf: all_ for leaf, all_ in series.of(arm.name).items()
+            leaf.partition("/")[2] or leaf: all_ for leaf, all_ in seen.series.of(arm.name).items()
         }
         if leaves:
             title = f"{arm.name} ({arm.robot})"
-            drawings[f"{arm.name}_plane"] = partial(in_plane, leaves, time, paths, title)
+            carried = _carried(seen.holdings.of(arm.name), time, paths)
+            drawings[f"{arm.name}_plane"] = partial(in_plane, leaves, time, carried, title)
             drawings[f"{arm.name}_time"] = partial(over_time, leaves, title)
     for name, draw in drawings.items():
         if stop.urgent or not len(time):
@@ -63,19 +82,30 @@ def write_all(
         yield folder / f"{name}.png"
 
 
-def overview(paths: Mapping[str, Matrix]) -> Figure:
-    """The paths of all tools and of all objects that moved, seen from above and from the side."""
+def overview(paths: Mapping[str, Matrix], bases: Mapping[str, Vector]) -> Figure:
+    """The paths of all tools and of all objects that moved, seen from above and from the side.
+
+    Args:
+        paths: Where tools and objects were.
+        bases: Where the arms stand, by their names.
+    """
     figure = Figure(figsize=(10, 4.8), dpi=120, layout="constrained")
     figure.suptitle("Paths of tools and objects")
     panels = figure.subplots(1, 2)
+    shown = {name: path for name, path in paths.items() if name.startswith(_TOOL) or _moved(path)}
     for axes, (u, v), view in zip(panels, ((0, 1), (1, 2)), ("from above", "along x"), strict=True):
-        for (name, path), color in zip(_moving(paths).items(), cycle(COLORS)):
-            label = name.replace("tool_", "tool of ").replace("object_", "")
+        for (name, path), color in zip(shown.items(), cycle(COLORS)):
+            label = name.replace(_TOOL, "tool of ").replace(_OBJECT, "")
             axes.plot(path[:, u], path[:, v], color=color, label=label, linewidth=1.2)
             axes.plot(*path[_first(path)][[u, v]], "o", color=color, markersize=5)
+        for name, base in bases.items():
+            axes.plot(base[u], base[v], "s", color="0.35", markersize=8)
+            axes.annotate(
+                name, base[[u, v]], (0, 7), textcoords="offset points", ha="center", fontsize=8
+            )
         _label_plane(axes, u, v, f"seen {view}")
-    if _moving(paths):
-        panels[0].legend(fontsize=8, title="● start", title_fontsize=8)
+    if shown:
+        panels[0].legend(fontsize=8, title="● start   ■ base", title_fontsize=8)
     return figure
 
 
@@ -90,7 +120,7 @@ def in_plane(
     Args:
         leaves: Series of one arm, by leaf.
         time: Simulated seconds of ``paths``, of shape (n,).
-        paths: Where tools and objects were.
+        paths: Where each object was while the arm held it, NaN at other times.
         title: Of the figure.
     """
     shown = {leaf: found for leaf, all_ in leaves.items() if (found := _positions(all_))}
@@ -101,7 +131,7 @@ def in_plane(
     panels = figure.subplots(1, count, squeeze=False)[0]
     for axes, (leaf, series) in zip(panels, shown.items(), strict=False):
         u, v = _plane_of(series)
-        for name, path in _objects_during(series, time, paths).items():
+        for name, path in _during(series, time, paths).items():
             axes.plot(path[:, u], path[:, v], color="0.75", linewidth=4, label=name)
         for one, style in _styled(series):
             axes.plot(one.values[:, u], one.values[:, v], label=one.name, **style)
@@ -157,9 +187,14 @@ def _draw_coordinate(axes: Any, leaves: Mapping[str, Sequence[Series]], coordina
 def _errors(
     leaves: Mapping[str, Sequence[Series]],
 ) -> dict[str, list[tuple[str, Vector, Vector]]]:
-    """Distance of each position series from its leaf's reference, where they can be compared."""
+    """Distance of each position series from its leaf's reference, where they can be compared.
+
+    A leaf that records an error of its own (in its plane, say) is not measured once more.
+    """
     rows: dict[str, list[tuple[str, Vector, Vector]]] = {}
     for leaf, all_ in leaves.items():
+        if any(one.name.startswith("error") for one in all_):
+            continue
         series = _positions(all_)
         reference = next((one for one in series if one.name in REFERENCES), None)
         for one in series:
@@ -205,29 +240,32 @@ def _plane_of(series: Sequence[Series]) -> tuple[int, int]:
     return int(u), int(v)
 
 
-def _objects_during(
+def _carried(
+    holdings: Sequence[Holding], time: Vector, paths: Mapping[str, Matrix]
+) -> dict[str, Matrix]:
+    """Where each object was while it was held, NaN at other times."""
+    found: dict[str, Matrix] = {}
+    for held in holdings:
+        path = paths.get(_OBJECT + held.object)
+        if path is not None:
+            during = held.during(time)
+            found.setdefault(held.object, np.full_like(path, np.nan))[during] = path[during]
+    return found
+
+
+def _during(
     series: Sequence[Series], time: Vector, paths: Mapping[str, Matrix]
 ) -> dict[str, Matrix]:
-    """Objects that moved while the leaf ran."""
-    first, last = series[0].time[0], series[0].time[-1]
-    during = (time >= first) & (time <= last)
-    if not during.any():
-        return {}
-    then = {
-        name.removeprefix("object_"): path[during]
-        for name, path in paths.items()
-        if name.startswith("object_")
-    }
-    return _moving(then)
+    """The part of the paths while the leaf ran, of what moved then."""
+    during = (time >= series[0].time[0]) & (time <= series[0].time[-1])
+    then = {name: path[during] for name, path in paths.items()}
+    return {name: path for name, path in then.items() if _moved(path)}
 
 
-def _moving(paths: Mapping[str, Matrix]) -> dict[str, Matrix]:
-    """Those that were in the world and moved."""
-    return {
-        name: path
-        for name, path in paths.items()
-        if len(found := path[~np.isnan(path[:, 0])]) and np.ptp(found, axis=0).max() > _MOVED_M
-    }
+def _moved(path: Matrix) -> bool:
+    """Whether it was in the world and moved."""
+    there = path[~np.isnan(path[:, 0])]
+    return len(there) > 0 and bool(np.ptp(there, axis=0).max() > _MOVED_M)
 
 
 def _first(path: Matrix) -> int:

@@ -153,7 +153,8 @@ class Recorder:
         if not stop.urgent:
             from bt_dualarm.run import plots  # half a second of imports that few runs need
 
-            yield from plots.write_all(self._folder, result, self._tracks, self._series, stop)
+            seen = plots.Seen(self._tracks, self._series, self._holdings)
+            yield from plots.write_all(self._folder, result, seen, stop)
 
     def _summary(self, result: RunResult) -> dict[str, object]:
         return summary_of(

@@ -19,7 +19,8 @@ class Series:
         arm: Whose leaf.
         leaf: Its path in the tree.
         name: ``planned``, ``executed``, ``target``, … for positions; a scalar's name ends with
-            its unit (``error_m``, ``offset_px``).
+            its unit (``error_m``, ``offset_px``). Of a leaf with a scalar that begins with
+            ``error`` plots show no other distance.
     """
 
     arm: str

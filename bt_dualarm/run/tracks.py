@@ -49,6 +49,9 @@ class Tracks:
 
     Args:
         world: The world, whose things may come and go.
+
+    Attributes:
+        bases: Where the arms that were seen stand, in metres in the world, each of shape (3,).
     """
 
     def __init__(self, world: SampledWorld) -> None:
@@ -60,6 +63,7 @@ class Tracks:
         self._sites: list[int] = []
         self._bodies: list[int] = []
         self._samples: list[tuple[float, tuple[str, ...], Matrix]] = []
+        self.bases: dict[str, Vector] = {}
 
     def after_step(self) -> None:
         """Take a sample if one is due."""
@@ -96,6 +100,7 @@ class Tracks:
         world = self._world
         self._bound_to = world.generation
         self._sites = [body.tool_site for body in world.arms.values()]
+        self.bases |= {name: body.base.position for name, body in world.arms.items()}
         self._bodies = [world.object_body(name) for name in world.objects]
         self._names = (
             *(f"tool_{name}" for name in world.arms),

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from bt_dualarm.pose import Pose
 from bt_dualarm.run import plots
+from bt_dualarm.run.holding import Holding
 from bt_dualarm.run.outcome import ArmResult, Ending, Outcome, RunResult
 from bt_dualarm.run.parts import ArmView
 from bt_dualarm.run.record import Facts, Recorder, RecordError, prepare_folder
@@ -40,6 +42,7 @@ MODEL = """
 @dataclass
 class Body:
     tool_site: int
+    base: Pose = field(default_factory=lambda: Pose.from_rpy((0.0, 0.3, 0.0), (0, 0, 0)))
 
 
 @dataclass
@@ -263,6 +266,57 @@ def test_an_error_plot_is_in_millimetres() -> None:
     assert [one.get_ylabel() for one in coordinates] == ["y [m]", "z [m]"]
     assert axes.get_ylabel() == "planned to executed [mm]"
     assert np.allclose(axes.lines[0].get_ydata(), [0.0, 2.0])
+
+
+def curve(leaf: str = "arm1") -> SeriesLog:
+    """A circle of 2 cm, during the first second."""
+    series, turn = SeriesLog(), np.linspace(0.0, 2 * np.pi, 51)
+    points = 0.02 * np.column_stack((np.cos(turn), np.sin(turn), 0 * turn))
+    for name in ("planned", "executed"):
+        series.add("arm1", leaf, name, turn / (2 * np.pi), points)
+    return series
+
+
+def test_a_plane_shows_what_its_own_arm_holds_and_nothing_else() -> None:
+    """Another arm's cube a metre away made a blob of the curve."""
+    time = np.linspace(0.0, 2.0, 21)
+    away = np.column_stack((1.0 + time, time, time))
+    paths = {"object_mine": 0.1 * away, "object_other": away}
+    carried = plots._carried([Holding("arm1", "mine", 0.5, 1.5)], time, paths)
+    figure: Figure = plots.in_plane(curve().of("arm1"), time, carried, "arm1")
+    (axes,) = figure.axes
+    assert [line.get_label() for line in axes.lines] == ["mine", "executed", "planned"]
+    held = np.asarray(axes.lines[0].get_xdata(), float)
+    assert np.isnan(held[:5]).all(), "before it was attached"
+    assert np.allclose(held[5:], 0.1 + 0.1 * time[5:11])
+
+
+def test_the_overview_shows_tools_that_stand_still_and_every_base() -> None:
+    """A motion of a millimetre left it empty."""
+    still = np.tile([0.5, 0.2, 0.3], (4, 1)) + np.linspace(0, 1e-3, 4)[:, None]
+    paths = {"tool_arm1": still, "object_cube": still}
+    base = np.array([0.0, -0.4, 0.7])
+    figure: Figure = plots.overview(paths, {"arm1": base})
+    for axes, (u, v) in zip(figure.axes, ((0, 1), (1, 2)), strict=True):
+        marks = {line.get_marker(): line.get_xydata() for line in axes.lines}
+        assert np.allclose(marks["o"], still[:1, [u, v]]), "the tool"
+        assert np.allclose(marks["s"], base[[u, v]]), "the base"
+        assert [text.get_text() for text in axes.texts] == ["arm1"]
+    legend: Any = figure.axes[0].get_legend()
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels == ["tool of arm1"], "an object that lies still is no news"
+
+
+def test_an_error_that_a_leaf_measured_is_not_measured_again() -> None:
+    """Tracking counts in its plane; a distance in space beside it was half as large again."""
+    series = curve("track")
+    series.add("arm1", "track", "error_in_plane_m", [0.0, 1.0], [0.001, 0.002])
+    figure: Figure = plots.over_time(series.of("arm1"), "arm1")
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "x [m]",
+        "y [m]",
+        "error in plane [mm]",
+    ]
 
 
 def test_a_series_keeps_its_shape() -> None:
