@@ -20,6 +20,8 @@ from bt_dualarm.run.series import Series, SeriesLog
 from bt_dualarm.run.signals import StopRequest
 from bt_dualarm.run.tracks import Tracks
 from bt_dualarm.run.whole_files import write_whole
+from bt_dualarm.world.still import Still, best_viewpoint
+from bt_dualarm.world.viewpoint import Viewpoint
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Told apart by colour-blind readers too (Okabe and Ito, Color Universal Design, 2008)."""
@@ -35,6 +37,9 @@ _TOOL, _OBJECT = "tool_", "object_"
 _AXES = "xyz"
 _MAX_PANELS = 6
 
+_PICTURE = (640, 480)
+"""Pixels of the world at one moment."""
+
 
 @dataclass(frozen=True)
 class Seen:
@@ -44,15 +49,19 @@ class Seen:
         tracks: Where tools and objects were.
         series: What the skills measured.
         holdings: Who held what.
+        stills: The world at the start and at the end.
     """
 
     tracks: Tracks
     series: SeriesLog
     holdings: Holdings
+    stills: Sequence[Still]
 
 
 def write_all(folder: Path, result: RunResult, seen: Seen, stop: StopRequest) -> Iterator[Path]:
-    """Write ``overview.png``, and ``<arm>_plane.png`` and ``<arm>_time.png`` of every arm.
+    """Write ``overview.png``, ``scene.png``, ``<arm>_plane.png`` and ``<arm>_time.png``.
+
+    There is no scene where there is nothing to see, and no plot of an arm that measured nothing.
 
     Args:
         folder: Where to.
@@ -64,6 +73,10 @@ def write_all(folder: Path, result: RunResult, seen: Seen, stop: StopRequest) ->
     drawings: dict[str, Callable[[], Figure]] = {
         "overview": partial(overview, paths, seen.tracks.bases)
     }
+    stills = [still for still in seen.stills if still.is_sound]
+    viewpoint = best_viewpoint(stills, _PICTURE[0] / _PICTURE[1])
+    if viewpoint is not None:
+        drawings["scene"] = partial(scene, stills, viewpoint)
     for arm in result.arms:
         leaves = {
             leaf.partition("/")[2] or leaf: all_ for leaf, all_ in seen.series.of(arm.name).items()
@@ -106,6 +119,17 @@ def overview(paths: Mapping[str, Matrix], bases: Mapping[str, Vector]) -> Figure
         _label_plane(axes, u, v, f"seen {view}")
     if shown:
         panels[0].legend(fontsize=8, title="● start   ■ base", title_fontsize=8)
+    return figure
+
+
+def scene(stills: Sequence[Still], viewpoint: Viewpoint) -> Figure:
+    """The world at some moments, side by side, all seen from one viewpoint."""
+    figure = Figure(figsize=(6.4 * len(stills), 5.1), dpi=100, layout="constrained")
+    panels = figure.subplots(1, len(stills), squeeze=False)[0]
+    for axes, still, moment in zip(panels, stills, ("start", "end"), strict=False):
+        axes.imshow(still.draw(viewpoint, *_PICTURE), interpolation="antialiased")
+        axes.set_title(f"{moment}: {still.time:.1f} s", fontsize=10)
+        axes.set_axis_off()
     return figure
 
 

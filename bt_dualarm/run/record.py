@@ -23,16 +23,18 @@ from bt_dualarm.run.summary import json_ready, summary_of
 from bt_dualarm.run.tracks import SampledWorld, Tracks
 from bt_dualarm.run.whole_files import write_text, write_whole
 from bt_dualarm.tree.report import StatusChange
+from bt_dualarm.world.still import PicturedWorld, Still
 
 SUMMARY, EVENTS, SAMPLES = "summary.json", "events.jsonl", "samples.npz"
-LOG, DIVERGENCE, OVERVIEW = "run.log", "divergence.npz", "overview.png"
+LOG, DIVERGENCE = "run.log", "divergence.npz"
+OVERVIEW, SCENE = "overview.png", "scene.png"
 
 
 class RecordError(DualArmError):
     """The folder of ``--record`` cannot be used; the message names it."""
 
 
-class RecordedWorld(SampledWorld, HashedWorld, HoldingWorld, Protocol):
+class RecordedWorld(SampledWorld, HashedWorld, HoldingWorld, PicturedWorld, Protocol):
     """All that is read of the world."""
 
 
@@ -77,11 +79,13 @@ def _plots_of_earlier_run(summary: Path) -> list[str]:
     except (FileNotFoundError, NotADirectoryError, ValueError, KeyError, TypeError):
         return []
     plots = [f"{name}_{kind}.png" for name in arms for kind in ("plane", "time")]
-    return [OVERVIEW, *(name for name in plots if Path(name).name == name)]
+    return [OVERVIEW, SCENE, *(name for name in plots if Path(name).name == name)]
 
 
 class Recorder:
     """An observer that keeps everything in memory and writes it when the run is over.
+
+    The world is pictured as it is when the recorder is made, and when the record is written.
 
     Args:
         folder: From `prepare_folder`.
@@ -94,6 +98,8 @@ class Recorder:
         self._folder = folder
         self._facts = facts
         self._series = series
+        self._world = world
+        self._start = Still.of(world)
         self._tracks = Tracks(world)
         self._states = StateLog(world)
         self._holdings = Holdings(world)
@@ -153,7 +159,8 @@ class Recorder:
         if not stop.urgent:
             from bt_dualarm.run import plots  # half a second of imports that few runs need
 
-            seen = plots.Seen(self._tracks, self._series, self._holdings)
+            stills = (self._start, Still.of(self._world))
+            seen = plots.Seen(self._tracks, self._series, self._holdings, stills)
             yield from plots.write_all(self._folder, result, seen, stop)
 
     def _summary(self, result: RunResult) -> dict[str, object]:

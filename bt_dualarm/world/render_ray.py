@@ -14,6 +14,7 @@ from bt_dualarm.world.ray_fan import Fan
 from bt_dualarm.world.ray_scene import RayScene
 from bt_dualarm.world.ray_shading import Shading
 from bt_dualarm.world.rendering import LOOP_GROUPS, Image, Region, blocks_of, clip_region, fill
+from bt_dualarm.world.viewpoint import Viewpoint
 
 _JITTER_SEED = 7
 
@@ -68,6 +69,17 @@ class RayRenderer:
         if groups not in self._scenes:
             self._scenes[groups] = RayScene(model, groups)
         return self._scenes[groups]
+
+
+def fan_of(viewpoint: Viewpoint, width: int, height: int) -> Fan:
+    """The rays of a whole picture, one a pixel."""
+    return Fan(
+        eye=viewpoint.eye,
+        axes=viewpoint.axes,
+        rays=camera_rays(width, height, viewpoint.fov_deg, 1),
+        spacing=2.0 * math.tan(math.radians(viewpoint.fov_deg) / 2.0) / height,
+        centre=(width / 2.0, height / 2.0),
+    )
 
 
 def _fan(

@@ -25,14 +25,15 @@ from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.world.gl_context import open_context
 from bt_dualarm.world.render_gl import GlRenderer
 from bt_dualarm.world.rendering import PICTURE_GROUPS, Image
+from bt_dualarm.world.viewpoint import Viewpoint
 from bt_dualarm.world.world import World
 
 TARGET: Final = Path(__file__).with_suffix(".png")
 SIZE: Final = (1280, 640)
 INSET: Final = (320, 240)
-EYE: Final = np.array([1.75, 1.80, 1.35])
-LOOK_AT: Final = np.array([0.76, 0.0, 0.57])
-FOV_DEG: Final = 34.0
+VIEWPOINT: Final = Viewpoint(
+    eye=np.array([1.75, 1.80, 1.35]), look_at=np.array([0.76, 0.0, 0.57]), fov_deg=34.0
+)
 CURVE: Final = "lissajous"
 MOMENT: Final = 0.93
 """Share of the curve after which the picture is taken."""
@@ -80,21 +81,9 @@ def film_the_job(file: TreeFile, registry: Registry) -> Film:
     return film
 
 
-def view_from(eye: Vector, look_at: Vector) -> Matrix:
-    """Axes of a camera, of shape (3, 3), in MuJoCo's convention: x right, y up, z backward."""
-    backward = (eye - look_at) / np.linalg.norm(eye - look_at)
-    right = np.cross([0.0, 0.0, 1.0], backward)
-    right /= np.linalg.norm(right)
-    return np.column_stack((right, np.cross(backward, right), backward))
-
-
 def draw_trail(image: Image, points: Matrix, color: tuple[int, int, int]) -> None:
     """Draw a polyline through world points of shape (n, 3)."""
-    inside = (points - EYE) @ view_from(EYE, LOOK_AT)
-    focal = SIZE[1] / 2 / np.tan(np.radians(FOV_DEG) / 2)
-    x = SIZE[0] / 2 - focal * inside[:, 0] / inside[:, 2]
-    y = SIZE[1] / 2 + focal * inside[:, 1] / inside[:, 2]
-    pixels = np.round(np.column_stack((x, y)) * 16).astype(np.int32)
+    pixels = np.round(VIEWPOINT.pixels(points, *SIZE) * 16).astype(np.int32)
     cv2.polylines(image, [pixels], False, color, 3, cv2.LINE_AA, shift=4)
 
 
@@ -120,9 +109,9 @@ def paint(world: World, states: list[Vector]) -> Image:
 def from_outside(renderer: GlRenderer, world: World, camera: int) -> Image:
     """The whole scene; the camera of the arm is borrowed and moved for it."""
     data: Any = world.data
-    data.cam_xpos[camera] = EYE
-    data.cam_xmat[camera] = view_from(EYE, LOOK_AT).ravel()
-    world.model.cam_fovy[camera] = FOV_DEG
+    data.cam_xpos[camera] = VIEWPOINT.eye
+    data.cam_xmat[camera] = VIEWPOINT.axes.ravel()
+    world.model.cam_fovy[camera] = VIEWPOINT.fov_deg
     return renderer.render(world.model, data, camera, *SIZE, groups=PICTURE_GROUPS)
 
 

@@ -26,14 +26,16 @@ from bt_dualarm.run.summary import json_ready
 from bt_dualarm.run.tracks import Tracks
 from bt_dualarm.run.whole_files import write_text, write_whole
 from bt_dualarm.tree.report import LeafReport, StatusChange
+from bt_dualarm.world.still import Still, best_viewpoint
 
 MODEL = """
 <mujoco>
   <option timestep="0.002"/>
   <worldbody>
     <body name="tool" pos="0 0 1"><joint type="slide" axis="0 0 1"/>
-      <geom size="0.02" mass="1"/><site name="tip" pos="0 0 0.1"/></body>
-    <body name="cube" pos="0.5 0 1"><freejoint/><geom size="0.02" mass="1"/></body>
+      <geom size="0.02" mass="1" group="3"/><site name="tip" pos="0 0 0.1"/></body>
+    <body name="cube" pos="0.5 0 1"><freejoint/>
+      <geom size="0.02" mass="1" group="1"/></body>
   </worldbody>
 </mujoco>
 """
@@ -246,9 +248,30 @@ def test_last_states_of_another_size_are_left_out(tmp_path: Path) -> None:
 def test_plots_are_pictures(tmp_path: Path) -> None:
     record(tmp_path)
     names = sorted(path.name for path in tmp_path.glob("*.png"))
-    assert names == ["arm1_plane.png", "arm1_time.png", "overview.png"]
+    assert names == ["arm1_plane.png", "arm1_time.png", "overview.png", "scene.png"]
     for path in tmp_path.glob("*.png"):
         assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_scene_shows_start_and_end_and_changes_nothing() -> None:
+    """A state that diverged cannot be drawn: then the start stands alone."""
+    world = FallingWorld()
+    start = Still.of(world)
+    for _ in range(100):
+        world.step()
+    before = world.data.qpos.copy(), world.data.xpos.copy(), world.data.cam_xpos.copy()
+    stills = (start, Still.of(world))
+    viewpoint = best_viewpoint(stills, 4 / 3)
+    assert viewpoint is not None
+    figure: Figure = plots.scene(stills, viewpoint)
+    assert [axes.get_title() for axes in figure.axes] == ["start: 0.0 s", "end: 0.2 s"]
+    first, last = (np.asarray(axes.images[0].get_array()) for axes in figure.axes)
+    assert first.shape == last.shape == (480, 640, 3)
+    assert (first != last).any()
+    after = world.data.qpos, world.data.xpos, world.data.cam_xpos
+    assert all((a == b).all() for a, b in zip(before, after, strict=True))
+    world.data.qpos[0] = np.nan
+    assert not Still.of(world).is_sound
 
 
 def test_an_urgent_end_leaves_out_the_plots_only(tmp_path: Path) -> None:

@@ -81,6 +81,8 @@ def test_prediction_makes_up_for_rate_and_latency(
     assert float(leaf.metrics["yz_rms_m"]) < rms
     assert abs(float(leaf.metrics["lag_s"])) < 0.01
     assert play.arm().clipped_setpoints == 0
+    (errors,) = (one for one in play.session.assembly.series if one.name == "error_in_plane_m")
+    assert errors.values.max() == leaf.metrics["yz_max_m"], "the plot shows what the metric says"
 
 
 def test_proportional_control_works_at_low_speed(stage: Stage) -> None:
