@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm import cli
+from bt_dualarm.world.catalogue import load_robot
 from tests.world.worlds import PAGES, WORLD
 
 TREE = """\
@@ -30,8 +31,9 @@ arms:
 def test_a_page_that_the_check_passes_is_run(
     page: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whatever its joints are: those of the Jaco turn without stops."""
+    """Whatever its joints are: those of the Jaco turn without stops; it is shown by its title."""
     shutil.copytree(WORLD / "robots", tmp_path / "robots")
     (tmp_path / "reaching.yaml").write_text(TREE % page, encoding="utf-8")
     assert cli.check([str(tmp_path / "reaching.yaml")]) == 0
     assert cli.run([str(tmp_path / "reaching.yaml")]) == 0, capsys.readouterr()
+    assert f"arm1 · {load_robot(page, WORLD).title} " in capsys.readouterr().out

@@ -24,6 +24,7 @@ from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.tree.build import build_tree
 from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.world.camera import Camera
+from bt_dualarm.world.catalogue import Robot, robot_names
 from bt_dualarm.world.rendering import Renderer, RendererKind, choose_renderer
 from bt_dualarm.world.world import World
 
@@ -86,7 +87,8 @@ class _Parts:
             self.clock,
             self.on_event,
         )
-        return Equipment(spec.robot, tree, controller, camera, 1 / exact(spec.tick_hz), period)
+        called = name_of_robot(spec.robot, self.world.robots[name])
+        return Equipment(called, tree, controller, camera, 1 / exact(spec.tick_hz), period)
 
     def _rng(self, owner: str) -> np.random.Generator:
         """Randomness hangs on the seed and on who uses it, not on who runs first."""
@@ -134,9 +136,16 @@ def assemble(
     world.refuse_overlaps()
     series, planning = SeriesLog(), PlanningProcess()
     parts = _Parts(file, world, registry, drawing, on_event, series, planning, seed)
-    declared = {name: arm.robot for name, arm in file.arms.items()}
+    declared = {
+        name: name_of_robot(arm.robot, world.robots[name]) for name, arm in file.arms.items()
+    }
     arms = Arms(declared, parts.equip, world)
     return Assembly(world, arms, drawing, message, series, planning, seed)
+
+
+def name_of_robot(given: str, robot: Robot) -> str:
+    """What people are shown: the name in the catalogue, else the title of the page, on one line."""
+    return given if given in robot_names() else " ".join(robot.title.split())
 
 
 def control_period(timestep: float) -> Fraction:

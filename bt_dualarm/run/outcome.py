@@ -40,7 +40,7 @@ class ArmResult:
 
     Attributes:
         name: Its name in the file.
-        robot: Its name in the catalogue.
+        robot: Its name in the catalogue, or the title of a page beside the tree file.
         outcome: Of its tree.
         ended_s: Simulated time in seconds at which its tree ended; None if it did not.
         clipped_setpoints: How many set-points its controller had to clip to its limits.

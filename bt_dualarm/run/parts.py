@@ -96,7 +96,7 @@ class ArmView:
 
     Attributes:
         name: Its name in the file.
-        robot: Its name in the catalogue.
+        robot: Its name in the catalogue, or the title of a page beside the tree file.
         outcome: None while its tree runs.
         tree: None as long as the arm is not in the world.
         fault: As in `ArmResult`.

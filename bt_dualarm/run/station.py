@@ -21,7 +21,7 @@ class Equipment:
     """What makes up one arm, as the runner needs it.
 
     Attributes:
-        robot: Name in the catalogue.
+        robot: Name in the catalogue, or the title of a page beside the tree file.
         tree: Its behaviour tree, not ticked yet.
         controller: Holds the arm where it is until told otherwise.
         eye: Its camera, if it has one.
