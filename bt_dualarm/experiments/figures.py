@@ -45,7 +45,9 @@ def overlay(results: Sequence[Result]) -> Figure:
         axes.set_ylabel(f"{result.cell.axis_names[1]} [mm]")
         axes.set_aspect("equal", adjustable="datalim")
         axes.grid(visible=True, alpha=0.3)
-        axes.legend(fontsize=8, loc="upper right")
+    figure.legend(
+        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9
+    )
     figure.suptitle(_conditions(results[0]), fontsize=11)
     return figure
 
@@ -63,14 +65,15 @@ def over_time(results: Sequence[Result]) -> Figure:
 
     Dashed in the panel of the error: the bound of its root mean square.
     """
-    figure = Figure(figsize=(9.0, 6.4), dpi=100, layout="constrained")
+    figure = Figure(figsize=(10.0, 6.4), dpi=100, layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
     for result, color in zip(results, (COLORS[1], COLORS[0]), strict=False):
         times, low, middle, high = _bands(result)
         for axes, column in zip(panels, range(3), strict=True):
             axes.fill_between(times, low[:, column], high[:, column], color=color, alpha=0.3)
             axes.plot(times, middle[:, column], color=color, label=result.cell.controller)
-        panels[2].axhline(1e3 * result.bound, color=color, linestyle="--", linewidth=1.0)
+        bound = {"color": color, "linestyle": "--", "linewidth": 1.0}
+        panels[2].axhline(1e3 * result.bound, label=f"bound, {result.cell.controller}", **bound)
     trial = results[0].trials[0]
     for axes, column in zip(panels, trial.cube.T, strict=False):
         axes.plot(trial.times, 1e3 * column, "--", color="black", linewidth=0.8, label="cube")
@@ -86,7 +89,7 @@ def over_time(results: Sequence[Result]) -> Figure:
 def _finish(axes: Any, label: str) -> None:
     axes.set_ylabel(label)
     axes.grid(visible=True, alpha=0.3)
-    axes.legend(fontsize=8, loc="upper right")
+    axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def _bands(result: Result) -> tuple[Vector, Matrix, Matrix, Matrix]:
