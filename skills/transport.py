@@ -62,11 +62,11 @@ class Transport(Skill):
             raise Failure("NOT_ATTACHED", f"object {name!r} was lost on the way")
         pose = self.arm.world.object_pose(name)
         away, turn = pose.distance(goal), pose.angle(goal)
-        self.metrics |= {"object_error_m": away, "object_error_rad": turn}
+        self.metrics |= {"object_error_m": away, "object_turned_rad": turn}
         if away > self.ports.tolerance or turn > self.ports.angle_tolerance:
             raise Failure(
                 "NOT_REACHED",
                 f"{name!r} is {1000 * away:.2f} mm and {degrees(turn):.2f}° from its goal",
                 object_error_m=away,
-                object_error_rad=turn,
+                object_turned_rad=turn,
             )

@@ -128,17 +128,19 @@ class LogDisplay(QuietDisplay):
 
     def on_event(self, change: StatusChange) -> None:
         """Write the line."""
-        if change.new == "INVALID" and change.old != "RUNNING":
+        halted = change.new == "INVALID"
+        if halted and change.old != "RUNNING":
             return
+        sign = "HALTED" if halted else change.new
         line = Text.assemble(
             (f"{change.time:9.3f} s", "dim"),
             f"  {change.arm}  ",
-            (f"{self._symbols.status[change.new]} {change.new:<7}", STYLES[change.new]),
+            (f"{self._symbols.status[sign]} {sign:<7}", STYLES[sign]),
             f"  {change.path}",
         )
         if change.reason:
             line.append(f"  {change.code}: {change.reason}", style="red")
-        elif change.code:
+        elif change.code and not halted:
             line.append(f"  {change.code}", style="dim")
         self._console.print(line, soft_wrap=True)
 
@@ -177,10 +179,13 @@ class LiveDisplay(QuietDisplay):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Draw the last state, and leave it standing above the cursor, which is shown again."""
+        """Draw the last state, and leave it standing above the cursor, which is shown again.
+
+        How fast it went is left to the report, which counts the whole run.
+        """
         with self._stack:
             if self._run is not None:
-                self._draw(self._run)
+                self._draw(self._run, None)
 
     def after_ticks(self, run: RunView) -> None:
         """Draw if the last picture is old enough."""
@@ -190,14 +195,14 @@ class LiveDisplay(QuietDisplay):
             self._began = now
         if now - self._drawn >= _DRAW_EVERY_S:
             self._drawn = now
-            self._draw(run)
+            elapsed = now - self._began
+            self._draw(run, run.time / elapsed if elapsed > 0 else None)
 
-    def _draw(self, run: RunView) -> None:
-        elapsed = self._drawn - (self._began or 0.0)
+    def _draw(self, run: RunView, pace: float | None) -> None:
         picture = Picture(
             title=self._caption.title,
             time=run.time,
-            pace=run.time / elapsed if elapsed > 0 else None,
+            pace=pace,
             renderer=self._caption.renderer,
             arms=run.arms(),
             symbols=self._symbols,

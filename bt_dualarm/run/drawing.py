@@ -29,8 +29,8 @@ class _Row:
 def draw_tree(root: NodeView, time: float, width: int, height: int, symbols: Symbols) -> list[Text]:
     """Lines of at most ``width`` columns, as many as ``height`` if that can be.
 
-    Where the tree is too high, branches in which nothing runs or failed are folded; if that is
-    not enough, the rows around what happens now are shown.
+    Where the tree is too high, branches in which nothing runs, failed or was halted are folded;
+    if that is not enough, the rows around what happens now are shown.
 
     Args:
         root: The tree as it stands.
@@ -65,7 +65,8 @@ def _rows(
 
 
 def _eventful(node: NodeView) -> bool:
-    return node.status in ("RUNNING", "FAILURE") or any(_eventful(c) for c in node.children)
+    eventful = node.halted or node.status in ("RUNNING", "FAILURE")
+    return eventful or any(_eventful(c) for c in node.children)
 
 
 def _draw(rows: list[_Row], time: float, width: int, symbols: Symbols) -> tuple[list[Text], int]:
@@ -83,8 +84,9 @@ def _lines(row: _Row, time: float, width: int, symbols: Symbols) -> list[Text]:
     node = row.node
     left = Text(no_wrap=True)
     left.append(row.guide, style="dim")
-    left.append(symbols.status[node.status], style=STYLES[node.status])
-    left.append(f" {node.name}", style="dim" if node.status == "INVALID" else "")
+    sign = "HALTED" if node.halted else node.status
+    left.append(symbols.status[sign], style=STYLES[sign])
+    left.append(f" {node.name}", style="dim" if sign == "INVALID" else "")
     right = _state(node, time, width, symbols)
     if node.name != node.kind and left.cell_len + len(node.kind) + right.cell_len + 4 <= width:
         left.append(f" ({node.kind})", style="dim")
@@ -116,7 +118,7 @@ def _wrapped(reason: str, below: str, width: int) -> list[Text]:
 def _state(node: NodeView, time: float, width: int, symbols: Symbols) -> Text:
     """Progress, and seconds in the state; a state that is over says how long ago that was."""
     text = Text(no_wrap=True)
-    if node.status == "INVALID":
+    if node.status == "INVALID" and not node.halted:
         return text
     seconds = max(0.0, time - node.since)
     wide = width >= _WIDE

@@ -12,12 +12,16 @@ STYLES: Mapping[str, str] = MappingProxyType(
         "FAILURE": "bold red",
         "RUNNING": "bold cyan",
         "INVALID": "dim",
+        "HALTED": "yellow",
         "UNFINISHED": "yellow",
         "REMOVED": "dim",
         "NOT_SPAWNED": "dim",
     }
 )
-"""Colour of each status and outcome. The signs differ too: nobody has to see the colours."""
+"""Colour of each status and outcome, and of what was halted.
+
+The signs differ too: nobody has to see the colours.
+"""
 
 
 @dataclass(frozen=True)
@@ -25,7 +29,7 @@ class Symbols:
     """One alphabet to draw trees with.
 
     Attributes:
-        status: Sign of each status and outcome.
+        status: Sign of each status and outcome, and of what was halted.
         branch: Leads to a child that has siblings below it.
         last: Leads to the last child.
         through: Passes by below a child that has siblings.
@@ -60,6 +64,7 @@ UNICODE = Symbols(
             "FAILURE": "✘",
             "RUNNING": "▶",
             "INVALID": "·",
+            "HALTED": "■",
             "UNFINISHED": "■",
             "REMOVED": "◌",
             "NOT_SPAWNED": "○",
@@ -85,6 +90,7 @@ ASCII = Symbols(
             "FAILURE": "x",
             "RUNNING": ">",
             "INVALID": ".",
+            "HALTED": "#",
             "UNFINISHED": "#",
             "REMOVED": "-",
             "NOT_SPAWNED": "o",

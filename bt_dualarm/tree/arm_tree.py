@@ -58,4 +58,5 @@ def _view(node: TreeNode) -> NodeView:
         node.progress if isinstance(node, Leaf) else None,
         f"{node.code}: {node.reason}" if node.status is Status.FAILURE and node.code else "",
         tuple(_view(cast("TreeNode", child)) for child in node.children),
+        node.halted,
     )

@@ -106,6 +106,11 @@ class Leaf(Behaviour):
             self._become(new_status, {})
 
     @property
+    def halted(self) -> bool:
+        """Whether the last run was halted before its end."""
+        return self.status is Status.INVALID and self.code == "HALTED"
+
+    @property
     def progress(self) -> float | None:
         """Share done of a running skill that knows it: what it yielded last, or noted."""
         if self.skill is None:

@@ -24,6 +24,7 @@ class NodeView:
         progress: Share done from 0 to 1 of a running leaf that knows it, else None.
         reason: ``CODE: sentence`` of a failed leaf, else empty.
         children: In the order of the file.
+        halted: Whether INVALID means that it ran and was halted, rather than that it never ran.
     """
 
     name: str
@@ -33,6 +34,7 @@ class NodeView:
     progress: float | None = None
     reason: str = ""
     children: tuple[NodeView, ...] = ()
+    halted: bool = False
 
 
 @dataclass(frozen=True)

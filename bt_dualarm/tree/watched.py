@@ -78,6 +78,7 @@ class Watched(Behaviour):
     since = 0.0
     code = ""
     reason = ""
+    halted = False
     _status = Status.INVALID
     _teller: Teller | None = None
 
@@ -104,6 +105,7 @@ class Watched(Behaviour):
             return
         self._status = new
         self.since = self.time
+        self.halted = old is Status.RUNNING and new is Status.INVALID
         if new is not Status.FAILURE:
             self.code = self.reason = ""
         if self._teller:

@@ -181,6 +181,21 @@ def test_the_log_is_a_line_per_change() -> None:
     check_golden("log.txt", printed(console))
 
 
+@pytest.mark.parametrize(("symbols", "sign"), [(UNICODE, "■"), (ASCII, "#")])
+def test_what_was_halted_is_told_from_what_never_ran(symbols: Symbols, sign: str) -> None:
+    """Both are INVALID: after Ctrl-C all of them looked as if they had not begun."""
+    leaves = (
+        NodeView("circle", "circle", "INVALID", 10.0, halted=True),
+        NodeView("lissajous", "lissajous", "INVALID", 0.0),
+    )
+    root = NodeView("main", "sequence", "INVALID", 10.0, children=leaves, halted=True)
+    lines = [line.plain.rstrip() for line in draw_tree(root, 12.34, 60, 9, symbols)]
+    assert lines[0].startswith(f"{sign} main")
+    assert f"{sign} circle" in lines[1]
+    assert lines[1].endswith("2.3 s ago")
+    assert lines[2].endswith(f"{symbols.status['INVALID']} lissajous")
+
+
 class Run:
     """A run that stands still."""
 
@@ -237,6 +252,17 @@ def test_live_leaves_the_last_state_standing() -> None:
         late.time = 99.9
         display.after_ticks(late)  # too early to be drawn
     assert "99.9 s" in drawn(console)
+
+
+def test_the_last_picture_leaves_the_pace_to_the_report() -> None:
+    """Two figures for one thing, two lines apart, differed by what stopping the arms took."""
+    console, clock = live_terminal(), Clock()
+    with LiveDisplay(console, UNICODE, Caption("task"), clock) as display:
+        for clock.now in (0.0, 10.0):
+            display.after_ticks(Run())
+    assert "1.2× real time" in drawn(console)  # noqa: RUF001 - as it is shown
+    last = drawn(console).rpartition("task")[2]
+    assert "real time" not in last
 
 
 @pytest.mark.parametrize(

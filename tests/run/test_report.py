@@ -74,3 +74,9 @@ def test_a_retried_leaf_speaks_once() -> None:
 )
 def test_numbers_in_words(name: str, value: float | str, words: str) -> None:
     assert in_words(name, value) == words
+
+
+def test_two_metrics_of_a_leaf_do_not_share_a_name() -> None:
+    """A distance and an angle were both said to be the object's error."""
+    said = [in_words(name, 0.001) for name in ("object_error_m", "object_turned_rad")]
+    assert said == ["object error 1 mm", "object turned 0.0573 deg"]

@@ -302,6 +302,21 @@ def test_a_halt_is_told_for_each_running_node(tmp_path: Path) -> None:
     ]
 
 
+def test_what_was_halted_is_told_from_what_is_set_back_or_never_ran(tmp_path: Path) -> None:
+    """All of them are INVALID; a new start forgets the halt."""
+    stage = Stage(
+        tmp_path, "sequence: [{act: {script: S}}, {act: {script: RS}}, {act: {script: S}}]"
+    )
+    stage.tick()
+    stage.tree.halt()
+    view = stage.tree.view()
+    assert view.halted
+    assert [child.halted for child in view.children] == [False, True, False]
+    stage.tick()
+    stage.tick()
+    assert not any(node.halted for node in (stage.tree.view(), *stage.tree.view().children))
+
+
 def test_a_failed_parallel_names_the_child(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "parallel: [{act: {script: R}}, {act: {script: F, name: left}}]")
     stage.tick()
