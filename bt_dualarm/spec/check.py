@@ -11,7 +11,9 @@ from pydantic.fields import FieldInfo
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.explain import describe, explain
 from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.parse import not_a_body
 from bt_dualarm.spec.ports import (
     is_unknown,
     key_name,
@@ -22,6 +24,7 @@ from bt_dualarm.spec.ports import (
 )
 from bt_dualarm.spec.problems import Problem, nearest, suggestion
 from bt_dualarm.spec.source import Data, Path
+from bt_dualarm.spec.synonyms import kind_hint
 from bt_dualarm.spec.values import Refers
 
 
@@ -51,9 +54,12 @@ def check_tree(
         kind = kinds.get(node.kind)
         if kind is not None and node.whole:
             yield from check_node(node, kind, declared)
+        elif kind is not None and node.kind not in LANGUAGE:  # else the parser has said so
+            body = node.source.get((*node.path, node.kind))
+            yield node.port_problem((), *not_a_body(kind, body))
         elif kind is None and complete:
-            hint = suggestion(node.kind, kinds, "kind of node")
-            yield node.problem(f"there is no node or skill '{node.kind}'", hint)
+            message = f"there is no node or skill '{node.kind}'"
+            yield node.problem(message, kind_hint(node.kind, kinds))
 
 
 def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Problem]:

@@ -66,7 +66,8 @@ class Parser:
         here = site.into(kind.name)
         fields = _fields(kind, body)
         if fields is None:
-            self._add(here, *_not_a_body(kind, body))
+            if kind.name in LANGUAGE:  # of others it is told once it is known whether they are
+                self._add(here, *not_a_body(kind, body))
             node = NodeSpec(kind.name, kind.name, {}, whole=False)
             return replace(node, source=site.source, path=site.path, user=site.user)
         children = list(self._children(kind, fields, here))
@@ -203,7 +204,8 @@ def _misspelt(kind: Kind, fields: Mapping[str, Data]) -> set[str]:
     return {name for name in kind.places - fields.keys() if name in meant}
 
 
-def _not_a_body(kind: Kind, body: Data) -> tuple[str, str]:
+def not_a_body(kind: Kind, body: Data) -> tuple[str, str]:
+    """Message and hint for what does not fit a node of this kind as a whole."""
     hint = ""
     if isinstance(body, str) and kind.slots:
         hint = f"write {{{kind.slots[0].name}: {body}}}"

@@ -1,0 +1,46 @@
+"""Words of other libraries of behaviour trees lead to ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.spec.language import LANGUAGE
+from bt_dualarm.spec.synonyms import SYNONYMS, kind_hint
+
+PAGE = Path(__file__).parents[2] / "docs" / "ticking.md"
+
+
+@pytest.mark.parametrize(
+    ("given", "hint"),
+    [
+        ("fallback", "here it is 'selector'"),
+        ("Fallback", "here it is 'selector'"),
+        ("ReactiveSequence", "here it is 'sequence', with memory: false"),
+        ("reactive_sequence", "here it is 'sequence', with memory: false"),
+        ("RetryUntilSuccessful", "here it is 'retry', with times"),
+        ("SubTree", "here it is 'subtree'"),
+        ("ForceSuccess", "here it is 'force_success'"),
+        ("Inverter", "here it is 'inverter'"),
+        ("Timeout", "here it is 'timeout'"),
+        ("inverte", "did you mean 'inverter'? (skills of your own: --skills DIR)"),
+    ],
+)
+def test_hint(given: str, hint: str) -> None:
+    assert kind_hint(given, LANGUAGE) == hint
+
+
+def test_what_is_like_nothing_is_told_all_names_and_where_skills_come_from() -> None:
+    hint = kind_hint("frobnicate", ["go", "look"])
+    assert hint == "known here: go, look (skills of your own: --skills DIR)"
+
+
+def test_every_synonym_is_of_a_word_and_none_is_one() -> None:
+    assert {word.partition(",")[0] for word in SYNONYMS.values()} <= LANGUAGE.keys()
+    assert not {name.lower() for name in SYNONYMS} & {word.replace("_", "") for word in LANGUAGE}
+
+
+def test_the_page_has_them_all() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert [name for name in SYNONYMS if f"`{name}`" not in page] == []
