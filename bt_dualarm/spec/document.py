@@ -101,7 +101,10 @@ class ObjectSpec(Value):
     """
 
     shape: Literal["box", "cylinder", "sphere"]
-    size: Annotated[tuple[_Length, ...], Field(min_length=1, max_length=3)]
+    size: Annotated[
+        tuple[_Length, ...],
+        Field(min_length=1, max_length=3, json_schema_extra={"unit": "m"}),
+    ]
     mass: Annotated[float, Field(gt=0.0, le=1000.0)]
     friction: Annotated[float, Field(ge=0.0, le=10.0)] = 0.8
     color: Annotated[

@@ -16,6 +16,7 @@ from bt_dualarm.spec.notation import names_of
 from bt_dualarm.spec.ports import is_unknown, key_name, reference_of, shown, unit_of
 from bt_dualarm.spec.problems import nearest, suggestion
 from bt_dualarm.spec.source import Data, Path
+from bt_dualarm.spec.unit import bare
 
 _WANTED: Final = {
     "float_type": "a number",
@@ -166,8 +167,17 @@ class _Words:
             wanted = [self._expectation(details) for details in found]
             message = f"expected {' or '.join(dict.fromkeys(wanted))}, not {describe(given)}"
             hint = self._nearest_choice(found)
-        hint = hint or (_reference_hint(given) if path else "") or self._forms(found)
+        hint = hint or (_reference_hint(given) if path else "") or self._bare_number(found)
+        hint = hint or self._forms(found)
         return Finding(path, _owned(path, message), hint)
+
+    def _bare_number(self, found: Sequence[ErrorDetails]) -> str:
+        """The number that text with a unit would be, where no text may stand."""
+        for details in found:
+            field = field_at(self.model, details["loc"])
+            if details["type"] == "float_type" and field and isinstance(details["input"], str):
+                return bare(details["input"], unit_of(field))
+        return ""
 
     def _forms(self, found: Sequence[ErrorDetails]) -> str:
         """What may stand where a mapping was expected."""

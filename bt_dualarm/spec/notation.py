@@ -80,8 +80,12 @@ def _list(items: tuple[Any, ...]) -> str:
     return f"list of {word}" if items[-1] is Ellipsis else f"list of {len(items)} {word}"
 
 
-def _plural(word: str) -> str:
-    return word if word.endswith("value") else f"{word}s"
+def _plural(words: str) -> str:
+    """Several of them: of ``list of 2 numbers`` the list."""
+    if words.endswith("value"):
+        return words
+    head, of, rest = words.partition(" of ")
+    return f"{head}s{of}{rest}"
 
 
 def _special(metadata: Any) -> str:

@@ -175,7 +175,7 @@ def _with_references(schema: Schema) -> Schema:
 
 
 def _or_reference(schema: Schema) -> Schema:
-    told: Schema = {key: schema[key] for key in ("description", "default") if key in schema}
+    told: Schema = {key: schema[key] for key in ("description", "default", "unit") if key in schema}
     plain: Schema = {key: value for key, value in schema.items() if key not in told}
     forms = plain["anyOf"] if plain.keys() == {"anyOf"} else [plain]
     return {**told, "anyOf": [*forms, _REFERENCE]}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -9,6 +11,28 @@ from typing import Any, Final
 from pydantic import GetJsonSchemaHandler
 
 _DIGITS: Final = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
+
+QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-z°]+)\s*")
+"""Text with a unit: the number, the unit."""
+
+SECONDS: Final[Mapping[str, float]] = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+DEGREES: Final[Mapping[str, float]] = {"deg": 1.0, "°": 1.0, "rad": math.degrees(1.0)}
+_METRES: Final[Mapping[str, float]] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_KNOWN: Final = {"m": ("metres", _METRES), "s": ("seconds", SECONDS), "deg": ("degrees", DEGREES)}
+
+
+def bare(text: str, unit: str) -> str:
+    """Text with a unit, ``6 cm``, as the bare number of another one; empty if it cannot be.
+
+    Args:
+        text: As someone has written it.
+        unit: ``"m"``, ``"s"`` or ``"deg"``.
+    """
+    name, others = _KNOWN.get(unit, ("", {}))
+    match = QUANTITY.fullmatch(text)
+    if match is None or match[2] not in others:
+        return ""
+    return f"in {name}: {float(match[1]) * others[match[2]]:.6g}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ YAML speaks metres, seconds and degrees; what comes out of these types is SI, an
 from __future__ import annotations
 
 import math
-import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
 
@@ -23,7 +23,7 @@ from pydantic import (
 
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.spec.docstring import attributes_of
-from bt_dualarm.spec.unit import Unit
+from bt_dualarm.spec.unit import DEGREES, QUANTITY, SECONDS, Unit
 
 Vector3: TypeAlias = tuple[float, float, float]
 """Three numbers; the field that uses it gives frame and unit."""
@@ -53,16 +53,12 @@ ArmName: TypeAlias = Annotated[str, Refers(("arm",))]
 ObjectOrArmName: TypeAlias = Annotated[str, Refers(("object", "arm"))]
 """The name of an object or an arm of the tree file."""
 
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-z°]+)\s*")
-_SECONDS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
-_DEGREES = {"deg": 1.0, "°": 1.0, "rad": math.degrees(1.0)}
 
-
-def _quantity(value: Any, units: dict[str, float]) -> Any:
+def _quantity(value: Any, units: Mapping[str, float]) -> Any:
     """A number as it is, text such as ``"500 ms"`` in the base unit."""
     if not isinstance(value, str):
         return value
-    match = _QUANTITY.fullmatch(value)
+    match = QUANTITY.fullmatch(value)
     if match is None or match[2] not in units:
         choices = ", ".join(units)
         raise ValueError(f"expected a number, or text with a unit ({choices}), not '{value}'")
@@ -70,16 +66,14 @@ def _quantity(value: Any, units: dict[str, float]) -> Any:
 
 
 def _seconds(value: Any) -> Any:
-    return _quantity(value, _SECONDS)
+    return _quantity(value, SECONDS)
 
 
 def _degrees(value: Any) -> Any:
-    return _quantity(value, _DEGREES)
+    return _quantity(value, DEGREES)
 
 
-Duration: TypeAlias = Annotated[
-    float, BeforeValidator(_seconds), Field(ge=0.0), Unit("s", _SECONDS)
-]
+Duration: TypeAlias = Annotated[float, BeforeValidator(_seconds), Field(ge=0.0), Unit("s", SECONDS)]
 """Seconds of simulated time: ``0.5``, or text with a unit: ``"500 ms"``, ``"2 min"``."""
 
 Angle: TypeAlias = Annotated[
@@ -87,7 +81,7 @@ Angle: TypeAlias = Annotated[
     BeforeValidator(_degrees),
     AfterValidator(math.radians),
     PlainSerializer(math.degrees),
-    Unit("deg", _DEGREES),
+    Unit("deg", DEGREES),
 ]
 """Radians inside; in YAML degrees: ``90``, or text with a unit: ``"90 deg"``, ``"1.57 rad"``."""
 
@@ -124,10 +118,10 @@ class PoseSpec(Value):
         look_at: A point in metres that the frame's z axis points to; its y axis points downwards.
     """
 
-    xyz: _Point
-    rpy: tuple[_Turn, _Turn, _Turn] | None = None
+    xyz: _Point = Field(json_schema_extra={"unit": "m"})
+    rpy: tuple[_Turn, _Turn, _Turn] | None = Field(default=None, json_schema_extra={"unit": "deg"})
     quat: tuple[float, float, float, float] | None = None
-    look_at: _Point | None = None
+    look_at: _Point | None = Field(default=None, json_schema_extra={"unit": "m"})
 
     @model_validator(mode="after")
     def _one_orientation(self) -> PoseSpec:

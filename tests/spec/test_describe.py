@@ -24,6 +24,8 @@ class Ports(PortModel):
     at: ObjectOrArmName = port("cube", "thing")
     code: str = port("A", "code", pattern="^[A-Z]$")
     deep: dict[str, tuple[bool, int]] = port({}, "anything")
+    points: tuple[tuple[float, float], ...] = port(..., "curve", unit="m")
+    things: tuple[ObjectOrArmName, ...] = port((), "several")
 
 
 @pytest.mark.parametrize(
@@ -36,6 +38,10 @@ class Ports(PortModel):
         PortDescription("way", "list of poses", "", "length 1 to 9", "", "poses", True),
         PortDescription("axis", "x or y or list of 3 numbers", "", "", "x", "axis", False),
         PortDescription("at", "name of an object or arm", "", "", "cube", "thing", False),
+        PortDescription("points", "list of lists of 2 numbers", "m", "", "", "curve", True),
+        PortDescription(
+            "things", "list of names of an object or arm", "", "", "[]", "several", False
+        ),
         PortDescription("code", "text", "", "matches ^[A-Z]$", "A", "code", False),
     ],
     ids=lambda expected: expected.name,

@@ -27,6 +27,7 @@ class Seen(PortModel):
 class Go(PortModel):
     to: PoseSpec = port(..., "Where to")
     time: Duration = port(1.0, "In which time", le=10)
+    near: float = port(0.1, "How near", unit="m")
 
 
 class Spawn(PortModel):
