@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.share import share_dir
+from tests import glossary
 from tests.commands import BtRun, Ran
 
 TREES = sorted(path.stem for path in share_dir("trees").glob("*.yaml"))
@@ -79,6 +80,7 @@ def check_summary(ran: Ran) -> None:
         for leaf in arm["leaves"]:
             check_types(leaf, LEAF_FIELDS)
             assert METRICS.get(leaf["skill"], set()) <= leaf["metrics"].keys()
+            assert leaf["metrics"].keys() <= glossary.METRICS
             assert leaf["started_s"] <= leaf["ended_s"] <= ran.summary["sim_time_s"]
 
 

@@ -106,7 +106,7 @@ class Station:
     def halt(self, outcome: Outcome, time: float) -> None:
         """End a tree that is still running with this outcome, leaf by leaf."""
         if self.outcome is None:
-            self._before_halt = halted(self._tree.view())
+            self._before_halt = halted(self._tree.view(), time)
             self._end(outcome, time)
             self._guarded("tree", self._tree.halt, time)
 
@@ -147,10 +147,9 @@ class Station:
             self.halt(Outcome.FAILURE, time)
 
 
-def halted(node: NodeView) -> NodeView:
-    """The same tree with nothing running: halting itself would wipe out what has ended, too."""
-    return replace(
-        node,
-        status="INVALID" if node.status == "RUNNING" else node.status,
-        children=tuple(halted(child) for child in node.children),
-    )
+def halted(node: NodeView, time: float) -> NodeView:
+    """The same tree, what runs halted: halting itself would wipe out what has ended, too."""
+    node = replace(node, children=tuple(halted(child, time) for child in node.children))
+    if node.status != "RUNNING":
+        return node
+    return replace(node, status="INVALID", since=time, halted=True)

@@ -27,6 +27,7 @@ from bt_dualarm.run.drawing import draw_tree
 from bt_dualarm.run.layout import Picture, shared_heights
 from bt_dualarm.run.outcome import Outcome
 from bt_dualarm.run.parts import ArmView
+from bt_dualarm.run.station import halted
 from bt_dualarm.run.symbols import ASCII, UNICODE, Symbols
 from bt_dualarm.tree.report import NodeView, StatusChange
 
@@ -194,6 +195,16 @@ def test_what_was_halted_is_told_from_what_never_ran(symbols: Symbols, sign: str
     assert f"{sign} circle" in lines[1]
     assert lines[1].endswith("2.3 s ago")
     assert lines[2].endswith(f"{symbols.status['INVALID']} lissajous")
+
+
+def test_a_run_that_is_interrupted_shows_what_it_halted() -> None:
+    """What had ended stays as it was."""
+    view = halted(CARRYING, 12.0)
+    assert (view.halted, view.status, view.since) == (True, "INVALID", 12.0)
+    attach, _, curves, detach = view.children
+    assert attach == CARRYING.children[0]
+    assert [leaf.halted for leaf in curves.children] == [True, False]
+    assert not detach.halted
 
 
 class Run:
