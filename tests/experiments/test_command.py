@@ -20,7 +20,7 @@ def test_one_cell_writes_its_numbers(tmp_path: Path) -> None:
     assert content["renderer"] == "ray", "on every machine, so that numbers agree"
     assert content["outcome"] == ["SUCCESS"]
     assert content["yz_rms_m"][0] < 1e-3
-    assert content["yz_max_m"][0] < 4e-3
+    assert content["yz_max_m"][0] < 3e-3
     assert content["lost_count"] == [0]
     assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]
 
