@@ -21,6 +21,19 @@ class WorldError(DualArmError):
     """The world cannot do what was asked (unknown name, name taken, not present)."""
 
 
+class OverlapError(WorldError):
+    """An arm or object would stand inside of another thing.
+
+    Args:
+        thing: Name of the arm or object.
+        reason: One sentence.
+    """
+
+    def __init__(self, thing: str, reason: str) -> None:
+        super().__init__(reason)
+        self.thing = thing
+
+
 class DivergenceError(WorldError):
     """The simulation left the realm of numbers (NaN, silent reset, time running backwards)."""
 

@@ -89,6 +89,8 @@ def _check(arguments: argparse.Namespace) -> int:
     problems = [problem for _, some in found for problem in some]
     if arguments.graph is not None and checked[0].file is not None:
         _draw(checked[0].file, registry.kinds, arguments.graph)
+        if not arguments.json:
+            print(f"written: {arguments.graph}")
     if arguments.json:
         print(json.dumps([problem.as_dict() for problem in problems], indent=2))
     else:

@@ -63,6 +63,8 @@ def _tune(arguments: argparse.Namespace) -> int:
     _print(arguments, subject, look)
     if arguments.out is not None:
         _write(arguments.out, png(look.picture(subject.shot.what)))
+        if not arguments.json:
+            print(f"written: {arguments.out}")
     if arguments.serve is not None:
         return _serve(subject, look.color, arguments.serve)
     if subject.save is not None:

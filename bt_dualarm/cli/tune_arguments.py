@@ -18,8 +18,8 @@ _Add: TypeAlias = Callable[..., argparse.Action]
 
 _EPILOG = """\
 examples:
-  bt-tune-color pick_and_track --out seen.png           what the tracking camera sees at the start
-  bt-tune-color my_tree.yaml --at 6 --serve             six simulated seconds later, as a live page
+  bt-tune-color pick_and_track --at 7 --out seen.png    what the tracking camera sees after 7 s
+  bt-tune-color my_tree.yaml --serve                    what it sees at the start, as a live page
   bt-tune-color my_tree.yaml --pick 160,120 --write     look for the colour of a pixel from now on
   bt-tune-color photo.jpg --hue 45 65 --saturation 0.5 1 --snippet color.yaml
 

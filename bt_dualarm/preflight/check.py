@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from bt_dualarm.errors import CatalogueError, WorldError
+from bt_dualarm.errors import CatalogueError, OverlapError, WorldError
 from bt_dualarm.preflight.reaching import out_of_reach
 from bt_dualarm.preflight.robots import Names
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.language import LANGUAGE, Kind
 from bt_dualarm.spec.load import check_file, load_tree_file
 from bt_dualarm.spec.problems import Place, Problem, SpecError, errors, in_order
+from bt_dualarm.spec.source import Source
 from bt_dualarm.world.world import World
 
 
@@ -62,13 +63,24 @@ def check(
     except SpecError as error:
         return Checked(None, error.problems)
     kinds = {**LANGUAGE, **skills}
-    names = Names(file, next(iter(file.arms.values())).tree.source, kinds)
+    source = next(iter(file.arms.values())).tree.source
+    names = Names(file, source, kinds)
     names.look_up()
     if names.problems:
         return Checked(None, in_order(names.problems))
     if build:
         try:
             World(file, file.world.seed).refuse_overlaps()
+        except OverlapError as error:
+            return Checked(None, (_overlap(file, source, error),))
         except (CatalogueError, WorldError) as error:
             return Checked(None, (Problem(Place(str(path)), str(error)),))
     return Checked(file, in_order((*problems, *out_of_reach(file, names.robots, kinds))))
+
+
+def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:
+    """Said where the thing is put, or where it is declared if the file does not say where."""
+    part, place = ("arms", "base") if error.thing in file.arms else ("objects", "pose")
+    if source.get((part, error.thing, place)) is None:
+        return source.problem((part, error.thing), str(error), key=True)
+    return source.problem((part, error.thing, place), str(error))

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from bt_dualarm.errors import WorldError
+from bt_dualarm.errors import OverlapError, WorldError
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.world import composition
@@ -77,13 +77,13 @@ class World(WorldView):
         """Look whether everything has a place of its own, as a run must begin.
 
         Raises:
-            WorldError: An arm or object is inside another thing.
+            OverlapError: An arm or object is inside another thing.
         """
         for kind, names in (("arm", self.arms), ("object", self.objects)):
             for name in names:
                 inside = overlap(self.model, self.data, name)
                 if inside is not None:
-                    raise _no_room(f"{kind} {name!r}", *inside)
+                    raise _no_room(kind, name, *inside)
 
     def spawn_arm(self, name: str) -> None:
         """Add a declared arm in its initial posture.
@@ -101,7 +101,7 @@ class World(WorldView):
         inside = overlap(self.model, self.data, name)
         if inside is not None:
             self.remove_arm(name)
-            raise _no_room(f"arm {name!r}", *inside)
+            raise _no_room("arm", name, *inside)
 
     def remove_arm(self, name: str) -> None:
         """Take an arm away; what it held falls.
@@ -132,7 +132,7 @@ class World(WorldView):
         inside = overlap(self.model, self.data, name)
         if inside is not None:
             self.remove_object(name)
-            raise _no_room(f"object {name!r}", *inside)
+            raise _no_room("object", name, *inside)
 
     def remove_object(self, name: str) -> None:
         """Take an object away, out of any arm's hold.
@@ -249,5 +249,5 @@ class World(WorldView):
         self.data.qpos[self.arms[name].qpos_ids] = posture
 
 
-def _no_room(what: str, other: str, depth: float) -> WorldError:
-    return WorldError(f"{what} would be {1000 * depth:.0f} mm deep in {other}")
+def _no_room(kind: str, name: str, other: str, depth: float) -> OverlapError:
+    return OverlapError(name, f"{kind} {name!r} would be {1000 * depth:.0f} mm deep in {other}")

@@ -73,6 +73,19 @@ def test_a_name_that_leads_nowhere_is_an_error_with_the_nearest_one(
     assert f"'{nearest}'" in problem.hint
 
 
+def test_what_has_no_room_is_said_where_it_is_put(tmp_path: Path, registry: Registry) -> None:
+    """The arm where it has no base of its own, the object at its pose."""
+    path = tmp_path / "task.yaml"
+    text = FILE.format(**GOOD)
+    path.write_text(text.replace("xyz: [0.4, 0, 0.1]", "xyz: [0.0, 0, 0.05]"))
+    (problem,) = check(path, registry.kinds).problems
+    assert (problem.place.line, problem.message.partition(" would be ")[0]) == (7, "arm 'arm1'")
+    path.write_text(text.replace("xyz: [0.4, 0, 0.1]", "xyz: [0.4, 0, 0.0]"))
+    (problem,) = check(path, registry.kinds).problems
+    assert (problem.place.line, problem.place.column) == (5, text.splitlines()[4].index("{xyz") + 1)
+    assert problem.message == "object 'cube' would be 25 mm deep in floor"
+
+
 def test_a_name_that_the_scene_has_already_is_an_error(tmp_path: Path, registry: Registry) -> None:
     (problem,) = problems_of(tmp_path, registry, thing="floor")
     assert problem.severity == "error"
