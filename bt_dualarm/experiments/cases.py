@@ -30,8 +30,6 @@ CASES: Final[tuple[tuple[CurveName, float], ...]] = (
 )
 """Curve and speed of the five experiments."""
 
-HARDEST: Final = ("lissajous", 1.0)
-
 _GAINS: Final = ((30.0, 60.0), (2.25, 3.25))
 """Frames a second, and for each the best constant gain of proportional control.
 
