@@ -268,8 +268,7 @@ def _bandwidth(camera: GuardedCamera) -> float:
 
 def _facing_camera(arm: Arm, plane: Plane) -> tuple[GuardedCamera, Pose]:
     """The camera that moves with the arm, and its pose."""
-    declared = arm.world.declared_arms[arm.name].camera
-    if arm.camera is None or declared is None or not isinstance(declared.mount, str):
+    if arm.camera is None or not arm.world.declared_arms[arm.name].carries_camera:
         raise Failure("NO_CAMERA", f"{arm.name} has no camera that moves with it")
     view = camera_pose(arm.world.data, arm.world.arms[arm.name].camera_id)
     facing = abs(float(np.cross(*plane.axes) @ view.turn(np.array((0.0, 0.0, 1.0)))))

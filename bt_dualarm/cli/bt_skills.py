@@ -98,8 +98,8 @@ def _skills(arguments: argparse.Namespace) -> int:
 
 
 def _show_robots(name: str, others: Mapping[str, Kind], *, as_json: bool) -> int:
-    from bt_dualarm.cli.robot_sheets import is_page, list_robots, show_robot
-    from bt_dualarm.world.catalogue import robot_names
+    from bt_dualarm.cli.robot_sheets import list_robots, show_robot
+    from bt_dualarm.world.catalogue import is_page, robot_names
 
     if name == _ROBOTS:
         list_robots(as_json=as_json)

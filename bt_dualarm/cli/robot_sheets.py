@@ -14,11 +14,6 @@ if TYPE_CHECKING:
     from bt_dualarm.motion.data_sheet import DataSheet
 
 
-def is_page(name: str) -> bool:
-    """Whether it is the path of a robot's page, and no name of the catalogue."""
-    return name.endswith((".yaml", ".yml"))
-
-
 def list_robots(*, as_json: bool) -> None:
     """The catalogue: a line for each robot with its joints' number, reach, postures and mounts."""
     from bt_dualarm.world.catalogue import robot_names
@@ -82,7 +77,7 @@ def show_robot(name: str, *, as_json: bool) -> None:
 
 def _sheet(name: str) -> DataSheet:
     from bt_dualarm.motion.data_sheet import data_sheet
-    from bt_dualarm.world.catalogue import load_robot
+    from bt_dualarm.world.catalogue import is_page, load_robot
 
     if is_page(name):
         page = Path(name)

@@ -14,7 +14,7 @@ from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import reference_of
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.source import Data, Path, Source
-from bt_dualarm.world.catalogue import Robot, load_robot, robot_names
+from bt_dualarm.world.catalogue import Robot, is_page, load_robot, robot_names
 from bt_dualarm.world.composition import names_in, scene_names, scene_spec
 
 
@@ -65,7 +65,7 @@ class Names:
                     self._add((part, name), message, "call it differently", key=True)
 
     def _robot(self, path: Path, name: str) -> Robot | None:
-        if not name.endswith((".yaml", ".yml")) and name not in robot_names():
+        if not is_page(name) and name not in robot_names():
             self._unknown(path, "robot", name, robot_names())
             return None
         try:
@@ -84,12 +84,11 @@ class Names:
             self._unknown((*path, "camera", "mount"), what, camera.mount, robot.cameras)
 
     def _nodes(self, name: str, arm: ArmSpec, robot: Robot) -> Iterator[Problem]:
-        carried = arm.camera is not None and isinstance(arm.camera.mount, str)
         for node in arm.tree.walk():
             kind = self.kinds.get(node.kind)
             if kind is None:
                 continue
-            if kind.needs_camera and not carried:
+            if kind.needs_camera and not arm.carries_camera:
                 message = f"{node.kind}: {name} has no camera that moves with it"
                 mount = next(iter(robot.cameras), "wrist")
                 yield node.problem(message, f"give {name} one: camera: {{mount: {mount}}}")

@@ -24,7 +24,7 @@ from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.tree.build import build_tree
 from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.world.camera import Camera
-from bt_dualarm.world.catalogue import Robot, robot_names
+from bt_dualarm.world.catalogue import Robot, is_page
 from bt_dualarm.world.rendering import Renderer, RendererKind, choose_renderer
 from bt_dualarm.world.world import World
 
@@ -145,7 +145,7 @@ def assemble(
 
 def name_of_robot(given: str, robot: Robot) -> str:
     """What people are shown: the name in the catalogue, else the title of the page, on one line."""
-    return given if given in robot_names() else " ".join(robot.title.split())
+    return " ".join(robot.title.split()) if is_page(given) else given
 
 
 def control_period(timestep: float) -> Fraction:

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.run.holding import Holding, Holdings
-from bt_dualarm.run.outcome import RunResult
-from bt_dualarm.run.series import Series, SeriesLog
-from bt_dualarm.run.signals import StopRequest
-from bt_dualarm.run.tracks import Tracks
-from bt_dualarm.run.whole_files import write_whole
-from bt_dualarm.world.still import Still, best_viewpoint
+from bt_dualarm.run.series import Series
+from bt_dualarm.world.still import Still
 from bt_dualarm.world.viewpoint import Viewpoint
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -32,67 +23,14 @@ REFERENCES = ("planned", "target")
 _MOVED_M = 0.01
 """An object that moved less is not drawn."""
 
-_TOOL, _OBJECT = "tool_", "object_"
+_TOOL, OBJECT = "tool_", "object_"
+"""How the names of paths begin."""
 
 _AXES = "xyz"
 _MAX_PANELS = 6
 
-_PICTURE = (640, 480)
+PICTURE = (640, 480)
 """Pixels of the world at one moment."""
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What was observed during a run.
-
-    Attributes:
-        tracks: Where tools and objects were.
-        series: What the skills measured.
-        holdings: Who held what.
-        stills: The world at the start and at the end.
-    """
-
-    tracks: Tracks
-    series: SeriesLog
-    holdings: Holdings
-    stills: Sequence[Still]
-
-
-def write_all(folder: Path, result: RunResult, seen: Seen, stop: StopRequest) -> Iterator[Path]:
-    """Write ``overview.png``, ``scene.png``, ``<arm>_plane.png`` and ``<arm>_time.png``.
-
-    There is no scene where there is nothing to see, and no plot of an arm that measured nothing.
-
-    Args:
-        folder: Where to.
-        result: Names the arms.
-        seen: What they show.
-        stop: The rest is left out once the end is urgent.
-    """
-    time, paths = seen.tracks.time, seen.tracks.positions()
-    drawings: dict[str, Callable[[], Figure]] = {
-        "overview": partial(overview, paths, seen.tracks.bases)
-    }
-    stills = [still for still in seen.stills if still.is_sound]
-    viewpoint = best_viewpoint(stills, _PICTURE[0] / _PICTURE[1])
-    if viewpoint is not None:
-        drawings["scene"] = partial(scene, stills, viewpoint)
-    for arm in result.arms:
-        leaves = {
-            leaf.partition("/")[2] or leaf: all_ for leaf, all_ in seen.series.of(arm.name).items()
-        }
-        if leaves:
-            title = f"{arm.name} ({arm.robot})"
-            carried = _carried(seen.holdings.of(arm.name), time, paths)
-            drawings[f"{arm.name}_plane"] = partial(in_plane, leaves, time, carried, title)
-            drawings[f"{arm.name}_time"] = partial(over_time, leaves, title)
-    for name, draw in drawings.items():
-        if stop.urgent or not len(time):
-            return
-        figure = draw()
-        canvas = FigureCanvasAgg(figure)
-        write_whole(folder / f"{name}.png", canvas.print_png)
-        yield folder / f"{name}.png"
 
 
 def overview(paths: Mapping[str, Matrix], bases: Mapping[str, Vector]) -> Figure:
@@ -108,7 +46,7 @@ def overview(paths: Mapping[str, Matrix], bases: Mapping[str, Vector]) -> Figure
     shown = {name: path for name, path in paths.items() if name.startswith(_TOOL) or _moved(path)}
     for axes, (u, v), view in zip(panels, ((0, 1), (1, 2)), ("from above", "along x"), strict=True):
         for (name, path), color in zip(shown.items(), cycle(COLORS)):
-            label = name.replace(_TOOL, "tool of ").replace(_OBJECT, "")
+            label = name.replace(_TOOL, "tool of ").replace(OBJECT, "")
             axes.plot(path[:, u], path[:, v], color=color, label=label, linewidth=1.2)
             axes.plot(*path[_first(path)][[u, v]], "o", color=color, markersize=5)
         for name, base in bases.items():
@@ -127,7 +65,7 @@ def scene(stills: Sequence[Still], viewpoint: Viewpoint) -> Figure:
     figure = Figure(figsize=(6.4 * len(stills), 5.1), dpi=100, layout="constrained")
     panels = figure.subplots(1, len(stills), squeeze=False)[0]
     for axes, still, moment in zip(panels, stills, ("start", "end"), strict=False):
-        axes.imshow(still.draw(viewpoint, *_PICTURE), interpolation="antialiased")
+        axes.imshow(still.draw(viewpoint, *PICTURE), interpolation="antialiased")
         axes.set_title(f"{moment}: {still.time:.1f} s", fontsize=10)
         axes.set_axis_off()
     return figure
@@ -262,19 +200,6 @@ def _plane_of(series: Sequence[Series]) -> tuple[int, int]:
     extent = np.ptp(series[0].values, axis=0)
     u, v = sorted(np.argsort(extent)[1:])
     return int(u), int(v)
-
-
-def _carried(
-    holdings: Sequence[Holding], time: Vector, paths: Mapping[str, Matrix]
-) -> dict[str, Matrix]:
-    """Where each object was while it was held, NaN at other times."""
-    found: dict[str, Matrix] = {}
-    for held in holdings:
-        path = paths.get(_OBJECT + held.object)
-        if path is not None:
-            during = held.during(time)
-            found.setdefault(held.object, np.full_like(path, np.nan))[during] = path[during]
-    return found
 
 
 def _during(

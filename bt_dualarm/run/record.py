@@ -157,11 +157,11 @@ class Recorder:
             yield self._folder / DIVERGENCE
         yield self._text(SUMMARY, json.dumps(self._summary(result), indent=2, allow_nan=False))
         if not stop.urgent:
-            from bt_dualarm.run import plots  # half a second of imports that few runs need
+            from bt_dualarm.run import pictures  # half a second of imports that few runs need
 
             stills = (self._start, Still.of(self._world))
-            seen = plots.Seen(self._tracks, self._series, self._holdings, stills)
-            yield from plots.write_all(self._folder, result, seen, stop)
+            seen = pictures.Seen(self._tracks, self._series, self._holdings, stills)
+            yield from pictures.write_all(self._folder, result, seen, stop)
 
     def _summary(self, result: RunResult) -> dict[str, object]:
         return summary_of(

@@ -203,6 +203,11 @@ class ArmSpec(Value):
     spawned: bool = True
     tree: Annotated[InstanceOf[NodeSpec], WithJsonSchema({})]
 
+    @property
+    def carries_camera(self) -> bool:
+        """Whether it has a camera that moves with it."""
+        return self.camera is not None and isinstance(self.camera.mount, str)
+
 
 class TreeFile(Value):
     """A whole tree file.

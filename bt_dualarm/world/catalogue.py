@@ -101,6 +101,11 @@ class Robot:
         return self.model.kinematic_text
 
 
+def is_page(name: str) -> bool:
+    """Whether a robot is named by the path of its page, and not as the catalogue does."""
+    return name.endswith((".yaml", ".yml"))
+
+
 def robot_names() -> tuple[str, ...]:
     """Names of the arms in the shipped catalogue, sorted."""
     return tuple(sorted(path.stem for path in (share_dir("assets") / "robots").glob("*.yaml")))
@@ -139,7 +144,7 @@ def load_robot(name: str, root: Path | None = None) -> Robot:
 
 
 def _robot_file(name: str, root: Path | None) -> Path:
-    if name.endswith((".yaml", ".yml")):
+    if is_page(name):
         folder = (root or Path.cwd()).resolve()
         path = _file_below(folder, name)
         if path is not None:

@@ -101,7 +101,12 @@ class Still:
         return data
 
     def _trace(self, fan: Fan) -> Hits:
-        return RayScene(self.model, LOOP_GROUPS).trace(self._data, fan)
+        return self._shapes.trace(self._data, fan)
+
+    @cached_property
+    def _shapes(self) -> RayScene:
+        """What rays meet: read from the model once for all viewpoints."""
+        return RayScene(self.model, LOOP_GROUPS)
 
     def _corners(self, which: Any) -> Matrix:
         geoms = np.flatnonzero(which & np.isin(self.model.geom_group, LOOP_GROUPS))

@@ -14,7 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from bt_dualarm.pose import Pose
-from bt_dualarm.run import plots
+from bt_dualarm.run import pictures, plots
 from bt_dualarm.run.holding import Holding
 from bt_dualarm.run.outcome import ArmResult, Ending, Outcome, RunResult
 from bt_dualarm.run.parts import ArmView
@@ -305,7 +305,7 @@ def test_a_plane_shows_what_its_own_arm_holds_and_nothing_else() -> None:
     time = np.linspace(0.0, 2.0, 21)
     away = np.column_stack((1.0 + time, time, time))
     paths = {"object_mine": 0.1 * away, "object_other": away}
-    carried = plots._carried([Holding("arm1", "mine", 0.5, 1.5)], time, paths)
+    carried = pictures._carried([Holding("arm1", "mine", 0.5, 1.5)], time, paths)
     figure: Figure = plots.in_plane(curve().of("arm1"), time, carried, "arm1")
     (axes,) = figure.axes
     assert [line.get_label() for line in axes.lines] == ["mine", "executed", "planned"]
