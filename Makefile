@@ -18,7 +18,7 @@ STAMP := $(VENV)/.installed
 # As many test processes as cores, but never more than eight: each of them loads every robot.
 WORKERS ?= logical
 
-.PHONY: help setup demo test lint format check docs constraints clean
+.PHONY: help setup demo test fuzz lint format check docs constraints clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' Makefile
@@ -31,6 +31,12 @@ demo: $(STAMP) ## Run the main job: two arms pick, carry and track
 
 test: $(STAMP) ## Run the whole test suite
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet
+
+fuzz: export BT_DUALARM_FUZZ_FILES ?= 200000
+fuzz: export BT_DUALARM_FUZZ_TIMES ?= 10
+fuzz: $(STAMP) ## Mutate ten times as many trees, robots and meshes as the tests do
+	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
+		tests/fuzz tests/spec/test_fuzz.py
 
 lint: $(STAMP) ## Check style and types
 	@$(BIN)/ruff check
@@ -47,7 +53,7 @@ docs: $(STAMP) ## Renew what the pages in docs/ take from the code
 	@$(BIN)/python docs/reference.py
 	@$(BIN)/python docs/robots.py
 	@$(BIN)/python docs/limits.py
-	@$(BIN)/python docs/skills.py
+	@$(BIN)/python docs/members.py
 
 constraints: ## Resolve the ranges of pyproject.toml anew into constraints.txt
 	@scratch=$$(mktemp -d) && trap 'rm -rf "$$scratch"' EXIT \

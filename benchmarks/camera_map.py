@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -24,15 +25,15 @@ CURVE = Cell("circle", 1.0, more={"turns": "4"})
 _GROWTH = 2.0
 _GROWTH_M = 2e-3
 _AMPLITUDES = (0.7, 1.3)
-"""Of the tracked path by that of the true one; beyond, the follower swings or stands still."""
+"""Spread of the tracked path by that of the true one; beyond, a follower swings or stands still."""
 
 
 @dataclass(frozen=True)
 class Faults:
-    """Of a camera.
+    """Faults of a camera.
 
     Attributes:
-        latency: In s.
+        latency: Time from exposure to delivery in s.
         drop: Share of the frames that get lost.
         noise: Shake in px.
     """
@@ -44,14 +45,7 @@ class Faults:
     @property
     def cell(self) -> Cell:
         """The experiment with this camera."""
-        return Cell(
-            CURVE.case,
-            CURVE.speed,
-            latency=self.latency,
-            drop=self.drop,
-            noise=self.noise,
-            more=CURVE.more,
-        )
+        return replace(CURVE, latency=self.latency, drop=self.drop, noise=self.noise)
 
     def __str__(self) -> str:
         return f"{1e3 * self.latency:.0f} ms, {self.drop:.0%} lost, {self.noise:g} px"
@@ -62,9 +56,10 @@ class Spot:
     """One place of the map.
 
     Attributes:
-        faults: Where.
-        rms: Over all seeds, in m; not a number where a run could not be measured.
-        complaints: Why it is not stable; empty where it is.
+        faults: Place on the map.
+        rms: Root mean square error over all seeds, in m; not a number where a run could not be
+            measured.
+        complaints: Reasons why it is not stable; none where it is.
     """
 
     faults: Faults
@@ -72,7 +67,7 @@ class Spot:
     complaints: tuple[str, ...]
 
 
-Measure = Callable[[Sequence[Cell]], Iterable[Sequence[Trial | TrialError]]]
+Measure: TypeAlias = Callable[[Sequence[Cell]], Iterable[Sequence[Trial | TrialError]]]
 """Runs every cell with every seed."""
 
 
@@ -80,8 +75,8 @@ def survey(measure: Measure, *, coarse: bool) -> list[Spot]:
     """Measure the whole map.
 
     Args:
-        measure: Runs cells.
-        coarse: Only the ends of each scale.
+        measure: Runner of cells.
+        coarse: True for the ends of each scale only.
     """
     scales = [scale[:: len(scale) - 1] if coarse else scale for scale in SCALES]
     places = [Faults(*values) for values in itertools.product(*scales)]
@@ -104,7 +99,7 @@ def instability(trial: Trial) -> str:
     first, and the follower must draw a curve about as large as its target's.
     """
     if trial.outcome != "SUCCESS":
-        return f"{trial.outcome} {trial.rest}".strip()
+        return f"{trial.outcome} {trial.reason}".strip()
     first, _, last = (np.sqrt(np.mean(part**2)) for part in np.array_split(trial.error, 3))
     if last > _GROWTH * first + _GROWTH_M:
         return f"its error grows from {1e3 * first:.1f} to {1e3 * last:.1f} mm"
@@ -132,9 +127,9 @@ def draw(spots: Sequence[Spot], seeds: int, path: Path) -> None:
     """A panel for each shake, latency by lost frames; what is not stable is framed in red.
 
     Args:
-        spots: Of the whole map.
-        seeds: Of which each number is made.
-        path: Of the picture; its ending says which kind.
+        spots: Places of the whole map.
+        seeds: Number of seeds that each number is made of.
+        path: File of the picture; its ending says which kind.
     """
     latencies, drops, noises = (
         sorted({getattr(spot.faults, name) for spot in spots})

@@ -14,9 +14,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from bt_dualarm.motion.controller import JointController
-from bt_dualarm.motion.limiter import SetPoint
-from bt_dualarm.motion.timing import point_to_point
+from bt_dualarm.motion.control.controller import JointController
+from bt_dualarm.motion.safety.reservation import Reservations
+from bt_dualarm.motion.setpoints.set_point import SetPoint
+from bt_dualarm.motion.timing.point_to_point import point_to_point
 from bt_dualarm.world.world import World
 from tests.world.worlds import arm, box, file_of
 
@@ -39,13 +40,13 @@ def cost_of_guard(x: float, kind: str) -> tuple[float, float]:
     """Microseconds a set-point: of the guard, and of the whole update.
 
     Args:
-        x: Where the other arm's base stands, in m.
-        kind: Of what is followed, motion or stream.
+        x: Position of the other arm's base along x, in m.
+        kind: Kind of what is followed, motion or stream.
     """
     arms = {"arm1": arm("ur5", posture="present"), "arm2": arm("panda", (x, 0.0, 0.3), 180.0)}
     world = World(file_of(arms))
     period = 2 * world.timestep
-    controller = JointController(world, "arm1", period)
+    controller = JointController(world, "arm1", period, Reservations())
     start, limits = controller.setpoint.q, world.robots["arm1"].limits.scaled(0.3)
     motion = point_to_point(
         start, start + np.array((0.5, -0.1, 0.1, 0.0, 0.0, 0.5)), limits, period
@@ -87,7 +88,10 @@ def main() -> None:
         file_of({"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.28))}, {"cube": cube})
     )
     world.attach("arm1", "cube")
-    controllers = {name: JointController(world, name, world.timestep) for name in world.arms}
+    reservations = Reservations()
+    controllers = {
+        name: JointController(world, name, world.timestep, reservations) for name in world.arms
+    }
 
     def everything() -> None:
         for controller in controllers.values():

@@ -19,16 +19,17 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.motion.ik import Kinematics
-from bt_dualarm.motion.search import STEP
-from bt_dualarm.motion.target import Tolerance
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.motion.kinematics.multistart import STEP
+from bt_dualarm.motion.kinematics.target import Tolerance
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.world.catalogue import Robot, load_robot, robot_names
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from bt_dualarm.world.robots.robot import Robot
 
 TOLERANCE = Tolerance(1e-4, 1e-3)
 RESTARTS, ITERATIONS = 40, 40
 CONVERGED = 1e-5
-"""Of mink, m and rad: what ours asks of an answer."""
+"""Residual in m and rad at which mink has converged: what ours asks of an answer."""
 
 
 class Judge:
@@ -163,7 +164,7 @@ def minks(robot: Robot, judge: Judge) -> Callable[[Pose], Vector | None]:
 
 
 def audit(robot: Robot, judge: Judge, count: int) -> tuple[int, int]:
-    """Of awkward targets: how many are said to be solved, and how many of them are not."""
+    """Count of awkward targets that are said to be solved, and of those that are not."""
     rng = np.random.default_rng(1)
     solve, said, wrong = ours(robot), 0, 0
     for _ in range(count):

@@ -13,11 +13,10 @@ import numpy as np
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.trial import Trial, run_trial
 from bt_dualarm.pose import Vector
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.parts import RunView
+from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.vision.estimate import Motion
 from bt_dualarm.vision.tracker import TargetTracker
 from bt_dualarm.world.world import World
@@ -30,23 +29,17 @@ BEHIND_SCREEN_M = 0.85  # x of the screen, between the cube and the camera
 TWIN_X_M = (0.60, 0.76)  # behind the cube and before it
 
 
-class Mover:
+class Mover(IdleObserver):
     """Moves a thing that is fixed in the world, and lets it pass through everything.
 
     Args:
-        world: In which it is.
-        name: Of the thing.
-        place: Where it is at a time.
+        world: World in which it is.
+        name: Name of the thing.
+        place: Position at a time, of shape (3,), in m.
     """
 
     def __init__(self, world: World, name: str, place: Callable[[float], Vector]) -> None:
         self._world, self._name, self._place = world, name, place
-
-    def on_event(self, change: StatusChange) -> None:
-        """Nothing."""
-
-    def after_ticks(self, run: RunView) -> None:
-        """Nothing."""
 
     def after_step(self, now: float) -> None:
         """Put it in its place, for the next step."""
@@ -78,10 +71,10 @@ def covered(registry: Registry, seed: int, begin: float, length: float) -> Trial
     """A trial in which a screen stands before the target for a while.
 
     Args:
-        registry: The installed skills.
-        seed: Of the trial.
-        begin: Simulated time in s.
-        length: In s.
+        registry: Installed skills.
+        seed: Seed of the trial.
+        begin: Simulated time at which the cover comes, in s.
+        length: Time for which it stays, in s.
 
     Raises:
         TrialError: Nothing could be measured.
@@ -125,10 +118,10 @@ def crossed(registry: Registry, seed: int, height: float, depth: float) -> Trial
     """A trial in which a cube like the target crosses the picture.
 
     Args:
-        registry: The installed skills.
-        seed: Of the trial.
-        height: Above the curve's centre, in m.
-        depth: Along x, in m.
+        registry: Installed skills.
+        seed: Seed of the trial.
+        height: Height above the curve's centre, in m.
+        depth: Position along x, in m.
 
     Raises:
         TrialError: Nothing could be measured.
@@ -150,8 +143,8 @@ class Ages:
     """How old the newest sighting was whenever a set-point was made of it.
 
     Attributes:
-        asked: How often.
-        oldest: In s.
+        asked: Count of the set-points.
+        oldest: Largest age in s.
     """
 
     asked: int = 0

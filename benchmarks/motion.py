@@ -13,27 +13,24 @@ from __future__ import annotations
 
 import argparse
 import logging
-import tempfile
-import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import toppra
 import toppra.algorithm
 import toppra.constraint
-import yaml
 
-from bt_dualarm.motion.cartesian import joint_path
-from bt_dualarm.motion.curves import circle, lissajous
-from bt_dualarm.motion.ik import Kinematics
-from bt_dualarm.motion.paths import Axes, CartesianPath, line
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.motion.paths.cartesian_path import Axes, CartesianPath, line
+from bt_dualarm.motion.paths.curves import circle, lissajous
+from bt_dualarm.motion.planning.tool_path import joint_path
 from bt_dualarm.pose import Matrix, Pose
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.outcome import ArmResult
-from bt_dualarm.run.session import Session
+from bt_dualarm.runtime.result import ArmResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.world.catalogue import JointLimits, Robot, load_robot, robot_names
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from bt_dualarm.world.robots.robot import JointLimits, Robot
 
 YZ: Axes = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))
 BASE = Pose.from_rpy((0.0, 0.0, 0.4))
@@ -115,20 +112,15 @@ def execute(robot: Robot, case: Case, tool: Pose, loaded: bool, registry: Regist
                 "pose": {"xyz": at.position.tolist(), "quat": at.quaternion.tolist()},
             }
         }
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "motion.yaml")
-        path.write_text(yaml.safe_dump(tree), encoding="utf-8")
-        file = load_tree_file(path, registry.kinds)
-    with Session(file, registry) as session:
+    with Run(load_tree_file(tree, registry.kinds), registry) as opened:
         if loaded:
-            session.assembly.world.attach("arm1", "payload")
-        (arm,) = session.run([], time.perf_counter).arms
-    return arm
+            opened.world.attach("arm1", "payload")
+        return opened.finish().arms["arm1"]
 
 
 def said(arm: ArmResult, shortest: float) -> str:
     """Errors in mm and the duration against the bound; or why there was no motion."""
-    (leaf,) = arm.leaves
+    (leaf,) = arm.runs
     if leaf.status != "SUCCESS":
         return f"{leaf.code}: {leaf.reason}"
     rms, most, took = (

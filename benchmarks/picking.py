@@ -22,11 +22,11 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.parts import RunView
-from bt_dualarm.run.session import Session
+from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.tree.report import LeafReport, StatusChange
 from bt_dualarm.world.world import World
@@ -74,8 +74,8 @@ class Attempt:
     Attributes:
         verdict: picked: attached and lifted, in truth. refused: failed before it moved.
             failed: after it had moved. lied: said SUCCESS, and it was not so.
-        within_reach: As the inverse kinematics alone sees it.
-        reason: Why it was not picked.
+        within_reach: Verdict of the inverse kinematics alone.
+        reason: Reason why it was not picked.
         seconds: Simulated time until the cube was attached.
     """
 
@@ -95,7 +95,7 @@ def places(count: int, seed: int) -> list[Place]:
     return [Place(*row) for row in rng.uniform(low, high, size=(count, 3)).tolist()]
 
 
-class Onlooker:
+class Onlooker(IdleObserver):
     """Sees what the simulator knows: how far the arm has moved, and how the cube goes with it."""
 
     def __init__(self, world: World) -> None:
@@ -111,9 +111,6 @@ class Onlooker:
             self.time_attached = change.time
             height = self._world.object_pose("cube").position[2]
             self._attached_at = float(height), self._cube_in_tool()
-
-    def after_ticks(self, run: RunView) -> None:
-        """Nothing to see."""
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - the world has its own clock
         """Keep the largest way of a joint, in rad."""
@@ -136,12 +133,12 @@ def attempt(place: Place, registry: Registry, folder: Path, back: float = 0.0) -
     """Run one place, with the arm so many metres farther from the table."""
     path = folder / "pick.yaml"
     path.write_text(SCENE.format(x=place.x, y=place.y, yaw=place.yaw, back=back), encoding="utf-8")
-    with Session(load_tree_file(path, registry.kinds), registry) as session:
-        world = session.assembly.world
-        reach = within_reach(world, place)
-        onlooker = Onlooker(world)
-        arm = session.run([onlooker], lambda: 0.0).arms[0]
-    failed = [leaf for leaf in arm.leaves if leaf.status == "FAILURE"]
+    with Run(load_tree_file(path, registry.kinds), registry) as opened:
+        reach = within_reach(opened.world, place)
+        onlooker = Onlooker(opened.world)
+        opened.watch(onlooker)
+        arm = opened.finish().arms["arm1"]
+    failed = [leaf for leaf in arm.runs if leaf.status == "FAILURE"]
     said = arm.outcome == "SUCCESS"
     verdict: Verdict = "failed"
     if said or onlooker.holds():

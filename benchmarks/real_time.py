@@ -21,10 +21,11 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.pose import Vector
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.outcome import RunResult
-from bt_dualarm.run.session import Session, Wishes
-from bt_dualarm.run.shipped import find_tree
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.runtime.shipped import find_tree
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.world.world import World
 
@@ -34,9 +35,9 @@ class Segment:
     """The steps between two changes of the world's parts.
 
     Attributes:
-        model: MuJoCo's, with the parts of that time.
-        state: At the first of the steps.
-        torques: One row a step.
+        model: Compiled model with the parts of that time.
+        state: State at the first of the steps, of shape (n,).
+        torques: Control vectors, one a step.
         frames: Arguments of each frame that was drawn, with the number of the step.
     """
 
@@ -49,13 +50,13 @@ class Segment:
 class Script:
     """Writes down all that physics and renderer were asked to do."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, opened: Run) -> None:
         self.segments: list[Segment] = []
-        self._world = session.assembly.world
+        self._world = opened.assembly.world
         self._generation = -1
         _replace(self._world, "step", self._step)
-        if session.assembly.renderer is not None:
-            _replace(session.assembly.renderer, "render", self._render)
+        if opened.assembly.renderer is not None:
+            _replace(opened.assembly.renderer, "render", self._render)
 
     def _current(self) -> Segment:
         world: World = self._world
@@ -97,9 +98,9 @@ class Script:
 class Stopwatch:
     """Wall time spent in each part of a run."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, opened: Run) -> None:
         self.spent: dict[str, float] = {}
-        arms, world = session.assembly.arms, session.assembly.world
+        arms, world = opened.assembly.arms, opened.assembly.world
         for part, owner, names in (
             ("physics", world, ("step",)),
             ("control", arms, ("control",)),
@@ -126,18 +127,18 @@ def _replace(owner: Any, name: str, by: Callable[..., Any]) -> None:
     setattr(owner, name, lambda *arguments, **options: by(original, *arguments, **options))
 
 
-def _leave_alone(session: Session) -> None:
+def _leave_alone(opened: Run) -> None:
     """Run it as it is."""
-    del session
+    del opened
 
 
-def play(tree: str, renderer: Any, look: Callable[[Session], None]) -> RunResult:
+def play(tree: str, renderer: Any, look: Callable[[Run], None]) -> RunResult:
     """Run a tree to its end."""
     registry = Registry.load()
     file = load_tree_file(find_tree(tree), registry.kinds)
-    with Session(file, registry, Wishes(renderer=renderer)) as session:
-        look(session)
-        return session.run([], time.perf_counter)
+    with Run(file, registry, RunOptions(renderer=renderer)) as opened:
+        look(opened)
+        return opened.finish()
 
 
 def main() -> int:
@@ -148,19 +149,19 @@ def main() -> int:
     parser.add_argument("--renderer", choices=("auto", "gl", "ray"), default="ray")
     arguments = parser.parse_args()
 
-    def again(look: Callable[[Session], None]) -> RunResult:
+    def again(look: Callable[[Run], None]) -> RunResult:
         return play(arguments.tree, arguments.renderer, look)
 
     plain = [again(_leave_alone) for _ in range(arguments.repeats)]
     run = min(plain, key=lambda result: result.wall_time_s)
     watches: list[Stopwatch] = []
-    watched = again(lambda session: watches.append(Stopwatch(session)))
+    watched = again(lambda opened: watches.append(Stopwatch(opened)))
     scripts: list[Script] = []
     renderers: list[Any] = []
 
-    def write_down(session: Session) -> None:
-        renderers.append(getattr(session.assembly.renderer, "render", None))
-        scripts.append(Script(session))
+    def write_down(opened: Run) -> None:
+        renderers.append(getattr(opened.assembly.renderer, "render", None))
+        scripts.append(Script(opened))
 
     again(write_down)
     (script,), (render,), (watch,) = scripts, renderers, watches
@@ -177,7 +178,7 @@ def report(run: RunResult, bare: tuple[float, int], drawn: tuple[float, int]) ->
     """Print the two figures that matter, and what they are made of.
 
     Args:
-        run: As it is.
+        run: Result of the run as it is.
         bare: Seconds and number of the steps of physics alone.
         drawn: Seconds of both, and number of frames.
     """

@@ -1,4 +1,4 @@
-"""What a frame costs: rendering, detection, estimation; run ``python benchmarks/rendering.py``.
+"""What a frame costs: rendering, detection, estimation; run ``python -m benchmarks.rendering``.
 
 Scene of ``trees/pick_and_track.yaml``: the UR5 holds the cube 0.35 m before the Panda's wrist
 camera. Times are the best of many, in milliseconds; ratios are to ``mj_multiRay`` and its whole
@@ -16,6 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from benchmarks.constant_jerk import ConstantJerk
 from bt_dualarm.errors import RendererError
 from bt_dualarm.share import share_dir
 from bt_dualarm.spec.color import Color
@@ -24,10 +25,13 @@ from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.vision.colors import ColorFilter
 from bt_dualarm.vision.detect import detect
 from bt_dualarm.vision.estimate import TargetEstimate
-from bt_dualarm.vision.motion_model import ConstantJerk, Oscillator
-from bt_dualarm.world.camera import Camera, Window
-from bt_dualarm.world.render_ray import camera_rays
-from bt_dualarm.world.rendering import LOOP_GROUPS, RendererKind, choose_renderer
+from bt_dualarm.vision.motion_model import Oscillator
+from bt_dualarm.world.cameras.camera import Camera
+from bt_dualarm.world.cameras.frame import Window
+from bt_dualarm.world.rendering.choose import choose_renderer
+from bt_dualarm.world.rendering.raycast import camera_rays
+from bt_dualarm.world.rendering.renderer import RendererKind
+from bt_dualarm.world.robots.geom_groups import LOOP_GROUPS
 from bt_dualarm.world.world import World
 
 CARRYING = np.array([0.0015, -0.9451, 1.5663, 2.5204, -1.5723, 3.1416])

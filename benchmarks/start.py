@@ -19,7 +19,7 @@ RUNS = 10
 
 
 def seconds(tree: str, environment: dict[str, str]) -> tuple[float, float]:
-    """From the start of one process to its first word, and of the CPU."""
+    """Seconds from the start of one process to its first word, and those of the CPU."""
     program = Path(sys.executable).with_name("bt-run")
     command = [str(program), tree, "--duration", "0.1", "--display", "log"]
     before = cpu_of_children()

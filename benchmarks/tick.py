@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import py_trees
 
-from bt_dualarm.skill import Skill, SkillContext
+from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.tree.build import build_tree
 
@@ -34,9 +34,14 @@ class Busy(Skill):
 
 def ours() -> Callable[[], Any]:
     """A parallel of skills on our leaves."""
+    idle = SimpleNamespace(
+        enter=lambda anew: None,  # noqa: ARG005 - a leaf calls it by this name
+        release=lambda: None,
+        trouble=lambda: None,
+    )
     context: Any = SkillContext(
         "busy",
-        SimpleNamespace(release=lambda: None, trouble=lambda: None),  # type: ignore[arg-type]
+        idle,  # type: ignore[arg-type]  # all that a leaf asks of its arm here
         lambda: 0.0,
         np.random.default_rng(0),
         logging.getLogger(__name__),
@@ -44,6 +49,9 @@ def ours() -> Callable[[], Any]:
     leaves = tuple(NodeSpec("busy", "busy", {}) for _ in range(LEAVES))
     root = NodeSpec("parallel", "parallel", {}, leaves, ("children",) * LEAVES)
     tree = build_tree("arm", root, {"busy": Busy}, lambda _: context, lambda: 0.0, lambda _: None)
+    tree.tick()
+    if tree.status != "RUNNING":
+        raise SystemExit(f"the tree is {tree.status}: there is nothing to measure")
     return tree.tick
 
 

@@ -12,16 +12,16 @@ import time
 
 import numpy as np
 
-from bt_dualarm.motion.cartesian import joint_path
-from bt_dualarm.motion.curves import circle, lissajous
-from bt_dualarm.motion.fastest import fastest_profile
-from bt_dualarm.motion.ik import Kinematics
-from bt_dualarm.motion.path_timing import spline_through
-from bt_dualarm.motion.paths import Axes, CartesianPath
-from bt_dualarm.motion.timing import time_path
-from bt_dualarm.motion.trajectory import shares_of_limits
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.motion.paths.cartesian_path import Axes, CartesianPath
+from bt_dualarm.motion.paths.curves import circle, lissajous
+from bt_dualarm.motion.planning.tool_path import joint_path
+from bt_dualarm.motion.timing.path_timing import spline_through
+from bt_dualarm.motion.timing.point_to_point import time_path
+from bt_dualarm.motion.timing.time_optimal import fastest_profile
+from bt_dualarm.motion.timing.trajectory import shares_of_limits
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.world.catalogue import load_robot
+from bt_dualarm.world.robots.catalogue import load_robot
 
 DT = 0.004
 YZ: Axes = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))

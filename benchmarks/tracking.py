@@ -39,8 +39,8 @@ from benchmarks.meddling import (
 from benchmarks.tracking_bench import Bench
 from bt_dualarm.experiments.cases import CASES, UNTUNED, Cell
 from bt_dualarm.experiments.trial import TrialError, run_trial
-from bt_dualarm.motion.servo import PlanarServo
-from bt_dualarm.world.camera import Camera
+from bt_dualarm.motion.setpoints.planar_servo import PlanarServo
+from bt_dualarm.world.cameras.camera import Camera
 
 
 def experiments(fps: float) -> Iterator[Cell]:
@@ -114,7 +114,9 @@ def figure_5(bench: Bench) -> None:
                     continue
                 back = came_back(trial, begin, length)
                 if not back:
-                    print(f"  covered from {begin:.2f} s for {length} s: {trial.rest or 'astray'}")
+                    print(
+                        f"  covered from {begin:.2f} s for {length} s: {trial.reason or 'astray'}"
+                    )
                 regained += back
                 old += trial.old_data_steps
             bench.say(f"covered for {length} s: not regained of {times}", times - regained, 0, "")

@@ -11,7 +11,7 @@ from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.results import Result
 from bt_dualarm.experiments.trial import Trial, TrialError
 from bt_dualarm.experiments.trials import run_trials
-from bt_dualarm.registry import Registry
+from bt_dualarm.skill.registry import Registry
 
 
 @dataclass
@@ -19,11 +19,11 @@ class Bench:
     """What all figures need; every printed line goes through `say`.
 
     Attributes:
-        seeds: Repetitions.
-        quick: Thin out.
-        out: Where pictures go.
-        jobs: Processes that run trials side by side; figures 1 to 4 use them.
-        missed: The goals that were missed.
+        seeds: Number of repetitions.
+        quick: True to thin out.
+        out: Folder of the pictures.
+        jobs: Number of processes that run trials side by side; figures 1 to 4 use them.
+        missed: Goals that were missed.
     """
 
     seeds: int

@@ -9,21 +9,20 @@ arms touched, and how near they came.
 from __future__ import annotations
 
 import sys
-import tempfile
-import time
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.motion.ik import Kinematics
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.pose import Pose
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.outcome import RunResult
-from bt_dualarm.run.session import Session, Wishes
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.world.catalogue import load_robot
+from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.world import World
 
 REACHES = 200
@@ -59,7 +58,7 @@ BEHIND = {"arm1": -0.3, "arm2": 1.3}
 """Where along x an arm goes that is through: the other one does not reach there."""
 
 
-class Contacts:
+class Contacts(IdleObserver):
     """Counts the physics steps in which the arms touch."""
 
     def __init__(self, world: World) -> None:
@@ -68,12 +67,6 @@ class Contacts:
         self._of = np.full(world.model.ngeom, -1)
         for number, body in enumerate(world.arms.values()):
             self._of[list(body.geom_ids)] = number
-
-    def on_event(self, change: object) -> None:
-        """Nothing to see."""
-
-    def after_ticks(self, run: object) -> None:
-        """Nothing to see."""
 
     def after_step(self, time: float) -> None:
         """Look at all contacts."""
@@ -118,14 +111,11 @@ def tree(rng: np.random.Generator, reaches: int) -> str:
 
 def run(text: str, seed: int, registry: Registry) -> tuple[RunResult, Contacts]:
     """The result, and when the arms touched."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "two_arms.yaml")
-        path.write_text(text, encoding="utf-8")
-        file = load_tree_file(path, registry.kinds)
-    with Session(file, registry, Wishes(seed=seed)) as session:
-        contacts = Contacts(session.assembly.world)
-        result = session.run([contacts], time.perf_counter, None)
-    return result, contacts
+    file = load_tree_file(text, registry.kinds)
+    with Run(file, registry, RunOptions(seed=seed)) as opened:
+        contacts = Contacts(opened.world)
+        opened.watch(contacts)
+        return opened.finish(), contacts
 
 
 def main(reaches: int, seed: int) -> None:
@@ -140,9 +130,9 @@ def main(reaches: int, seed: int) -> None:
         if contacts.steps:
             print(f"run {number}: the arms touch at {contacts.first_s:.2f} s")
         sim, wall = sim + result.sim_time_s, wall + result.wall_time_s
-        for arm in result.arms:
+        for arm in result.arms.values():
             nearest = min(nearest, float(arm.guard.get("nearest_arm_m", "inf")))
-            leaves = [leaf for leaf in arm.leaves if leaf.skill == "reach_to_pose"][: PER_RUN // 2]
+            leaves = [leaf for leaf in arm.runs if leaf.skill == "reach_to_pose"][: PER_RUN // 2]
             codes.update(leaf.code or leaf.status for leaf in leaves)
             for leaf in leaves:
                 if leaf.status != "SUCCESS":

@@ -1,6 +1,18 @@
 """bt_dualarm: behaviour trees in YAML that make several robot arms do a task together.
 
-A tree file declares a world, the arms in it and one tree per arm; a skill is what a leaf does::
+A tree file declares a world, the arms in it and one tree per arm. It is run whole or in steps::
+
+    import bt_dualarm as bt
+
+    result = bt.run("pick_and_track", seed=3)
+    print(result.outcome, result.arms["arm2"].leaves["sequence/track"].metrics)
+
+    with bt.open("pick_and_track") as run:  # nothing has moved yet
+        while not run.done:
+            run.step(0.02)  # simulated seconds
+            print(run.time, run.world.object_pose("cube"), run.arms["arm1"].tool_pose)
+
+A skill is what a leaf does::
 
     from bt_dualarm import Failure, PortModel, Skill, port
 
@@ -25,38 +37,53 @@ A tree file declares a world, the arms in it and one tree per arm; a skill is wh
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from bt_dualarm.arm import Arm as Arm
-    from bt_dualarm.arrival import check_arrival as check_arrival
-    from bt_dualarm.curve import follow_curve as follow_curve
+    from bt_dualarm.arm.arm import Arm as Arm
     from bt_dualarm.errors import DualArmError as DualArmError
     from bt_dualarm.errors import Failure as Failure
     from bt_dualarm.errors import WorldError as WorldError
-    from bt_dualarm.motion.blending import blended as blended_path
-    from bt_dualarm.motion.curves import circle as circle_path
-    from bt_dualarm.motion.curves import lissajous as lissajous_path
-    from bt_dualarm.motion.drawing import drawn as drawn_path
-    from bt_dualarm.motion.paths import line as line_path
-    from bt_dualarm.motion.planners import Planner as Planner
-    from bt_dualarm.motion.trajectory import Trajectory as Trajectory
-    from bt_dualarm.motion.turning import turned_about as turned_path
+    from bt_dualarm.motion.paths.blending import blended as blended_path
+    from bt_dualarm.motion.paths.cartesian_path import line as line_path
+    from bt_dualarm.motion.paths.curves import circle as circle_path
+    from bt_dualarm.motion.paths.curves import lissajous as lissajous_path
+    from bt_dualarm.motion.paths.rotation import turned_about as turned_path
+    from bt_dualarm.motion.paths.spline import drawn as drawn_path
+    from bt_dualarm.motion.planning.planners import Planner as Planner
+    from bt_dualarm.motion.timing.trajectory import Trajectory as Trajectory
     from bt_dualarm.pose import Matrix as Matrix
     from bt_dualarm.pose import Pose as Pose
     from bt_dualarm.pose import Vector as Vector
-    from bt_dualarm.scoring import TrackingScore as TrackingScore
-    from bt_dualarm.skill import Skill as Skill
-    from bt_dualarm.skill import SkillContext as SkillContext
-    from bt_dualarm.spec.aims import CarriedPose as CarriedPose
-    from bt_dualarm.spec.aims import JointAngles as JointAngles
-    from bt_dualarm.spec.aims import PostureName as PostureName
-    from bt_dualarm.spec.aims import ToolPose as ToolPose
+    from bt_dualarm.runtime.api import check as check
+    from bt_dualarm.runtime.api import open as open  # noqa: A004 - read as bt.open
+    from bt_dualarm.runtime.api import run as run
+    from bt_dualarm.runtime.outcome import Ending as Ending
+    from bt_dualarm.runtime.outcome import Outcome as Outcome
+    from bt_dualarm.runtime.result import ArmResult as ArmResult
+    from bt_dualarm.runtime.result import LeafResult as LeafResult
+    from bt_dualarm.runtime.result import RunResult as RunResult
+    from bt_dualarm.runtime.run import Run as Run
+    from bt_dualarm.runtime.series import Series as Series
+    from bt_dualarm.skill.arrival import check_arrival as check_arrival
+    from bt_dualarm.skill.path_following import follow_curve as follow_curve
+    from bt_dualarm.skill.path_skill import PathSkill as PathSkill
+    from bt_dualarm.skill.scoring import TrackingScore as TrackingScore
+    from bt_dualarm.skill.skill import Skill as Skill
+    from bt_dualarm.skill.skill import SkillContext as SkillContext
+    from bt_dualarm.skill.tracking_reference import TrackingGains as TrackingGains
+    from bt_dualarm.skill.visual_servoing import PlaneTracking as PlaneTracking
     from bt_dualarm.spec.color import Color as Color
+    from bt_dualarm.spec.goals import CarriedPose as CarriedPose
+    from bt_dualarm.spec.goals import JointAngles as JointAngles
+    from bt_dualarm.spec.goals import PostureName as PostureName
+    from bt_dualarm.spec.goals import ToolPose as ToolPose
     from bt_dualarm.spec.offset import Offset as Offset
     from bt_dualarm.spec.plane import Plane as Plane
     from bt_dualarm.spec.ports import PortModel as PortModel
     from bt_dualarm.spec.ports import port as port
+    from bt_dualarm.spec.problems import Problem as Problem
+    from bt_dualarm.spec.problems import SpecError as SpecError
     from bt_dualarm.spec.values import Angle as Angle
     from bt_dualarm.spec.values import ArmName as ArmName
     from bt_dualarm.spec.values import Duration as Duration
@@ -64,14 +91,29 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import PoseSpec as PoseSpec
     from bt_dualarm.spec.values import Speed as Speed
     from bt_dualarm.spec.values import Vector3 as Vector3
-    from bt_dualarm.tracking import PlaneTracking as PlaneTracking
-    from bt_dualarm.tracking import TrackingGains as TrackingGains
     from bt_dualarm.world.world import World as World
 
+__version__: str
+"""Version of the package that is installed."""
+
 _CONTENTS: Final = {
+    # The front door
+    "run": "runtime.api:run",
+    "open": "runtime.api:open",
+    "check": "runtime.api:check",
+    "Run": "runtime.run:Run",
+    "RunResult": "runtime.result:RunResult",
+    "ArmResult": "runtime.result:ArmResult",
+    "LeafResult": "runtime.result:LeafResult",
+    "Outcome": "runtime.outcome:Outcome",
+    "Ending": "runtime.outcome:Ending",
+    "Series": "runtime.series:Series",
+    "Problem": "spec.problems:Problem",
+    "SpecError": "spec.problems:SpecError",
     # What a skill is made of
-    "Skill": "skill:Skill",
-    "SkillContext": "skill:SkillContext",
+    "Skill": "skill.skill:Skill",
+    "SkillContext": "skill.skill:SkillContext",
+    "PathSkill": "skill.path_skill:PathSkill",
     "PortModel": "spec.ports:PortModel",
     "port": "spec.ports:port",
     "Failure": "errors:Failure",
@@ -80,52 +122,57 @@ _CONTENTS: Final = {
     # Types of ports
     "Angle": "spec.values:Angle",
     "ArmName": "spec.values:ArmName",
-    "CarriedPose": "spec.aims:CarriedPose",
+    "CarriedPose": "spec.goals:CarriedPose",
     "Color": "spec.color:Color",
     "Duration": "spec.values:Duration",
-    "JointAngles": "spec.aims:JointAngles",
+    "JointAngles": "spec.goals:JointAngles",
     "ObjectName": "spec.values:ObjectName",
     "Offset": "spec.offset:Offset",
     "Plane": "spec.plane:Plane",
-    "Planner": "motion.planners:Planner",
+    "Planner": "motion.planning.planners:Planner",
     "PoseSpec": "spec.values:PoseSpec",
-    "PostureName": "spec.aims:PostureName",
+    "PostureName": "spec.goals:PostureName",
     "Speed": "spec.values:Speed",
-    "ToolPose": "spec.aims:ToolPose",
+    "ToolPose": "spec.goals:ToolPose",
     "Vector3": "spec.values:Vector3",
     # What a skill works with
-    "Arm": "arm:Arm",
+    "Arm": "arm.arm:Arm",
     "World": "world.world:World",
     "Pose": "pose:Pose",
     "Vector": "pose:Vector",
     "Matrix": "pose:Matrix",
-    "Trajectory": "motion.trajectory:Trajectory",
-    "circle_path": "motion.curves:circle",
-    "line_path": "motion.paths:line",
-    "lissajous_path": "motion.curves:lissajous",
-    "blended_path": "motion.blending:blended",
-    "drawn_path": "motion.drawing:drawn",
-    "turned_path": "motion.turning:turned_about",
-    "follow_curve": "curve:follow_curve",
-    "check_arrival": "arrival:check_arrival",
-    "PlaneTracking": "tracking:PlaneTracking",
-    "TrackingGains": "tracking:TrackingGains",
-    "TrackingScore": "scoring:TrackingScore",
+    "Trajectory": "motion.timing.trajectory:Trajectory",
+    "circle_path": "motion.paths.curves:circle",
+    "line_path": "motion.paths.cartesian_path:line",
+    "lissajous_path": "motion.paths.curves:lissajous",
+    "blended_path": "motion.paths.blending:blended",
+    "drawn_path": "motion.paths.spline:drawn",
+    "turned_path": "motion.paths.rotation:turned_about",
+    "follow_curve": "skill.path_following:follow_curve",
+    "check_arrival": "skill.arrival:check_arrival",
+    "PlaneTracking": "skill.visual_servoing:PlaneTracking",
+    "TrackingGains": "skill.tracking_reference:TrackingGains",
+    "TrackingScore": "skill.scoring:TrackingScore",
 }
 
 __all__ = [
     "Angle",
     "Arm",
     "ArmName",
+    "ArmResult",
     "CarriedPose",
     "Color",
     "DualArmError",
     "Duration",
+    "Ending",
     "Failure",
     "JointAngles",
+    "LeafResult",
     "Matrix",
     "ObjectName",
     "Offset",
+    "Outcome",
+    "PathSkill",
     "Plane",
     "PlaneTracking",
     "Planner",
@@ -133,8 +180,13 @@ __all__ = [
     "Pose",
     "PoseSpec",
     "PostureName",
+    "Problem",
+    "Run",
+    "RunResult",
+    "Series",
     "Skill",
     "SkillContext",
+    "SpecError",
     "Speed",
     "ToolPose",
     "TrackingGains",
@@ -144,21 +196,34 @@ __all__ = [
     "Vector3",
     "World",
     "WorldError",
+    "__version__",
     "blended_path",
+    "check",
     "check_arrival",
     "circle_path",
     "drawn_path",
     "follow_curve",
     "line_path",
     "lissajous_path",
+    "open",
     "port",
+    "run",
     "turned_path",
 ]
 
 
-def __getattr__(name: str) -> Any:
-    """Import what is asked for, when it is asked for: ``import bt_dualarm`` costs nothing."""
-    if name not in _CONTENTS:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, _, attribute = _CONTENTS[name].partition(":")
-    return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
+if not TYPE_CHECKING:  # a checker of types is to complain of names that are not there
+
+    def __getattr__(name):
+        """Import what is asked for, when it is asked for: ``import bt_dualarm`` costs nothing."""
+        if name == "__version__":
+            return importlib.import_module("importlib.metadata").version(__name__)
+        if name not in _CONTENTS:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        module, _, attribute = _CONTENTS[name].partition(":")
+        return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
+
+
+def __dir__() -> list[str]:
+    """What there is, whether it has been asked for yet or not."""
+    return list(__all__)

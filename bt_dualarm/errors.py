@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 Number: TypeAlias = float | int | bool | str
 """What may stand among the numbers of a failure: JSON scalars only."""
@@ -38,8 +38,23 @@ class DivergenceError(WorldError):
     """The simulation left the realm of numbers (NaN, silent reset, time running backwards)."""
 
 
+class RunError(DualArmError):
+    """A run cannot do what was asked of it: it is over, or an argument makes no sense."""
+
+
+class NameUnknownError(DualArmError, KeyError):
+    """A mapping of a run has nothing of this name; the message names the nearest one it has."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # KeyError would put it in quotes
+
+
 class RendererError(DualArmError):
     """The renderer that was asked for cannot work on this machine."""
+
+
+class SkillError(DualArmError):
+    """A skill breaks a rule for skills; the sentence is for its author."""
 
 
 class Failure(DualArmError):
@@ -56,3 +71,40 @@ class Failure(DualArmError):
         self.code = code
         self.reason = reason
         self.numbers: Mapping[str, Number] = numbers
+
+    def noting(self, **numbers: Number) -> Self:
+        """Itself, with more evidence."""
+        self.numbers = {**self.numbers, **numbers}
+        return self
+
+
+class CollisionFailure(Failure):
+    """Two bodies touch, would touch, or would come too close: ``IN_COLLISION``.
+
+    Args:
+        reason: One sentence.
+        first: Name of the arm's body, or of what it holds.
+        second: Name of the other body; those of an arm begin with its name and a slash.
+        numbers: Evidence besides the two names.
+    """
+
+    def __init__(self, reason: str, first: str, second: str, **numbers: Number) -> None:
+        super().__init__("IN_COLLISION", reason, first=first, second=second, **numbers)
+        self.first = first
+        self.second = second
+
+    @property
+    def obstacle(self) -> str:
+        """Name of the arm or object that the other body is, or is a part of."""
+        return self.second.partition("/")[0]
+
+
+class TouchFailure(CollisionFailure):
+    """A link of the arm touches what it should not, now: not a forecast."""
+
+
+class BlockedFailure(Failure):
+    """A motion that had begun is given up for what is in its way, which is not touched yet.
+
+    Its code is ``IN_COLLISION``, or ``TIMED_OUT`` where the arm has waited for it to go away.
+    """

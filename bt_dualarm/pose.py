@@ -24,6 +24,9 @@ Matrix: TypeAlias = npt.NDArray[np.float64]
 """A two-dimensional array of floats; the docstring that uses it gives the shape."""
 
 
+_UPRIGHT = 1e-9
+"""Cosine of the pitch below which roll and yaw turn about one axis."""
+
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
@@ -76,24 +79,27 @@ class Pose:
 
         Worked out once, and read-only.
         """
-        w, x, y, z = self.quaternion.tolist()
-        matrix = np.array(
-            (
-                (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-                (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-                (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-            )
-        )
+        matrix = np.array(_axes(self.quaternion))
         matrix.flags.writeable = False
         return matrix
 
     @property
+    def rpy(self) -> tuple[float, float, float]:
+        """Roll, pitch, yaw in radians, as `from_rpy` takes them; no roll where pitch is upright."""
+        (a, _, _), (d, _, _), (g, h, i) = self.rotation_matrix.tolist()
+        level = math.hypot(a, d)
+        pitch = math.atan2(-g, level)
+        if level > _UPRIGHT:
+            return math.atan2(h, i), pitch, math.atan2(d, a)
+        b, e = self.rotation_matrix[:2, 1].tolist()
+        return 0.0, pitch, math.atan2(-b, e)
+
+    @property
     def matrix(self) -> Matrix:
         """The homogeneous transform, of shape (4, 4)."""
-        matrix = np.eye(4)
-        matrix[:3, :3] = self.rotation_matrix
-        matrix[:3, 3] = self.position
-        return matrix
+        x, y, z = self.position.tolist()
+        first, second, third = _axes(self.quaternion)
+        return np.array(((*first, x), (*second, y), (*third, z), (0.0, 0.0, 0.0, 1.0)))
 
     @property
     def inverse(self) -> Pose:
@@ -122,6 +128,20 @@ class Pose:
         """Angle between the two orientations in radians."""
         step = _product(self.quaternion * _CONJUGATE, other.quaternion)
         return 2.0 * float(np.arctan2(np.linalg.norm(step[1:]), abs(step[0])))
+
+
+_Row = tuple[float, float, float]
+
+
+def _axes(quaternion: Vector) -> tuple[_Row, _Row, _Row]:
+    """Rows of the rotation that a quaternion wxyz stands for, whatever its length but 0."""
+    w, x, y, z = quaternion.tolist()
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    return (
+        (1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)),
+        (s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)),
+        (s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)),
+    )
 
 
 def _quaternion_of(matrix: Matrix) -> Vector:

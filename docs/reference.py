@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from bt_dualarm.registry import Registry
 from bt_dualarm.share import share_dir
-from bt_dualarm.skill import STANDARD_FAILURES
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.skill.skill import STANDARD_FAILURES
 from bt_dualarm.spec.reference_page import reference_page
 
 PAGE: Final = Path(__file__).with_suffix(".md")

@@ -9,10 +9,15 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from bt_dualarm.motion.data_sheet import DataSheet, data_sheet, direction, numbers
+from bt_dualarm.motion.kinematics.robot_summary import (
+    RobotSummary,
+    direction,
+    numbers,
+    robot_summary,
+)
 from bt_dualarm.share import share_dir
-from bt_dualarm.world.catalogue import load_robot, robot_names
 from bt_dualarm.world.composition import scene_names
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
 
 PAGE: Final = Path(__file__).with_suffix(".md")
 
@@ -21,7 +26,7 @@ _HEAD: Final = """\
 
 What `robot`, `posture`, `mount` and `scene` of a tree file may be. Generated from the catalogue;
 `make docs` renews it. In a terminal `bt-skills robots` and `bt-skills ur5` say the same of robots,
-and `bt-skills z1.yaml` of a page of your own.
+and `bt-skills z1.yaml` of a page of your own, of which `bt-robot my_arm.urdf` writes a first one.
 """
 
 _ROBOTS: Final = """\
@@ -43,59 +48,59 @@ top: a cube of 0.05 m on a top at 0.4 m is at `z: 0.425`.
 
 def robots_page() -> str:
     """The whole page."""
-    sheets = [data_sheet(load_robot(name)) for name in robot_names()]
-    parts = [_HEAD, _overview(sheets), _ROBOTS]
-    for sheet in sheets:
-        parts += _robot(sheet)
+    summaries = [robot_summary(load_robot(name)) for name in robot_names()]
+    parts = [_HEAD, _overview(summaries), _ROBOTS]
+    for summary in summaries:
+        parts += _robot(summary)
     parts.append(_SCENES)
     for name in scene_names():
         parts += [f"### {name}\n", _table(("part", "shape", "x", "y", "z"), _parts(name))]
     return "\n".join(parts).rstrip() + "\n"
 
 
-def _overview(sheets: Iterable[DataSheet]) -> str:
+def _overview(summaries: Iterable[RobotSummary]) -> str:
     return _table(
         ("robot", "", "joints", "reach", "postures", "camera mounts"),
         (
             (
-                f"[`{sheet.name}`](#{sheet.name})",
-                sheet.title,
-                str(len(sheet.joints)),
-                f"{sheet.reach_m:.2f} m",
-                _codes(posture.name for posture in sheet.postures),
-                _codes(mount.name for mount in sheet.cameras),
+                f"[`{summary.name}`](#{summary.name})",
+                summary.title,
+                str(len(summary.joints)),
+                f"{summary.reach_m:.2f} m",
+                _codes(posture.name for posture in summary.postures),
+                _codes(mount.name for mount in summary.cameras),
             )
-            for sheet in sheets
+            for summary in summaries
         ),
     )
 
 
-def _robot(sheet: DataSheet) -> Iterator[str]:
-    yield f"## {sheet.name}\n"
+def _robot(summary: RobotSummary) -> Iterator[str]:
+    yield f"## {summary.name}\n"
     yield (
-        f"{sheet.title}. Its tool reaches {sheet.reach_m:.2f} m from the first joint, which is at "
-        f"({numbers(sheet.centre_m)}) m from the base link, `{sheet.base_link}`. The tool frame is "
-        f"at ({numbers(sheet.tool_m)}) m in the link `{sheet.tool_link}`.\n"
+        f"{summary.title}. Its tool reaches {summary.reach_m:.2f} m from the first joint, which is "
+        f"at ({numbers(summary.centre_m)}) m from the base link, `{summary.base_link}`. The tool "
+        f"frame is at ({numbers(summary.tool_m)}) m in the link `{summary.tool_link}`.\n"
     )
     yield _table(
         ("joint", "from", "to", "velocity"),
         (
             (f"`{j.name}`", f"{j.lower_deg:g}°", f"{j.upper_deg:g}°", f"{j.velocity_deg_s:g} °/s")
-            for j in sheet.joints
+            for j in summary.joints
         ),
     )
     yield _table(
         ("posture", "angles in degrees", "tool at, m", "points along"),
         (
             (f"`{p.name}`", numbers(p.angles_deg), numbers(p.tool_m), direction(p.points))
-            for p in sheet.postures
+            for p in summary.postures
         ),
     )
     yield _table(
         ("camera mount", "in the link", "at, m", "looks along, in the link"),
         (
             (f"`{c.name}`", f"`{c.link}`", numbers(c.xyz_m), direction(c.looks))
-            for c in sheet.cameras
+            for c in summary.cameras
         ),
     )
 

@@ -53,7 +53,7 @@ class ApproachAndAttach(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "approach_and_attach: {object: cube, standoff: 0.10}"
-    needs = ("toppra",)
+    needs = ("scipy.interpolate",)
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
@@ -68,11 +68,14 @@ class ApproachAndAttach(Skill):
             yield progress
             self._refuse_if_gone()
         self._attach()
+        held = self.arm.world.attachments.find(self.arm.name, name)
         try:
             yield from self.arm.relax()
         except Failure:
             self.arm.detach(name)  # what is not carried safely is not held at all
             raise
+        if self.arm.world.attachments.find(self.arm.name, name) is not held:
+            raise Failure("NOT_THERE", f"object {name!r} was taken out of the tool")
 
     def _refuse_if_gone(self) -> None:
         if self.ports.object not in self.arm.world.objects:
@@ -133,7 +136,7 @@ class ApproachAndAttach(Skill):
         return Approach(to_standoff, arm.time_path(q_line, ports.approach_speed))
 
     def _depth(self) -> float:
-        """How far beyond the surface the straight part leads; the tool stops before its end."""
+        """Metres by which the straight part leads beyond the surface; the tool stops before."""
         if self.ports.contact:
             return 0.002  # so that it does touch
         return -min(0.8 * self.ports.proximity, 0.5 * self.ports.standoff)

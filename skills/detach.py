@@ -47,6 +47,8 @@ class Detach(Skill):
             rested = self.arm.time - still_since >= _REST_S
             if rested or self.arm.time - began > max(self.ports.settle, _REST_S):
                 break
+        if name in self.arm.held:
+            raise Failure("NOT_AT_REST", f"{name!r} was attached again")
         moved = world.object_pose(name).distance(left_at)
         self.metrics["moved_m"] = moved
         if moved > self.ports.tolerance or not rested:

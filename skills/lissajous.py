@@ -7,13 +7,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from bt_dualarm import Angle, Plane, PortModel, Skill, Speed, follow_curve, lissajous_path, port
+from bt_dualarm import Angle, PathSkill, Plane, PortModel, Speed, lissajous_path, port
 
 Amplitude = Annotated[float, Field(ge=0, le=2.0)]
 Frequency = Annotated[int, Field(ge=1, le=20)]
 
 
-class Lissajous(Skill):
+class Lissajous(PathSkill):
     """Trace A sin(a t + phase), B sin(b t) with the tool."""
 
     class Ports(PortModel):
@@ -30,27 +30,22 @@ class Lissajous(Skill):
         )
         waypoints: int = port(40, "points on the curve that the path goes through", ge=4, le=1000)
         repeats: float = port(
-            1.0, "how often the whole curve; less than 1 is a part of it", gt=0, le=100
+            1.0, "how often the whole curve; less than 1 is a part of it", ge=0.01, le=100
         )
         tilt: Angle = port(
             0.0, "how far the tool leans towards the middle; 0 keeps its orientation", ge=-60, le=60
         )
-        speed: Speed = port(0.5, "share of the arm's limits of velocity, acceleration and jerk")
-        tolerance: float = port(
-            0.005, "how far the tool may be from its plan at any time", unit="m", ge=1e-4, le=0.1
+        end: Literal["curve", "center"] = port(
+            "curve", "curve: the tool ends where that does; center: it goes on to the middle"
         )
+        speed: Speed = PathSkill.SPEED
+        tolerance: float = PathSkill.TOLERANCE
 
-    failures = {
+    failures = PathSkill.failures | {
         "INVALID_TARGET": "both amplitudes are 0",
         "UNREACHABLE": "no configuration of the arm reaches the curve",
-        "SINGULAR": "the curve leads through a singularity of the arm; nothing was executed",
-        "PATH_BROKEN": "the arm can follow only a part of the curve; nothing was executed",
-        "IN_COLLISION": "the arm would touch something on the way",
-        "TRACKING_ERROR": "the arm was blocked or left its plan by more than the tolerance",
-        "BUSY": "another leaf moves the arm",
     }
     example = "lissajous: {amplitudes: [0.10, 0.05], frequencies: [1, 2], speed: 0.5}"
-    needs = ("toppra",)
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
@@ -67,6 +62,4 @@ class Lissajous(Skill):
             repeats=ports.repeats,
             tilt=ports.tilt,
         )
-        self.metrics |= yield from follow_curve(
-            self.arm, path, ports.speed, self.record, ports.tolerance
-        )
+        yield from self.along(path, to_center=ports.end == "center")

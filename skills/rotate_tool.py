@@ -10,18 +10,17 @@ import numpy as np
 from bt_dualarm import (
     Angle,
     Failure,
+    PathSkill,
     PortModel,
-    Skill,
     Speed,
     Vector,
     Vector3,
-    follow_curve,
     port,
     turned_path,
 )
 
 
-class RotateTool(Skill):
+class RotateTool(PathSkill):
     """Turn the tool about an axis of its own or of the world, through any point fixed to it."""
 
     class Ports(PortModel):
@@ -29,21 +28,13 @@ class RotateTool(Skill):
         axis: Literal["x", "y", "z"] | Vector3 = port("z", "x, y, z, or a direction [x, y, z]")
         frame: Literal["tool", "world"] = port("tool", "whose axis is meant")
         point: Vector3 = port((0.0, 0.0, 0.0), "that stays in place, in the tool frame", unit="m")
-        speed: Speed = port(0.5, "share of the arm's limits of velocity, acceleration and jerk")
-        tolerance: float = port(
-            0.005, "how far the tool may be from its plan at any time", unit="m", ge=1e-4, le=0.1
-        )
+        speed: Speed = PathSkill.SPEED
+        tolerance: float = PathSkill.TOLERANCE
 
-    failures = {
+    failures = PathSkill.failures | {
         "INVALID_TARGET": "the axis has no direction, or the angle is 0",
-        "SINGULAR": "the turn leads through a singularity of the arm; nothing was executed",
-        "PATH_BROKEN": "the arm can follow only a part of the turn; nothing was executed",
-        "IN_COLLISION": "the arm would touch something on the way",
-        "TRACKING_ERROR": "the arm was blocked or left its plan by more than the tolerance",
-        "BUSY": "another leaf moves the arm",
     }
     example = "rotate_tool: {axis: z, angle: 90, point: [0, 0, 0.1]}"
-    needs = ("toppra",)
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
@@ -54,13 +45,11 @@ class RotateTool(Skill):
             axis = tool.turn(axis)
         path = turned_path(tool, tool.apply(np.array(ports.point)), axis, ports.angle)
         goal = path.end
-        self.metrics |= yield from follow_curve(
-            self.arm, path, ports.speed, self.record, ports.tolerance
-        )
+        yield from self.along(path)
         self.metrics["angle_error_rad"] = self.arm.tool_pose.angle(goal)
 
     def _axis(self) -> Vector:
-        """In its frame, of shape (3,)."""
+        """Direction of the axis in its frame, of shape (3,)."""
         axis = self.ports.axis
         direction = np.array(axis) if not isinstance(axis, str) else np.eye(3)["xyz".index(axis)]
         if float(np.linalg.norm(direction)) < 1e-6:

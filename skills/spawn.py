@@ -26,6 +26,7 @@ class Spawn(Skill):
                 raise ValueError("an arm comes where its base is declared: leave out at")
             return self
 
+    brings_in = ("object", "arm")
     failures = {
         "NOT_SPAWNED": "the world cannot take it: it or another thing is there already",
     }

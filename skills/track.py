@@ -41,16 +41,26 @@ class Track(Skill):
             None, "edge of a cube facing the plane, to measure its depth", unit="m", gt=0.001, le=1
         )
         gain_u: float = port(
-            0.05, "proportional: step along the plane's first axis per unit error", unit="m", ge=0
+            0.05,
+            "proportional: step along the plane's first axis per unit error",
+            unit="m",
+            ge=0,
+            le=10,
         )
         gain_v: float = port(
-            0.04, "proportional: step along the plane's second axis per unit error", unit="m", ge=0
+            0.04,
+            "proportional: step along the plane's second axis per unit error",
+            unit="m",
+            ge=0,
+            le=10,
         )
         dead_band: float = port(
             0.01, "proportional: image error that counts as none (1: the edge)", ge=0, le=1
         )
         speed: Speed = port(1.0, "share of the arm's limits")
-        reach: float = port(0.3, "farthest that the tool leaves its start", unit="m", gt=0, le=2)
+        reach: float = port(
+            0.3, "farthest that the tool leaves its start", unit="m", ge=0.001, le=2
+        )
         duration: Duration | None = port(None, "ends after this long with the target in view", gt=0)
         until_still: Duration | None = port(
             None, "ends when the target, having moved by 1 cm, stays still this long", gt=0
@@ -103,6 +113,7 @@ class Track(Skill):
             for name, positions in score.paths().items():
                 self.record(name, score.times, positions)
             self.record("error_in_plane_m", score.times, score.errors())
+            self.record("plane_normal", self.time, self.ports.plane.normal)
 
     def _wait_for_target(self, tracking: PlaneTracking) -> Iterator[None]:
         began = self.time

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from bt_dualarm.registry import Registry
+from bt_dualarm.skill.registry import Registry
 from tests.commands import BtRun, Ran
 from tests.plays import Stage
 

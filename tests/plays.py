@@ -13,11 +13,11 @@ import numpy as np
 import yaml
 
 from bt_dualarm.pose import Vector
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.outcome import ArmResult, RunResult
-from bt_dualarm.run.parts import RunView
-from bt_dualarm.run.session import Session, Wishes
-from bt_dualarm.run.signals import StopRequest
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.runtime.result import ArmResult, RunResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.tree.report import LeafReport, StatusChange
 from bt_dualarm.world.world import World
@@ -30,11 +30,11 @@ STOPPED = 0.02
 
 
 @dataclass
-class Play:
+class Play(IdleObserver):
     """One run of one file, observed step by step.
 
     Attributes:
-        session: Not run yet, or run.
+        opened: The run, not begun yet, or over.
         deeds: Done once each, at the first step at or after their simulated time in seconds.
         changes: Of the status of all nodes.
         speeds: Times and largest joint speed in rad/s, by arm, at every step.
@@ -42,7 +42,7 @@ class Play:
         errors: What a deed has raised.
     """
 
-    session: Session
+    opened: Run
     deeds: list[tuple[float, Deed]] = field(default_factory=list)
     watchers: list[Callable[[World], None]] = field(default_factory=list)
     changes: list[StatusChange] = field(default_factory=list)
@@ -55,12 +55,13 @@ class Play:
     @property
     def world(self) -> World:
         """The world, as it is now."""
-        return self.session.assembly.world
+        return self.opened.world
 
-    def run(self, stop: StopRequest | None = None) -> RunResult:
+    def run(self) -> RunResult:
         """Run to the end."""
-        with self.session:
-            self.result = self.session.run([self], lambda: 0.0, stop)
+        self.opened.watch(self)
+        with self.opened:
+            self.result = self.opened.finish()
         if self.errors:
             raise self.errors[0]
         return self.result
@@ -68,9 +69,6 @@ class Play:
     def on_event(self, change: StatusChange) -> None:
         """Keep it."""
         self.changes.append(change)
-
-    def after_ticks(self, run: RunView) -> None:
-        """Nothing to see."""
 
     def after_step(self, time: float) -> None:
         """Do what is due, and look at the arms; an observer that raises would be dropped."""
@@ -94,11 +92,11 @@ class Play:
     def arm(self, name: str = "arm1") -> ArmResult:
         """What an arm did."""
         assert self.result is not None
-        return next(arm for arm in self.result.arms if arm.name == name)
+        return self.result.arms[name]
 
     def leaves(self, skill: str, arm: str = "arm1") -> list[LeafReport]:
         """All runs of the leaves of one kind."""
-        return [leaf for leaf in self.arm(arm).leaves if leaf.skill == skill]
+        return [leaf for leaf in self.arm(arm).runs if leaf.skill == skill]
 
     def leaf(self, skill: str, arm: str = "arm1") -> LeafReport:
         """The only run of the only leaf of one kind."""
@@ -120,7 +118,7 @@ class Stage:
 
     def __init__(self, folder: Path, registry: Registry) -> None:
         self._folder = folder
-        self._registry = registry
+        self.registry = registry
         self._count = 0
 
     def play(
@@ -143,13 +141,13 @@ class Stage:
         path = self._folder / f"play{self._count}.yaml"
         text = textwrap.dedent(content) if isinstance(content, str) else _as_yaml(content)
         path.write_text("bt_dualarm: 1\n" + text, encoding="utf-8")
-        file = load_tree_file(path, self._registry.kinds)
-        wishes = Wishes(seed=seed, duration=duration, renderer="ray")
-        return Play(Session(file, self._registry, wishes), list(deeds))
+        file = load_tree_file(path, self.registry.kinds)
+        options = RunOptions(seed=seed, duration=duration, renderer="ray")
+        return Play(Run(file, self.registry, options), list(deeds))
 
-    def run(self, content: str | dict[str, Any], **wishes: Any) -> Play:
+    def run(self, content: str | dict[str, Any], **options: Any) -> Play:
         """As ``play``, and run it to its end."""
-        play = self.play(content, **wishes)
+        play = self.play(content, **options)
         play.run()
         return play
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -46,3 +48,16 @@ def test_roll_pitch_yaw_are_about_fixed_axes_in_that_order() -> None:
     """URDF: a quarter roll then a quarter yaw takes y to z, then leaves it there."""
     pose = Pose.from_rpy((0, 0, 0), (np.pi / 2, 0, np.pi / 2))
     np.testing.assert_allclose(pose.turn(np.array([0.0, 1.0, 0.0])), (0, 0, 1), atol=1e-12)
+
+
+@given(poses)
+def test_roll_pitch_and_yaw_give_the_orientation_back(pose: Pose) -> None:
+    assert Pose.from_rpy(pose.position.tolist(), pose.rpy).angle(pose) < 1e-7
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.sampled_from((-1.0, 1.0)))
+def test_with_the_pitch_upright_all_turning_is_yaw(roll: float, yaw: float, up: float) -> None:
+    """Roll and yaw turn about one axis there: no roll is as good as any."""
+    pose = Pose.from_rpy((0.0, 0.0, 0.0), (roll, up * math.pi / 2.0, yaw))
+    assert pose.rpy[0] == 0.0
+    assert Pose.from_rpy((0.0, 0.0, 0.0), pose.rpy).angle(pose) < 1e-7

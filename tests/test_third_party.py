@@ -43,7 +43,7 @@ PACKAGE = {
 
             failures = {"NOT_BACK": "the tool did not end where it began"}
             example = "nod: {depth: 0.05}"
-            needs = ("toppra",)
+            needs = ("scipy.interpolate",)
 
             def run(self):
                 start = self.arm.commanded_tool_pose
@@ -57,7 +57,7 @@ PACKAGE = {
     ''',
     "test_nod.py": """
         import pytest
-        from bt_dualarm.registry import Registry
+        from bt_dualarm.skill.registry import Registry
         from bt_dualarm.testing import LAWS, Candidate
 
 

@@ -23,6 +23,7 @@ RUN_FIELDS = {
     "real_time_factor": float,
     "seed": int,
     "state_sha256": str,
+    "processor": dict,
     "versions": dict,
     "attachments": list,
     "arms": dict,

@@ -1,8 +1,44 @@
-"""The commands: the only place that reads arguments, prints, and decides an exit code."""
+"""The commands: the only place that reads arguments, prints, and decides an exit code.
 
-from bt_dualarm.cli.bt_check import check
-from bt_dualarm.cli.bt_run import run
-from bt_dualarm.cli.bt_skills import skills
-from bt_dualarm.cli.bt_tune_color import tune_color
+In: the arguments of `bt-run`, `bt-check`, `bt-robot`, `bt-skills`, `bt-tune-color`; the terminal.
+Out: what is printed on standard output and standard error; the exit code.
+Open first: `bt_run` (from a tree file to an exit code); `entry` has what happens to any command
+(errors, Ctrl-C, a full disk) and the codes, `words` the arguments that commands share.
+"""
 
-__all__ = ["check", "run", "skills", "tune_color"]
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bt_dualarm.cli.entry import entered
+
+__all__ = ["check", "robot", "run", "skills", "tune_color"]
+
+
+def run(argv: Sequence[str] | None = None) -> int:
+    """``bt-run``: run a tree file; returns the exit code.
+
+    Args:
+        argv: Arguments without the program's name; those of the process by default.
+    """
+    return entered("bt-run", argv)
+
+
+def check(argv: Sequence[str] | None = None) -> int:
+    """``bt-check``: check tree files; as `run`."""
+    return entered("bt-check", argv)
+
+
+def robot(argv: Sequence[str] | None = None) -> int:
+    """``bt-robot``: write a first page for an arm from its URDF; as `run`."""
+    return entered("bt-robot", argv)
+
+
+def skills(argv: Sequence[str] | None = None) -> int:
+    """``bt-skills``: show what may be written in a tree file; as `run`."""
+    return entered("bt-skills", argv)
+
+
+def tune_color(argv: Sequence[str] | None = None) -> int:
+    """``bt-tune-color``: show what a colour finds, and write new ranges; as `run`."""
+    return entered("bt-tune-color", argv)

@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.words import (
-    FAILED,
-    SUCCEEDED,
-    UNUSABLE,
-    add_params,
-    add_skills,
-    complain,
-    nobody_reads,
-    prepare_imports,
-)
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED
+from bt_dualarm.cli.words import add_params, add_skills
 from bt_dualarm.errors import DualArmError
 
 if TYPE_CHECKING:
@@ -31,28 +24,16 @@ _EPILOG = """\
 examples:
   bt-check my_tree.yaml            every error and warning, each with its place
   bt-check trees/*.yaml --json     for programs
-  bt-check my_tree.yaml --graph my_tree.svg
+  bt-check my_tree.yaml --graph my_tree.mmd
 
 exit code:
   0 no errors (there may be warnings)   1 a file has errors   2 the command is wrong
 """
 
 
-def check(argv: Sequence[str] | None = None) -> int:
-    """Check tree files; returns the exit code.
-
-    Args:
-        argv: Arguments without the program's name; those of the process by default.
-    """
-    arguments = _command_line().parse_args(argv)
-    prepare_imports()
-    try:
-        return _check(arguments)
-    except DualArmError as error:
-        complain("bt-check", error)
-        return UNUSABLE
-    except BrokenPipeError:
-        return nobody_reads()
+def main(argv: Sequence[str] | None) -> int:
+    """Check tree files; returns the exit code."""
+    return _check(_command_line().parse_args(argv))
 
 
 def _command_line() -> argparse.ArgumentParser:
@@ -67,7 +48,7 @@ def _command_line() -> argparse.ArgumentParser:
         "--graph",
         metavar="OUT",
         type=Path,
-        help="draw the trees of the file to OUT.svg, OUT.dot (Graphviz) or OUT.mmd (Mermaid)",
+        help="draw the trees of the file to OUT.dot (Graphviz) or OUT.mmd (Mermaid)",
     )
     parser.add_argument("--json", action="store_true", help="one JSON array of problems")
     add_skills(parser)
@@ -77,8 +58,8 @@ def _command_line() -> argparse.ArgumentParser:
 
 def _check(arguments: argparse.Namespace) -> int:
     from bt_dualarm.preflight.check import check as check_file
-    from bt_dualarm.registry import Registry
-    from bt_dualarm.run.shipped import find_tree
+    from bt_dualarm.runtime.shipped import find_tree
+    from bt_dualarm.skill.registry import Registry
     from bt_dualarm.spec.problems import errors
 
     _refuse_graph(arguments)
@@ -102,22 +83,27 @@ def _refuse_graph(arguments: argparse.Namespace) -> None:
     """One file can be drawn, to an ending that says how."""
     from bt_dualarm.tree.graph import FORMATS
 
-    target = arguments.graph
-    if target is not None and target.suffix.removeprefix(".") not in FORMATS:
+    target: Path | None = arguments.graph
+    if target is None:
+        return
+    if target.suffix.removeprefix(".") not in FORMATS:
         endings = ", ".join(f".{name}" for name in FORMATS)
-        raise DualArmError(f"--graph {target}: the file must end with one of {endings}")
-    if target is not None and len(arguments.files) > 1:
+        source = shlex.quote(str(target.with_suffix(".dot")))
+        hint = f"a picture draws Graphviz: dot -Tsvg -O {source}"
+        message = f"--graph {target}: the file must end with one of {endings}"
+        raise DualArmError(f"{message}\n  = {hint}")
+    if len(arguments.files) > 1:
         raise DualArmError("--graph draws one file, not several")
 
 
 def _draw(file: TreeFile, kinds: Mapping[str, Kind], target: Path) -> None:
     """Write the drawing, whole or not at all."""
-    from bt_dualarm.run.whole_files import write_text
-    from bt_dualarm.tree import graph
+    from bt_dualarm.runtime.atomic_write import write_text
+    from bt_dualarm.tree.graph import FORMATS, items
 
-    draw = {".svg": graph.svg, ".dot": graph.dot, ".mmd": graph.mermaid}[target.suffix]
+    draw = FORMATS[target.suffix.removeprefix(".")]
     try:
-        write_text(target, draw(graph.items(file, kinds)))
+        write_text(target, draw(items(file, kinds)))
     except OSError as error:
         raise DualArmError(f"cannot write {target}: {error.strerror or error}") from error
 

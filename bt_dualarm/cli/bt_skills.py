@@ -10,14 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.words import (
-    SUCCEEDED,
-    UNUSABLE,
-    add_skills,
-    complain,
-    nobody_reads,
-    prepare_imports,
-)
+from bt_dualarm.cli.entry import SUCCEEDED
+from bt_dualarm.cli.words import add_skills
 from bt_dualarm.errors import DualArmError
 
 if TYPE_CHECKING:
@@ -42,21 +36,9 @@ _STDOUT = Path("-")
 _ROBOTS = "robots"
 
 
-def skills(argv: Sequence[str] | None = None) -> int:
-    """Show the installed skills; returns the exit code.
-
-    Args:
-        argv: Arguments without the program's name; those of the process by default.
-    """
-    arguments = _command_line().parse_args(argv)
-    prepare_imports()
-    try:
-        return _skills(arguments)
-    except DualArmError as error:
-        complain("bt-skills", error)
-        return UNUSABLE
-    except BrokenPipeError:
-        return nobody_reads()
+def main(argv: Sequence[str] | None) -> int:
+    """Show the installed skills; returns the exit code."""
+    return _skills(_command_line().parse_args(argv))
 
 
 def _command_line() -> argparse.ArgumentParser:
@@ -83,7 +65,7 @@ def _command_line() -> argparse.ArgumentParser:
 
 
 def _skills(arguments: argparse.Namespace) -> int:
-    from bt_dualarm.registry import Registry
+    from bt_dualarm.skill.registry import Registry
     from bt_dualarm.spec.language import LANGUAGE
 
     kinds = Registry.load(arguments.skills).kinds
@@ -98,8 +80,8 @@ def _skills(arguments: argparse.Namespace) -> int:
 
 
 def _show_robots(name: str, others: Mapping[str, Kind], *, as_json: bool) -> int:
-    from bt_dualarm.cli.robot_sheets import list_robots, show_robot
-    from bt_dualarm.world.catalogue import is_page, robot_names
+    from bt_dualarm.cli.robot_summaries import list_robots, show_robot
+    from bt_dualarm.world.robots.catalogue import is_page, robot_names
 
     if name == _ROBOTS:
         list_robots(as_json=as_json)
@@ -114,7 +96,7 @@ def _show_robots(name: str, others: Mapping[str, Kind], *, as_json: bool) -> int
 
 
 def _write_schema(kinds: Mapping[str, Kind], target: Path) -> int:
-    from bt_dualarm.run.whole_files import write_text
+    from bt_dualarm.runtime.atomic_write import write_text
     from bt_dualarm.spec.schema import schema_text
 
     text = schema_text(kinds)

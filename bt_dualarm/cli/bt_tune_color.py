@@ -9,15 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED
 from bt_dualarm.cli.tune_arguments import command_line
-from bt_dualarm.cli.words import (
-    FAILED,
-    SUCCEEDED,
-    UNUSABLE,
-    complain,
-    nobody_reads,
-    prepare_imports,
-)
 from bt_dualarm.errors import DualArmError
 
 if TYPE_CHECKING:
@@ -29,21 +22,9 @@ if TYPE_CHECKING:
 _PROGRAM = "bt-tune-color"
 
 
-def tune_color(argv: Sequence[str] | None = None) -> int:
-    """Show what a colour finds, and write new ranges; returns the exit code.
-
-    Args:
-        argv: Arguments without the program's name; those of the process by default.
-    """
-    arguments = command_line().parse_args(argv)
-    prepare_imports()
-    try:
-        return _tune(arguments)
-    except DualArmError as error:
-        complain(_PROGRAM, error)
-        return UNUSABLE
-    except BrokenPipeError:
-        return nobody_reads()
+def main(argv: Sequence[str] | None) -> int:
+    """Show what a colour finds, and write new ranges; returns the exit code."""
+    return _tune(command_line().parse_args(argv))
 
 
 @dataclass(frozen=True)
@@ -73,7 +54,7 @@ def _tune(arguments: argparse.Namespace) -> int:
 
 
 def _is_image(file: str) -> bool:
-    from bt_dualarm.tuning.shot import IMAGE_SUFFIXES
+    from bt_dualarm.tuning.image_file import IMAGE_SUFFIXES
 
     return Path(file).suffix.lower() in IMAGE_SUFFIXES
 
@@ -90,8 +71,8 @@ def _of_image(arguments: argparse.Namespace) -> _Subject:
 
 def _of_tree(arguments: argparse.Namespace) -> _Subject:
     from bt_dualarm.preflight.check import check
-    from bt_dualarm.registry import Registry
-    from bt_dualarm.run.shipped import find_tree
+    from bt_dualarm.runtime.shipped import find_tree
+    from bt_dualarm.skill.registry import Registry
     from bt_dualarm.spec.color import Color
     from bt_dualarm.tuning.color_port import choose, color_ports
     from bt_dualarm.tuning.saving import IntoTree
@@ -154,10 +135,10 @@ def _print(arguments: argparse.Namespace, subject: _Subject, look: Look) -> None
 
 
 def _write(path: Path, content: bytes) -> None:
-    from bt_dualarm.run.whole_files import write_whole
+    from bt_dualarm.runtime.atomic_write import write_atomically
 
     try:
-        write_whole(path, lambda file: file.write(content))
+        write_atomically(path, lambda file: file.write(content))
     except OSError as error:
         raise DualArmError(f"cannot write {path}: {error.strerror or error}") from error
 

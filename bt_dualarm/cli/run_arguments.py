@@ -18,7 +18,8 @@ examples:
 
 exit code:
   0 every tree succeeded   1 one failed or did not finish   2 the file or the command is wrong
-  130, 143 stopped by SIGINT (Ctrl-C) or SIGTERM; once more: without waiting for arms and plots
+  129, 130, 143 stopped by SIGHUP (the terminal was closed), SIGINT (Ctrl-C) or SIGTERM; once more:
+  without waiting for arms and plots
 """
 
 
@@ -33,7 +34,12 @@ def command_line() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("file", metavar="FILE", nargs="?", help="a tree file, or the name of a shipped one")
     add("--list", action="store_true", help="list the shipped trees and end")
-    add("--record", metavar="DIR", type=Path, help="write summary, events, samples and plots there")
+    add(
+        "--record",
+        metavar="DIR",
+        type=_folder,
+        help="write summary, events, samples and plots there",
+    )
     add(
         "--display",
         choices=("live", "log", "quiet"),
@@ -61,6 +67,12 @@ def seed(text: str) -> int:
     if not text.isascii() or not text.isdecimal() or int(text) >= 2**32:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 4294967295")
     return int(text)
+
+
+def _folder(text: str) -> Path:
+    if not text.strip():
+        raise argparse.ArgumentTypeError("the folder needs a name; '.' is the current folder")
+    return Path(text)
 
 
 def _seconds(text: str) -> float:

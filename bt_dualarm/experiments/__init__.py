@@ -1,1 +1,7 @@
-"""The tracking experiments: which there are, one run of one, what it measured, and the report."""
+"""The tracking experiments: one arm moves a cube, the other follows it by its camera.
+
+In: a `Cell`, the settings of one experiment, and seeds.
+Out: trials, what was measured in each run; results over seeds; a report with pictures and bounds.
+Open first: `cases` (the experiments); others: `trial` (runs one), `bounds` (theoretical bounds of
+tracking), `report`, `command` (`bt-experiments`).
+"""

@@ -30,12 +30,19 @@ CASES: Final[tuple[tuple[CurveName, float], ...]] = (
 )
 """Curve and speed of the five experiments."""
 
-_GAINS: Final = ((30.0, 60.0), (2.25, 3.25))
-"""Frames a second, and for each the best constant gain of proportional control.
+_TUNED_AT_HZ: Final = (30.0, 60.0)
+"""Frames a second at which gains were swept."""
+
+GAINS: Final[Mapping[CurveName, Mapping[float, tuple[float, float]]]] = {
+    "circle": {0.5: (2.25, 3.0), 1.0: (2.25, 3.25)},
+    "lissajous": {0.2: (1.5, 2.0), 0.5: (1.75, 2.5), 1.0: (2.25, 3.25)},
+    "drawn": {1.0: (2.25, 3.25)},
+}
+"""The best constant gain of proportional control, by curve and speed, at 30 and at 60 Hz.
 
 A step is so many times the error that the image shows: more than one, because the arm comes only a
-part of the way until the next image. The best of sweeps from 1 to 4.5 on the circle and the
-Lissajous curve at speed 1.0; docs/tracking.md.
+part of the way until the next image. From ``benchmarks/proportional_gain.py``; a quarter more or
+less costs a few per cent. The curve drawn by hand has the others' gain at full speed.
 """
 
 JERK: Final = 0.4
@@ -55,15 +62,15 @@ class Cell:
     """One experiment with all its settings; seeds make its repetitions.
 
     Attributes:
-        case: The curve.
-        speed: Share of the leading arm's limits.
-        controller: Of the following arm.
-        renderer: Of its camera.
+        case: Name of the curve.
+        speed: Share of the leading arm's limits that it uses.
+        controller: Controller of the following arm.
+        renderer: Renderer of its camera.
         fps: Frames a second.
-        latency: Of a frame in s; None for the time of one frame.
+        latency: Time from exposure to delivery of a frame in s; None for the time of one frame.
         drop: Share of the frames that get lost.
         noise: Shake of the camera in px.
-        jerk: Share of the leading arm's limit.
+        jerk: Share of the leading arm's limit of jerk that it uses.
         more: Further parameters of the tree file.
         label: Name in tables; by default curve and speed.
     """
@@ -82,18 +89,18 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """As it is called in tables."""
+        """The cell's name in tables."""
         return self.label or f"{self.case} {self.speed:g}"
 
     @property
     def axes(self) -> Matrix:
-        """Of the plane, of shape (2, 3), in the world."""
+        """Axes of the plane as rows, of shape (2, 3), in the world."""
         notation = read_text(self.more.get("plane", "yz")).data
         return np.array(Plane.model_validate(with_tuples(notation)).axes)
 
     @property
     def axis_names(self) -> tuple[str, str]:
-        """Of the world's axes that `axes` are, u and v where they are none of them."""
+        """Names of the world's axes that `axes` are, u and v where they are none of them."""
         names = [_AXES.get(tuple(np.round(axis, 9))) for axis in self.axes.tolist()]
         return names[0] or "u", names[1] or "v"
 
@@ -104,7 +111,7 @@ class Cell:
 
     @property
     def params(self) -> dict[str, str]:
-        """For the tree file, as one would write them on a command line."""
+        """Parameters of the tree file, as one would write them on a command line."""
         settings: dict[str, object] = {
             "case": self.case,
             "speed": self.speed,
@@ -116,8 +123,7 @@ class Cell:
             "noise": self.noise,
         }
         if self.controller == "proportional":
-            gain = float(np.interp(self.fps, *_GAINS))
-            settings |= {"gain_u": gain * _HALF_IMAGE[0], "gain_v": gain * _HALF_IMAGE[1]}
+            settings |= gain_params(best_gain(self.case, self.speed, self.fps))
         return {name: f"{value}" for name, value in settings.items()} | dict(self.more)
 
     def command(self, seed: int) -> str:
@@ -125,6 +131,18 @@ class Cell:
         settings = (f"{name}={value}" for name, value in self.params.items())
         params = " ".join(f"--param {shlex.quote(setting)}" for setting in settings)
         return f"bt-run {TREE} --renderer {self.renderer} --seed {seed} {params}"
+
+
+def best_gain(case: CurveName, speed: float, fps: float) -> float:
+    """The best constant gain of proportional control: of the table, between its entries by line."""
+    tuned = GAINS[case]
+    at_rate = [float(np.interp(fps, _TUNED_AT_HZ, gains)) for gains in tuned.values()]
+    return float(np.interp(speed, list(tuned), at_rate))
+
+
+def gain_params(gain: float) -> dict[str, str]:
+    """Parameters of the tree file for a step of ``gain`` times the error that the image shows."""
+    return {"gain_u": f"{gain * _HALF_IMAGE[0]}", "gain_v": f"{gain * _HALF_IMAGE[1]}"}
 
 
 UNTUNED: Final[tuple[Cell, ...]] = (

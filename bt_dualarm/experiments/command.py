@@ -5,85 +5,23 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from itertools import islice
+import sys
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Final
 
 from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from bt_dualarm.errors import DualArmError
-from bt_dualarm.experiments.cases import (
-    CASES,
-    JERK,
-    UNTUNED,
-    Cell,
-    ControllerName,
-    CurveName,
-    RendererName,
-)
+from bt_dualarm.experiments.arguments import cells_of, command_line
+from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
 
 if TYPE_CHECKING:
+    from bt_dualarm.experiments.campaign import Campaign
     from bt_dualarm.experiments.results import Result
 
-_EXAMPLES = """\
-examples:
-  bt-experiments                                    all five, both controllers, into out/experiments
-  bt-experiments --seeds 10 --fps 30 --out out/slow
-  bt-experiments --untuned --controller predictive  five curves that nothing was tuned on
-  bt-experiments --case circle --speed 1.0 --controller predictive --seeds 1 --json cell.json
-
-exit code: 0 every run was measured, 1 one was not, 2 the command is wrong
-"""
-
-_WIDTH = 110
-"""Characters of a line where no terminal says how many there are."""
-
-
-def command_line() -> argparse.ArgumentParser:
-    """The parser of ``bt-experiments``."""
-    parser = argparse.ArgumentParser(
-        prog="bt-experiments",
-        description="Run the five tracking experiments, or some of them, and write a report.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add = parser.add_argument
-    add("--untuned", action="store_true", help="five other curves, which nothing was tuned on")
-    add("--case", choices=get_args(CurveName), help="only this curve")
-    add("--speed", type=float, metavar="S", help="of the leading arm, 0.05 to 1 (default: all)")
-    add("--controller", choices=("proportional", "predictive"), help="only this one")
-    add(
-        "--renderer",
-        choices=("gl", "ray"),
-        help="only this one (default: those that work here; ray where case, speed and controller "
-        "leave one experiment)",
-    )
-    add(
-        "--jobs",
-        type=_count,
-        metavar="N",
-        help="runs side by side, for the same numbers (default: one for each core)",
-    )
-    add("--seeds", type=_count, default=3, metavar="N", help="repetitions (default: 3)")
-    add("--fps", type=float, default=60.0, help="of the camera (default: 60)")
-    add("--latency", type=float, metavar="S", help="of a frame (default: the time of one frame)")
-    add("--drop", type=float, default=0.0, help="share of the frames that get lost, 0 to 0.9")
-    add("--noise", type=float, default=0.0, metavar="PX", help="shake of the camera")
-    add(
-        "--jerk",
-        type=float,
-        default=JERK,
-        metavar="S",
-        help=f"share of the leading arm's limit of jerk, 0.05 to 1 (default: {JERK:g})",
-    )
-    add("--json", type=Path, metavar="FILE", help="write the numbers there; no report unless --out")
-    add("--out", type=Path, metavar="DIR", help="of the report (default: out/experiments)")
-    return parser
+_REPORT: Final = Path("out/experiments")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -94,120 +32,103 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = command_line().parse_args(argv)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in `bt_dualarm.cli`
-    errors = Console(stderr=True, highlight=False)
-    try:
-        cells = list(_cells(arguments))
-        results, failures = _run(cells, arguments.seeds, arguments.jobs)
-    except DualArmError as error:
-        errors.print(f"bt-experiments: error: {error}", markup=False, soft_wrap=True)
-        return 2
-    for failure in failures:
-        errors.print(f"bt-experiments: {failure}", markup=False, soft_wrap=True)
-    if results:
-        _write(arguments, results)
-    return 1 if failures else 0
+    with stop_on_signals(StopRequest()) as stop:
+        try:
+            code = _main(arguments, stop)
+        except DualArmError as error:
+            _complain(f"error: {error}")
+            code = 2
+        except BrokenPipeError:
+            # Nobody reads any more; what Python flushes at its exit must go somewhere.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = 1
+        return stop.exit_code or code
 
 
-def _count(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1000:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 to 1000")
-    return int(text)
+def _main(arguments: argparse.Namespace, stop: StopRequest) -> int:
+    from bt_dualarm.experiments.campaign import run_all
+    from bt_dualarm.experiments.trials import usable_cores
+
+    cells = list(cells_of(arguments))
+    for folder in _folders(arguments):
+        _refuse_unwritable(folder)
+    jobs = arguments.jobs or usable_cores()
+    done = run_all(cells, arguments.seeds, jobs, stop, Console(stderr=True, highlight=False))
+    for failure in done.failures:
+        _complain(failure)
+    if stop.asked:
+        _complain(f"interrupted: {len(done.results)} of {len(cells)} experiments are complete")
+    written = not done.results or stop.urgent or _write(arguments, done)
+    return 0 if written and not done.failures else 1
 
 
-def _cells(arguments: argparse.Namespace) -> Iterator[Cell]:
-    """The experiments that were asked for, in the order of the table."""
-    both: tuple[ControllerName, ...] = ("proportional", "predictive")
-    settings = {
-        "fps": arguments.fps,
-        "latency": arguments.latency,
-        "drop": arguments.drop,
-        "noise": arguments.noise,
-        "jerk": arguments.jerk,
-    }
-    curves = _curves(arguments)
-    single = len(curves) == 1 and arguments.controller
-    for renderer in (arguments.renderer,) if arguments.renderer else _renderers(single=single):
-        for cell in curves:
-            for controller in (arguments.controller,) if arguments.controller else both:
-                yield replace(cell, controller=controller, renderer=renderer, **settings)
+def _complain(words: str) -> None:
+    console = Console(stderr=True, highlight=False)
+    console.print(f"bt-experiments: {words}", markup=False, soft_wrap=True)
 
 
-def _curves(arguments: argparse.Namespace) -> list[Cell]:
-    """Curves and speeds alone.
+def _report_folder(arguments: argparse.Namespace) -> Path | None:
+    """Where the report goes; None where only the numbers are wanted."""
+    wanted: Path | None = arguments.out
+    return wanted or (_REPORT if arguments.json is None else None)
+
+
+def _folders(arguments: argparse.Namespace) -> list[Path]:
+    """Every folder that is to be written to.
 
     Raises:
-        DualArmError: None is left.
+        DualArmError: A folder has the name of the file.
     """
-    cells = UNTUNED if arguments.untuned else tuple(Cell(case, speed) for case, speed in CASES)
-    cells = tuple(cell for cell in cells if arguments.case in (None, cell.case))
-    if not cells:
-        raise DualArmError(f"{arguments.case} is not among these curves: see --untuned")
-    if arguments.speed is None:
-        return list(cells)
-    slower = (replace(cell, speed=arguments.speed) for cell in cells)
-    return list({cell.name: cell for cell in slower}.values())
+    report = _report_folder(arguments)
+    if arguments.json is not None and arguments.json.is_dir():
+        raise DualArmError(f"cannot write {arguments.json}: it is a folder")
+    return [*([report] if report else []), *([arguments.json.parent] if arguments.json else [])]
 
 
-def _renderers(*, single: bool) -> tuple[RendererName, ...]:
-    """One where one experiment was asked for, the same on every machine; else all there are."""
-    if single:
-        return ("ray",)
-    from bt_dualarm.errors import RendererError
-    from bt_dualarm.world.rendering import choose_renderer
+def _refuse_unwritable(folder: Path) -> None:
+    """Make a folder and write to it, now rather than after all runs.
 
+    Raises:
+        DualArmError: That cannot be done.
+    """
     try:
-        choose_renderer("gl")
-    except RendererError:
-        return ("ray",)
-    return ("ray", "gl")
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"0")
+    except FileExistsError:
+        raise DualArmError(f"cannot write to {folder}: it is there and is not a folder") from None
+    except OSError as error:
+        raise DualArmError(f"cannot write to {folder}: {error.strerror or error}") from error
 
 
-def _run(cells: Sequence[Cell], seeds: int, jobs: int | None) -> tuple[list[Result], list[str]]:
-    """Every cell with every seed; what could not be measured is a sentence."""
-    from bt_dualarm.experiments.results import Result
-    from bt_dualarm.experiments.trial import TrialError, tree_file
-    from bt_dualarm.experiments.trials import run_trials, usable_cores
-    from bt_dualarm.registry import Registry
+def _write(arguments: argparse.Namespace, done: Campaign) -> bool:
+    """Show and write the results; whether all of it could be written."""
+    from bt_dualarm.experiments.table import table_of
 
-    registry, results, failures = Registry.load(), [], []
-    for cell in cells:
-        tree_file(cell, registry)  # what it refuses is said before anything runs
-    runs = [(cell, seed) for cell in cells for seed in range(seeds)]
-    coming = zip(runs, run_trials(runs, registry, jobs or usable_cores()), strict=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
-        task = progress.add_task("", total=len(runs))
-        for cell in cells:
-            progress.update(task, description=f"{cell.name} {cell.controller} {cell.renderer}")
-            trials = []
-            for (_, seed), trial in islice(coming, seeds):
-                if isinstance(trial, TrialError):
-                    failures.append(f"{cell.name} {cell.controller}, seed {seed}: {trial}")
-                else:
-                    trials.append(trial)
-                progress.advance(task)
-            if trials:
-                results.append(Result(cell, trials))
-    return results, failures
-
-
-def _write(arguments: argparse.Namespace, results: Sequence[Result]) -> None:
-    from bt_dualarm.experiments.report import HEADER, row, write_report
-    from bt_dualarm.run.whole_files import write_text
-
-    table = Table(*map(escape, HEADER[:9]))
-    for result in results:
-        table.add_row(*row(result)[:9])
     console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=_WIDTH)
-    console.print(table)
+    console.print(table_of(done.results))
+    try:
+        for line in _written(arguments, done.results):
+            console.print(line, markup=False, soft_wrap=True)
+    except OSError as error:
+        _complain(f"error: cannot write {error.filename}: {error.strerror or error}")
+        return False
+    return True
+
+
+def _written(arguments: argparse.Namespace, results: Sequence[Result]) -> list[str]:
+    """Write the numbers, then the report; returns a line on each."""
+    from bt_dualarm.experiments.report import write_report
+    from bt_dualarm.runtime.atomic_write import write_text
+
+    lines = []
     if arguments.json is not None:
         contents = [result.as_json() for result in results]
         content = contents[0] if len(contents) == 1 else {"cells": contents}
         write_text(arguments.json, json.dumps(content, indent=2) + "\n")
-        console.print(f"written: {arguments.json}", markup=False, soft_wrap=True)
-    if arguments.out is not None or arguments.json is None:
-        folder = arguments.out or Path("out/experiments")
+        lines.append(f"written: {arguments.json}")
+    folder = _report_folder(arguments)
+    if folder is not None:
         write_report(folder, results)
-        console.print(f"report: {folder / 'report.html'}", markup=False, soft_wrap=True)
+        lines.append(f"report: {folder / 'report.html'}")
+    return lines

@@ -6,21 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bt_dualarm.run.parts import RunView
-from bt_dualarm.tree.report import StatusChange
+from bt_dualarm.runtime.parts import IdleObserver
 from bt_dualarm.world.world import World
 
 
 @dataclass(frozen=True)
 class Margins:
-    """The least over all joints and all time, of the measured state.
+    """The worst over all joints and all time, of the measured state.
 
-    Set-points keep every limit; a measured acceleration may pass its own for moments.
+    What is sent keeps every limit; a measured acceleration may pass its own for moments.
 
     Attributes:
-        position_rad: To a position limit.
-        velocity: Share of the velocity limit that was left.
-        acceleration: The same of the acceleration limit.
+        position_rad: Distance from a position limit in rad.
+        velocity: Largest velocity as share of its limit.
+        acceleration: Largest acceleration as share of its limit.
     """
 
     position_rad: float
@@ -28,29 +27,23 @@ class Margins:
     acceleration: float
 
 
-class MarginWatch:
+class MarginWatch(IdleObserver):
     """Looks on at one arm, at every step.
 
     Args:
-        world: In which the arm is.
-        arm: Its name.
+        world: World of the run.
+        arm: Name of the arm.
     """
 
     def __init__(self, world: World, arm: str) -> None:
         self._world = world
         self._arm = arm
-        self._least = np.array([np.inf, 1.0, 1.0])
+        self._room, self._velocity, self._acceleration = np.inf, 0.0, 0.0
 
     @property
     def margins(self) -> Margins:
-        """As far as seen."""
-        return Margins(*map(float, self._least))
-
-    def on_event(self, change: StatusChange) -> None:
-        """Changes of a status do not matter here."""
-
-    def after_ticks(self, run: RunView) -> None:
-        """Neither do ticks."""
+        """The worst so far."""
+        return Margins(float(self._room), float(self._velocity), float(self._acceleration))
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - the world has the state
         """Compare the measured state with the limits."""
@@ -58,7 +51,7 @@ class MarginWatch:
         if body is None:
             return
         limits, q = body.robot.limits, body.q
-        room = np.minimum(q - limits.lower, limits.upper - q).min()
-        velocity = (np.abs(body.v) / limits.velocity).max()
+        self._room = min(self._room, np.minimum(q - limits.lower, limits.upper - q).min())
+        self._velocity = max(self._velocity, (np.abs(body.v) / limits.velocity).max())
         acceleration = np.abs(self._world.data.qacc[body.dof_ids]) / limits.acceleration
-        self._least = np.minimum(self._least, (room, 1.0 - velocity, 1.0 - acceleration.max()))
+        self._acceleration = max(self._acceleration, acceleration.max())

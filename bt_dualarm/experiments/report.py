@@ -12,12 +12,12 @@ from typing import BinaryIO
 
 from bt_dualarm.experiments.figures import over_time, overlay, png
 from bt_dualarm.experiments.results import Result
-from bt_dualarm.run.whole_files import write_text, write_whole
+from bt_dualarm.runtime.atomic_write import write_atomically, write_text
 
 HEADER = (
     "experiment", "controller", "renderer", "RMS [mm]", "max [mm]", "bound [mm]", "lag [ms]",
-    "amplitude", "lost", "images", "sighting sd [mm]", "joint margin [°]", "velocity left",
-    "acceleration left",
+    "amplitude", "lost", "images", "sighting sd [mm]", "joint margin [°]", "peak velocity",
+    "peak acceleration",
 )  # fmt: skip
 
 EXPLANATION = (
@@ -28,9 +28,10 @@ EXPLANATION = (
     "all, 2/π · v · (latency + half a frame); for predictive control the error of the same filter "
     "fed with true positions and white noise of the measured deviation of a sighting, through the "
     "same latency. Amplitude: spread of the tracked path over that of the true one. Images: how "
-    "many the follower moved by, its effective waypoints. Margins: of the measured state, the "
-    "least of all joints, times and seeds. Set-points keep every limit; a measured acceleration "
-    "passes its own for moments, which is below 0 %, where that of the set-points changes suddenly."
+    "many the follower moved by, its effective waypoints. Margin: distance to a joint's limit; "
+    "peaks: measured, as shares of the limits; each the worst of all joints, times and seeds. The "
+    "limits are kept by what is sent; a measured acceleration passes its own for moments, which is "
+    "above 100 %, where that of the set-points changes suddenly."
 )
 
 
@@ -50,8 +51,8 @@ def row(result: Result) -> tuple[str, ...]:
         f"{result.mean('frames'):.0f}",
         f"{1e3 * result.mean('sighting_sd'):.3f}",
         f"{57.29578 * min(m.position_rad for m in margins):.0f}",
-        f"{min(m.velocity for m in margins):.0%}",
-        f"{min(m.acceleration for m in margins):.0%}",
+        f"{max(m.velocity for m in margins):.0%}",
+        f"{max(m.acceleration for m in margins):.0%}",
     )
 
 
@@ -59,8 +60,9 @@ def write_report(folder: Path, results: Sequence[Result]) -> None:
     """Write ``report.html``, ``report.md`` and the pictures that the latter shows.
 
     Args:
-        folder: Made if it is not there.
-        results: At least one; those of the same case and renderer are drawn together.
+        folder: Place of the report; made if it is not there.
+        results: Results in the order of the table, at least one; those of the same case and
+            renderer are drawn together.
 
     Raises:
         OSError: The folder cannot be written to.
@@ -74,7 +76,7 @@ def write_report(folder: Path, results: Sequence[Result]) -> None:
             (f"{name}_time.png", png(over_time(group))),
         ]
     for name, content in pictures:
-        write_whole(folder / name, partial(_put, content))
+        write_atomically(folder / name, partial(_put, content))
     write_text(folder / "report.md", _markdown(results, [name for name, _ in pictures]))
     write_text(folder / "report.html", _html(results, pictures))
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from bt_dualarm.experiments.bounds import bound
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.trial import Trial
+from bt_dualarm.spec.source import Data
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,8 +19,8 @@ class Result:
     """A cell with its trials, one a seed.
 
     Attributes:
-        cell: The settings.
-        trials: At least one.
+        cell: Settings of the experiment.
+        trials: Repetitions, at least one.
     """
 
     cell: Cell
@@ -28,7 +28,7 @@ class Result:
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
-        """Of each trial's RMS, in m."""
+        """Lower bound of each trial's RMS, in m."""
         return tuple(bound(self.cell, trial) for trial in self.trials)
 
     @property
@@ -47,10 +47,10 @@ class Result:
         return max(float(trial.error.max()) for trial in self.trials)
 
     def mean(self, name: str) -> float:
-        """Of one number of the trials."""
+        """Mean of one number over the trials, by the number's name."""
         return float(np.mean([getattr(trial, name) for trial in self.trials]))
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Data]:
         """Settings and numbers; one entry a seed in every list."""
         trials, cell = self.trials, self.cell
         return {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 
@@ -12,13 +11,14 @@ from bt_dualarm.errors import DualArmError
 from bt_dualarm.experiments.cases import TREE, Cell
 from bt_dualarm.experiments.margins import Margins, MarginWatch
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.outcome import RunResult
-from bt_dualarm.run.parts import Observer
-from bt_dualarm.run.series import SeriesLog
-from bt_dualarm.run.session import Session, Wishes
-from bt_dualarm.run.shipped import find_tree
-from bt_dualarm.scoring import lag
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.parts import Observer
+from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.runtime.shipped import find_tree
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.skill.scoring import lag
 from bt_dualarm.spec.document import ObjectSpec, TreeFile
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.world.world import World
@@ -35,17 +35,18 @@ class Trial:
     """One run of a cell, while the leading arm drew its curve.
 
     Attributes:
-        seed: Of everything random.
+        seed: Seed of everything random.
         times: Seconds since the curve began, of shape (n,).
-        planned: Where the cube was to be along the plane's axes, of shape (n, 2), in m.
-        cube: Where it truly was.
-        tracked: Where the following tool was, less its mean distance from the cube.
-        lost_count: How often the target was lost.
-        frames: Images that were looked at: the waypoints of the follower.
+        planned: Planned position of the cube along the plane's axes, of shape (n, 2), in m.
+        cube: True position of the cube along the same axes, of shape (n, 2), in m.
+        tracked: Position of the following tool along the same axes, less its mean distance from
+            the cube, of shape (n, 2), in m.
+        lost_count: Number of times that the target was lost.
+        frames: Number of images that were looked at: the waypoints of the follower.
         sighting_sd: Standard deviation of a single sighting along an axis, in m.
-        margins: How far the follower stayed from its limits.
-        outcome: Of the run.
-        rest: What the follower's tree reported besides, if it failed.
+        margins: Distance of the follower from its limits.
+        outcome: Outcome of the run.
+        reason: Reason that the follower's leaf gave, if it failed.
         began: Simulated time in s at which the curve began.
         old_data_steps: Control steps that moved towards data older than 0.1 s.
     """
@@ -60,7 +61,7 @@ class Trial:
     sighting_sd: float
     margins: Margins
     outcome: str
-    rest: str = ""
+    reason: str = ""
     began: float = 0.0
     old_data_steps: int = 0
 
@@ -93,7 +94,7 @@ class Trial:
 
 
 def tree_file(cell: Cell, registry: Registry) -> TreeFile:
-    """What a cell runs.
+    """The tree file of a cell, with its settings.
 
     Raises:
         SpecError: The file refuses a setting.
@@ -107,15 +108,17 @@ def run_trial(
     registry: Registry,
     objects: Mapping[str, ObjectSpec] | None = None,
     meddler: Callable[[World], Observer] | None = None,
+    stop: StopRequest | None = None,
 ) -> Trial:
     """Run a cell once.
 
     Args:
-        cell: The experiment.
-        seed: Of everything random.
-        registry: The installed skills.
-        objects: In the world besides those of the tree file.
-        meddler: Makes an observer that may reach into the world: to cover or distract.
+        cell: Settings of the experiment.
+        seed: Seed of everything random.
+        registry: Installed skills.
+        objects: Objects of the world besides those of the tree file.
+        meddler: Maker of an observer that may reach into the world: to cover or distract.
+        stop: Request to end early; nothing that is measured then is worth anything.
 
     Raises:
         TrialError: The curve was not drawn, or not followed at all.
@@ -123,21 +126,27 @@ def run_trial(
     """
     file = tree_file(cell, registry)
     file = file.model_copy(update={"objects": {**file.objects, **(objects or {})}})
-    with Session(file, registry, Wishes(seed=seed, renderer=cell.renderer)) as session:
-        world = session.assembly.world
-        watch = MarginWatch(world, FOLLOWER)
-        result = session.run([watch, *([meddler(world)] if meddler else [])], perf_counter)
-        return _trial(cell, seed, result, session.assembly.series, watch.margins)
+    with Run(file, registry, RunOptions(seed=seed, renderer=cell.renderer), stop=stop) as run:
+        watch = MarginWatch(run.world, FOLLOWER)
+        run.watch(watch)
+        if meddler is not None:
+            run.watch(meddler(run.world))
+        return _trial(cell, run.finish(), watch.margins)
 
 
-def _trial(cell: Cell, seed: int, result: RunResult, log: SeriesLog, margins: Margins) -> Trial:
-    series = {(one.arm, one.name): one for one in log}
+def _trial(cell: Cell, result: RunResult, margins: Margins) -> Trial:
+    series = {
+        (one.arm, one.name): one
+        for arm in result.arms.values()
+        for of_leaf in arm.series.values()
+        for one in of_leaf.values()
+    }
     try:
         plan = series[LEADER, "planned"]
         target, tracked = series[FOLLOWER, "target"], series[FOLLOWER, "tracked"]
     except KeyError as missing:
         reasons = "; ".join(
-            leaf.reason for arm in result.arms for leaf in arm.leaves if leaf.reason
+            run.reason for arm in result.arms.values() for run in arm.runs if run.reason
         )
         raise TrialError(f"nothing to measure, {missing} is missing: {reasons}") from None
     begin, end = plan.time[0], plan.time[-1]
@@ -147,9 +156,9 @@ def _trial(cell: Cell, seed: int, result: RunResult, log: SeriesLog, margins: Ma
     times = target.time[during]
     cube, tool = target.values[during] @ cell.axes.T, tracked.values[during] @ cell.axes.T
     planned = np.column_stack([np.interp(times, plan.time, c) for c in cell.axes @ plan.values.T])
-    leaf = next(leaf for arm in result.arms if arm.name == FOLLOWER for leaf in arm.leaves)
+    leaf = result.arms[FOLLOWER].runs[0]
     return Trial(
-        seed=seed,
+        seed=result.seed,
         times=times - begin,
         planned=planned - (planned - cube).mean(axis=0),
         cube=cube,
@@ -159,7 +168,7 @@ def _trial(cell: Cell, seed: int, result: RunResult, log: SeriesLog, margins: Ma
         sighting_sd=float(leaf.metrics["sighting_sd_m"]),
         margins=margins,
         outcome=str(result.outcome),
-        rest=leaf.reason,
+        reason=leaf.reason,
         began=float(begin),
         old_data_steps=int(leaf.metrics["old_data_steps"]),
     )

@@ -10,10 +10,12 @@ from bt_dualarm.errors import CatalogueError, OverlapError, WorldError
 from bt_dualarm.preflight.reaching import out_of_reach
 from bt_dualarm.preflight.robots import Names
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.language import LANGUAGE, Kind
-from bt_dualarm.spec.load import check_file, load_tree_file
+from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.language import LANGUAGE
+from bt_dualarm.spec.load import load
 from bt_dualarm.spec.problems import Place, Problem, SpecError, errors, in_order
 from bt_dualarm.spec.source import Source
+from bt_dualarm.spec.tree_input import TreeInput
 from bt_dualarm.world.world import World
 
 
@@ -41,25 +43,26 @@ class Checked:
 
 
 def check(
-    path: Path,
+    tree: TreeInput,
     skills: Mapping[str, Kind],
-    params: Mapping[str, str] | None = None,
+    params: Mapping[str, object] | None = None,
     *,
+    folder: Path | None = None,
     build: bool = True,
 ) -> Checked:
-    """Check a file, and the robots, postures, mounts, scene and poses that it names.
+    """Check a tree, and the robots, postures, mounts, scene and poses that it names.
 
     Args:
-        path: Of the file.
+        tree: Path of a file, YAML text, Python data, or one already read.
         skills: The installed skills by name.
-        params: Values of the file's parameters as text, as given on the command line.
-        build: Compile the world, too, as a run would.
+        params: Values of the tree's parameters by name: as text, as given on the command line, or
+            as Python data.
+        folder: Folder from which relative paths in text or data start, by default the current one.
+        build: Whether to compile the world, too, as a run would.
     """
-    problems = check_file(path, skills, params)
-    if errors(problems):
-        return Checked(None, problems)
+    loaded = load(tree, skills, params, folder)
     try:
-        file = load_tree_file(path, skills, params)
+        file = loaded.runnable()
     except SpecError as error:
         return Checked(None, error.problems)
     kinds = {**LANGUAGE, **skills}
@@ -74,8 +77,8 @@ def check(
         except OverlapError as error:
             return Checked(None, (_overlap(file, source, error),))
         except (CatalogueError, WorldError) as error:
-            return Checked(None, (Problem(Place(str(path)), str(error)),))
-    return Checked(file, in_order((*problems, *out_of_reach(file, names.robots, kinds))))
+            return Checked(None, (Problem(Place(loaded.name), str(error)),))
+    return Checked(file, in_order((*loaded.problems, *out_of_reach(file, names.robots, kinds))))
 
 
 def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:

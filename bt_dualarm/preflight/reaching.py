@@ -5,23 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from pydantic import ValidationError
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.motion.ik import Kinematics
-from bt_dualarm.motion.reach import Reach
-from bt_dualarm.spec.aims import Aim
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.motion.kinematics.workspace import Workspace
+from bt_dualarm.pose import Vector
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.goals import Goal
+from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.ports import reference_of
 from bt_dualarm.spec.problems import Problem
-from bt_dualarm.spec.source import with_tuples
+from bt_dualarm.spec.source import Data, with_tuples
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.catalogue import Robot
+from bt_dualarm.world.robots.robot import Robot
 
 MOST_POSES: Final = 100
 """Different poses of one arm that are tried; the check is to stay quick."""
@@ -37,8 +38,8 @@ def out_of_reach(
 
     Args:
         file: Without errors.
-        robots: By the arm's name.
-        kinds: Of every node.
+        robots: Robots by the arm's name.
+        kinds: Kinds of all nodes, by name.
     """
     # An object may be held at any of its corners.
     longest = max((math.hypot(*thing.size) for thing in file.objects.values()), default=0.0)
@@ -48,8 +49,8 @@ def out_of_reach(
         for node in arm.tree.walk():
             fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
             for port, declared in fields.items():
-                aim = metadata_of(declared, Aim)
-                complaint = trial.complaint(node.ports.get(port), aim) if aim else None
+                goal = metadata_of(declared, Goal)
+                complaint = trial.complaint(node.ports.get(port), goal) if goal else None
                 if complaint and found < MOST_WARNINGS:
                     found += 1
                     message = f"{node.kind}: {port}: {complaint[0]}"
@@ -65,13 +66,13 @@ class _Trial:
     robot: Robot
     base: PoseSpec
     longest: float
-    _known: dict[Any, tuple[str, str] | None] = field(default_factory=dict)
+    _known: dict[tuple[PoseSpec, Goal], tuple[str, str] | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._reach: Reach | None = None
+        self._workspace: Workspace | None = None
         self._kinematics: Kinematics | None = None
 
-    def complaint(self, value: Any, aim: Aim) -> tuple[str, str] | None:
+    def complaint(self, value: Data, goal: Goal) -> tuple[str, str] | None:
         """What is wrong with a pose in YAML's notation, and a hint; None if it can be reached."""
         if value is None or reference_of(value) is not None:
             return None
@@ -79,31 +80,31 @@ class _Trial:
             pose = PoseSpec.model_validate(with_tuples(value))
         except ValidationError:
             return None  # a part of it is a key of the blackboard
-        place = (pose, aim)
-        if place not in self._known:
+        asked = (pose, goal)
+        if asked not in self._known:
             if len(self._known) >= MOST_POSES:
                 return None
-            self._known[place] = self._tried(pose, aim)
-        return self._known[place]
+            self._known[asked] = self._tried(pose, goal)
+        return self._known[asked]
 
-    def _tried(self, pose: PoseSpec, aim: Aim) -> tuple[str, str] | None:
+    def _tried(self, pose: PoseSpec, goal: Goal) -> tuple[str, str] | None:
         point = np.array(pose.xyz)
         away = float(np.linalg.norm(point - self.base.pose.position))
         hint = f"it is {away:.2f} m from the arm's base"
         gap = self._position_gap(point)
-        if gap > (self.longest if aim.carried else 0.0):
+        if gap > (self.longest if goal.carried else 0.0):
             nearest = f"{gap:.2f} m" if gap >= 0.01 else f"{1000 * gap:.1f} mm"
             message = f"out of reach of {self.arm}: its tool gets no nearer than {nearest}"
             return message, hint
         turned = pose.rpy or pose.quat or pose.look_at
-        if aim.carried or turned is None or self._has_configuration(pose):
+        if goal.carried or turned is None or self._has_configuration(pose):
             return None
         return f"{self.arm} reaches this point, but not turned like this", hint
 
-    def _position_gap(self, point: Any) -> float:
-        if self._reach is None:
-            self._reach = Reach(self.robot, self.base.pose)
-        return self._reach.gap(point)
+    def _position_gap(self, point: Vector) -> float:
+        if self._workspace is None:
+            self._workspace = Workspace(self.robot, self.base.pose)
+        return self._workspace.gap(point)
 
     def _has_configuration(self, pose: PoseSpec) -> bool:
         if self._kinematics is None:

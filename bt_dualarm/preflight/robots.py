@@ -6,16 +6,18 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from bt_dualarm.errors import CatalogueError
-from bt_dualarm.spec.aims import OfJoints, OnRobotPage
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.document import ArmSpec, TreeFile
-from bt_dualarm.spec.language import Kind
+from bt_dualarm.spec.goals import OfJoints, OfPosture
+from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import reference_of
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.source import Data, Path, Source
-from bt_dualarm.world.catalogue import Robot, is_page, load_robot, robot_names
 from bt_dualarm.world.composition import names_in, scene_names, scene_spec
+from bt_dualarm.world.robots.catalogue import is_page, load_robot, robot_names
+from bt_dualarm.world.robots.robot import Robot
+from bt_dualarm.world.urdf.xml_source import DescriptionError
 
 
 @dataclass
@@ -24,8 +26,8 @@ class Names:
 
     Args:
         file: Without errors of its own.
-        source: Of the file.
-        kinds: Of every node.
+        source: Source of the file.
+        kinds: Kinds of all nodes, by name.
 
     Attributes:
         robots: Those that could be read, by the arm's name.
@@ -70,9 +72,12 @@ class Names:
             return None
         try:
             return load_robot(name, self.file.root)
+        except DescriptionError as error:
+            self._add(path, f"robot '{name}' cannot be used", "its description has errors")
+            self.problems += error.problems
         except CatalogueError as error:
             self._add(path, f"robot '{name}' cannot be used", str(error))
-            return None
+        return None
 
     def _arm(self, path: Path, arm: ArmSpec, robot: Robot) -> None:
         if arm.posture not in robot.postures:
@@ -96,7 +101,7 @@ class Names:
                 value = node.ports.get(port)
                 if value is None or reference_of(value) is not None:
                     continue
-                if metadata_of(declared, OnRobotPage) and value not in robot.postures:
+                if metadata_of(declared, OfPosture) and value not in robot.postures:
                     message = f"{node.kind}: there is no posture of {robot.name} '{value}'"
                     yield node.port_problem((port,), message, _known(value, robot.postures))
                 if metadata_of(declared, OfJoints):

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from bt_dualarm.spec.annotations import metadata_of
-from bt_dualarm.spec.explain import describe, explain
+from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.node import NodeSpec
@@ -26,6 +26,7 @@ from bt_dualarm.spec.problems import Problem, nearest, suggestion
 from bt_dualarm.spec.source import Data, Path
 from bt_dualarm.spec.synonyms import kind_hint
 from bt_dualarm.spec.values import Refers
+from bt_dualarm.spec.wording import in_words
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,8 @@ def check_tree(
 
     Args:
         root: The tree.
-        kinds: By name: the language's words and the skills.
-        declared: What ports may refer to.
+        kinds: Kinds of node by name: the language's words and the skills.
+        declared: Names that ports may refer to.
         complete: Whether ``kinds`` has all skills; if not, unknown kinds are passed over.
     """
     for node in root.walk():
@@ -77,7 +78,7 @@ def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Probl
             hint = _parameter_hint(node, key) if key else ""
             yield node.port_problem(found.path, message, hint or found.hint, key=at_key)
             known.add(found.path)
-    for path, key in _inner_references(ports if node.kind != "subtree" else {}):
+    for path, key in _inner_references({} if kind.uses else ports):
         if path not in known:
             message = f"{node.kind}: '{{{key_name(key)}}}' is no parameter"
             hint = _parameter_hint(node, key) or "a key can only stand for a whole port"
@@ -92,12 +93,11 @@ def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Probl
     for name in (name for name in kind.fixed & references.keys() if not is_unknown(ports[name])):
         message = f"{node.kind}: {name}: cannot come from the blackboard"
         yield node.port_problem((name,), message, "write the value out, or use a parameter")
-    if node.kind == "parallel" and _count(ports.get("policy")) > len(node.children):
-        message = f"parallel: policy: {ports['policy']} of {len(node.children)} cannot succeed"
-        yield node.port_problem(("policy",), message, "all, any, or at most as many as children")
+    if node.kind in LANGUAGE:
+        yield from LANGUAGE[node.kind].complaint(node)
     for name, value in outputs.items():
         if reference_of(value) is None:
-            message = f"{node.kind}: output '{name}' needs a key to write, not {describe(value)}"
+            message = f"{node.kind}: output '{name}' needs a key to write, not {in_words(value)}"
             yield node.port_problem((name,), message, f'for example: {name}: "{{{name}}}"')
 
 
@@ -125,10 +125,6 @@ def _parameter_hint(node: NodeSpec, key: str) -> str:
     """The parameter that was most likely meant by a key, if one is near enough."""
     close = nearest(key_name(key), node.parameters)
     return f"did you mean the parameter '{close}'?" if close else ""
-
-
-def _count(policy: Data) -> int:
-    return policy if isinstance(policy, int) else 0
 
 
 def _unknown_name(

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Annotated, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import ConfigDict, Field, model_validator
 
 from bt_dualarm.spec.edit import flow_text
+from bt_dualarm.spec.ports import port
 from bt_dualarm.spec.problems import suggestion
-from bt_dualarm.spec.source import Data, with_tuples
+from bt_dualarm.spec.source import Data, Json, with_tuples
 from bt_dualarm.spec.values import Value
 
 _Hue: TypeAlias = Annotated[float, Field(ge=0.0, le=360.0)]
-_Share: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
+_Part: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
 Bounds: TypeAlias = tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]
 """Lower and upper bound for ``cv2.inRange`` on an HSV image, each of shape (3,), inclusive."""
 
@@ -34,17 +35,15 @@ def _short(number: float) -> int | float:
 
 
 class HsvRange(Value):
-    """A box in hue, saturation and value (brightness), bounds inclusive.
+    """A box in hue, saturation and value (brightness), bounds inclusive."""
 
-    Attributes:
-        hue: Degrees on the colour circle; a first bound above the second wraps through red.
-        saturation: From 0 (grey) to 1.
-        value: From 0 (black) to 1.
-    """
-
-    hue: tuple[_Hue, _Hue]
-    saturation: tuple[_Share, _Share] = (0.4, 1.0)
-    value: tuple[_Share, _Share] = (0.2, 1.0)
+    hue: tuple[_Hue, _Hue] = port(
+        ...,
+        "Angles on the colour circle; a first bound above the second wraps through red",
+        unit="deg",
+    )
+    saturation: tuple[_Part, _Part] = port((0.4, 1.0), "Saturation from 0 (grey) to 1")
+    value: tuple[_Part, _Part] = port((0.2, 1.0), "Brightness from 0 (black) to 1")
 
     @model_validator(mode="after")
     def _ascending(self) -> HsvRange:
@@ -73,7 +72,7 @@ class HsvRange(Value):
         return np.array([hue, *(round(255 * share) for share in shares)], np.uint8)
 
 
-def _notations(schema: dict[str, Any]) -> None:
+def _notations(schema: Json) -> None:
     """A name or a list instead of the mapping that pydantic knows of."""
     mapping = dict(schema)
     schema.clear()
@@ -82,21 +81,18 @@ def _notations(schema: dict[str, Any]) -> None:
 
 
 class Color(Value):
-    """``yellow``, or a list of ranges any of which a pixel may lie in.
-
-    Attributes:
-        name: Empty where ranges were given.
-        ranges: At least one.
-    """
+    """``yellow``, or a list of ranges any of which a pixel may lie in."""
 
     model_config = ConfigDict(json_schema_extra=_notations)
 
-    name: str = ""
-    ranges: Annotated[tuple[HsvRange, ...], Field(min_length=1, max_length=8)]
+    name: str = port("", "Name of a colour; none where ranges are given")
+    ranges: tuple[HsvRange, ...] = port(
+        ..., "Ranges, any of which a pixel may lie in", min_length=1, max_length=8
+    )
 
     @model_validator(mode="before")
     @classmethod
-    def _from_notation(cls, value: Any) -> Any:
+    def _from_notation(cls, value: Data) -> Data:
         if isinstance(value, str):
             if value not in _NAMED_HUES:
                 hint = suggestion(value, _NAMED_HUES, "colour")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from bt_dualarm.spec.docstring import attributes_of
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.notation import notation_of, range_of
 from bt_dualarm.spec.ports import unit_of
@@ -21,11 +20,11 @@ class PortDescription:
     """One port or output, every part of it in words.
 
     Attributes:
-        name: As in the file.
-        type: What is written there, such as ``number`` or ``list of 3 numbers``.
-        unit: Of a bare number, empty if it has none.
+        name: Name in the file.
+        type: Words for what is written there, such as ``number`` or ``list of 3 numbers``.
+        unit: Unit of a bare number, empty if it has none.
         range: Bounds of its numbers, of its length or of its text, empty if there are none.
-        default: In YAML's notation, empty if there is none.
+        default: Value in YAML's notation, empty if there is none.
         description: One line.
         required: Whether a node cannot do without.
     """
@@ -44,9 +43,9 @@ class Description:
     """One word of the language, or one skill.
 
     Attributes:
-        name: As in the file.
+        name: Name in the file.
         summary: One line.
-        ports: In the order of their declaration.
+        ports: Inputs in the order of their declaration.
         outputs: Values that it writes to the blackboard where the file names a key.
         children: Places for children, each with the words that say what stands there.
         shorthand: The port that a bare value stands for, if there is one.
@@ -54,7 +53,7 @@ class Description:
         needs_camera: Whether it works only with a camera that moves with the arm.
         failures: Codes of its failures with their meaning.
         example: YAML of one node.
-        origin: Where it comes from.
+        origin: Place it comes from.
     """
 
     name: str
@@ -89,19 +88,23 @@ def describe(kind: Kind) -> Description:
 
 def ports_of(model: type[BaseModel]) -> tuple[PortDescription, ...]:
     """The fields of a model, each in words."""
-    told = attributes_of(model)
-    fields = model.model_fields.items()
-    return tuple(_port(name, field, told.get(name, "")) for name, field in fields)
+    return tuple(_port(name, field) for name, field in model.model_fields.items())
 
 
-def _port(name: str, field: FieldInfo, told: str) -> PortDescription:
+def summary_of(model: type[BaseModel]) -> str:
+    """The first line of a model's docstring."""
+    text = inspect.getdoc(model) or ""
+    return text.partition("\n")[0].replace("``", "`")
+
+
+def _port(name: str, field: FieldInfo) -> PortDescription:
     return PortDescription(
         name,
         notation_of(field),
         unit_of(field),
         range_of(field),
         _default_of(field),
-        field.description or told,
+        field.description or "",
         field.is_required(),
     )
 
@@ -112,7 +115,7 @@ def _default_of(field: FieldInfo) -> str:
     return _written(field.default)
 
 
-def _written(value: Any) -> str:
+def _written(value: object) -> str:
     """A value as a file would have it."""
     if isinstance(value, str):
         return value

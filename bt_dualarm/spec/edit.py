@@ -46,9 +46,9 @@ def with_value(text: str, file: str, path: Path, value: Data) -> str:
 
     Args:
         text: Strict YAML, with any ends of lines.
-        file: How messages name it.
-        path: Of the value, in a mapping that is there or is left out (``wait:``, ``- wait``).
-        value: Of the types that YAML has here.
+        file: Name of the file in messages.
+        path: Path of the value, in a mapping that is there or is left out (``wait:``, ``- wait``).
+        value: Value of the types that YAML has here.
 
     Raises:
         SpecError: The text is not YAML; the value holds comments that would be lost; the edit

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from bt_dualarm.spec.check import Declared, check_tree
@@ -22,8 +22,8 @@ class Examination:
     """Checks the trees of one file.
 
     Args:
-        skills: By name; without them leaves are passed over, and what depends on them.
-        names: What the file declares.
+        skills: Skills by name; without them leaves are passed over, and what depends on them.
+        names: Names that the file declares.
 
     Attributes:
         problems: Found so far.
@@ -50,11 +50,11 @@ class Examination:
             flow.follow(root)
             self.problems += flow.problems
 
-    def file(self, file: TreeFile, source: Source) -> None:
-        """Warn of what is allowed in a file without errors, but can hardly be meant."""
+    def doubts(self, file: TreeFile, source: Source) -> Iterator[Problem]:
+        """Warnings of what is allowed in a file without errors, but can hardly be meant."""
         for arm in file.arms.values():
-            self.problems += warnings(arm.tree)
-        self.problems += absent(file, source, self._kinds)
+            yield from warnings(arm.tree)
+        yield from absent(file, source, self._kinds)
 
 
 def declared_names(source: Source) -> Declared:

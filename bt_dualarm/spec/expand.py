@@ -18,9 +18,9 @@ class Expansion:
     """A node that uses a subtree.
 
     Args:
-        here: Of that node.
+        here: Site of that node.
         ports: Its ports, with references resolved in its own scope.
-        number: Different for each use in a tree.
+        number: Number of the use, another one for each in a tree.
 
     Attributes:
         problems: Found so far.

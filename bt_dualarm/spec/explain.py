@@ -5,18 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, get_args
+from typing import Final
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from bt_dualarm.spec.annotations import containers_in, models_in
+from bt_dualarm.spec.annotations import fixed_length, models_in
 from bt_dualarm.spec.location import Location, field_at, path_in, type_at
 from bt_dualarm.spec.notation import names_of
-from bt_dualarm.spec.ports import is_unknown, key_name, reference_of, shown, unit_of
+from bt_dualarm.spec.ports import is_unknown, key_name, reference_of, unit_of
 from bt_dualarm.spec.problems import nearest, suggestion
 from bt_dualarm.spec.source import Data, Path
 from bt_dualarm.spec.unit import bare
+from bt_dualarm.spec.wording import counted, in_words
 
 _WANTED: Final = {
     "float_type": "a number",
@@ -36,6 +37,12 @@ _COMPARED: Final = {
     "less_than": ("lt", "less than"),
     "less_than_equal": ("le", "at most"),
 }
+_COUNTED: Final = {
+    "too_long": ("most", "max_length", "item"),
+    "too_short": ("least", "min_length", "item"),
+    "string_too_long": ("most", "max_length", "character"),
+    "string_too_short": ("least", "min_length", "character"),
+}
 _NAME_RULE: Final = (
     "names have letters, digits, _ and -, begin with a letter, at most 48 characters"
 )
@@ -46,9 +53,9 @@ class Finding:
     """What is wrong with data, not yet tied to a file.
 
     Attributes:
-        path: In the data that was validated; a missing field is that of its parent.
-        message: What is wrong.
-        hint: What was expected.
+        path: Path in the data that was validated; a missing field has that of its parent.
+        message: Sentence that says what is wrong.
+        hint: Words for what was expected.
         at_key: Whether the key is at fault rather than the value.
     """
 
@@ -68,10 +75,10 @@ def explain(
     """One finding for each thing that is wrong.
 
     Args:
-        error: What validating ``data`` against ``model`` raised.
-        model: Top of what was validated.
-        data: What was validated.
-        noun: What the fields of the top model are: ``"port"`` or ``"field"``.
+        error: Error that validating ``data`` against ``model`` raised.
+        model: Model of the whole data.
+        data: Data that was validated.
+        noun: Word for the fields of the top model: ``"port"`` or ``"field"``.
         also: Names that may stand beside the top model's fields.
     """
     words = _Words(model, data, noun, also)
@@ -81,22 +88,6 @@ def explain(
         by_path.setdefault(path_in(data, details["loc"]), []).append(details)
     for path, found in by_path.items():
         yield from words.at(path, found, deeper=any(_is_below(other, path) for other in by_path))
-
-
-def describe(value: Data) -> str:
-    """A value in words, short enough for a message."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        value = shown(value)
-        return f"text '{value if len(value) <= 40 else value[:37] + '...'}'"
-    if isinstance(value, dict):
-        return "a mapping"
-    if isinstance(value, (list, tuple)):
-        return f"a list of {len(value)}"
-    return f"{value:g}" if isinstance(value, float) else str(value)[:40]
 
 
 def _is_below(path: Path, top: Path) -> bool:
@@ -116,8 +107,8 @@ class _Words:
         """What is wrong with the value at one path.
 
         Args:
-            path: In the data.
-            found: All that pydantic has against this value.
+            path: Path in the data.
+            found: Errors that pydantic has found in this value.
             deeper: Whether something inside of the value is wrong, too.
         """
         values = []
@@ -153,11 +144,10 @@ class _Words:
         return Finding(path, f"{noun} '{name}' is missing", hint, at_key=bool(path))
 
     def _too_few(self, location: Location) -> str:
-        wanted = [len(get_args(item)) for item in containers_in(type_at(self.model, location))]
         given = self.data
         for part in path_in(self.data, location):
             given = given[part]
-        return f"expected {wanted[0]} items, not {len(given)}"
+        return f"expected {fixed_length(type_at(self.model, location))} items, not {len(given)}"
 
     def _value(self, path: Path, found: Sequence[ErrorDetails]) -> Finding:
         given = found[0]["input"]
@@ -165,7 +155,7 @@ class _Words:
             message, hint = self._one_value(found[0])
         else:
             wanted = [self._expectation(details) for details in found]
-            message = f"expected {' or '.join(dict.fromkeys(wanted))}, not {describe(given)}"
+            message = f"expected {' or '.join(dict.fromkeys(wanted))}, not {in_words(given)}"
             hint = self._nearest_choice(found)
         hint = hint or (_reference_hint(given) if path else "") or self._bare_number(found)
         hint = hint or self._forms(found)
@@ -191,17 +181,15 @@ class _Words:
     def _one_value(self, details: ErrorDetails) -> tuple[str, str]:
         kind, given, context = details["type"], details["input"], details.get("ctx", {})
         if kind in _COMPARED:
-            return f"must be {self._bound(details)}, not {describe(given)}", ""
+            return f"must be {self._bound(details)}, not {in_words(given)}", ""
         if kind == "value_error":
             return str(context["error"]), ""
         if kind == "string_pattern_mismatch":
-            return f"{describe(given)} is not allowed here", f"it must match {context['pattern']}"
-        if kind in ("too_long", "too_short"):
-            most, bound = ("most", "max") if kind == "too_long" else ("least", "min")
-            wanted = context[f"{bound}_length"]
-            return f"expected at {most} {wanted} items, not {context['actual_length']}", ""
+            return f"{in_words(given)} is not allowed here", f"it must match {context['pattern']}"
+        if kind in _COUNTED:
+            return f"expected {self._count(details)}, not {len(given)}", ""
         if kind in _WANTED or kind == "literal_error":
-            message = f"expected {self._expectation(details)}, not {describe(given)}"
+            message = f"expected {self._expectation(details)}, not {in_words(given)}"
             return message, self._nearest_choice([details])
         return f"{details['msg'][:1].lower()}{details['msg'][1:]}", ""
 
@@ -214,6 +202,14 @@ class _Words:
         if kind in _COMPARED:
             return f"a number {self._bound(details)}"
         return _WANTED[kind] if kind in _WANTED else self._one_value(details)[0]
+
+    def _count(self, details: ErrorDetails) -> str:
+        """How many items or characters there should be."""
+        words, bound, noun = _COUNTED[details["type"]]
+        exactly = fixed_length(type_at(self.model, details["loc"]))
+        if exactly:
+            return counted(exactly, noun)
+        return f"at {words} {counted(details['ctx'][bound], noun)}"
 
     def _bound(self, details: ErrorDetails) -> str:
         bound, words = _COMPARED[details["type"]]

@@ -7,8 +7,7 @@ from typing import Final
 
 from pydantic import BaseModel
 
-from bt_dualarm.spec.describe import PortDescription, ports_of
-from bt_dualarm.spec.docstring import summary_of
+from bt_dualarm.spec.describe import PortDescription, ports_of, summary_of
 from bt_dualarm.spec.document import (
     ArmSpec,
     CameraSpec,

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from pydantic import ValidationError
 
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import (
     KEY,
@@ -27,11 +27,10 @@ from bt_dualarm.spec.ports import (
     references_in,
     templates_of,
     validated,
+    written_keys,
 )
 from bt_dualarm.spec.problems import Problem, nearest, suggestion
-
-_AGAIN = frozenset({"repeat", "retry", "while", "guard", "parallel"})
-"""Nodes that may tick a child after one that comes later in the file."""
+from bt_dualarm.spec.source import Data, Json
 
 _OWN_KEYS = "nothing writes a key here; each arm and each use of a subtree has keys of its own"
 
@@ -41,9 +40,9 @@ class Write:
     """One place where a key is written.
 
     Attributes:
-        node: Which writes it.
+        node: Node that writes it.
         port: That names the key.
-        key: As the arm's blackboard has it.
+        key: Key as the arm's blackboard has it.
         literal: The value in YAML's notation as a list of one, empty if it is not known.
         model: Declares the output of that name, if a skill writes it.
     """
@@ -51,7 +50,7 @@ class Write:
     node: NodeSpec
     port: str
     key: str
-    literal: tuple[Any, ...] = ()
+    literal: tuple[Data, ...] = ()
     model: type[PortModel] | None = None
 
 
@@ -70,7 +69,7 @@ class Flow:
     """The keys of one arm's tree.
 
     Args:
-        kinds: Of every node in the tree.
+        kinds: Kinds by name, those of every node in the tree among them.
 
     Attributes:
         problems: Found by `follow`.
@@ -99,7 +98,8 @@ class Flow:
     def _visit(self, node: NodeSpec, everywhere: set[str]) -> list[Write]:
         """Check what a node and those below it read; returns what they newly write."""
         new: list[Write] = []
-        if node.kind in _AGAIN or node.ports.get("memory") is False:
+        word, kind = LANGUAGE.get(node.kind), self.kinds[node.kind]
+        if word is not None and word.revisits(node):
             new += self._note(write for below in node.walk() for write in self._writes[below])
         for read in self._reads(node):
             writes = [w for w in self._before.get(read.key, ()) if w not in self._hidden]
@@ -107,7 +107,7 @@ class Flow:
         new += self._note(self._writes[node])
         branches: list[Write] = []
         for slot, child in zip(node.slots, node.children, strict=True):
-            is_branch = node.kind == "switch" or slot in ("then", "else")
+            is_branch = kind.is_alternative(slot)
             hidden = set(branches) if is_branch else set()
             self._hidden |= hidden
             written = self._visit(child, everywhere)
@@ -136,20 +136,19 @@ class Flow:
                 self.problems.append(read.node.port_problem((read.port,), message, hint))
 
     def _writes_of(self, node: NodeSpec) -> Iterator[Write]:
-        if node.kind == "set":
-            key, value = node.ports.get("key"), node.ports.get("value")
+        kind = self.kinds[node.kind]
+        for port, written in written_keys(kind.ports).items():
+            key, value = node.ports.get(port), node.ports.get(written)
             if isinstance(key, str) and KEY.fullmatch(key_name(key)):
-                yield Write(node, "key", key, () if reference_of(value) else (value,))
-            return
-        kind = self.kinds.get(node.kind)
-        for name in kind.outputs.model_fields if kind else ():
-            key = reference_of(node.ports.get(name))
-            if kind and key is not None:
-                yield Write(node, name, key, model=kind.outputs)
+                yield Write(node, port, key, () if reference_of(value) else (value,))
+        for name in kind.outputs.model_fields:
+            output = reference_of(node.ports.get(name))
+            if output is not None:
+                yield Write(node, name, output, model=kind.outputs)
 
     def _reads(self, node: NodeSpec) -> Iterator[Read]:
-        kind = self.kinds.get(node.kind)
-        if kind is None or node.kind == "subtree":
+        kind = self.kinds[node.kind]
+        if kind.uses:  # what a subtree is given is read where its nodes read it
             return
         for port, key in references_in(kind.ports, node.ports).items():
             if KEY.fullmatch(key_name(key)):  # else the parser has refused it
@@ -200,7 +199,7 @@ def json_types(model: type[PortModel], name: str) -> set[str]:
     return _types_in(schema["properties"][name], schema.get("$defs", {}))
 
 
-def _types_in(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> set[str]:
+def _types_in(schema: Json, definitions: Json) -> set[str]:
     if "$ref" in schema:
         return _types_in(definitions[schema["$ref"].rpartition("/")[2]], definitions)
     members = [_types_in(item, definitions) for item in schema.get("anyOf", ())]

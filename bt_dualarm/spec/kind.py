@@ -14,10 +14,18 @@ class NoPorts(PortModel):
 
 @dataclass(frozen=True)
 class Slot:
-    """A place for one child, by name."""
+    """A place for one child.
+
+    Attributes:
+        name: Name in the file.
+        required: Whether a node cannot do without.
+        after: Which end of the child in the first slot leads here, success (True) or failure
+            (False); None where that does not matter.
+    """
 
     name: str
     required: bool = True
+    after: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -25,19 +33,21 @@ class Kind:
     """What may be written for one kind of node, a word of the language or a skill.
 
     Attributes:
-        name: As in the file.
+        name: Name in the file.
         summary: One line for people.
-        ports: Inputs.
-        outputs: Values that it writes to the blackboard where the file names a key.
+        ports: Model of its inputs.
+        outputs: Model of what it writes to the blackboard where the file names a key.
         slots: Places for one child each.
         many: Whether it takes a list of children.
         cases: Whether it takes a mapping of children, ``cases``.
         fixed: Ports that must be written out; no key of the blackboard can give them.
         shorthand: The port that a bare value stands for: ``wait: 2``.
+        uses: Port that names a subtree, whose tree becomes the node's child; empty if none does.
+        brings_in: Ports that name what the node brings into the world.
         needs_camera: Whether it works only with a camera that moves with the arm.
         failures: Codes of its failures with their meaning.
-        example: YAML of one node.
-        origin: Where it comes from: a file for skills.
+        example: Node in YAML.
+        origin: Place it comes from: a file for skills.
     """
 
     name: str
@@ -49,6 +59,8 @@ class Kind:
     cases: bool = False
     fixed: frozenset[str] = frozenset()
     shorthand: str = ""
+    uses: str = ""
+    brings_in: frozenset[str] = frozenset()
     needs_camera: bool = False
     failures: Mapping[str, str] = field(default_factory=dict)
     example: str = ""
@@ -56,8 +68,12 @@ class Kind:
 
     @property
     def is_leaf(self) -> bool:
-        """Whether it has no children."""
+        """Whether no children are written for it."""
         return not (self.slots or self.many or self.cases)
+
+    def is_alternative(self, slot: str) -> bool:
+        """Whether only one of the children in such slots is ever ticked."""
+        return self.cases or any(one.name == slot and one.after is not None for one in self.slots)
 
     @property
     def places(self) -> frozenset[str]:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Final
 
-from bt_dualarm.spec.explain import describe
 from bt_dualarm.spec.params import declared
 from bt_dualarm.spec.ports import KEY
 from bt_dualarm.spec.problems import Problem, SpecError, suggestion
 from bt_dualarm.spec.reader import read_file
 from bt_dualarm.spec.site import SubtreeSpec
 from bt_dualarm.spec.source import Path, Source
+from bt_dualarm.spec.wording import in_words
 
 FORMAT: Final = 1
 """Version of the format, the value of ``bt_dualarm:`` in a file."""
@@ -60,7 +60,7 @@ class Libraries:
     ) -> Iterator[tuple[str, SubtreeSpec]]:
         subtrees = source.data.get("subtrees")
         if subtrees is not None and not isinstance(subtrees, dict):
-            message = f"subtrees: expected a mapping, not {describe(subtrees)}"
+            message = f"subtrees: expected a mapping, not {in_words(subtrees)}"
             self.problems.append(source.problem(("subtrees",), message))
             return
         for name, body in (subtrees or {}).items():
@@ -94,14 +94,14 @@ class Libraries:
     def _included(self, source: Source) -> Iterator[tuple[int, str]]:
         include = source.data.get("include")
         if include is not None and not isinstance(include, list):
-            message = f"include: expected a list of files, not {describe(include)}"
+            message = f"include: expected a list of files, not {in_words(include)}"
             self.problems.append(source.problem(("include",), message))
             return
         for index, path in enumerate(include or ()):
             if isinstance(path, str):
                 yield index, path
             else:
-                message = f"include: expected a file, not {describe(path)}"
+                message = f"include: expected a file, not {in_words(path)}"
                 self.problems.append(source.problem(("include", index), message))
 
     def _file(
@@ -113,7 +113,7 @@ class Libraries:
             resolved = shown.resolve()
             if resolved.is_symlink():  # from Python 3.13 on, resolve() lets a loop pass
                 raise RuntimeError("a loop of symlinks")
-        except (OSError, RuntimeError, ValueError) as error:  # a name too long, a loop, a NUL
+        except (OSError, RuntimeError, ValueError) as error:  # a name too long, a loop
             return self._refuse(source, place, f"'{path}' leads nowhere: {error}")
         if FilePath(path).is_absolute() or not resolved.is_relative_to(self.root.resolve()):
             return self._refuse(source, place, f"'{path}' is outside of the folder {self.root}")

@@ -9,94 +9,128 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from bt_dualarm.spec.document import LONGEST_NAME, TreeFile
+from bt_dualarm.spec.document import LONGEST_NAME, TreeContent, TreeFile
 from bt_dualarm.spec.examine import Examination, declared_names
-from bt_dualarm.spec.explain import describe, explain
+from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.leaf_words import SUCCEED
 from bt_dualarm.spec.library import FORMAT, Libraries
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.params import chosen, declared
 from bt_dualarm.spec.parse import Parser
 from bt_dualarm.spec.ports import unknown
 from bt_dualarm.spec.problems import Place, Problem, SpecError, errors, in_order
-from bt_dualarm.spec.reader import read_file
 from bt_dualarm.spec.scope import Scope, fill_parameters
 from bt_dualarm.spec.site import Site, SubtreeSpec
 from bt_dualarm.spec.source import Data, Source, with_tuples
+from bt_dualarm.spec.tree_input import TreeInput, read_tree
+from bt_dualarm.spec.unused import unused
+from bt_dualarm.spec.wording import in_words
 
 _NOT_OF_THE_MODEL: Final = frozenset({"bt_dualarm", "params", "subtrees", "include"})
-_STAND_IN: Final = NodeSpec("succeed", "succeed", {})
+_STAND_IN: Final = NodeSpec(SUCCEED.name, SUCCEED.name, {})
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A tree file and what was found in it.
+
+    Attributes:
+        file: The file, None where it has errors, or subtrees only.
+        problems: Every error in the file's order, else every warning: these wait for the errors
+            to be mended, as some of them only follow from those.
+        name: Name of the file in messages.
+    """
+
+    file: TreeFile | None
+    problems: tuple[Problem, ...]
+    name: str
+
+    def runnable(self) -> TreeFile:
+        """The file.
+
+        Raises:
+            SpecError: It has errors, or nothing to run.
+        """
+        if self.file is not None:
+            return self.file
+        nothing = Problem(Place(self.name), "has subtrees only: nothing to run")
+        raise SpecError(errors(self.problems) or [nothing])
 
 
 def load_tree_file(
-    path: FilePath | str,
+    tree: TreeInput,
     skills: Mapping[str, Kind] | None = None,
-    params: Mapping[str, str] | None = None,
+    params: Mapping[str, object] | None = None,
+    folder: FilePath | None = None,
 ) -> TreeFile:
-    """Load and check a tree file.
-
-    Args:
-        path: Of the file.
-        skills: The installed skills by name; without them leaves are not checked.
-        params: Values of the file's parameters as text, as given on the command line.
+    """Load and check a tree file; arguments as `load`.
 
     Raises:
-        SpecError: With every error in the file.
+        SpecError: The file has errors; carries every one.
     """
-    loading = _Loading(FilePath(path), skills, params or {})
-    file = loading.run()
-    if file is None and not errors(loading.problems):
-        loading.problems.append(Problem(Place(str(path)), "has subtrees only: nothing to run"))
-    if file is None or errors(loading.problems):
-        raise SpecError(errors(loading.problems))
-    return file
+    return load(tree, skills, params, folder).runnable()
 
 
 def check_file(
-    path: FilePath | str,
+    tree: TreeInput,
     skills: Mapping[str, Kind] | None = None,
-    params: Mapping[str, str] | None = None,
+    params: Mapping[str, object] | None = None,
+    folder: FilePath | None = None,
 ) -> tuple[Problem, ...]:
-    """Every error of a tree file in its order, else every warning; arguments as `load_tree_file`.
+    """Every error of a tree file in its order, else every warning; arguments as `load`."""
+    return load(tree, skills, params, folder).problems
 
-    Warnings wait for the errors to be mended: some of them only follow from those.
+
+def load(
+    tree: TreeInput,
+    skills: Mapping[str, Kind] | None = None,
+    params: Mapping[str, object] | None = None,
+    folder: FilePath | None = None,
+) -> Loaded:
+    """Read and check a tree; whatever is wrong with it is among the problems.
+
+    Args:
+        tree: Path of a file, YAML text, Python data, or one already read.
+        skills: The installed skills by name; without them leaves are not checked.
+        params: Values of the tree's parameters by name: as text, as given on the command line, or
+            as Python data.
+        folder: Folder from which relative paths in text or data start, by default the current one.
     """
-    loading = _Loading(FilePath(path), skills, params or {})
     try:
-        loading.run()
+        source = read_tree(tree, folder)
     except SpecError as error:
-        return error.problems
-    return in_order(errors(loading.problems) or loading.problems)
+        return Loaded(None, error.problems, error.problems[0].place.file)
+    loading = _Loading(source, skills, params or {})
+    file = loading.run()
+    wrong = in_order(errors(loading.problems))
+    return Loaded(None if wrong else file, wrong or in_order(loading.problems), source.file)
 
 
 @dataclass
 class _Loading:
     """One file on its way from text to `TreeFile`."""
 
-    path: FilePath
+    source: Source
     skills: Mapping[str, Kind] | None
-    given: Mapping[str, str]
+    given: Mapping[str, object]
     problems: list[Problem] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._parser = Parser(self.problems)
 
     def run(self) -> TreeFile | None:
-        """The file, or None; the reasons are among the problems.
-
-        Raises:
-            SpecError: The text itself cannot be read.
-        """
-        source = read_file(self.path)
+        """The file, or None; the reasons are among the problems."""
+        source = self.source
         if not isinstance(source.data, dict):
             message = f"expected a mapping with 'bt_dualarm: {FORMAT}', not "
-            self.problems.append(source.problem((), message + describe(source.data)))
+            self.problems.append(source.problem((), message + in_words(source.data)))
             return None
         self._check_version(source)
         specs = declared(source, ("params",), self.problems)
         values, complaints = chosen(specs, self.given, source.file)
         self.problems += complaints
-        libraries = Libraries(self.path.parent)
+        libraries = Libraries(FilePath(source.file).parent)
         library = libraries.of(source)
         self.problems += libraries.problems
         trees = self._trees(Site(source, ("arms",), Scope(values), library))
@@ -105,9 +139,12 @@ class _Loading:
         for root in trees.values():
             examination.tree(root)
         file = self._model(source, values, trees)
-        if file is not None and not errors((*self.problems, *examination.problems)):
-            examination.file(file, source)
         self.problems += examination.problems
+        if not errors(self.problems):
+            own = [subtree for subtree in library.values() if subtree.source is source]
+            self.problems += unused(source, specs, own, self._parser.used)
+            if file is not None:
+                self.problems += examination.doubts(file, source)
         return file
 
     def _check_version(self, source: Source) -> None:
@@ -116,7 +153,7 @@ class _Loading:
             hint = f"begin the file with 'bt_dualarm: {FORMAT}'"
             self.problems.append(source.problem((), "the version of the format is missing", hint))
         elif version != FORMAT or isinstance(version, bool):
-            message = f"version {describe(version)} of the format is not known"
+            message = f"version {in_words(version)} of the format is not known"
             self.problems.append(source.problem(("bt_dualarm",), message, f"known here: {FORMAT}"))
 
     def _trees(self, arms: Site) -> dict[str, NodeSpec]:
@@ -150,16 +187,17 @@ class _Loading:
             return None  # a file to include
         data = {key: item for key, item in source.data.items() if key not in _NOT_OF_THE_MODEL}
         data = fill_parameters(data, values)
-        data.setdefault("name", self.path.stem[:LONGEST_NAME])
+        path = FilePath(source.file)
+        data.setdefault("name", path.stem.strip("<>")[:LONGEST_NAME])
         filled = with_tuples(data)
         for arm, root in trees.items():
             filled["arms"][arm]["tree"] = root
         try:
-            file = TreeFile.model_validate(filled)
+            content = TreeContent.model_validate(filled)
         except ValidationError as error:
-            for found in explain(error, TreeFile, filled, "field", _NOT_OF_THE_MODEL):
+            for found in explain(error, TreeContent, filled, "field", _NOT_OF_THE_MODEL):
                 self.problems.append(
                     source.problem(found.path, found.message, found.hint, key=found.at_key)
                 )
             return None
-        return file.model_copy(update={"path": self.path})
+        return TreeFile.model_construct(**dict(content), path=path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias, get_args, get_origin
+from typing import TypeAlias, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -14,9 +14,9 @@ Location: TypeAlias = tuple[int | str, ...]
 """Keys and indices, with the names of union members between them."""
 
 
-def type_at(model: type[BaseModel], location: Location) -> Any:
+def type_at(model: type[BaseModel], location: Location) -> object:
     """The annotation of what lies at a location."""
-    annotation: Any = model
+    annotation: object = model
     for part in location:
         annotation = _step(annotation, part)
     return annotation
@@ -24,7 +24,7 @@ def type_at(model: type[BaseModel], location: Location) -> Any:
 
 def field_at(model: type[BaseModel], location: Location) -> FieldInfo | None:
     """The innermost declared field that a location passes through."""
-    annotation: Any = model
+    annotation: object = model
     field = None
     for part in location:
         for found in models_in(annotation):
@@ -47,7 +47,7 @@ def path_in(data: Data, location: Location) -> Path:
     return path
 
 
-def _step(annotation: Any, part: int | str) -> Any:
+def _step(annotation: object, part: int | str) -> object:
     """The type of a part of a value, or the same type where pydantic names a union's member."""
     for model in models_in(annotation):
         if part in model.model_fields:

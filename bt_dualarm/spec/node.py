@@ -15,14 +15,14 @@ class NodeSpec:
 
     Attributes:
         kind: A word of the language such as ``sequence``, or a skill's name.
-        name: Given by the author, else the kind.
+        name: Name given by the author, else the kind.
         ports: Everything else that the node was given, as YAML data; parameters are filled in.
-        children: In the order of the file.
-        slots: What each child is to this node: ``children``, ``child``, ``condition``, a case, …
+        children: Nodes below it, in the order of the file.
+        slots: Role of each child for this node: ``children``, ``child``, ``condition``, a case, …
         source: The file it stands in.
-        path: Where in that file.
+        path: Path in that file.
         whole: Whether the parser could make sense of all that was written.
-        user: Where the subtree that it is part of is used, if it is part of one.
+        user: Place where the subtree that it is part of is used, if it is part of one.
         parameters: Names of those that it may refer to.
     """
 

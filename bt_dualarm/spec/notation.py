@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import UnionType
 from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
@@ -12,10 +12,11 @@ from pydantic.fields import FieldInfo
 
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import Template, WrittenKey
+from bt_dualarm.spec.source import Json
 from bt_dualarm.spec.unit import Unit
 from bt_dualarm.spec.values import Refers
 
-_WORDS: Final[Mapping[Any, str]] = {
+_WORDS: Final[Mapping[object, str]] = {
     bool: "true or false",
     int: "whole number",
     float: "number",
@@ -51,18 +52,18 @@ def model_name(model: type[BaseModel]) -> str:
 
 def names_of(model: type[BaseModel]) -> list[str]:
     """Names that may be written instead of the fields."""
-    forms: list[dict[str, Any]] = model.model_json_schema().get("anyOf", [])
+    forms: list[Json] = model.model_json_schema().get("anyOf", [])
     return [name for form in forms for name in form.get("enum", [])]
 
 
-def _words(annotation: Any) -> str:
+def _words(annotation: object) -> str:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if annotation in _WORDS:
         return _WORDS[annotation]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return model_name(annotation)
     if origin is Annotated:
-        return _special(annotation.__metadata__) or _words(arguments[0])
+        return _special(arguments[1:]) or _words(arguments[0])
     if origin is Literal:
         return " or ".join(str(choice) for choice in arguments)
     if origin in (Union, UnionType):
@@ -75,7 +76,7 @@ def _words(annotation: Any) -> str:
     return str(annotation)
 
 
-def _list(items: tuple[Any, ...]) -> str:
+def _list(items: tuple[object, ...]) -> str:
     word = _plural(_words(items[0]))
     return f"list of {word}" if items[-1] is Ellipsis else f"list of {len(items)} {word}"
 
@@ -88,7 +89,7 @@ def _plural(words: str) -> str:
     return f"{head}s{of}{rest}"
 
 
-def _special(metadata: Any) -> str:
+def _special(metadata: Iterable[object]) -> str:
     """The word for a type that is more than what it is made of."""
     for item in metadata:
         if isinstance(item, Unit):
@@ -102,7 +103,7 @@ def _special(metadata: Any) -> str:
     return ""
 
 
-def _constraints(items: list[Any]) -> Iterator[Any]:
+def _constraints(items: Sequence[object]) -> Iterator[object]:
     """Metadata of a field and of all members of its type."""
     for item in items:
         if isinstance(item, FieldInfo):
@@ -114,7 +115,7 @@ def _constraints(items: list[Any]) -> Iterator[Any]:
             yield from _constraints([*getattr(item, "__metadata__", ()), *get_args(item)])
 
 
-def _numbers(found: list[Any]) -> str:
+def _numbers(found: list[object]) -> str:
     ends: dict[str, tuple[float, str]] = {}
     for attribute, (end, sign) in _BOUNDS.items():
         for bound in _given(found, attribute):
@@ -127,7 +128,7 @@ def _numbers(found: list[Any]) -> str:
     )
 
 
-def _given(found: list[Any], attribute: str) -> list[Any]:
+def _given(found: list[object], attribute: str) -> list[int | float]:
     """What metadata say of one bound; pydantic's are told by their attributes."""
     values = (getattr(item, attribute, None) for item in found)
     return [value for value in values if isinstance(value, (int, float))]
@@ -139,7 +140,7 @@ def _tighter(end: str, new: tuple[float, str], old: tuple[float, str]) -> bool:
     return (new[0] > old[0]) == (end == "lower")
 
 
-def _length(found: list[Any]) -> str:
+def _length(found: list[object]) -> str:
     least = max(_given(found, "min_length"), default=0)
     most = min(_given(found, "max_length"), default=0)
     if least and most:
@@ -147,6 +148,6 @@ def _length(found: list[Any]) -> str:
     return f"length ≥ {least}" if least else f"length ≤ {most}" if most else ""
 
 
-def _pattern(found: list[Any]) -> str:
+def _pattern(found: list[object]) -> str:
     patterns = (getattr(item, "pattern", None) for item in found)
     return next((f"matches {pattern}" for pattern in patterns if isinstance(pattern, str)), "")

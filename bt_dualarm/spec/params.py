@@ -8,13 +8,15 @@ from typing import Any, Final, Literal, TypeAlias
 from pydantic import Field, ValidationError, create_model, model_validator
 
 from bt_dualarm.spec.color import Color
-from bt_dualarm.spec.explain import describe, explain
+from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.mapping import plain
 from bt_dualarm.spec.plane import Plane
-from bt_dualarm.spec.ports import KEY, PortModel, unknown, validated
+from bt_dualarm.spec.ports import KEY, PortModel, port, unknown, validated
 from bt_dualarm.spec.problems import Place, Problem, SpecError, suggestion
 from bt_dualarm.spec.reader import read_text
 from bt_dualarm.spec.source import Data, Path, Source, with_tuples
 from bt_dualarm.spec.values import Angle, Duration, PoseSpec, Value, Vector3
+from bt_dualarm.spec.wording import in_words
 
 TypeName: TypeAlias = Literal[
     "number", "integer", "text", "boolean", "duration", "angle", "vector", "pose", "color",
@@ -40,21 +42,16 @@ _RANGED: Final = ("number", "integer", "duration", "angle")
 
 
 class ParamSpec(Value):
-    """One parameter.
+    """One parameter."""
 
-    Attributes:
-        type: ``key`` stands for a key of the blackboard that the subtree may write.
-        default: In YAML's notation; a parameter without one must be given.
-        range: Smallest and largest number.
-        choices: Allowed texts.
-        description: One line for people.
-    """
-
-    type: TypeName
-    default: Any = None
-    range: tuple[float, float] | None = None
-    choices: tuple[str, ...] | None = Field(default=None, min_length=1)
-    description: str = ""
+    type: TypeName = port(
+        ...,
+        "Type of its value; `key` stands for a key of the blackboard that the subtree may write",
+    )
+    default: Data = port(None, "Value in YAML's notation; a parameter without one must be given")
+    range: tuple[float, float] | None = port(None, "Smallest and largest number")
+    choices: tuple[str, ...] | None = port(None, "Allowed texts", min_length=1)
+    description: str = port("", "One line for people")
 
     @model_validator(mode="after")
     def _fits_type(self) -> ParamSpec:
@@ -66,6 +63,8 @@ class ParamSpec(Value):
             raise ValueError("the range of an integer is one of whole numbers")
         if self.choices and self.type != "text":
             raise ValueError("only a text has choices")
+        if self.type == "key" and self.default is not None:
+            raise ValueError("a key has no default: whoever uses the subtree names it")
         return self
 
     def complaints(self, name: str, value: Data) -> list[str]:
@@ -97,7 +96,7 @@ def declared(source: Source, path: Path, problems: list[Problem]) -> dict[str, P
     if data is None:
         return {}
     if not isinstance(data, dict):
-        problems.append(source.problem(path, f"expected a mapping, not {describe(data)}"))
+        problems.append(source.problem(path, f"expected a mapping, not {in_words(data)}"))
         return {}
     return {
         name: _declared_one(source, (*path, name), name, item, problems)
@@ -114,7 +113,7 @@ def _declared_one(
         return Misdeclared.of(name)
     if not isinstance(data, dict):
         hint = "for example: {type: number, default: 0.5, range: [0.1, 1]}"
-        problems.append(source.problem(path, f"expected a mapping, not {describe(data)}", hint))
+        problems.append(source.problem(path, f"expected a mapping, not {in_words(data)}", hint))
         return Misdeclared.of(name)
     try:
         spec = ParamSpec.model_validate(with_tuples(data))
@@ -132,29 +131,43 @@ def _declared_one(
 
 
 def chosen(
-    specs: Mapping[str, ParamSpec], given: Mapping[str, str], file: str
+    specs: Mapping[str, ParamSpec], given: Mapping[str, object], file: str
 ) -> tuple[dict[str, Data], list[Problem]]:
-    """Values of a file's parameters: as given on the command line, else their defaults."""
+    """Values of a file's parameters, by default those that it declares, and what is wrong.
+
+    Args:
+        specs: Parameters that the file declares, by name.
+        given: Values by name: text in YAML's notation, as the command line has it, or Python data.
+        file: Name of the file in messages.
+    """
     problems: list[Problem] = []
     values: dict[str, Data] = {name: spec.default for name, spec in specs.items()}
-    for name, text in given.items():
+    for name, value in given.items():
         if name not in specs:
             hint = suggestion(name, specs, "parameter") if specs else "it declares none"
             problems.append(Problem(Place(file), f"it has no parameter '{name}'", hint))
-            continue
-        if isinstance(specs[name], Misdeclared):
-            continue
-        values[name] = text if specs[name].type in ("text", "object", "arm") else _parsed(text)
-        complaints = specs[name].complaints(name, values[name])
-        problems += [Problem(Place(file), f"parameter {complaint}") for complaint in complaints]
-        if complaints:  # said once, here, and not at every place that uses it
-            values[name] = unknown(name)
+        elif not isinstance(specs[name], Misdeclared):
+            values[name], complaints = _given(name, specs[name], value)
+            problems += [Problem(Place(file), f"parameter {complaint}") for complaint in complaints]
     for name, value in values.items():
         if value is None:
             hint = f"{name}: {specs[name].description}" if specs[name].description else ""
             problems.append(Problem(Place(file), f"parameter '{name}' must be given", hint))
             values[name] = unknown(name)
     return values, problems
+
+
+def _given(name: str, spec: ParamSpec, value: object) -> tuple[Data, list[str]]:
+    """A parameter's value; not known where there are complaints: said once, not at every use."""
+    if isinstance(value, str):
+        data = value if spec.type in ("text", "object", "arm") else _parsed(value)
+    else:
+        try:
+            data, _ = plain(value, "")
+        except SpecError as error:
+            return unknown(name), [f"{name}: {problem.message}" for problem in error.problems]
+    complaints = spec.complaints(name, data)
+    return (unknown(name) if complaints else data), complaints
 
 
 def _parsed(text: str) -> Data:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from bt_dualarm.spec.expand import Expansion
-from bt_dualarm.spec.explain import describe
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.node import NodeSpec
@@ -15,6 +14,7 @@ from bt_dualarm.spec.ports import KEY, REFERENCE, Template, WrittenKey, referenc
 from bt_dualarm.spec.problems import Problem, nearest
 from bt_dualarm.spec.site import Site, SubtreeSpec
 from bt_dualarm.spec.source import Data
+from bt_dualarm.spec.wording import in_words
 
 MAX_EXPANDED: Final = 5_000
 """Nodes of all trees of a file with every use of a subtree written out."""
@@ -22,7 +22,7 @@ MAX_EXPANDED: Final = 5_000
 _DEEPEST: Final = 64
 _LONGEST_NAME: Final = 60
 _KEY_RULE: Final = "a key has letters, digits and _ and begins with a letter"
-_Place: TypeAlias = tuple[str, Data, Site]
+_Child: TypeAlias = tuple[str, Data, Site]
 """What a child is to its node, its data, where it stands."""
 
 
@@ -76,7 +76,7 @@ class Parser:
             for port, value in fields.items()
             if port not in kind.places - kind.outputs.model_fields.keys()
         }
-        if kind.name == "subtree":
+        if kind.uses:
             children += self._use(ports, here)
         return NodeSpec(
             kind.name,
@@ -92,7 +92,7 @@ class Parser:
 
     def _name(self, kind: Kind, fields: Mapping[str, Data], here: Site) -> str:
         given = fields.get("name")
-        default = fields.get("use") if kind.name == "subtree" else kind.name
+        default = fields.get(kind.uses) if kind.uses else kind.name
         if given is None:
             return default if isinstance(default, str) else kind.name
         if (
@@ -103,7 +103,7 @@ class Parser:
         ):
             return given
         hint = f"at most {_LONGEST_NAME} characters, without / # {{ }}"
-        self._add(here.into("name"), f"name: {describe(given)} cannot be a node's name", hint)
+        self._add(here.into("name"), f"name: {in_words(given)} cannot be a node's name", hint)
         return kind.name
 
     def _children(
@@ -114,7 +114,7 @@ class Parser:
             if child is not None:
                 yield slot, child
 
-    def _places(self, kind: Kind, fields: Mapping[str, Data], here: Site) -> Iterator[_Place]:
+    def _places(self, kind: Kind, fields: Mapping[str, Data], here: Site) -> Iterator[_Child]:
         misspelt = _misspelt(kind, fields)
         if kind.many and "children" not in misspelt:
             yield from self._list(kind, fields.get("children"), here)
@@ -127,7 +127,7 @@ class Parser:
                 message = f"{kind.name}: '{slot.name}' is missing"
                 self._add(here, message, f"{slot.name}: a node", key=True)
 
-    def _list(self, kind: Kind, children: Data, here: Site) -> Iterator[_Place]:
+    def _list(self, kind: Kind, children: Data, here: Site) -> Iterator[_Child]:
         if isinstance(here.data, dict):
             here = here.into("children")
         if not isinstance(children, list) or not children:
@@ -137,7 +137,7 @@ class Parser:
         for index, child in enumerate(children):
             yield "children", child, here.into(index)
 
-    def _cases(self, kind: Kind, cases: Data, here: Site) -> Iterator[_Place]:
+    def _cases(self, kind: Kind, cases: Data, here: Site) -> Iterator[_Child]:
         if not isinstance(cases, dict) or not cases:
             self._add(here, f"{kind.name}: has no cases", "cases: {value: node, …}", key=True)
             return
@@ -159,7 +159,7 @@ class Parser:
     def _written_key(self, value: str, here: Site) -> str:
         if not KEY.fullmatch(value):
             name = here.path[-1]
-            self._add(here, f"{name}: {describe(value)} cannot be a key", _KEY_RULE)
+            self._add(here, f"{name}: {in_words(value)} cannot be a key", _KEY_RULE)
         return here.scope.key(value)
 
     def _check_references(self, value: Data, here: Site) -> None:
@@ -212,10 +212,10 @@ def not_a_body(kind: Kind, body: Data) -> tuple[str, str]:
     elif isinstance(body, list):
         hint = "several nodes go below 'sequence:'" if kind.slots else ""
     wanted = "a list of nodes" if kind.many else "a mapping of ports"
-    return f"{kind.name}: expected {wanted}, not {describe(body)}", hint
+    return f"{kind.name}: expected {wanted}, not {in_words(body)}", hint
 
 
-def _metadata(kind: Kind, port: str) -> set[type[Any]]:
+def _metadata(kind: Kind, port: str) -> set[type[object]]:
     info = kind.ports.model_fields.get(port)
     return {type(item) for item in info.metadata} if info else set()
 
@@ -228,4 +228,4 @@ def _not_a_node(data: Data) -> tuple[str, str]:
     hint = "a node is written 'kind: {port: value}'"
     if isinstance(data, list):
         hint = "for several nodes write 'sequence:' above the list"
-    return f"expected a node, not {describe(data)}", hint
+    return f"expected a node, not {in_words(data)}", hint

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from pydantic import ConfigDict, model_validator
 
 from bt_dualarm.pose import Vector
+from bt_dualarm.spec.ports import port
 from bt_dualarm.spec.problems import suggestion
-from bt_dualarm.spec.source import with_tuples
+from bt_dualarm.spec.source import Data, Json, with_tuples
 from bt_dualarm.spec.values import Value, Vector3
 
 _NAMED_NORMALS: Final[Mapping[str, Vector3]] = {
@@ -21,7 +22,7 @@ _NAMED_NORMALS: Final[Mapping[str, Vector3]] = {
 }
 
 
-def _notations(schema: dict[str, Any]) -> None:
+def _notations(schema: Json) -> None:
     """A name instead of the mapping that pydantic knows of."""
     mapping = dict(schema)
     schema.clear()
@@ -30,19 +31,15 @@ def _notations(schema: dict[str, Any]) -> None:
 
 
 class Plane(Value):
-    """``xy``, ``yz``, ``xz`` of the world, or ``{normal: [x, y, z]}``.
-
-    Attributes:
-        normal: In the world, of any length but 0.
-    """
+    """``xy``, ``yz``, ``xz`` of the world, or ``{normal: [x, y, z]}``."""
 
     model_config = ConfigDict(json_schema_extra=_notations)
 
-    normal: Vector3
+    normal: Vector3 = port(..., "Normal in the world, of any length but 0")
 
     @model_validator(mode="before")
     @classmethod
-    def _from_notation(cls, value: Any) -> Any:
+    def _from_notation(cls, value: Data) -> Data:
         if not isinstance(value, str):
             return with_tuples(value)
         if value not in _NAMED_NORMALS:

@@ -38,7 +38,13 @@ class Template:
 
 @dataclass(frozen=True)
 class WrittenKey:
-    """Metadata of a text port: it names a key of the blackboard that the node writes."""
+    """Metadata of a text port: it names a key of the blackboard that the node writes.
+
+    Attributes:
+        port: Port whose value is written there.
+    """
+
+    port: str
 
 
 class PortModel(BaseModel):
@@ -61,7 +67,7 @@ class PortModel(BaseModel):
         return self
 
 
-def miscounted(model: type[PortModel], ports: Mapping[str, Any]) -> str:
+def miscounted(model: type[PortModel], ports: Mapping[str, object]) -> str:
     """Why not exactly one of the ports is given that exclude each other; empty if it is.
 
     A reference to the blackboard counts as given.
@@ -74,7 +80,7 @@ def miscounted(model: type[PortModel], ports: Mapping[str, Any]) -> str:
 
 
 def port(
-    default: Any,
+    default: object,
     description: str,
     *,
     unit: str = "",
@@ -85,19 +91,19 @@ def port(
     min_length: int | None = None,
     max_length: int | None = None,
     pattern: str | None = None,
-) -> Any:
-    """Declare one port of a `PortModel`.
+) -> Any:  # Any: it stands where a value of the port's own type is declared
+    """Declare one port of a `PortModel`, or a field of the file.
 
     Args:
-        default: In YAML's notation; ``...`` for a port that must be given.
+        default: Value in YAML's notation; ``...`` for a port that must be given.
         description: One line, for people.
-        unit: Of a bare number, such as ``"m"``; value types bring their own.
-        gt: The number must be greater than this.
-        ge: The number must be at least this.
-        lt: The number must be less than this.
-        le: The number must be at most this.
-        min_length: Of text and lists.
-        max_length: Of text and lists.
+        unit: Unit of a bare number, such as ``"m"``; value types bring their own.
+        gt: Bound that the number must be greater than.
+        ge: Smallest number.
+        lt: Bound that the number must be less than.
+        le: Largest number.
+        min_length: Least length of text or of a list.
+        max_length: Greatest length of text or of a list.
         pattern: Regular expression that text must match.
     """
     return Field(
@@ -158,6 +164,13 @@ def templates_of(model: type[PortModel]) -> frozenset[str]:
     """The ports in whose text keys are written out."""
     fields = model.model_fields.items()
     return frozenset(name for name, field in fields if Template() in field.metadata)
+
+
+@lru_cache(maxsize=512)
+def written_keys(model: type[PortModel]) -> Mapping[str, str]:
+    """The ports that name a key to write, each with the port whose value is written there."""
+    items = ((name, metadata_of(field, WrittenKey)) for name, field in model.model_fields.items())
+    return {name: found.port for name, found in items if found is not None}
 
 
 def validated(model: type[PortModel], ports: Mapping[str, Data]) -> PortModel:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Final
 
 from bt_dualarm.spec.check import Declared, refers_of
 from bt_dualarm.spec.document import TreeFile
@@ -14,23 +13,25 @@ from bt_dualarm.spec.ports import reference_of
 from bt_dualarm.spec.problems import Problem
 from bt_dualarm.spec.source import Source
 
-SPAWNING: Final = "spawn"
-"""The skill that brings what is declared with ``spawned: false``."""
-
 
 def absent(file: TreeFile, source: Source, kinds: Mapping[str, Kind]) -> Iterator[Problem]:
     """Warn of objects that are used and arms that are declared, but never spawned.
 
     Args:
-        file: All trees of it: an arm may spawn what another one uses.
-        source: Of the file.
-        kinds: Of every node.
+        file: The file; all its trees count, as an arm may spawn what another one uses.
+        source: The file as it was read.
+        kinds: Kinds of node by name: the language's words and the skills.
     """
     nodes = [node for arm in file.arms.values() for node in arm.tree.walk()]
-    spawns = [value for node in nodes if node.kind == SPAWNING for value in node.ports.values()]
-    if any(reference_of(value) for value in spawns):
+    named = [
+        node.ports.get(port)
+        for node in nodes
+        if node.kind in kinds
+        for port in kinds[node.kind].brings_in
+    ]
+    if any(reference_of(value) for value in named):
         return  # what is spawned is known only when it happens
-    spawned = {value for value in spawns if isinstance(value, str)}
+    spawned = {value for value in named if isinstance(value, str)}
     objects = {name for name, item in file.objects.items() if not item.spawned} - spawned
     arms = {name for name, item in file.arms.items() if not item.spawned} - spawned
     for arm in sorted(arms):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from bt_dualarm.errors import DualArmError
 
@@ -20,10 +20,12 @@ class Place:
 
     Attributes:
         file: Path as the user wrote it.
-        line: 0 where the whole file is meant.
-        column: In characters.
+        line: Number of the line; 0 where the whole file is meant.
+        column: Number of the first character.
         width: Characters to underline, at least 1.
         text: The line itself, for the excerpt.
+        rank: Number in the order of a tree that was given as Python data, which has no lines.
+        keys: Keys that lead to the place in such a tree: ``arms.arm1.tree.sequence[0]``.
     """
 
     file: str
@@ -31,8 +33,12 @@ class Place:
     column: int = 0
     width: int = 1
     text: str = ""
+    rank: int = 0
+    keys: str = ""
 
     def __str__(self) -> str:
+        if self.keys:
+            return f"{self.file} at {self.keys}"
         return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
 
     @property
@@ -53,10 +59,10 @@ class Problem:
     """One finding of the check.
 
     Attributes:
-        place: Where it is.
-        message: What is wrong, naming what was given.
-        hint: What was expected, or the nearest valid name; may be empty.
-        severity: Only errors keep a file from running.
+        place: Place in the file.
+        message: Sentence that says what is wrong, naming what was given.
+        hint: Words for what was expected, or the nearest valid name; may be empty.
+        severity: Weight; only errors keep a file from running.
     """
 
     place: Place
@@ -72,13 +78,14 @@ class Problem:
             lines.append(f"      = {self.hint}")
         return "\n".join(lines)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, str | int]:
         """For tools: JSON-ready."""
         return {
             "file": self.place.file,
             "line": self.place.line,
             "column": self.place.column,
             "width": self.place.width,
+            "keys": self.place.keys,
             "severity": self.severity,
             "message": self.message,
             "hint": self.hint,

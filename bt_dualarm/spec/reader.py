@@ -8,21 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path as FilePath
-from typing import Any, Final
+from typing import Final, cast
 
 import yaml
 
 from bt_dualarm.spec.problems import Place, Problem, SpecError
-from bt_dualarm.spec.scalars import ScalarError, plain_value
+from bt_dualarm.spec.scalars import ScalarError, control_character, plain_value
 from bt_dualarm.spec.source import Data, Path, Source, Span
 
 MAX_BYTES: Final = 256 * 1024
 MAX_DEPTH: Final = 64
 MAX_NODES: Final = 10_000
-_MAX_PROBLEMS: Final = 100
+MAX_PROBLEMS: Final = 100
 
 # libyaml is 10 times faster; the reader in Python stands in where PyYAML was built without it.
-_LOADER: Final[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_LOADER: Final[type[yaml.SafeLoader]] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+_TEXT_RULE: Final = "a text has what can be read, line feeds and tabs"
+_TAGGED: Final = (yaml.ScalarEvent, yaml.CollectionStartEvent)
 
 
 def read_file(path: FilePath) -> Source:
@@ -54,7 +57,7 @@ def read_text(text: str, file: str = "<text>") -> Source:
     """Read YAML text; ``file`` is how messages name it.
 
     Raises:
-        SpecError: As `read_file`.
+        SpecError: Not the strict YAML described here.
     """
     # str.splitlines would also split at characters that YAML takes for text.
     source = Source(file, text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
@@ -110,7 +113,7 @@ class _Reader:
         self.problems: list[Problem] = []
         self._nodes = 0
 
-    def read(self, events: Iterator[Any]) -> None:
+    def read(self, events: Iterator[yaml.Event]) -> None:
         """Read the only document of the stream into the source."""
         documents = 0
         for event in events:
@@ -126,15 +129,15 @@ class _Reader:
         if documents == 0:
             self.problems.append(Problem(Place(self.source.file), "is empty"))
 
-    def _node(self, event: Any, events: Iterator[Any], path: Path) -> Data:
+    def _node(self, event: yaml.Event, events: Iterator[yaml.Event], path: Path) -> Data:
         self._count(event, path)
         if isinstance(event, yaml.AliasEvent):
             advice = "use a subtree or a parameter, or write the value again"
             self._refuse(event, f"alias '*{event.anchor}'", advice)
             return None
-        if event.anchor is not None:
+        if isinstance(event, yaml.NodeEvent) and event.anchor is not None:
             self._refuse(event, f"anchor '&{event.anchor}'", "use a subtree or a parameter instead")
-        if event.tag is not None:
+        if isinstance(event, _TAGGED) and event.tag is not None:
             self._refuse(event, f"tag '{event.tag}'", "a tree file is plain data")
         if isinstance(event, yaml.ScalarEvent):
             self.source.values[path] = _span(event, event)
@@ -143,7 +146,11 @@ class _Reader:
             return self._list(event, events, path)
         return self._mapping(event, events, path)
 
-    def _scalar(self, event: Any) -> Data:
+    def _scalar(self, event: yaml.ScalarEvent) -> Data:
+        control = control_character(event.value)
+        if control:
+            self._refuse(event, f"the control character {control}", _TEXT_RULE)
+            return ""
         if event.style:  # quoted or block text
             return event.value
         try:
@@ -152,7 +159,7 @@ class _Reader:
             self._add(Problem(self.source.at(_span(event, event)), str(error), error.hint))
             return None
 
-    def _list(self, start: Any, events: Iterator[Any], path: Path) -> Data:
+    def _list(self, start: yaml.Event, events: Iterator[yaml.Event], path: Path) -> Data:
         items: list[Data] = []
         for event in events:
             if isinstance(event, yaml.SequenceEndEvent):
@@ -161,7 +168,7 @@ class _Reader:
             items.append(self._node(event, events, (*path, len(items))))
         return items
 
-    def _mapping(self, start: Any, events: Iterator[Any], path: Path) -> Data:
+    def _mapping(self, start: yaml.Event, events: Iterator[yaml.Event], path: Path) -> Data:
         items: dict[str, Data] = {}
         for event in events:
             if isinstance(event, yaml.MappingEndEvent):
@@ -180,7 +187,7 @@ class _Reader:
             items.setdefault(key, value)
         return items
 
-    def _key(self, event: Any, events: Iterator[Any], path: Path) -> str:
+    def _key(self, event: yaml.Event, events: Iterator[yaml.Event], path: Path) -> str:
         if not isinstance(event, yaml.ScalarEvent):
             self._node(event, events, (*path, "?"))
             self._refuse(event, "a key that is not text", "keys are plain words", exact=True)
@@ -189,6 +196,10 @@ class _Reader:
         if event.anchor is not None or event.tag is not None:
             self._refuse(event, "an anchor or tag on a key", "keys are plain words")
         text = str(event.value)
+        if control_character(text):
+            what = f"the control character {control_character(text)} in a key"
+            self._refuse(event, what, _TEXT_RULE)
+            return f"? {self._nodes}"
         if text == "<<" and not event.style:
             self._refuse(event, "merge key '<<'", "use a subtree, or write the values again")
         elif not event.style and not _reads_as_text(text):
@@ -196,7 +207,7 @@ class _Reader:
             self._refuse(event, f"key '{text}' is not text", hint, exact=True)
         return text
 
-    def _count(self, event: Any, path: Path) -> None:
+    def _count(self, event: yaml.Event, path: Path) -> None:
         self._nodes += 1
         if self._nodes > MAX_NODES:
             self._refuse(event, f"more than {MAX_NODES} values in one file", "", exact=True)
@@ -205,13 +216,13 @@ class _Reader:
             self._refuse(event, f"nested deeper than {MAX_DEPTH} levels", "", exact=True)
             raise _GiveUpError
 
-    def _refuse(self, event: Any, what: str, hint: str, *, exact: bool = False) -> None:
+    def _refuse(self, event: yaml.Event, what: str, hint: str, *, exact: bool = False) -> None:
         message = what if exact else f"{what} is not allowed"
         self._add(Problem(self.source.at(_span(event, event)), message, hint))
 
     def _add(self, problem: Problem) -> None:
         self.problems.append(problem)
-        if len(self.problems) >= _MAX_PROBLEMS:
+        if len(self.problems) >= MAX_PROBLEMS:
             raise _GiveUpError
 
 
@@ -223,6 +234,7 @@ def _reads_as_text(text: str) -> bool:
         return text.lower() in ("yes", "no", "on", "off")
 
 
-def _span(first: Any, last: Any) -> Span:
-    start, end = first.start_mark, last.end_mark
+def _span(first: yaml.Event, last: yaml.Event) -> Span:
+    # Every event of a parser has its marks.
+    start, end = cast("yaml.Mark", first.start_mark), cast("yaml.Mark", last.end_mark)
     return Span(start.line, start.column, end.line, end.column)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from bt_dualarm.spec.describe import Description, PortDescription, describe
@@ -31,12 +31,12 @@ def reference_page(skills: Mapping[str, Kind], standard_failures: Mapping[str, s
     """The whole page.
 
     Args:
-        skills: By name.
+        skills: Skills by name.
         standard_failures: Codes that any skill may fail with, with their meaning.
     """
     inner = [kind for kind in LANGUAGE.values() if not kind.is_leaf]
     leaves = [kind for kind in LANGUAGE.values() if kind.is_leaf]
-    groups = {
+    groups: dict[str, Sequence[Kind]] = {
         "Nodes with children": inner,
         "Leaves of the language": leaves,
         "Skills": [skills[name] for name in sorted(skills)],

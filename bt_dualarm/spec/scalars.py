@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Final
 
 _INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
@@ -12,8 +13,11 @@ _OTHER_BASE = re.compile(r"[-+]?0[xXoObB][0-9a-fA-F_]+")
 _LEADING_ZERO = re.compile(r"[-+]?0[0-9]+")
 _GROUPED = re.compile(r"[-+]?[0-9][0-9_]*_[0-9_.]*")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|nan)", re.IGNORECASE)
-_LARGEST_INTEGER = 2**53
+LARGEST_INTEGER: Final = 2**53
+"""Beyond it, whole numbers cannot be told apart as JSON and doubles have them."""
+
 _LONGEST_NUMBER = 40
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
 class ScalarError(ValueError):
@@ -22,6 +26,16 @@ class ScalarError(ValueError):
     def __init__(self, message: str, hint: str) -> None:
         super().__init__(message)
         self.hint = hint
+
+
+def control_character(text: str) -> str:
+    """The first character that would act on a terminal rather than be shown: ``U+001B``.
+
+    Empty where there is none. Line feed and tab are allowed; what changes the direction of writing
+    is not: it lets a text look like another one.
+    """
+    found = _CONTROL.search(text)
+    return f"U+{ord(found[0]):04X}" if found else ""
 
 
 def plain_value(text: str) -> bool | int | float | str | None:
@@ -62,8 +76,8 @@ def _refuse_ambiguous(text: str) -> None:
 def _number_or_text(text: str) -> int | float | str:
     quoted = f'"{text}"'
     if _INTEGER.fullmatch(text):
-        if len(text) > _LONGEST_NUMBER or abs(int(text)) > _LARGEST_INTEGER:
-            raise ScalarError("this number is too large", f"at most {_LARGEST_INTEGER} is allowed")
+        if len(text) > _LONGEST_NUMBER or abs(int(text)) > LARGEST_INTEGER:
+            raise ScalarError("this number is too large", f"at most {LARGEST_INTEGER} is allowed")
         return int(text)
     if _OTHER_BASE.fullmatch(text) or _GROUPED.fullmatch(text) or _LEADING_ZERO.fullmatch(text):
         raise ScalarError(

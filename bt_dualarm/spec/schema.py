@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 from pydantic import BaseModel
 
@@ -19,11 +19,10 @@ from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.library import FORMAT
 from bt_dualarm.spec.params import ParamSpec
 from bt_dualarm.spec.ports import KEY
+from bt_dualarm.spec.source import Json
 
-Schema: TypeAlias = dict[str, Any]
-
-_REFERENCE: Final[Schema] = {"$ref": "#/$defs/reference"}
-_NODE: Final[Schema] = {"$ref": "#/$defs/node"}
+_REFERENCE: Final[Json] = {"$ref": "#/$defs/reference"}
+_NODE: Final[Json] = {"$ref": "#/$defs/node"}
 _KEY_PATTERN: Final = f"^{KEY.pattern}$"
 # pydantic leaves its own names of bounds that follow a validator or are those of a union.
 _BOUNDS: Final = {
@@ -32,16 +31,16 @@ _BOUNDS: Final = {
     "le": "maximum",
     "lt": "exclusiveMaximum",
 }
-_TEXT: Final[Schema] = {"type": "string"}
+_TEXT: Final[Json] = {"type": "string"}
 
 
-def json_schema(skills: Mapping[str, Kind]) -> Schema:
+def json_schema(skills: Mapping[str, Kind]) -> Json:
     """The schema of a tree file, or of one to include.
 
     Args:
-        skills: By name.
+        skills: Skills by name.
     """
-    definitions: Schema = {
+    definitions: Json = {
         "reference": {
             "description": 'A parameter, or a key of the blackboard: "{key}".',
             "type": "string",
@@ -72,7 +71,7 @@ def json_schema(skills: Mapping[str, Kind]) -> Schema:
     }
 
 
-def _file(definitions: Schema) -> Schema:
+def _file(definitions: Json) -> Json:
     arm = _model(ArmSpec, definitions)
     arm["properties"]["tree"] = _NODE
     params = {"type": "object", **_named(_model(ParamSpec, definitions), _KEY_PATTERN)}
@@ -101,7 +100,7 @@ def _file(definitions: Schema) -> Schema:
     }
 
 
-def _named(item: Schema, pattern: str) -> Schema:
+def _named(item: Json, pattern: str) -> Json:
     return {"propertyNames": {"pattern": pattern}, "additionalProperties": item}
 
 
@@ -117,7 +116,7 @@ def _can_be_bare(kind: Kind) -> bool:
     return not _required(kind) and not kind.ports.exactly_one_of
 
 
-def _body(kind: Kind, definitions: Schema) -> Schema:
+def _body(kind: Kind, definitions: Json) -> Json:
     mapping = _model(kind.ports, definitions)
     properties = mapping["properties"]
     properties["name"] = {"type": "string", "description": "Shown to people."}
@@ -131,7 +130,7 @@ def _body(kind: Kind, definitions: Schema) -> Schema:
     mapping["required"] = _required(kind)
     if kind.ports.exactly_one_of:
         mapping["oneOf"] = [{"required": [name]} for name in kind.ports.exactly_one_of]
-    forms: list[Schema] = [mapping]
+    forms: list[Json] = [mapping]
     if kind.many:
         forms.append(children)
     if kind.shorthand:
@@ -141,7 +140,7 @@ def _body(kind: Kind, definitions: Schema) -> Schema:
     return {"description": kind.summary, "anyOf": forms}
 
 
-def _model(model: type[BaseModel], definitions: Schema) -> Schema:
+def _model(model: type[BaseModel], definitions: Json) -> Json:
     """The schema of a model; those of the models in it go to the definitions."""
     plain = model.model_json_schema()
     for name, inner in plain.pop("$defs", {}).items():
@@ -153,7 +152,7 @@ def _model(model: type[BaseModel], definitions: Schema) -> Schema:
     return schema
 
 
-def _with_references(schema: Schema) -> Schema:
+def _with_references(schema: Json) -> Json:
     """The same schema, where every value in a mapping or a list can be a reference, too."""
     changed = {_BOUNDS.get(key, key): value for key, value in schema.items() if key != "title"}
     if "description" in changed:
@@ -174,9 +173,9 @@ def _with_references(schema: Schema) -> Schema:
     return changed
 
 
-def _or_reference(schema: Schema) -> Schema:
-    told: Schema = {key: schema[key] for key in ("description", "default", "unit") if key in schema}
-    plain: Schema = {key: value for key, value in schema.items() if key not in told}
+def _or_reference(schema: Json) -> Json:
+    told: Json = {key: schema[key] for key in ("description", "default", "unit") if key in schema}
+    plain: Json = {key: value for key, value in schema.items() if key not in told}
     forms = plain["anyOf"] if plain.keys() == {"anyOf"} else [plain]
     return {**told, "anyOf": [*forms, _REFERENCE]}
 

@@ -16,8 +16,8 @@ class Scope:
     Keys of a subtree are its own: each use has a prefix that no author can write.
 
     Attributes:
-        values: Of the parameters; one that was given as a key is ``"{outer key}"``.
-        prefix: Before every other key.
+        values: Values of the parameters; one that was given as a key is ``"{outer key}"``.
+        prefix: Text before every other key.
     """
 
     values: Mapping[str, Data] = field(default_factory=dict)

@@ -16,10 +16,10 @@ class SubtreeSpec:
     """A subtree as a file declares it.
 
     Attributes:
-        name: In the file that declares it.
+        name: Name in the file that declares it.
         source: That file.
-        path: Of its tree in that file.
-        params: What a use may set.
+        path: Path of its tree in that file.
+        params: Parameters that a use may set.
         library: Subtrees that its own nodes may use.
     """
 
@@ -36,12 +36,12 @@ class Site:
 
     Attributes:
         source: The file.
-        path: In the file.
-        scope: What references mean.
+        path: Path in the file.
+        scope: Meaning of references.
         library: Subtrees by name.
         uses: Subtrees that are being written out here, outermost first.
         depth: Nodes above it, in all files.
-        user: Where the innermost of these subtrees is used.
+        user: Place where the innermost of these subtrees is used.
     """
 
     source: Source

@@ -8,8 +8,12 @@ from typing import Any, TypeAlias
 
 from bt_dualarm.spec.problems import Place, Problem
 
+# Any: a recursive union would have to be narrowed at every step into a document.
 Data: TypeAlias = Any
 """What YAML can say here: None, bool, int, float, str, lists, and mappings with text keys."""
+
+Json: TypeAlias = dict[str, Any]
+"""An object of JSON, as the schemas of pydantic are."""
 
 Path: TypeAlias = tuple[str | int, ...]
 """Keys and indices from the top of the document down."""
@@ -31,10 +35,10 @@ class Source:
 
     Attributes:
         file: Path as the user wrote it.
-        lines: Its text.
-        data: What it says.
-        values: Where each value stands.
-        keys: Where the key of each value in a mapping stands.
+        lines: Lines of its text.
+        data: Data that it says.
+        values: Span of each value.
+        keys: Span of the key of each value in a mapping.
     """
 
     file: str

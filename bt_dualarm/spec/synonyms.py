@@ -7,32 +7,14 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Final
 
+from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.problems import suggestion
 
 SYNONYMS: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "Fallback": "selector",
-        "ReactiveFallback": "selector, with memory: false",
-        "ReactiveSequence": "sequence, with memory: false",
-        "SequenceWithMemory": "sequence",
-        "ParallelAll": "parallel, with policy: all",
-        "IfThenElse": "if",
-        "Switch2": "switch",
-        "Switch3": "switch",
-        "EternalGuard": "guard",
-        "RetryUntilSuccessful": "retry, with times",
-        "KeepRunningUntilFailure": "repeat, with times: forever",
-        "OneShot": "run_once",
-        "SuccessIsFailure": "force_failure",
-        "FailureIsSuccess": "force_success",
-        "AlwaysSuccess": "succeed",
-        "AlwaysFailure": "fail",
-        "Success": "succeed",
-        "Failure": "fail",
-        "Sleep": "wait, with seconds",
-        "Timer": "wait, with seconds",
-        "SetBlackboard": "set",
-        "ScriptCondition": "compare",
+        synonym: f"{word.name}, with {besides}" if besides else word.name
+        for word in LANGUAGE.values()
+        for synonym, besides in word.synonyms.items()
     }
 )
 """Names of BehaviorTree.CPP and py_trees where they are not ours in another case; our words."""

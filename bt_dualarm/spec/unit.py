@@ -6,9 +6,12 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from pydantic import GetJsonSchemaHandler
+from pydantic_core import CoreSchema
+
+from bt_dualarm.spec.source import Json
 
 _DIGITS: Final = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
 
@@ -25,7 +28,7 @@ def bare(text: str, unit: str) -> str:
     """Text with a unit, ``6 cm``, as the bare number of another one; empty if it cannot be.
 
     Args:
-        text: As someone has written it.
+        text: Text as someone has written it.
         unit: ``"m"``, ``"s"`` or ``"deg"``.
     """
     name, others = _KNOWN.get(unit, ("", {}))
@@ -48,8 +51,8 @@ class Unit:
     others: Mapping[str, float]
 
     def __get_pydantic_json_schema__(
-        self, core_schema: Any, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+        self, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Json:
         """A number, or text with one of the units."""
         pattern = rf"^\s*{_DIGITS}\s*({'|'.join(self.others)})\s*$"
         return {"anyOf": [handler(core_schema), {"type": "string", "pattern": pattern}]}

@@ -1,4 +1,4 @@
-"""Values with a notation of their own, explained for the reference from their own docstrings."""
+"""Values with a notation of their own, explained for the reference."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final, get_args
 from pydantic import BaseModel
 
 from bt_dualarm.spec.color import Color, HsvRange
-from bt_dualarm.spec.docstring import attributes_of, summary_of
+from bt_dualarm.spec.describe import summary_of
 from bt_dualarm.spec.notation import model_name, names_of, notation_of, range_of
 from bt_dualarm.spec.offset import Offset
 from bt_dualarm.spec.plane import Plane
@@ -37,7 +37,6 @@ def value_sections() -> Iterator[str]:
 
 
 def _section(model: type[BaseModel]) -> Iterator[str]:
-    attributes = attributes_of(model)
     yield f"### {model_name(model)}\n"
     yield f"{summary_of(model)}\n"
     names = names_of(model)
@@ -45,7 +44,7 @@ def _section(model: type[BaseModel]) -> Iterator[str]:
         yield f"Names: {', '.join(f'`{name}`' for name in names)}.\n"
     yield "| field | type | unit | range | |\n|---|---|---|---|---|"
     for name, field in model.model_fields.items():
-        words = field.description or attributes.get(name, "")
+        words = field.description or ""
         cells = (f"`{name}`", notation_of(field), unit_of(field), range_of(field), words)
         yield f"| {' | '.join(cells)} |"
     yield ""

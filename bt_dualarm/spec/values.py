@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from pydantic import (
@@ -22,10 +22,12 @@ from pydantic import (
 )
 
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.spec.docstring import attributes_of
+from bt_dualarm.spec.ports import port
+from bt_dualarm.spec.source import Data
 from bt_dualarm.spec.unit import DEGREES, QUANTITY, SECONDS, Unit
 
-Vector3: TypeAlias = tuple[float, float, float]
+_Component: TypeAlias = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+Vector3: TypeAlias = tuple[_Component, _Component, _Component]
 """Three numbers; the field that uses it gives frame and unit."""
 
 _Coordinate: TypeAlias = Annotated[float, Field(ge=-100.0, le=100.0)]
@@ -54,7 +56,7 @@ ObjectOrArmName: TypeAlias = Annotated[str, Refers(("object", "arm"))]
 """The name of an object or an arm of the tree file."""
 
 
-def _quantity(value: Any, units: Mapping[str, float]) -> Any:
+def _quantity(value: Data, units: Mapping[str, float]) -> Data:
     """A number as it is, text such as ``"500 ms"`` in the base unit."""
     if not isinstance(value, str):
         return value
@@ -65,63 +67,52 @@ def _quantity(value: Any, units: Mapping[str, float]) -> Any:
     return float(match[1]) * units[match[2]]
 
 
-def _seconds(value: Any) -> Any:
+def _seconds(value: Data) -> Data:
     return _quantity(value, SECONDS)
 
 
-def _degrees(value: Any) -> Any:
+def _degrees(value: Data) -> Data:
     return _quantity(value, DEGREES)
 
 
-Duration: TypeAlias = Annotated[float, BeforeValidator(_seconds), Field(ge=0.0), Unit("s", SECONDS)]
-"""Seconds of simulated time: ``0.5``, or text with a unit: ``"500 ms"``, ``"2 min"``."""
+Duration: TypeAlias = Annotated[
+    float, BeforeValidator(_seconds), Field(ge=0.0, le=86400.0), Unit("s", SECONDS)
+]
+"""Seconds of simulated time, a day at most: ``0.5``, or text with a unit: ``"500 ms"``."""
 
 Angle: TypeAlias = Annotated[
     float,
     BeforeValidator(_degrees),
+    Field(ge=-3600.0, le=3600.0),
     AfterValidator(math.radians),
     PlainSerializer(math.degrees),
     Unit("deg", DEGREES),
 ]
-"""Radians inside; in YAML degrees: ``90``, or text with a unit: ``"90 deg"``, ``"1.57 rad"``."""
+"""Radians inside; in YAML degrees, ten turns at most: ``90``, or text: ``"1.57 rad"``."""
 
-Speed: TypeAlias = Annotated[float, Field(gt=0.0, le=1.0)]
+Speed: TypeAlias = Annotated[float, Field(ge=0.001, le=1.0)]
 """Share of the arm's limits of velocity, acceleration and jerk; 1.0 is the arm's maximum."""
-
-
-def _with_descriptions(schema: dict[str, Any], model: type[Any]) -> None:
-    """Give editors what the docstring says of each field."""
-    for name, words in attributes_of(model).items():
-        if name in schema.get("properties", {}):
-            schema["properties"][name].setdefault("description", words)
 
 
 class Value(BaseModel):
     """Base of value types: frozen, and strict about what YAML says."""
 
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        strict=True,
-        allow_inf_nan=False,
-        json_schema_extra=_with_descriptions,
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class PoseSpec(Value):
-    """Where a frame is: a position, and at most one notation of its orientation.
+    """Where a frame is: a position, and at most one notation of its orientation."""
 
-    Attributes:
-        xyz: Position in metres.
-        rpy: Roll, pitch, yaw in degrees about the fixed axes x, y, z in that order.
-        quat: Quaternion w, x, y, z of unit length.
-        look_at: A point in metres that the frame's z axis points to; its y axis points downwards.
-    """
-
-    xyz: _Point = Field(json_schema_extra={"unit": "m"})
-    rpy: tuple[_Turn, _Turn, _Turn] | None = Field(default=None, json_schema_extra={"unit": "deg"})
-    quat: tuple[float, float, float, float] | None = None
-    look_at: _Point | None = Field(default=None, json_schema_extra={"unit": "m"})
+    xyz: _Point = port(..., "Position", unit="m")
+    rpy: tuple[_Turn, _Turn, _Turn] | None = port(
+        None, "Roll, pitch, yaw about the fixed axes x, y, z in that order", unit="deg"
+    )
+    quat: tuple[float, float, float, float] | None = port(
+        None, "Quaternion w, x, y, z of unit length"
+    )
+    look_at: _Point | None = port(
+        None, "A point that the frame's z axis points to; its y axis points downwards", unit="m"
+    )
 
     @model_validator(mode="after")
     def _one_orientation(self) -> PoseSpec:

@@ -1,5 +1,9 @@
 """For the tests of authors of skills: what every skill keeps to, whoever wrote it.
 
+In: a `Candidate`, a skill with the `Scenario` in which its example does its job.
+Out: silence, or a `BrokenLawError` that says which law the skill does not keep to, and how.
+Open first: `laws` (what is kept to); others: `candidate` (plays the skill), `scenario` (its world).
+
 The laws are run, with pytest or anything else, over a skill in a small world of its own::
 
     import pytest

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import json
-import tempfile
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.outcome import ArmResult
-from bt_dualarm.run.parts import RunView
-from bt_dualarm.run.session import Session, Wishes
-from bt_dualarm.skill import Skill
+from bt_dualarm.runtime.api import registry_of
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.runtime.result import ArmResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.testing.scenario import Scenario, Tree, node_of
-from bt_dualarm.tree.report import LeafReport, StatusChange
+from bt_dualarm.tree.report import LeafReport
 from bt_dualarm.world.world import World
 
 
@@ -27,30 +26,22 @@ def registry_with(*skills: type[Skill]) -> Registry:
     Raises:
         RegistryError: A skill is badly made, or its name is taken.
     """
-    known = Registry.load()
-    installed = [(known.kinds[name].origin, skill) for name, skill in known.skills.items()]
-    return Registry.of([*installed, *((skill.__module__, skill) for skill in skills)])
+    return registry_of(skills)
 
 
 @dataclass
-class Performance:
+class Performance(IdleObserver):
     """One run to its end.
 
     Attributes:
-        world: Of the run.
+        world: World of the run.
         speeds: Times in s and the arm's largest joint speed in rad/s, at every step.
-        arm: What the arm did, once the run is over.
+        arm: Result of the arm, once the run is over.
     """
 
     world: World
     speeds: list[tuple[float, float]] = field(default_factory=list)
     arm: ArmResult | None = None
-
-    def on_event(self, change: StatusChange) -> None:
-        """Nothing to keep: the leaves' records are in the result."""
-
-    def after_ticks(self, run: RunView) -> None:
-        """Nothing to see."""
 
     def after_step(self, time: float) -> None:
         """Note how fast the arm is."""
@@ -71,7 +62,7 @@ class Performance:
 
     def leaves(self, skill: str) -> list[LeafReport]:
         """All runs of the leaves of one kind."""
-        return [leaf for leaf in self.result.leaves if leaf.skill == skill]
+        return [leaf for leaf in self.result.runs if leaf.skill == skill]
 
     def speed_after(self, time: float) -> float:
         """Largest joint speed in rad/s at any step from ``time`` in s on."""
@@ -83,9 +74,9 @@ class Candidate:
     """A skill on trial.
 
     Attributes:
-        name: In YAML.
-        registry: Has the skill, and those that the scenario uses.
-        scenario: Where its example succeeds.
+        name: Name of the skill in YAML.
+        registry: Skills with the one on trial and those that the scenario uses.
+        scenario: World in which its example succeeds.
     """
 
     name: str
@@ -110,14 +101,10 @@ class Candidate:
 
     def perform(self, *leaves: Tree) -> Performance:
         """Run these leaves in its scenario."""
-        # JSON is YAML, and has no aliases, which the reader refuses.
-        content = json.dumps({"bt_dualarm": 1, **self.scenario.file(*leaves)})
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"{self.name}.yaml"
-            path.write_text(content, encoding="utf-8")
-            file = load_tree_file(path, self.registry.kinds)
-        with Session(file, self.registry, Wishes(seed=0, renderer="ray")) as session:
-            performance = Performance(session.assembly.world)
-            result = session.run([performance], lambda: 0.0)
-        performance.arm = next(arm for arm in result.arms if arm.name == "arm1")
+        content = {"bt_dualarm": 1, "name": self.name, **self.scenario.file(*leaves)}
+        file = load_tree_file(content, self.registry.kinds)
+        with Run(file, self.registry, RunOptions(seed=0, renderer="ray")) as run:
+            performance = Performance(run.world)
+            run.watch(performance)
+            performance.arm = run.finish().arms["arm1"]
         return performance

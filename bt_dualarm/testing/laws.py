@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 
 from pydantic.fields import FieldInfo
 
-from bt_dualarm.registry import faults
+from bt_dualarm.skill.registry import faults
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.unit import Unit
 from bt_dualarm.testing.candidate import Candidate, Performance
@@ -58,7 +58,7 @@ def example_succeeds(candidate: Candidate) -> None:
 
 
 def halted_skill_leaves_the_arm_stopped(candidate: Candidate, phase: float) -> None:
-    """Within a simulated second, in whatever phase, and it stays so."""
+    """The arm stands within a simulated second, in whatever phase, and it stays so."""
     seconds = max(_SHORTEST_S, phase * candidate.duration)
     performance = candidate.perform(after(seconds, candidate.node), {"wait": {"seconds": 1.5}})
     (leaf,) = performance.leaves(candidate.name)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import yaml
 
-Tree: TypeAlias = dict[str, Any]
+from bt_dualarm.spec.source import Data
+
+Tree: TypeAlias = dict[str, Data]
 """A node, or another part of a tree file, as it is read from YAML."""
 
 
@@ -17,11 +19,11 @@ class Scenario:
     """A world with one arm, and what the arm does before it is the skill's turn.
 
     Attributes:
-        objects: As in a tree file.
+        objects: Section ``objects`` of a tree file.
         arm: Fields of the arm but its tree.
         before: Leaves that bring about what the skill needs.
-        scene: Of the world.
-        again: How a second run of the same leaf ends after a success.
+        scene: Name of the scene.
+        again: Status with which a second run of the same leaf ends after a success.
     """
 
     objects: Tree = field(default_factory=dict)

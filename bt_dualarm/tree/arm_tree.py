@@ -18,11 +18,11 @@ class ArmTree:
     """A tree that runs once.
 
     Args:
-        root: All nodes have their places.
-        leaves: Filled by the leaves.
+        root: Top node; all nodes have their places.
+        leaves: List that the leaves fill.
 
     Attributes:
-        leaves: One record per run of a leaf, in the order of their starts.
+        leaves: Report of each run of a leaf, in the order of their starts.
     """
 
     def __init__(self, root: TreeNode, leaves: list[LeafReport]) -> None:
@@ -31,7 +31,7 @@ class ArmTree:
 
     @property
     def status(self) -> StatusName:
-        """Of the root."""
+        """Status of the root."""
         return NAMES[self._root.status]
 
     def tick(self) -> None:
@@ -55,8 +55,8 @@ def _view(node: TreeNode) -> NodeView:
         node.kind,
         NAMES[node.status],
         node.since,
+        tuple(_view(cast("TreeNode", child)) for child in node.children),
         node.progress if isinstance(node, Leaf) else None,
         f"{node.code}: {node.reason}" if node.status is Status.FAILURE and node.code else "",
-        tuple(_view(cast("TreeNode", child)) for child in node.children),
         node.halted,
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from pydantic import ValidationError
 
@@ -25,9 +24,9 @@ class BoundPorts:
     """The ports of one node.
 
     Args:
-        model: Their types.
-        ports: As the file has them; the check has passed.
-        board: Where references are looked up.
+        model: Types of the ports.
+        ports: Ports as the file has them; the check has passed.
+        board: Blackboard on which references are looked up.
     """
 
     def __init__(self, model: type[PortModel], ports: Mapping[str, Data], board: Board) -> None:
@@ -41,7 +40,7 @@ class BoundPorts:
         dynamic = self._references or self._templates
         self._known = None if dynamic else validated(model, ports)
 
-    def now(self) -> Any:
+    def now(self) -> PortModel:
         """The ports with the values that the blackboard has now.
 
         Raises:
@@ -67,7 +66,7 @@ class Outputs:
     Args:
         model: Types of the outputs.
         keys: Key that the file gives for an output; the others are not kept.
-        board: Where they are written, in YAML's notation.
+        board: Blackboard on which they are written, in YAML's notation.
     """
 
     def __init__(self, model: type[PortModel], keys: Mapping[str, str], board: Board) -> None:
@@ -75,7 +74,7 @@ class Outputs:
         self._keys = keys
         self._board = board
 
-    def write(self, name: str, value: Any) -> None:
+    def write(self, name: str, value: object) -> None:
         """Put one output on the blackboard.
 
         Raises:
@@ -87,6 +86,7 @@ class Outputs:
         if name not in self._keys:
             return
         model = only(self._model, name)
-        data = model.model_construct(**{name: value}).model_dump(mode="json", warnings="error")
+        given = model.model_construct(None, **{name: value})
+        data = given.model_dump(mode="json", warnings="error")
         validated(model, data)
         self._board.write(self._keys[name], data[name])

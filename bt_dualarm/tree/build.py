@@ -4,43 +4,43 @@ from __future__ import annotations
 
 import importlib
 from collections import Counter
-from collections.abc import Callable, Mapping
-from typing import Any, Final
+from collections.abc import Callable, Iterator, Mapping
+from types import ModuleType
+from typing import Final
 
 from py_trees.behaviour import Behaviour
 
-from bt_dualarm.skill import Skill, SkillContext
-from bt_dualarm.spec.language import LANGUAGE
+from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.ports import reference_of
-from bt_dualarm.tree import composites, decorators
-from bt_dualarm.tree.arm_tree import ArmTree
+from bt_dualarm.spec.ports import reference_of, written_keys
+from bt_dualarm.tree import composites, decorators, words
+from bt_dualarm.tree.arm_tree import ArmTree, TreeNode
 from bt_dualarm.tree.binding import BoundPorts, Outputs
 from bt_dualarm.tree.board import Board
 from bt_dualarm.tree.leaf import Leaf
+from bt_dualarm.tree.parts import Parts
 from bt_dualarm.tree.report import LeafReport, StatusChange
-from bt_dualarm.tree.watched import Teller
-from bt_dualarm.tree.words import WORDS
+from bt_dualarm.tree.watched import Teller, Watched
+from bt_dualarm.tree.words import WordSkill
 
-_OURS: Final[Mapping[str, type[composites.Node]]] = {
-    "parallel": composites.Parallel,
-    "if": composites.If,
-    "while": composites.While,
-    "guard": composites.Guard,
-    "retry": decorators.Retry,
-    "repeat": decorators.Repeat,
-    "timeout": decorators.Timeout,
-    "delay": decorators.Delay,
-    "rate": decorators.Rate,
-    "on_halt": decorators.OnHalt,
-    "subtree": decorators.Subtree,
+
+def _ticking(*modules: ModuleType) -> Iterator[type]:
+    """The classes in some modules that name a word of the language as their own."""
+    for module in modules:
+        for item in vars(module).values():
+            if isinstance(item, type) and "word" in vars(item):
+                yield item
+
+
+INNER: Final[Mapping[str, type[Watched]]] = {
+    item.word.name: item for item in _ticking(composites, decorators) if issubclass(item, Watched)
 }
-_OF_PY_TREES: Final[Mapping[str, Callable[[str, Behaviour], Behaviour]]] = {
-    "inverter": decorators.Inverter,
-    "force_success": decorators.ForceSuccess,
-    "force_failure": decorators.ForceFailure,
-    "run_once": decorators.RunOnce,
+"""Classes of the nodes with children, by word."""
+
+LEAVES: Final[Mapping[str, type[WordSkill]]] = {
+    item.word.name: item for item in _ticking(words) if issubclass(item, WordSkill)
 }
+"""Classes of the language's leaves, by word."""
 
 
 def build_tree(
@@ -55,11 +55,11 @@ def build_tree(
 
     Args:
         arm: Name of the arm.
-        root: Checked by `load_tree_file` with these skills.
-        skills: By name.
-        make_context: What the leaf at a path is given.
+        root: Top node, checked by `load_tree_file` with these skills.
+        skills: Skills by name.
+        make_context: Maker of what the leaf at a path is given.
         clock: Simulated time in seconds.
-        on_event: Receives every change of a status.
+        on_event: Receiver of every change of a status.
     """
     builder = _Builder(skills, make_context, Teller(arm, clock, on_event))
     return ArmTree(builder.node(root, root.name), builder.reports)
@@ -72,39 +72,34 @@ class _Builder:
         make_context: Callable[[str], SkillContext],
         teller: Teller,
     ) -> None:
-        self._skills = {**skills, **WORDS}
+        self._skills = {**skills, **LEAVES}
         self._make_context = make_context
         self._teller = teller
         self._board = Board()
         self.reports: list[LeafReport] = []
 
-    def node(self, spec: NodeSpec, path: str) -> Any:
-        children = [
+    def node(self, spec: NodeSpec, path: str) -> TreeNode:
+        children = tuple(
             self.node(child, f"{path}/{name}")
             for child, name in zip(spec.children, _told_apart(spec.children), strict=True)
-        ]
+        )
         node = self._inner(spec, children) if children else self._leaf(spec, path)
         node.place(self._teller, path, spec.kind)
         return node
 
-    def _inner(self, spec: NodeSpec, children: list[Behaviour]) -> Any:
-        if spec.kind in _OF_PY_TREES:
-            return _OF_PY_TREES[spec.kind](spec.name, children[0])
-        ports = BoundPorts(LANGUAGE[spec.kind].ports, spec.ports, self._board)
-        if spec.kind in ("sequence", "selector"):
-            kind = composites.Sequence if spec.kind == "sequence" else composites.Selector
-            return kind(spec.name, ports.now().memory, children)
-        if spec.kind == "switch":
-            return composites.Switch(spec.name, children, ports.now, spec.slots)
-        return _OURS[spec.kind](spec.name, children, ports.now)
+    def _inner(self, spec: NodeSpec, children: tuple[Behaviour, ...]) -> Watched:
+        kind = INNER[spec.kind]
+        ports = BoundPorts(kind.word.ports, spec.ports, self._board)
+        return kind.of(Parts(spec.name, children, spec.slots, ports))
 
     def _leaf(self, spec: NodeSpec, path: str) -> Leaf:
         skill = self._skills[spec.kind]
-        given = skill.Outputs.model_fields.keys() & spec.ports.keys()
-        keys = {name: key for name in given if (key := reference_of(spec.ports[name]))}
+        given = skill.Outputs.model_fields.keys() - skill.Ports.model_fields.keys()
+        named = {name: reference_of(spec.ports.get(name)) for name in given}
+        keys = {name: key for name, key in named.items() if key is not None}
         ports = {name: value for name, value in spec.ports.items() if name not in keys}
-        if spec.kind == "set":
-            keys, ports = {"value": spec.ports["key"]}, dict(spec.ports)
+        for port, output in written_keys(skill.Ports).items():
+            keys[output] = spec.ports[port]
         bound = BoundPorts(skill.Ports, ports, self._board)
         outputs = Outputs(skill.Outputs, keys, self._board)
         context = self._make_context(path)
@@ -114,7 +109,7 @@ class _Builder:
         def begin() -> Skill:
             return skill(bound.now(), context, outputs.write)
 
-        return Leaf(spec.name, begin, context.arm.release, self.reports, context.arm.trouble)
+        return Leaf(spec.name, begin, context.arm, self.reports)
 
 
 def _told_apart(children: tuple[NodeSpec, ...]) -> list[str]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator
-from collections.abc import Sequence as Children
-from typing import Any, TypeAlias
+from collections.abc import Generator, Iterable, Iterator
+from typing import Self, TypeAlias, cast
 
 from py_trees import composites
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from bt_dualarm.errors import Failure
+from bt_dualarm.spec import composite_words
+from bt_dualarm.spec.ports import PortModel
+from bt_dualarm.spec.wording import one_line
+from bt_dualarm.tree.parts import Parts
 from bt_dualarm.tree.watched import Watched
 
 Ticks: TypeAlias = Generator[Behaviour, None, Status]
@@ -20,30 +23,53 @@ Ticks: TypeAlias = Generator[Behaviour, None, Status]
 class Sequence(Watched, composites.Sequence):
     """py_trees' own."""
 
+    word = composite_words.SEQUENCE
+
+    @classmethod
+    def of(cls, parts: Parts) -> Self:
+        """One with its memory."""
+        return cls(parts.name, _memory(parts), parts.children)
+
 
 class Selector(Watched, composites.Selector):
     """py_trees' own, but a new start forgets what the children said the last time."""
+
+    word = composite_words.SELECTOR
+
+    @classmethod
+    def of(cls, parts: Parts) -> Self:
+        """One with its memory."""
+        return cls(parts.name, _memory(parts), parts.children)
 
     def initialise(self) -> None:
         """Reset the children, as py_trees' Sequence and Parallel do."""
         reset(self.children)
 
 
+def _memory(parts: Parts) -> bool:
+    return cast("composite_words.Memory", parts.ports.now()).memory
+
+
 class Node(Watched, composites.Composite):
     """Base of nodes of ours, with one child or several.
 
     Args:
-        name: Shown to people.
-        children: At least one.
-        read_ports: Gives the ports, with the blackboard's values of that moment.
+        parts: Name, children and ports.
+
+    Attributes:
+        ports: The ports, with the blackboard's values of the last start.
     """
 
-    def __init__(
-        self, name: str, children: Children[Behaviour], read_ports: Callable[[], Any]
-    ) -> None:
-        super().__init__(name, children)
-        self.read_ports = read_ports
-        self.ports: Any = None
+    ports: PortModel
+
+    def __init__(self, parts: Parts) -> None:
+        super().__init__(parts.name, parts.children)
+        self._bound = parts.ports
+
+    @classmethod
+    def of(cls, parts: Parts) -> Self:
+        """A node of this class."""
+        return cls(parts)
 
     def tick(self) -> Iterator[Behaviour]:
         """Tick those children that are due, and become what they make of it."""
@@ -51,11 +77,11 @@ class Node(Watched, composites.Composite):
             if self.status is not Status.RUNNING:
                 self.code = self.reason = ""
                 reset(self.children)
-                self.ports = self.read_ports()
+                self.ports = self._bound.now()
                 self.initialise()
             new_status = yield from self.tick_children()
         except Failure as failure:
-            self.code, self.reason = failure.code, failure.reason
+            self.code, self.reason = failure.code, one_line(failure.reason)
             new_status = Status.FAILURE
         if new_status is Status.RUNNING:
             self.status = new_status
@@ -89,6 +115,9 @@ class Parallel(Node):
     Not py_trees' own: that has no "N of M", and fails with any child whatever its policy says.
     """
 
+    word = composite_words.PARALLEL
+    ports: composite_words.Parallel
+
     def tick_children(self) -> Ticks:
         """Tick the children that have not ended; they are not started again."""
         for child in self.children:
@@ -97,8 +126,9 @@ class Parallel(Node):
         statuses = [child.status for child in self.children]
         succeeded = statuses.count(Status.SUCCESS)
         failed = statuses.count(Status.FAILURE)
-        needed = {"all": len(statuses), "any": 1}.get(self.ports.policy, self.ports.policy)
-        if failed and self.ports.on_failure == "fail":
+        policy = self.ports.policy
+        needed = {"all": len(statuses), "any": 1}[policy] if isinstance(policy, str) else policy
+        if failed and self.ports.on_failure != "continue":
             raise Failure("CHILD_FAILED", self._failed_child())
         if succeeded >= needed:
             return Status.SUCCESS
@@ -112,32 +142,21 @@ class Parallel(Node):
 
 
 class Switch(Node):
-    """Runs the child whose case is the value at the start.
+    """Runs the child whose case is the value at the start."""
 
-    Args:
-        name: Shown to people.
-        children: In the order of ``slots``.
-        read_ports: As of `Node`.
-        slots: The case of each child, or ``default``.
-    """
+    word = composite_words.SWITCH
+    ports: composite_words.Switch
 
-    def __init__(
-        self,
-        name: str,
-        children: Children[Behaviour],
-        read_ports: Callable[[], Any],
-        slots: Children[str],
-    ) -> None:
-        super().__init__(name, children, read_ports)
-        self._slots = tuple(slots)
+    def __init__(self, parts: Parts) -> None:
+        super().__init__(parts)
+        self._by_case = dict(zip(parts.slots, self.children, strict=True))
         self._chosen: Behaviour | None = None
 
     def initialise(self) -> None:
-        """Choose."""
+        """Choose the case that the value names."""
         value = self.ports.value
         case = str(value).lower() if isinstance(value, bool) else str(value)
-        by_case = dict(zip(self._slots, self.children, strict=True))
-        self._chosen = by_case.get(case, by_case.get("default"))
+        self._chosen = self._by_case.get(case, self._by_case.get("default"))
         if self._chosen is None:
             raise Failure("NO_CASE", f"no case for '{case}' and no default")
 
@@ -150,6 +169,8 @@ class Switch(Node):
 
 class If(Node):
     """Asks a condition once, then runs one child or the other; without "else", succeeds."""
+
+    word = composite_words.IF
 
     def initialise(self) -> None:
         """Nothing is chosen yet."""
@@ -173,6 +194,8 @@ class If(Node):
 class While(Node):
     """Asks a condition before each start of its child; ends with SUCCESS once that says no."""
 
+    word = composite_words.WHILE
+
     def tick_children(self) -> Ticks:
         """At most one start of the child a tick, so that an endless loop cannot block."""
         condition, child = self.children
@@ -192,6 +215,8 @@ class Guard(Node):
     While the condition is still at it, the child is not started, but goes on if it runs.
     py_trees' EternalGuard takes a Python function only, which YAML must not name.
     """
+
+    word = composite_words.GUARD
 
     def tick_children(self) -> Ticks:
         """The condition, then the child."""

@@ -3,35 +3,54 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, Self
 
 from py_trees import decorators
 from py_trees.behaviour import Behaviour
 from py_trees.common import OneShotPolicy, Status
 
 from bt_dualarm.errors import Failure
+from bt_dualarm.spec import decorator_words
 from bt_dualarm.tree.composites import Node, Ticks
+from bt_dualarm.tree.parts import Parts
 from bt_dualarm.tree.time import reached
 from bt_dualarm.tree.watched import Watched
 
 _ROUNDING: Final = 1e-6
-"""Of a period, for times that are sums of time steps."""
+"""Share of a period, for times that are sums of time steps."""
 
 
-class Inverter(Watched, decorators.Inverter):
+class Decorator(Watched, decorators.Decorator):
+    """Base of py_trees' own."""
+
+    @classmethod
+    def of(cls, parts: Parts) -> Self:
+        """One on the only child."""
+        return cls(parts.name, parts.children[0])
+
+
+class Inverter(Decorator, decorators.Inverter):
     """py_trees' own."""
 
+    word = decorator_words.INVERTER
 
-class ForceSuccess(Watched, decorators.FailureIsSuccess):
+
+class ForceSuccess(Decorator, decorators.FailureIsSuccess):
     """py_trees' own, under a name that says what it is for."""
 
+    word = decorator_words.FORCE_SUCCESS
 
-class ForceFailure(Watched, decorators.SuccessIsFailure):
+
+class ForceFailure(Decorator, decorators.SuccessIsFailure):
     """py_trees' own, under a name that says what it is for."""
 
+    word = decorator_words.FORCE_FAILURE
 
-class RunOnce(Watched, decorators.OneShot):
+
+class RunOnce(Decorator, decorators.OneShot):
     """py_trees' own: an end counts, a halt does not."""
+
+    word = decorator_words.RUN_ONCE
 
     def __init__(self, name: str, child: Behaviour) -> None:
         super().__init__(name, child, OneShotPolicy.ON_COMPLETION)
@@ -39,6 +58,8 @@ class RunOnce(Watched, decorators.OneShot):
 
 class Subtree(Node):
     """A use of a subtree: passes on what its root says."""
+
+    word = decorator_words.SUBTREE
 
     def tick_children(self) -> Ticks:
         """The root."""
@@ -48,6 +69,9 @@ class Subtree(Node):
 
 class Retry(Node):
     """Starts its child again when it fails. py_trees' own knows no pause between attempts."""
+
+    word = decorator_words.RETRY
+    ports: decorator_words.Retry
 
     def initialise(self) -> None:
         """No attempt was made yet."""
@@ -59,9 +83,12 @@ class Retry(Node):
         if self._resume is not None and not reached(self.time, self._resume):
             return Status.RUNNING
         self._resume = None
-        yield from self.children[0].tick()
-        if self.children[0].status is not Status.FAILURE:
-            return self.children[0].status
+        child = self.children[0]
+        if child.status is Status.FAILURE:
+            child.stop(Status.INVALID)  # so that its next failure is told, if it comes at once
+        yield from child.tick()
+        if child.status is not Status.FAILURE:
+            return child.status
         self._failures += 1
         if self._failures >= self.ports.times:
             raise Failure("RETRIES_USED_UP", f"failed {self._failures} times")
@@ -72,6 +99,9 @@ class Retry(Node):
 
 class Repeat(Node):
     """Starts its child again when it succeeds. py_trees' own cannot take its count from a key."""
+
+    word = decorator_words.REPEAT
+    ports: decorator_words.Repeat
 
     def initialise(self) -> None:
         """Nothing succeeded yet."""
@@ -89,6 +119,9 @@ class Repeat(Node):
 class Timeout(Node):
     """Halts its child and fails when it has not ended in time; an end at the deadline counts."""
 
+    word = decorator_words.TIMEOUT
+    ports: decorator_words.Seconds
+
     def initialise(self) -> None:
         """The time starts to run."""
         self._deadline = self.time + self.ports.seconds
@@ -105,6 +138,9 @@ class Timeout(Node):
 class Delay(Node):
     """Waits before its child starts."""
 
+    word = decorator_words.DELAY
+    ports: decorator_words.Seconds
+
     def initialise(self) -> None:
         """The time starts to run."""
         self._due = self.time + self.ports.seconds
@@ -119,6 +155,9 @@ class Delay(Node):
 
 class Rate(Node):
     """Ticks its child less often; between those ticks it is what the child last was."""
+
+    word = decorator_words.RATE
+    ports: decorator_words.Rate
 
     def initialise(self) -> None:
         """The first tick is due at once."""
@@ -136,6 +175,8 @@ class Rate(Node):
 
 class OnHalt(Node):
     """Ticks a clean-up once when its child is halted; a halt cannot wait for a longer one."""
+
+    word = decorator_words.ON_HALT
 
     def tick_children(self) -> Ticks:
         """The child."""

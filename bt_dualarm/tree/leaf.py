@@ -3,21 +3,40 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Generator, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
+from typing import Protocol
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
-from bt_dualarm.errors import Failure, Number
-from bt_dualarm.skill import Skill
+from bt_dualarm.errors import Failure, Number, SkillError
+from bt_dualarm.skill.skill import Skill
+from bt_dualarm.spec.wording import one_line
 from bt_dualarm.tree.report import LeafReport
+from bt_dualarm.tree.skill_run import SkillRun
 from bt_dualarm.tree.watched import NAMES, Teller
 
 _log = logging.getLogger(__name__)
 
 # A skill that calls sys.exit must not end the run; a keyboard interrupt is not the skill's.
 _ANY = (Exception, SystemExit)
+
+
+class HeldArm(Protocol):
+    """The arm of a leaf, as far as the leaf itself deals with it."""
+
+    def enter(self, *, anew: bool) -> None:
+        """Note that this thread ticks or halts the leaf, and whether a new run of it begins."""
+
+    def trouble(self) -> Exception | SystemExit | None:
+        """What has gone wrong between ticks with what the leaf has begun.
+
+        It is raised in the skill where it waits, so that no skill has to ask.
+        """
+
+    def release(self) -> None:
+        """Stop the motion that the leaf has begun, if there is one."""
 
 
 class Leaf(Behaviour):
@@ -27,33 +46,27 @@ class Leaf(Behaviour):
     lines that nobody reads.
 
     Args:
-        name: Shown to people.
-        begin: Makes a new skill for a new run; may raise, as every call into a skill may.
-        release: Stops the motion that this leaf has begun, if there is one.
-        trouble: What has gone wrong between ticks with what this leaf has begun; raised in the
-            skill where it waits, so that no skill has to ask.
-        reports: Takes a record of each run.
+        name: Name that people are shown.
+        begin: Maker of a new skill for a new run; may raise, as every call into a skill may.
+        arm: Arm in the hands of this leaf.
+        reports: List that takes a report of each run.
     """
 
     def __init__(
         self,
         name: str,
         begin: Callable[[], Skill],
-        release: Callable[[], None],
+        arm: HeldArm,
         reports: list[LeafReport],
-        trouble: Callable[[], Exception | SystemExit | None] = lambda: None,
     ) -> None:
         self.path = name
         self.kind = name
         self.since = 0.0
         self.code = ""
         self.reason = ""
-        self.skill: Skill | None = None
-        self._steps: Iterator[float | None] | None = None
-        self._progress: float | None = None
+        self._run: SkillRun | None = None
         self._begin = begin
-        self._release = release
-        self._trouble = trouble
+        self._held_arm = arm
         self._reports = reports
         self._report: LeafReport | None = None
         self._teller: Teller | None = None
@@ -68,27 +81,28 @@ class Leaf(Behaviour):
     def tick(self) -> Iterator[Behaviour]:
         """Run the skill to its next ``yield``."""
         try:
-            if self._steps is None:
-                self._steps = self._start()
-                progress = next(self._steps)
-            elif (trouble := self._trouble()) is None:
-                progress = next(self._steps)
+            self._held_arm.enter(anew=self._run is None)
+            if self._run is None:
+                trouble, self._run = None, self._start()
             else:
-                progress = _raise_in(self._steps, trouble)
-            if progress is not None and self.skill is not None:
-                self.skill.progress = progress
-        except StopIteration:
-            self._let_go()  # a motion that was left running has nobody to watch it any more
-            self._end(Status.SUCCESS)
+                trouble = self._held_arm.trouble()
+            goes_on = self._run.step(trouble)
         except Failure as failure:
             self._fail(failure.code, failure.reason, failure.numbers)
+        except SkillError as error:
+            self._log_problem(str(error))
+            self._close()
+            cause = error.__cause__
+            numbers = cause.numbers if isinstance(cause, Failure) else {}
+            self._fail("EXCEPTION", str(error), numbers)
         except _ANY as error:
             self._log_exception("in its run")
             self._fail("EXCEPTION", _one_line(error), {})
         else:
-            if progress is not None:
-                self._progress = progress
-            if self.status is not Status.RUNNING:
+            if not goes_on:
+                self._let_go()  # a motion that was left running has nobody to watch it any more
+                self._end(Status.SUCCESS)
+            elif self.status is not Status.RUNNING:
                 self._become(Status.RUNNING, {})
         yield self
 
@@ -98,7 +112,8 @@ class Leaf(Behaviour):
 
     def stop(self, new_status: Status = Status.INVALID) -> None:
         """Halt the skill if it is running; harmless at any time."""
-        if self._steps is not None:
+        if self._run is not None:
+            self._held_arm.enter(anew=False)
             problem = self._close()
             self.code, self.reason = "HALTED", problem
             self._end(new_status)
@@ -112,36 +127,21 @@ class Leaf(Behaviour):
 
     @property
     def progress(self) -> float | None:
-        """Share done of a running skill that knows it: what it yielded last, or noted."""
-        if self.skill is None:
-            return None
-        try:
-            progress = self.skill.progress if self._progress is None else self._progress
-            return None if progress is None else min(1.0, max(0.0, float(progress)))
-        except _ANY:
-            return None
+        """Share done of a running skill that knows it."""
+        return None if self._run is None else self._run.progress
 
-    def _start(self) -> Iterator[float | None]:
+    def _start(self) -> SkillRun:
         self.code = self.reason = ""
-        self._progress = None
         time = self._teller.clock() if self._teller else 0.0
         self._report = LeafReport(self.path, self.kind, "RUNNING", time)
         self._reports.append(self._report)
-        try:
-            self.skill = self._begin()
-            steps = self.skill.run()
-        except StopIteration as error:  # outside of the generator it would pass for its end
-            raise RuntimeError("StopIteration was raised before the first step") from error
-        if not isinstance(steps, Iterator):
-            raise TypeError(f"run() of {type(self.skill).__name__} has no yield")
-        return steps
+        return SkillRun(self._begin)
 
     def _close(self) -> str:
         """Let the skill clean up; returns what went wrong with that."""
         try:
-            close: Any = getattr(self._steps, "close", None)
-            if close is not None:
-                close()
+            if self._run is not None:
+                self._run.close()
         except _ANY as error:
             self._log_exception("in its clean-up")
             return f"its clean-up raised {_one_line(error)}"
@@ -151,25 +151,33 @@ class Leaf(Behaviour):
 
     def _let_go(self) -> None:
         try:
-            self._release()
+            self._held_arm.release()
         except _ANY:
             self._log_exception("while its arm was released")
 
     def _fail(self, code: str, reason: str, numbers: Mapping[str, Number]) -> None:
-        self.code, self.reason = code, reason
+        self.code, self.reason = code, one_line(reason)
         self._let_go()
         self._end(Status.FAILURE, numbers)
 
-    def _end(self, status: Status, numbers: Mapping[str, Number] | None = None) -> None:
-        self._steps = None
-        metrics = {**_metrics(self.skill), **_plain(numbers or {})}
-        self.skill = None
+    def _end(self, status: Status, numbers: Mapping[str, Number] = MappingProxyType({})) -> None:
+        metrics = self._measured(numbers)
+        self._run = None
         self._become(status, metrics)
         if self._report is not None:
             self._report.status = NAMES[status]
             self._report.ended_s = self.since
             self._report.code, self._report.reason = self.code, self.reason
             self._report.metrics = metrics
+
+    def _measured(self, numbers: Mapping[str, Number]) -> Mapping[str, Number]:
+        """Metrics of the skill, numbers of its failure; those that are none are told."""
+        if self._run is None:  # it failed before there was a skill
+            return numbers
+        metrics, problems = self._run.measured(numbers)
+        for problem in problems:
+            self._log_problem(problem)
+        return metrics
 
     def _become(self, new: Status, metrics: Mapping[str, Number]) -> None:
         old, self.status = self.status, new
@@ -181,40 +189,16 @@ class Leaf(Behaviour):
             self._teller.tell(self, old, new, metrics)
 
     def _log_exception(self, when: str) -> None:
-        arm = self._teller.arm if self._teller else "?"
-        _log.exception("%s: %s: the skill raised %s", arm, self.path, when)
+        _log.exception("%s: %s: the skill raised %s", self._arm, self.path, when)
 
+    def _log_problem(self, problem: str) -> None:
+        _log.error("%s: %s: %s", self._arm, self.path, problem)
 
-def _raise_in(steps: Iterator[float | None], trouble: BaseException) -> float | None:
-    """Raise in a generator where it waits; others than generators cannot answer it."""
-    if isinstance(steps, Generator):
-        progress: float | None = steps.throw(trouble)
-        return progress
-    raise trouble
-
-
-def _metrics(skill: Skill | None) -> dict[str, Number]:
-    """What a skill measured; what its author may have put there is not trusted."""
-    try:
-        return _plain(skill.metrics) if skill is not None else {}
-    except _ANY:
-        _log.exception("%s has no usable metrics", type(skill).__name__)
-        return {}
-
-
-def _plain(numbers: Mapping[str, Any]) -> dict[str, Number]:
-    """Numbers as JSON knows them; numpy's have an ``item``."""
-    return {
-        str(name): value if isinstance(value, (bool, int, float, str)) else _scalar(value)
-        for name, value in numbers.items()
-    }
-
-
-def _scalar(value: Any) -> Number:
-    item = value.item() if hasattr(value, "item") and getattr(value, "size", 0) == 1 else value
-    return item if isinstance(item, (bool, int, float, str)) else str(item)
+    @property
+    def _arm(self) -> str:
+        return self._teller.arm if self._teller else "?"
 
 
 def _one_line(error: BaseException) -> str:
-    text = " ".join(str(error).split())
+    text = one_line(str(error))
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

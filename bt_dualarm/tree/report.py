@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from bt_dualarm.errors import Number
 
@@ -21,9 +21,9 @@ class NodeView:
         kind: ``sequence``, ``retry``, … or the skill's name.
         status: Status after the last tick or halt.
         since: Simulated time in seconds at which it took this status.
+        children: Nodes below it, in the order of the file.
         progress: Share done from 0 to 1 of a running leaf that knows it, else None.
         reason: ``CODE: sentence`` of a failed leaf, else empty.
-        children: In the order of the file.
         halted: Whether INVALID means that it ran and was halted, rather than that it never ran.
     """
 
@@ -31,9 +31,9 @@ class NodeView:
     kind: str
     status: StatusName
     since: float
+    children: tuple[NodeView, ...] = ()
     progress: float | None = None
     reason: str = ""
-    children: tuple[NodeView, ...] = ()
     halted: bool = False
 
 
@@ -43,14 +43,14 @@ class StatusChange:
 
     Attributes:
         time: Simulated time in seconds.
-        arm: Whose tree.
+        arm: Name of the arm whose tree it is.
         path: Names from the root down, joined by ``/``; equal siblings are numbered ``circle#2``.
-        kind: As in `NodeView`.
+        kind: Kind of the node, as in `NodeView`.
         old: Status before.
         new: Status now.
-        code: Of a leaf's failure, ``HALTED`` of a halted leaf, else empty.
+        code: Code of a leaf's failure, ``HALTED`` of a halted leaf, else empty.
         reason: One sentence of a leaf's failure, else empty.
-        metrics: What the leaf measured, with the numbers of its failure; empty while it runs.
+        metrics: Numbers that the leaf measured, with those of its failure; empty while it runs.
     """
 
     time: float
@@ -69,14 +69,14 @@ class LeafReport:
     """One run of one leaf, from its first tick to its end; a leaf that is retried has several.
 
     Attributes:
-        path: As in `StatusChange`.
+        path: Path of the leaf, as in `StatusChange`.
         skill: The leaf's kind.
         status: RUNNING until it ends; INVALID when it was halted.
         started_s: Simulated time of its first tick in seconds.
         ended_s: Simulated time of its end in seconds; None while it runs.
-        code: As in `StatusChange`.
-        reason: As in `StatusChange`.
-        metrics: As in `StatusChange`.
+        code: Code of its end, as in `StatusChange`.
+        reason: Sentence of its failure, as in `StatusChange`.
+        metrics: Numbers of its end, as in `StatusChange`.
     """
 
     path: str
@@ -88,6 +88,6 @@ class LeafReport:
     reason: str = ""
     metrics: Mapping[str, Number] = field(default_factory=dict)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """JSON-ready, keys in the order of ``summary.json``."""
         return {**vars(self), "metrics": dict(self.metrics)}

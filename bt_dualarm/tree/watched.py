@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import ClassVar, Protocol, Self
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from bt_dualarm.errors import Number
+from bt_dualarm.spec.word import Word
+from bt_dualarm.tree.parts import Parts
 from bt_dualarm.tree.report import StatusChange, StatusName
 
 NAMES: Mapping[Status, StatusName] = {
@@ -32,9 +34,9 @@ class Teller:
     """Tells the changes of one arm's tree.
 
     Args:
-        arm: Whose tree.
+        arm: Name of the arm whose tree it is.
         clock: Simulated time in seconds.
-        on_event: Receives every change, in the order in which they happen.
+        on_event: Receiver of every change, in the order in which they happen.
     """
 
     def __init__(
@@ -71,8 +73,12 @@ class Watched(Behaviour):
     """Mixed into py_trees' composites and decorators, whose every change of status it sees.
 
     Nodes are told who they are by `place` before the first tick.
+
+    Attributes:
+        word: Word of the language that a class ticks; `build` finds the class by it.
     """
 
+    word: ClassVar[Word]
     path = ""
     kind = ""
     since = 0.0
@@ -81,6 +87,11 @@ class Watched(Behaviour):
     halted = False
     _status = Status.INVALID
     _teller: Teller | None = None
+
+    @classmethod
+    def of(cls, parts: Parts) -> Self:
+        """A node of this class."""
+        raise NotImplementedError
 
     def place(self, teller: Teller, path: str, kind: str) -> None:
         """Take a place in an arm's tree."""

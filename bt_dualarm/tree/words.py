@@ -7,20 +7,38 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import ClassVar, Final
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.skill import Skill
-from bt_dualarm.spec import word_ports
-from bt_dualarm.spec.explain import describe
-from bt_dualarm.spec.kind import NoPorts
+from bt_dualarm.skill.skill import Skill
+from bt_dualarm.spec import leaf_words
 from bt_dualarm.spec.ports import PortModel
 from bt_dualarm.spec.source import Data
+from bt_dualarm.spec.word import Word
+from bt_dualarm.spec.wording import in_words, one_line
 from bt_dualarm.tree.time import reached
 
 
-class Wait(Skill):
+class WordSkill(Skill):
+    """Base of the language's leaves.
+
+    Attributes:
+        word: Word of the language that a class runs; `build` finds the class by it.
+    """
+
+    word: ClassVar[Word]
+
+    def __init_subclass__(cls) -> None:
+        cls.Ports = cls.word.ports
+
+    @classmethod
+    def declares(cls, code: str) -> bool:  # noqa: ARG003 - the file may say any
+        """Any code: what a word says is up to the file."""
+        return True
+
+
+class Wait(WordSkill):
     """Succeeds after a time."""
 
-    Ports = word_ports.Seconds
-    ports: word_ports.Seconds
+    word = leaf_words.WAIT
+    ports: leaf_words.Wait
 
     def run(self) -> Iterator[None]:
         """Until the time is over."""
@@ -30,12 +48,12 @@ class Wait(Skill):
             yield
 
 
-class Set(Skill):
+class Set(WordSkill):
     """Writes a key of the blackboard."""
 
-    Ports = word_ports.Set
-    Outputs: ClassVar[type[PortModel]] = word_ports.SetOutputs
-    ports: word_ports.Set
+    word = leaf_words.SET
+    Outputs: ClassVar[type[PortModel]] = leaf_words.Set
+    ports: leaf_words.Set
 
     def run(self) -> Iterator[None]:
         """At once."""
@@ -43,11 +61,11 @@ class Set(Skill):
         yield from ()
 
 
-class Compare(Skill):
+class Compare(WordSkill):
     """Succeeds if a comparison holds."""
 
-    Ports = word_ports.Compare
-    ports: word_ports.Compare
+    word = leaf_words.COMPARE
+    ports: leaf_words.Compare
 
     def run(self) -> Iterator[None]:
         """At once."""
@@ -55,7 +73,7 @@ class Compare(Skill):
         if relation in _ORDER and not (_is_number(value) and _is_number(to)):
             raise Failure(
                 "NOT_COMPARABLE",
-                f"{describe(value)} and {describe(to)} have no order, only numbers have",
+                f"{in_words(value)} and {in_words(to)} have no order, only numbers have",
             )
         if relation == "near":
             holds = near(value, to, self.ports.tolerance)
@@ -64,28 +82,28 @@ class Compare(Skill):
         else:
             holds = same(value, to) == (relation == "equal")
         if not holds:
-            raise Failure("FALSE", f"{describe(value)} {_NOT[relation]} {describe(to)}")
+            raise Failure("FALSE", f"{in_words(value)} {_NOT[relation]} {in_words(to)}")
         yield from ()
 
 
-class Log(Skill):
+class Log(WordSkill):
     """Writes a line to the log."""
 
-    Ports = word_ports.Log
-    ports: word_ports.Log
+    word = leaf_words.LOG
+    ports: leaf_words.Log
 
     def run(self) -> Iterator[None]:
         """At once."""
         level = logging.getLevelNamesMapping()[self.ports.level.upper()]
-        self.context.log.log(level, "%s", self.ports.message)
+        self.context.log.log(level, "%s", one_line(self.ports.message))
         yield from ()
 
 
-class Fail(Skill):
+class Fail(WordSkill):
     """Fails at once."""
 
-    Ports = word_ports.Fail
-    ports: word_ports.Fail
+    word = leaf_words.FAIL
+    ports: leaf_words.Fail
 
     def run(self) -> Iterator[None]:
         """At once."""
@@ -93,25 +111,15 @@ class Fail(Skill):
         raise Failure(self.ports.code, self.ports.reason)
 
 
-class Succeed(Skill):
+class Succeed(WordSkill):
     """Succeeds at once."""
 
-    Ports = NoPorts
+    word = leaf_words.SUCCEED
 
     def run(self) -> Iterator[None]:
         """At once."""
         yield from ()
 
-
-WORDS: Final[Mapping[str, type[Skill]]] = {
-    "wait": Wait,
-    "set": Set,
-    "compare": Compare,
-    "log": Log,
-    "fail": Fail,
-    "succeed": Succeed,
-}
-"""The language's leaves by name."""
 
 _NOT: Final[Mapping[str, str]] = {
     "equal": "does not equal",
@@ -146,7 +154,7 @@ def near(a: Data, b: Data, tolerance: float) -> bool:
     if isinstance(a, list) and isinstance(b, list):
         return len(a) == len(b) and all(near(x, y, tolerance) for x, y in zip(a, b, strict=True))
     if not (_is_number(a) and _is_number(b)):
-        raise Failure("NOT_COMPARABLE", f"{describe(a)} and {describe(b)} are not both numbers")
+        raise Failure("NOT_COMPARABLE", f"{in_words(a)} and {in_words(b)} are not both numbers")
     return bool(abs(a - b) <= tolerance)
 
 

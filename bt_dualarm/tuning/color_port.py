@@ -25,9 +25,9 @@ class ColorPort:
     """A port that says what a camera looks for.
 
     Attributes:
-        node: Of a tree.
-        port: Its name.
-        color: None where a key of the blackboard brings it.
+        node: Leaf of a tree.
+        port: Name of the port.
+        color: Colour in the port, None where a key of the blackboard brings it.
     """
 
     node: NodeSpec
@@ -36,7 +36,7 @@ class ColorPort:
 
     @property
     def path(self) -> Path:
-        """Of the port in the file of the node."""
+        """Path of the port in the file of the node."""
         return (*self.node.path, self.node.kind, self.port)
 
     def home(self) -> tuple[Source, Path]:
@@ -63,7 +63,7 @@ class ColorPort:
 
 
 def color_ports(file: TreeFile, arm: str, kinds: Mapping[str, Kind]) -> Iterator[ColorPort]:
-    """Every port of an arm's tree that takes a colour, each once, in the order of the file."""
+    """Ports of an arm's tree that take a colour, each once, in the order of the file."""
     seen = set()
     for node in file.arms[arm].tree.walk():
         fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
 
 from bt_dualarm.spec.color import Color
+from bt_dualarm.spec.source import Data
 from bt_dualarm.vision.colors import ColorFilter, Mask
 from bt_dualarm.vision.detect import Detection, detect_all
-from bt_dualarm.world.camera import Frame
-from bt_dualarm.world.rendering import Image
+from bt_dualarm.world.cameras.frame import Frame
+from bt_dualarm.world.rendering.renderer import Image
 
 _LEAST_WIDTH_PX: Final = 480
 _BAR_PX: Final = 26
@@ -26,7 +27,7 @@ class Look:
 
     Attributes:
         frame: The picture.
-        color: What is looked for.
+        color: Colour that is looked for.
     """
 
     frame: Frame
@@ -44,7 +45,7 @@ class Look:
         return tuple(sorted(found, key=lambda detection: -detection.area_px))
 
     @property
-    def table(self) -> list[dict[str, Any]]:
+    def table(self) -> list[dict[str, Data]]:
         """The candidates, ready for JSON."""
         return [
             {
@@ -101,7 +102,7 @@ def _zoomed(image: Image, zoom: int) -> Image:
 
 
 def _titled(image: Image, title: str) -> Image:
-    """With a bar above it; a title that is too long is set smaller."""
+    """The image with a bar above it; a title that is too long is set smaller."""
     bar = np.full((_BAR_PX, image.shape[1], 3), 40, np.uint8)
     (width, _), _ = cv2.getTextSize(title, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
     _write(bar, title, (6, 18), _WHITE, min(0.5, 0.5 * (image.shape[1] - 12) / max(width, 1)))

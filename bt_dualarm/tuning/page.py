@@ -10,7 +10,10 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any, Final
+from socket import socket
+from socketserver import BaseServer
+from threading import Lock
+from typing import Final
 
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.share import share_dir
@@ -24,6 +27,10 @@ from bt_dualarm.tuning.wanted import color_of
 
 HOST: Final = "127.0.0.1"
 _LARGEST_BODY: Final = 64 * 1024
+_DIGITS: Final = len(str(_LARGEST_BODY))
+_PATIENCE_S: Final = 10.0
+"""Longest wait for a browser that has begun to ask and does not go on."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -35,18 +42,19 @@ class Tuning:
     """What the page does, apart from the network; the ranges themselves are kept by the page.
 
     Args:
-        shot: The picture.
-        color: To begin with.
-        save: Where the button puts the ranges; None where there is no such place.
+        shot: Picture to tune on.
+        color: Colour to begin with.
+        save: Writer that the button calls; None where there is no place to write to.
     """
 
     def __init__(self, shot: Shot, color: Color, save: Save | None) -> None:
         self._shot = shot
         self._color = color
         self._save = save
+        self._saving = Lock()
         self.image = png(shot.frame.image)
 
-    def begin(self, _: Data) -> dict[str, Any]:
+    def begin(self, _: Data) -> dict[str, Data]:
         """Everything to show first."""
         return {
             "what": self._shot.what,
@@ -54,11 +62,11 @@ class Tuning:
             **self._seen(Color(ranges=self._color.ranges)),
         }
 
-    def look(self, asked: Data) -> dict[str, Any]:
+    def look(self, asked: Data) -> dict[str, Data]:
         """What ``color`` finds."""
         return self._seen(_color(asked))
 
-    def click(self, asked: Data) -> dict[str, Any]:
+    def click(self, asked: Data) -> dict[str, Data]:
         """Range number ``range`` of ``color`` around pixel ``at``: anew, or ``widen``-ed."""
         color = _color(asked)
         try:
@@ -66,17 +74,19 @@ class Tuning:
             ranges = list(color.ranges)
             begin = ranges[number] if widen else None
             ranges[number] = range_of(self._shot.frame.image, [(int(x), int(y))], begin)
-        except (KeyError, IndexError, TypeError, ValueError) as error:
+        except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
             raise PageError(f"a click has a pixel and a range: {error!r}") from None
         return self._seen(Color(ranges=tuple(ranges)))
 
-    def save(self, asked: Data) -> dict[str, Any]:
+    def save(self, asked: Data) -> dict[str, Data]:
         """Write ``color`` where it belongs."""
         if self._save is None:
             raise PageError("there is no file to write to; start with --write or --snippet FILE")
-        return {"said": self._save(_color(asked))}
+        color = _color(asked)
+        with self._saving:  # a browser asks side by side, and a tree file is read and written
+            return {"said": self._save(color)}
 
-    def _seen(self, color: Color) -> dict[str, Any]:
+    def _seen(self, color: Color) -> dict[str, Data]:
         look = Look(self._shot.frame, color)
         mask = base64.b64encode(png(look.mask)).decode()
         return {
@@ -97,8 +107,8 @@ def page_server(tuning: Tuning, port: int = 0) -> ThreadingHTTPServer:
     """A server on the loopback address; ``serve_forever`` runs it, ``server_address`` names it.
 
     Args:
-        tuning: What it shows.
-        port: 0 takes any that is free.
+        tuning: Answers to the page.
+        port: Number of the port; 0 takes any that is free.
 
     Raises:
         PageError: The port is taken, or not allowed.
@@ -112,7 +122,7 @@ def page_server(tuning: Tuning, port: int = 0) -> ThreadingHTTPServer:
 class _Server(ThreadingHTTPServer):
     """Says in the log, and not on the terminal, what went wrong with a request."""
 
-    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002 - its parent's
+    def handle_error(self, request: object, client_address: object) -> None:  # noqa: ARG002 - its parent's
         """A browser that has gone is nothing to tell; the rest is a bug."""
         level = logging.DEBUG if isinstance(sys.exception(), ConnectionError) else logging.ERROR
         _log.log(level, "a request for the page failed", exc_info=True)
@@ -126,9 +136,13 @@ class _Handler(BaseHTTPRequestHandler):
     any site do unasked) are refused.
     """
 
-    def __init__(self, tuning: Tuning, *arguments: Any) -> None:
+    timeout = _PATIENCE_S  # of the socket, which the parent sets
+
+    def __init__(
+        self, tuning: Tuning, request: socket, client_address: tuple[str, int], server: BaseServer
+    ) -> None:
         self._tuning = tuning
-        super().__init__(*arguments)
+        super().__init__(request, client_address, server)
 
     def do_GET(self) -> None:
         """The page and its picture."""
@@ -159,7 +173,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer("application/json", content)
 
     @property
-    def _actions(self) -> Mapping[str, Callable[[Data], dict[str, Any]]]:
+    def _actions(self) -> Mapping[str, Callable[[Data], dict[str, Data]]]:
         tuning = self._tuning
         return {
             "/begin": tuning.begin,
@@ -173,13 +187,20 @@ class _Handler(BaseHTTPRequestHandler):
         return name in (HOST, "localhost")
 
     def _asked(self) -> Data:
+        """The request's content.
+
+        Raises:
+            PageError: It is none, or has numbers or text that nothing can be done with.
+        """
         length = self.headers.get("Content-Length", "")
-        if not length.isdecimal() or int(length) > _LARGEST_BODY:
+        if not length.isdecimal() or len(length) > _DIGITS or int(length) > _LARGEST_BODY:
             raise PageError("a request has a length, and a short one")
         try:
-            return json.loads(self.rfile.read(int(length)))
+            asked = json.loads(self.rfile.read(int(length)))
+            json.dumps(asked, ensure_ascii=False, allow_nan=False).encode()
         except (ValueError, RecursionError):
-            raise PageError("a request is JSON") from None
+            raise PageError("a request is JSON, its numbers finite, its text whole") from None
+        return asked
 
     def _refuse(self, status: HTTPStatus, why: str) -> None:
         self._answer("application/json", json.dumps({"error": why}).encode(), status)
@@ -192,6 +213,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(content)
 
-    def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002 - http.server's
+    def log_message(self, format: str, *arguments: object) -> None:  # noqa: A002 - http.server's
         """To the log and not to the terminal."""
         _log.debug(format, *arguments)

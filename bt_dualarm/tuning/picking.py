@@ -12,7 +12,7 @@ import numpy as np
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.spec.color import HsvRange
-from bt_dualarm.world.rendering import Image
+from bt_dualarm.world.rendering.renderer import Image
 
 Pixel: TypeAlias = tuple[int, int]
 """Column and row, from the top left corner."""
@@ -34,9 +34,9 @@ def range_of(image: Image, pixels: Sequence[Pixel], begin: HsvRange | None = Non
     """The smallest range around pixels and those next to them, with a margin for other light.
 
     Args:
-        image: Red, green, blue.
-        pixels: At least one.
-        begin: Is widened to hold the pixels, too; None to begin anew.
+        image: Red, green, blue, of shape (height, width, 3).
+        pixels: Columns and rows of what was pointed at, at least one.
+        begin: Range that is widened to hold the pixels, too; None to begin anew.
 
     Raises:
         PixelError: One is outside of the image.
@@ -80,7 +80,7 @@ def _arc(hues: Vector, begin: tuple[float, float] | None) -> tuple[float, float]
 
 
 def _span(shares: Vector, begin: tuple[float, float] | None) -> tuple[float, float]:
-    """From 0 to 1, in hundredths."""
+    """A span of shares around all of them, within 0 to 1, in hundredths."""
     low, high = begin or (1.0, 0.0)
     low = min(low, max(0.0, float(shares.min()) - _SHARE_MARGIN))
     high = max(high, min(1.0, float(shares.max()) + _SHARE_MARGIN))

@@ -9,8 +9,8 @@ from typing import Protocol
 
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.preflight.check import check
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.whole_files import write_text
+from bt_dualarm.runtime.atomic_write import write_text
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.edit import with_value
 from bt_dualarm.spec.load import load_tree_file
@@ -39,11 +39,11 @@ class IntoTree:
     """Writes into a tree file and leaves all else in it as it is.
 
     Attributes:
-        path: Of the file.
-        arm: Whose tree.
-        line: Of the leaf, where several look for a colour.
+        path: File to write to.
+        arm: Name of the arm whose tree it is.
+        line: Line of the leaf, where several look for a colour.
         registry: The installed skills.
-        params: As given on the command line.
+        params: Parameters of the file as given on the command line.
     """
 
     path: Path
@@ -78,8 +78,8 @@ class AsSnippet:
     """Writes a file of its own, to be copied from.
 
     Attributes:
-        path: Of the file.
-        what: Where the colour was picked.
+        path: File to write to.
+        what: Description of the picture that the colour was picked from.
     """
 
     path: Path

@@ -11,7 +11,7 @@ from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.source import Data, with_tuples
 from bt_dualarm.tuning.picking import Pixel, range_of
-from bt_dualarm.world.rendering import Image
+from bt_dualarm.world.rendering.renderer import Image
 
 
 class ColorError(DualArmError):
@@ -30,6 +30,8 @@ def color_of(data: Data) -> Color:
         found = explain(error, Color, data, "field")
         words = (f"{one.message} {one.hint}".strip() for one in found)
         raise ColorError("; ".join(words)) from None
+    except UnicodeEncodeError:
+        raise ColorError("a colour is written in whole characters") from None
 
 
 def adjusted(
@@ -43,11 +45,12 @@ def adjusted(
     """A colour with changes, in this order; without any, the colour itself.
 
     Args:
-        color: To begin with.
-        image: In which pixels are.
-        pick: Begin anew with one range around these.
-        widen: Widen the first range to hold these, too.
-        bounds: Of hue, saturation or value, of every range; a hue leaves the first range only.
+        color: Colour to begin with.
+        image: Image in which the pixels are.
+        pick: Pixels around which one new range is made.
+        widen: Pixels that the first range is widened to hold, too.
+        bounds: Bounds of hue, saturation or value, for every range; a hue leaves the first
+            range only.
 
     Raises:
         ColorError: A lower bound is above its upper one.

@@ -1,1 +1,8 @@
-"""bt_dualarm.vision."""
+"""From an image to where a target is and how it moves.
+
+In: frames of a camera, the colour to look for, what is known of the target's shape and plane.
+Out: a motion of the target, position, velocity and doubt, predicted to any time.
+Open first: `tracker` (puts it together); others: `detect` (image to pixels), `localise` (pixels to
+a point of the world), `outline` (parts that are covered), `estimate` (the filter), `motion_model`
+(how it moves), `stillness`.
+"""

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.spec.color import Color
-from bt_dualarm.world.rendering import Image
+from bt_dualarm.world.rendering.renderer import Image
 
 Mask: TypeAlias = npt.NDArray[np.uint8]
 """255 where a pixel belongs, else 0, of shape (height, width)."""

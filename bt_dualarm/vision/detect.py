@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.vision.colors import ColorFilter, Mask
-from bt_dualarm.world.camera import Frame
-from bt_dualarm.world.rendering import Image, Region
+from bt_dualarm.world.cameras.frame import Frame
+from bt_dualarm.world.rendering.renderer import Image, Region
 
 _KERNEL = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
 _NEIGHBOURS = cv2.getStructuringElement(cv2.MORPH_RECT, (5, 5))
@@ -23,15 +22,16 @@ _MARGIN_PX = 3
 class Detection:
     """A target in an image.
 
-    Args:
+    Attributes:
         stamp: Simulated time of the exposure in s.
         centroid: Offset from the image centre, x to the right and y down; the edges are at -1, 1.
-        centroid_px: The same in pixels from the top left corner of the image.
+        centroid_px: Centroid in pixels from the top left corner of the image.
         area_px: Area in square pixels, edge pixels counted by the share that is covered.
         size: Root of the area as a share of the image height.
         bounds_px: Bounding box: left, top, right, bottom (right and bottom outside).
-        confidence: 0..1: share of its filled outline that has the colour.
-        touches_border: It reaches the edge of what was exposed, so its centroid is shifted.
+        confidence: Share of its filled outline that has the colour, 0..1.
+        touches_border: True where it reaches the edge of what was exposed, which shifts its
+            centroid.
     """
 
     stamp: float
@@ -54,12 +54,12 @@ def detect(
     """Find one target, or none.
 
     Args:
-        frame: Only its exposed region is looked at.
-        color: What the target looks like.
-        min_area: Smaller areas, in square pixels, are not the target.
-        max_area: Neither are larger ones.
-        expected_px: Where the target should be. Of several, the nearest to it is taken;
-            without it, the largest.
+        frame: Exposure, of which only the exposed region is looked at.
+        color: Filter of the target's colour.
+        min_area: Least area of a target, in square pixels.
+        max_area: Largest area of a target, in square pixels.
+        expected_px: Pixel at which the target should be. Of several, the nearest to it is
+            taken; without it, the largest.
 
     Returns:
         ``None`` says that the target is not in the picture: an answer, not a failure.
@@ -109,7 +109,7 @@ class _Blob:
     limits: tuple[int, int]
 
     @classmethod
-    def cut(cls, rgb: Image, raw: Mask, contour: Any, bounds: Region) -> _Blob:
+    def cut(cls, rgb: Image, raw: Mask, contour: cv2.typing.MatLike, bounds: Region) -> _Blob:
         height, width = raw.shape
         left, top = max(bounds[0] - _MARGIN_PX, 0), max(bounds[1] - _MARGIN_PX, 0)
         part = slice(top, bounds[3] + _MARGIN_PX), slice(left, bounds[2] + _MARGIN_PX)

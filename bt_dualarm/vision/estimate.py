@@ -50,11 +50,6 @@ class TargetEstimate:
         self._measurements: list[_Measurement] = []
 
     @property
-    def started(self) -> bool:
-        """Whether there has been a measurement yet."""
-        return bool(self._beliefs)
-
-    @property
     def stamp(self) -> float:
         """Time of the newest measurement in s.
 
@@ -72,7 +67,7 @@ class TargetEstimate:
 
         Args:
             stamp: When it was true, in s; one older than the history is ignored.
-            position: Of shape (n,), in m.
+            position: Position in m, of shape (n,).
             sigma: Standard deviation in m: one for all axes or one an axis.
         """
         variance = np.broadcast_to(np.square(sigma), np.shape(position)).astype(float)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.vision.detect import Detection
-from bt_dualarm.world.camera import Frame
+from bt_dualarm.world.cameras.frame import Frame
 
 _MIN_DEPTH_M = 1e-3
 _MIN_FLANKS_PX = 1.0
@@ -37,12 +37,12 @@ def front_face(
     """What would have been detected of the cube's front face alone.
 
     Args:
-        detection: Of the whole outline.
-        frame: In which it was detected.
-        point: Where the centre of the front face roughly is, of shape (3,), in m; an error of a
+        detection: Detection of the whole outline.
+        frame: Frame in which it was detected.
+        point: Rough centre of the front face in the world, of shape (3,), in m; an error of a
             centimetre changes the result by a tenth of that.
-        normal: Of the front face, either way round, of shape (3,); the cube's edges are taken as
-            parallel to the image as far as that allows.
+        normal: Normal of the front face, either way round, of shape (3,); the cube's edges are
+            taken as parallel to the image as far as that allows.
         edge: Length of an edge in m.
         flanks: Share of the flanks that has the colour; by default what the area says, which
             asks for a depth that is known to a hundredth.

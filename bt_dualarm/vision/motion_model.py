@@ -47,39 +47,6 @@ class MotionModel(Protocol):
 
 
 @dataclass(frozen=True)
-class ConstantJerk:
-    """Jerk changes only by white noise of density ``snap_density`` in m²/s⁷.
-
-    Source: Mehrotra and Mahapatra, "A jerk model for tracking highly maneuvering targets",
-    IEEE Trans. Aerospace and Electronic Systems 33(4), 1997, with an infinite time constant.
-    """
-
-    snap_density: float = 1000.0
-    spread: tuple[float, float, float] = (0.5, 3.0, 20.0)
-
-    def start(self, position: Vector) -> Matrix:
-        """At rest."""
-        return _at_rest(position)
-
-    def move(self, state: Matrix, dt: float) -> Matrix:
-        """Taylor's series, exact for a constant jerk."""
-        moved: Matrix = state @ _chain(dt).T
-        return moved
-
-    def jacobian(self, state: Matrix, dt: float) -> Stack:  # noqa: ARG002 - it is linear
-        """The same at every state."""
-        return _chain(dt)[None]
-
-    def noise(self, dt: float) -> Matrix:
-        """White noise through four integrators."""
-        return self.snap_density * _chain_noise(dt)
-
-    def confine(self, state: Matrix) -> Matrix:
-        """Any state will do."""
-        return state
-
-
-@dataclass(frozen=True)
 class Oscillator:
     """A sine of unknown frequency w, the fourth state in rad/s: p''' = -w² p'.
 
@@ -95,7 +62,7 @@ class Oscillator:
 
     def start(self, position: Vector) -> Matrix:
         """At rest, at the frequency of a slow curve."""
-        state = _at_rest(position)
+        state = at_rest(position)
         state[:, 3] = self.start_frequency
         return state
 
@@ -126,7 +93,7 @@ class Oscillator:
     def noise(self, dt: float) -> Matrix:
         """White noise through three integrators, and apart from it the frequency's."""
         noise = np.zeros((_STATES, _STATES))
-        noise[:3, :3] = self.jerk_density * _chain_noise(dt)[1:, 1:]
+        noise[:3, :3] = self.jerk_density * chain_noise(dt)[1:, 1:]
         noise[3, 3] = self.frequency_density * abs(dt)
         return noise
 
@@ -137,7 +104,8 @@ class Oscillator:
         return confined
 
 
-def _at_rest(position: Vector) -> Matrix:
+def at_rest(position: Vector) -> Matrix:
+    """State of shape (n, 4) of a target that stands at a position of shape (n,), in m."""
     state = np.zeros((len(position), _STATES))
     state[:, 0] = position
     return state
@@ -158,20 +126,7 @@ def _swing(
 
 
 @lru_cache(maxsize=256)
-def _chain(dt: float) -> Matrix:
-    """Transition of four integrators, of shape (4, 4)."""
-    return np.array(
-        [
-            [1.0, dt, dt**2 / 2.0, dt**3 / 6.0],
-            [0.0, 1.0, dt, dt**2 / 2.0],
-            [0.0, 0.0, 1.0, dt],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
-
-
-@lru_cache(maxsize=256)
-def _chain_noise(dt: float) -> Matrix:
+def chain_noise(dt: float) -> Matrix:
     """Covariance of four integrators driven by white noise of density one, of shape (4, 4).
 
     The integral over t of c c' with c = (t³/6, t²/2, t, 1).

@@ -17,8 +17,8 @@ import numpy.typing as npt
 from bt_dualarm.pose import Vector
 from bt_dualarm.vision.detect import Detection
 from bt_dualarm.vision.localise import PIXEL_SIGMA, Localiser, Sighting
-from bt_dualarm.vision.memory import Memory
-from bt_dualarm.world.camera import Frame
+from bt_dualarm.vision.running_mean import RunningMean
+from bt_dualarm.world.cameras.frame import Frame
 
 EDGE_SIGMA_PX = 0.5
 """Standard deviation of an edge: of its whole pixels, which stay wrong for many frames."""
@@ -54,7 +54,7 @@ class Outline:
     One that was seen from aside only may look different from ahead: by what is in doubt.
 
     Args:
-        localiser: Knows the shape, if anybody does.
+        localiser: Localiser, which knows the shape if anybody does.
     """
 
     localiser: Localiser
@@ -63,7 +63,7 @@ class Outline:
         self._count = 0
         self._better_in_row = 0
         # Of the box, what is beside the shape that is known; share of the box that is filled; side.
-        self._look = Memory(6)
+        self._look = RunningMean(6)
 
     @property
     def side(self) -> float:
@@ -151,9 +151,9 @@ class Outline:
         """The target by those edges of a detection that are its own.
 
         Args:
-            detection: A part of it, or more than it.
-            frame: In which it was detected.
-            expected: Where the target should be, of shape (3,).
+            detection: Detection of a part of the target, or of more than it.
+            frame: Frame in which it was detected.
+            expected: Point of the world where the target should be, of shape (3,), in m.
             sigma: Standard deviation of that, in m.
 
         Returns:
@@ -197,7 +197,7 @@ class Outline:
         return full and bool(change.min() > self._slack(detection))
 
     def _slack(self, detection: Detection) -> float:
-        """By which width and height may change, in px: a strip at one edge is all of the doubt."""
+        """Change in px that width and height may have: a strip at one edge is all of the doubt."""
         return _SLACK_PX + 2.0 * self._look.doubt * math.sqrt(detection.area_px)
 
     def _box(self, point: Vector, frame: Frame) -> _Box:
@@ -218,7 +218,7 @@ class Outline:
 
 
 def _misproportion(rest: _Box) -> float:
-    """By how much a box is too wide for its height, or too high, in px."""
+    """Excess in px of a box's width over its height, or of its height over its width."""
     return abs(float((rest[2] - rest[0]) - (rest[3] - rest[1])))
 
 

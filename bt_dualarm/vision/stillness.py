@@ -56,7 +56,7 @@ class Stillness:
 
         Args:
             stamp: When it was exposed, in s; later than all before.
-            place: Of shape (n,), in m.
+            place: Position in m, of shape (n,).
             sigma: Standard deviation along an axis that is expected of it, in m.
         """
         resumed = self._moved_at is not None and not self._seen

@@ -15,8 +15,9 @@ from bt_dualarm.vision.detect import Detection, detect_all
 from bt_dualarm.vision.estimate import Motion, TargetEstimate
 from bt_dualarm.vision.localise import LocaliseError, Localiser, Sighting
 from bt_dualarm.vision.outline import Outline, Seen
-from bt_dualarm.world.camera import Camera, Frame, Window
-from bt_dualarm.world.guarded_camera import GuardedCamera
+from bt_dualarm.world.cameras.camera import Camera
+from bt_dualarm.world.cameras.frame import Frame, Window
+from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
 
 _MIN_DEPTH_M = 0.02
 _FORESEEN_S = 0.5  # a target that was lost is looked for where it should be after this long

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.world.catalogue import Robot
 from bt_dualarm.world.composition import CAMERA
-from bt_dualarm.world.robot_model import TOOL_SITE
+from bt_dualarm.world.robots.mjspec import TOOL_SITE
+from bt_dualarm.world.robots.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,16 +22,16 @@ class ArmBody:
         base: Pose of the robot's base link in the world.
         qpos_ids: Addresses of the joints' positions, base to tip, of shape (dof,); likewise
             ``dof_ids`` for velocities and ``actuator_ids`` for torques.
-        geom_ids: All shapes that can touch something.
+        geom_ids: Ids of all shapes that can touch something.
         tool_geom_ids: Those of them that belong to the links beyond the last joint.
-        camera_id: The arm's camera, -1 if it has none.
+        camera_id: Id of the arm's camera, -1 if it has none.
     """
 
     name: str
     robot: Robot
     base: Pose
-    model: Any
-    data: Any
+    model: mujoco.MjModel
+    data: mujoco.MjData
     qpos_ids: npt.NDArray[np.int64]
     dof_ids: npt.NDArray[np.int64]
     actuator_ids: npt.NDArray[np.int64]
@@ -43,7 +42,9 @@ class ArmBody:
     camera_id: int
 
     @classmethod
-    def find(cls, name: str, robot: Robot, base: Pose, model: Any, data: Any) -> ArmBody:
+    def find(
+        cls, name: str, robot: Robot, base: Pose, model: mujoco.MjModel, data: mujoco.MjData
+    ) -> ArmBody:
         """Look the arm ``name`` up in a compiled model."""
         joints = [model.joint(f"{name}/{joint}") for joint in robot.joints]
         last = int(joints[-1].bodyid[0])

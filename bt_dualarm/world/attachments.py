@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+
+import mujoco
 
 from bt_dualarm.pose import Pose
 from bt_dualarm.world import composition
@@ -34,16 +35,16 @@ class Attachments:
     """The registry of a world's attachments.
 
     Args:
-        spec: The world's MjSpec.
+        spec: MjSpec of the world.
         recompile: Makes the world take up a change of the spec.
     """
 
-    def __init__(self, spec: Any, recompile: Callable[[], None]) -> None:
+    def __init__(self, spec: mujoco.MjSpec, recompile: Callable[[], None]) -> None:
         self._spec = spec
         self._recompile = recompile
         self._held: dict[tuple[str, str], Attachment] = {}
 
-    def __iter__(self) -> Any:
+    def __iter__(self) -> Iterator[Attachment]:
         return iter(self._held.values())
 
     def __len__(self) -> int:

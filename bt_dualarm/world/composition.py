@@ -6,7 +6,6 @@ import difflib
 import math
 import zlib
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,19 +14,14 @@ from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Pose
 from bt_dualarm.share import share_dir
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, WorldSpec
-from bt_dualarm.world.catalogue import Robot
-from bt_dualarm.world.footing import Footing
-from bt_dualarm.world.robot_model import robot_spec
+from bt_dualarm.world.mounting import MountingSurface
+from bt_dualarm.world.robots.geom_groups import OBJECT_GROUP, SCENE_GROUP
+from bt_dualarm.world.robots.mjspec import robot_spec
+from bt_dualarm.world.robots.primitives import GEOM_TYPES, half_sizes
+from bt_dualarm.world.robots.robot import Robot
 
-SCENE_GROUP = 0
-OBJECT_GROUP = 1
 CAMERA = "camera"
 
-_GEOM_TYPES = {
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-}
 _PEDESTAL_HALF_WIDTH = 0.11  # m; the footprint of a Panda or UR10 base plate fits
 _PEDESTAL_COLOR = (0.42, 0.45, 0.50, 1.0)
 _WELD_SOLREF = (0.004, 1.0)  # s, damping ratio: as good as rigid at a 2 ms step
@@ -39,7 +33,7 @@ def scene_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in (share_dir("assets") / "scenes").glob("*.xml")))
 
 
-def scene_spec(world: WorldSpec, root: Path) -> Any:
+def scene_spec(world: WorldSpec, root: Path) -> mujoco.MjSpec:
     """The scene as an MjSpec with the options of the world.
 
     Args:
@@ -68,42 +62,32 @@ def _scene_file(name: str, root: Path) -> Path:
     raise CatalogueError(f"no scene {name!r}{hint} (there are: {', '.join(scene_names())})")
 
 
-def _read_scene(path: Path) -> Any:
+def _read_scene(path: Path) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise CatalogueError(f"scene {path}: {error}") from error
 
 
-def names_in(spec: Any) -> frozenset[str]:
+def names_in(spec: mujoco.MjSpec) -> frozenset[str]:
     """Names of bodies, joints and shapes, which objects and arms must not take."""
     return frozenset(element.name for element in (*spec.bodies, *spec.joints, *spec.geoms))
 
 
-def add_object(spec: Any, name: str, thing: ObjectSpec, pose: Pose) -> None:
+def add_object(spec: mujoco.MjSpec, name: str, thing: ObjectSpec, pose: Pose) -> None:
     """Add an object; body, joint and geom bear its name."""
     body = spec.worldbody.add_body(name=name, pos=pose.position, quat=pose.quaternion)
     if not thing.fixed:
         body.add_freejoint(name=name)
     body.add_geom(
         name=name,
-        type=_GEOM_TYPES[thing.shape],
-        size=_half_sizes(thing),
+        type=GEOM_TYPES[thing.shape],
+        size=half_sizes(thing.shape, thing.size),
         mass=thing.mass,
         rgba=thing.rgba,
         friction=(thing.friction, 0.005, 0.0001),
         group=OBJECT_GROUP,
     )
-
-
-def _half_sizes(thing: ObjectSpec) -> tuple[float, float, float]:
-    if thing.shape == "box":
-        x, y, z = thing.size
-        return x / 2, y / 2, z / 2
-    if thing.shape == "cylinder":
-        radius, length = thing.size
-        return radius, length / 2, 0
-    return thing.size[0], 0, 0
 
 
 def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:
@@ -117,16 +101,22 @@ def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:
 
 
 def add_arm(
-    spec: Any, name: str, arm: ArmSpec, robot: Robot, *, footing: Footing | None, visuals: bool
+    spec: mujoco.MjSpec,
+    name: str,
+    arm: ArmSpec,
+    robot: Robot,
+    *,
+    surface: MountingSurface | None,
+    visuals: bool,
 ) -> None:
     """Attach an arm with its names below ``name/``.
 
     Args:
-        spec: The world's MjSpec.
-        name: Of the arm in the tree file.
-        arm: What the tree file says of it.
-        robot: What the catalogue says of it.
-        footing: What is under the base.
+        spec: MjSpec of the world.
+        name: Name of the arm in the tree file.
+        arm: Part of the tree file about it.
+        robot: Robot of the catalogue that it is.
+        surface: Surface under the base, if there is one.
         visuals: Load the full visual meshes as well.
     """
     base = arm.base.pose
@@ -138,24 +128,26 @@ def add_arm(
     spec.attach(child, prefix=f"{name}/", frame=frame)
     if arm.camera is not None and not isinstance(arm.camera.mount, str):
         _add_camera(spec.worldbody, f"{name}/{CAMERA}", arm.camera, arm.camera.mount.pose)
-    if footing is not None:
-        _mount(spec, name, robot, base, footing)
+    if surface is not None:
+        _mount(spec, name, robot, base, surface)
 
 
-def _mount(spec: Any, name: str, robot: Robot, base: Pose, footing: Footing) -> None:
+def _mount(
+    spec: mujoco.MjSpec, name: str, robot: Robot, base: Pose, surface: MountingSurface
+) -> None:
     """Put a pedestal in the gap; what the arm is mounted on cannot be hit by its first link.
 
-    The collision shapes of first links are rough: the Panda's reaches 9 cm below its base.
+    A URDF's shapes of first links may be rough: a capsule reaches below the base that it turns on.
     """
     first = spec.joint(f"{name}/{robot.joints[0]}").parent.name
-    if spec.body(footing.body) is not None:  # it may have been an object that was taken away
-        spec.add_exclude(bodyname1=footing.body, bodyname2=first)
-    if footing.pedestal:
-        _add_pedestal(spec, f"{name}/pedestal", base, footing.gap)
-        spec.add_exclude(bodyname1=f"{name}/pedestal", bodyname2=first)
+    if spec.body(surface.body) is not None:  # it may have been an object that was taken away
+        spec.add_exclude(bodyname1=surface.body, bodyname2=first)
+    if surface.pedestal:
+        pedestal = _add_pedestal(spec, f"{name}/pedestal", base, surface.gap)
+        spec.add_exclude(bodyname1=pedestal.name, bodyname2=first)
 
 
-def _add_camera(body: Any, name: str, camera: CameraSpec, pose: Pose) -> None:
+def _add_camera(body: mujoco.MjsBody, name: str, camera: CameraSpec, pose: Pose) -> None:
     """``pose`` has x right, y down, z forward."""
     turned = pose @ _OPENCV_TO_MUJOCO
     width, height = camera.resolution
@@ -168,9 +160,11 @@ def _add_camera(body: Any, name: str, camera: CameraSpec, pose: Pose) -> None:
     )
 
 
-def _add_pedestal(spec: Any, name: str, base: Pose, height: float) -> None:
+def _add_pedestal(spec: mujoco.MjSpec, name: str, base: Pose, height: float) -> mujoco.MjsBody:
     middle = base @ Pose.from_rpy((0.0, 0.0, -height / 2))
-    body = spec.worldbody.add_body(name=name, pos=middle.position, quat=middle.quaternion)
+    # An arm may have a link of that name, but none that ends with a slash.
+    free = name if spec.body(name) is None else f"{name}/"
+    body = spec.worldbody.add_body(name=free, pos=middle.position, quat=middle.quaternion)
     body.add_geom(
         name=name,
         type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -178,9 +172,10 @@ def _add_pedestal(spec: Any, name: str, base: Pose, height: float) -> None:
         rgba=_PEDESTAL_COLOR,
         group=SCENE_GROUP,
     )
+    return body
 
 
-def remove_arm(spec: Any, name: str, robot: Robot) -> None:
+def remove_arm(spec: mujoco.MjSpec, name: str, robot: Robot) -> None:
     """Delete an arm's bodies, its pedestal, camera, mount and meshes."""
     prefix = f"{name}/"
     spec.delete(spec.body(prefix + robot.base_link))
@@ -189,7 +184,7 @@ def remove_arm(spec: Any, name: str, robot: Robot) -> None:
         spec.delete(element)
 
 
-def add_weld(spec: Any, name: str, body1: str, body2: str, relative: Pose) -> None:
+def add_weld(spec: mujoco.MjSpec, name: str, body1: str, body2: str, relative: Pose) -> None:
     """Weld two bodies; ``relative`` is the pose of body2 in body1."""
     weld = spec.add_equality(
         name=name,
@@ -204,7 +199,7 @@ def add_weld(spec: Any, name: str, body1: str, body2: str, relative: Pose) -> No
     spec.add_exclude(name=name, bodyname1=body1, bodyname2=body2)
 
 
-def remove_weld(spec: Any, name: str) -> None:
+def remove_weld(spec: mujoco.MjSpec, name: str) -> None:
     """Undo :func:`add_weld`."""
     spec.delete(spec.equality(name))
     spec.delete(spec.exclude(name))

@@ -1,9 +1,11 @@
-"""Looking names up, with the nearest one in the refusal."""
+"""Names of things in a world: looked up, with the nearest one in the refusal."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Collection
+
+import mujoco
 
 from bt_dualarm.errors import WorldError
 
@@ -23,3 +25,9 @@ def nearest(name: str, known: Collection[str]) -> str:
     near = difflib.get_close_matches(name, known, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return f"{hint} (there are: {', '.join(sorted(known)) or 'none'})"
+
+
+def name_of_geom(model: mujoco.MjModel, geom: int) -> str:
+    """What people call the thing that a shape belongs to: its body, or a part of the scene."""
+    body = model.body(model.geom_bodyid[geom])
+    return str((body.name if body.id else model.geom(geom).name) or "the scene")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,7 +12,7 @@ from bt_dualarm.errors import DivergenceError
 _ABSURD_SPEED = 1e4  # rad/s or m/s: nothing on a table moves like this
 
 
-def advance(model: Any, data: Any) -> None:
+def advance(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Advance by one step; positions, contacts and inertias are then those of now.
 
     ``mj_step`` would leave them as they were before the step, 2 ms old: its two halves are called
@@ -35,11 +34,11 @@ def advance(model: Any, data: Any) -> None:
         raise DivergenceError(f"simulated time went from {before} s back to {data.time} s")
 
 
-def _diagnosis(model: Any, data: Any, what: str) -> str:
+def _diagnosis(model: mujoco.MjModel, data: mujoco.MjData, what: str) -> str:
     return f"the simulation diverged at {data.time:.3f} s: joint {_culprit(model, data)!r} {what}"
 
 
-def _culprit(model: Any, data: Any) -> str:
+def _culprit(model: mujoco.MjModel, data: mujoco.MjData) -> str:
     """The joint whose torque or position is not finite, else the fastest."""
     if not np.isfinite(data.ctrl).all():
         actuator = int(np.argmin(np.isfinite(data.ctrl)))

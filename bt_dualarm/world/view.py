@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco
 import numpy as np
 
@@ -18,13 +16,13 @@ class WorldView:
 
     Attributes:
         model: Compiled model; a new object after every change of the world's parts.
-        data: Its state; likewise.
-        arms: The arms that are present.
-        objects: The objects that are present.
+        data: State of the model; likewise.
+        arms: Arms that are present, by name.
+        objects: Objects that are present, by name.
     """
 
-    model: Any
-    data: Any
+    model: mujoco.MjModel
+    data: mujoco.MjData
     arms: dict[str, ArmBody]
     objects: dict[str, ObjectSpec]
 
@@ -38,6 +36,13 @@ class WorldView:
         """Seconds of one physics step."""
         return float(self.model.opt.timestep)
 
+    def state(self) -> Vector:
+        """Everything the simulation goes on from (``mjSTATE_INTEGRATION``), of shape (n,)."""
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        state = np.empty(mujoco.mj_stateSize(self.model, kind))
+        mujoco.mj_getState(self.model, self.data, state, kind)
+        return state
+
     def object_body(self, name: str) -> int:
         """Id of an object's body."""
         must_be_among(name, self.objects, "object", "in the world")
@@ -47,6 +52,11 @@ class WorldView:
         """Id of an object's shape."""
         must_be_among(name, self.objects, "object", "in the world")
         return int(self.model.geom(name).id)
+
+    def pose_address(self, name: str) -> int:
+        """Where the seven numbers of a free object's pose begin in ``qpos``."""
+        joint = self.model.body_jntadr[self.object_body(name)]
+        return int(self.model.jnt_qposadr[joint])
 
     def object_pose(self, name: str) -> Pose:
         """An object's true pose in the world.
@@ -61,8 +71,8 @@ class WorldView:
         """Where a ray from an object's centre leaves it, of shape (3,), in the world.
 
         Args:
-            name: Of the object.
-            direction: Of the ray in the world, of unit length.
+            name: Name of the object.
+            direction: Direction of the ray in the world, of unit length.
         """
         pose = self.object_pose(name)
         ray = np.abs(direction @ pose.rotation_matrix) + 1e-12

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import mujoco
-import numpy as np
 
 from bt_dualarm.errors import OverlapError, WorldError
 from bt_dualarm.pose import Pose, Vector
@@ -14,11 +13,11 @@ from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.world import composition
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.attachments import Attachment, Attachments
-from bt_dualarm.world.catalogue import Robot, load_robot
-from bt_dualarm.world.commitment import Commitment
-from bt_dualarm.world.footing import Footing, footing_below
+from bt_dualarm.world.mounting import MountingSurface, surface_below
 from bt_dualarm.world.names import must_be_among
 from bt_dualarm.world.overlap import overlap
+from bt_dualarm.world.robots.catalogue import load_robot
+from bt_dualarm.world.robots.robot import Robot
 from bt_dualarm.world.stepping import advance
 from bt_dualarm.world.view import WorldView
 
@@ -28,12 +27,13 @@ _log = logging.getLogger(__name__)
 class World(WorldView):
     """The composed world: ``model`` and ``data`` change identity when ``generation`` grows.
 
-    The arms' controllers share ``commitments``, as robots of a cell share its safety controller.
-
     Args:
         file: Declares scene, objects and arms.
         seed: Moves objects by their noise.
         visuals: Load the full visual meshes, for pictures.
+
+    Attributes:
+        before_removal: Functions that are told the name of an arm that is about to be taken away.
 
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
@@ -53,7 +53,7 @@ class World(WorldView):
         }
         self.arms: dict[str, ArmBody] = {}
         self.objects: dict[str, ObjectSpec] = {}
-        self.commitments: dict[str, Commitment] = {}
+        self.before_removal: list[Callable[[str], None]] = []
         self.generation = 0
         self._spec = composition.scene_spec(file.world, file.root)
         self._check_declarations()
@@ -110,10 +110,13 @@ class World(WorldView):
             WorldError: The arm is not present.
         """
         must_be_among(name, self.arms, "arm", "in the world")
+        for notify in self.before_removal:
+            notify(name)
+        if name not in self.arms:  # who was told has taken it away
+            return
         self.attachments.forget(name)
         composition.remove_arm(self._spec, name, self.robots[name])
         del self.arms[name]
-        self.commitments.pop(name, None)
         self._recompile()
 
     def spawn_object(self, name: str, pose: Pose | None = None) -> None:
@@ -160,13 +163,6 @@ class World(WorldView):
         link = f"{arm}/{self.robots[arm].tool_link}"
         return self.attachments.attach(arm, link, thing, relative, self.time)
 
-    def state(self) -> Vector:
-        """Everything the simulation goes on from (``mjSTATE_INTEGRATION``), of shape (n,)."""
-        kind = mujoco.mjtState.mjSTATE_INTEGRATION
-        state = np.empty(mujoco.mj_stateSize(self.model, kind))
-        mujoco.mj_getState(self.model, self.data, state, kind)
-        return state
-
     def restore(self, state: Vector) -> None:
         """Go back to a state of the same generation, bit for bit."""
         mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -176,8 +172,8 @@ class World(WorldView):
         """What does not move comes first: the arms' bases may stand on it."""
         self._add_objects(fixed=True)
         self._compile()
-        self._footings: dict[str, Footing | None] = {
-            name: footing_below(self.model, self.data, arm.base.pose)
+        self._surfaces: dict[str, MountingSurface | None] = {
+            name: surface_below(self.model, self.data, arm.base.pose)
             for name, arm in self._file.arms.items()
         }
         self._add_objects(fixed=False)
@@ -239,8 +235,8 @@ class World(WorldView):
     def _add_arm(self, name: str) -> None:
         arm = self._file.arms[name]
         robot = self.robots[name]
-        footing = self._footings[name]
-        composition.add_arm(self._spec, name, arm, robot, footing=footing, visuals=self._visuals)
+        surface = self._surfaces[name]
+        composition.add_arm(self._spec, name, arm, robot, surface=surface, visuals=self._visuals)
         self.arms[name] = None  # type: ignore[assignment]  # bound when the model is compiled
 
     def _take_posture(self, name: str) -> None:

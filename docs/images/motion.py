@@ -18,28 +18,29 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from bt_dualarm.motion.cartesian import trace
-from bt_dualarm.motion.controller import JointController
-from bt_dualarm.motion.curves import lissajous
-from bt_dualarm.motion.ik import Kinematics
-from bt_dualarm.motion.paths import Axes, CartesianPath
-from bt_dualarm.motion.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.control.controller import JointController
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.motion.paths.cartesian_path import Axes, CartesianPath
+from bt_dualarm.motion.paths.curves import lissajous
+from bt_dualarm.motion.planning.tool_path import trace
+from bt_dualarm.motion.safety.reservation import Reservations
+from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
 from bt_dualarm.pose import Matrix, Pose, Vector
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.assembly import CONTROL_PERIOD
-from bt_dualarm.run.plots import COLORS
+from bt_dualarm.runtime.assembly import CONTROL_PERIOD
+from bt_dualarm.runtime.plots import COLORS
 from bt_dualarm.share import share_dir
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import ObjectSpec, TreeFile
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.catalogue import JointLimits
+from bt_dualarm.world.robots.robot import JointLimits
 from bt_dualarm.world.world import World
 
 TARGET: Final = Path(__file__).with_suffix(".svg")
 YZ: Final[Axes] = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))
 PAYLOADS_KG: Final = (0.0, 1.0)
 EVERY: Final = 6
-"""Of the set-points one in so many is drawn: more than a screen can show anyway."""
+"""Number of set-points for each that is drawn: more than a screen can show anyway."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +48,12 @@ class Run:
     """One curve, planned, sent and executed.
 
     Attributes:
-        path: Of the tool.
-        motion: Of the joints, as planned.
-        shortest_s: What it cannot take less than.
-        sent: The set-points that reached the controller.
+        path: Path of the tool.
+        motion: Motion of the joints, as planned.
+        shortest_s: Least duration that the limits allow, in s.
+        sent: Set-points that reached the controller.
         errors: Distances of the tool from its plan in m, by the mass in kg at the tool.
-        limits: Of the arm.
+        limits: Limits of the arm's joints.
     """
 
     path: CartesianPath
@@ -112,7 +113,7 @@ def follow(
     world = World(file)
     if mass:
         world.attach("arm1", "payload")
-    controller = JointController(world, "arm1", motion.dt)
+    controller = JointController(world, "arm1", motion.dt, Reservations())
     running = controller.follow(motion, along_path=True)
     sent = []
     while not running.done:

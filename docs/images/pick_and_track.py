@@ -5,7 +5,6 @@ Needs OpenGL for its shadows (see docs/dependencies.md); runs themselves do not.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -15,17 +14,18 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.parts import RunView
-from bt_dualarm.run.session import Session
+from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.runtime.run import Run
 from bt_dualarm.share import share_dir
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.tree.report import StatusChange
-from bt_dualarm.world.gl_context import open_context
-from bt_dualarm.world.render_gl import GlRenderer
-from bt_dualarm.world.rendering import PICTURE_GROUPS, Image
-from bt_dualarm.world.viewpoint import Viewpoint
+from bt_dualarm.world.rendering.gl_context import open_context
+from bt_dualarm.world.rendering.opengl import GlRenderer
+from bt_dualarm.world.rendering.renderer import Exposure, Image
+from bt_dualarm.world.rendering.viewpoint import Viewpoint
+from bt_dualarm.world.robots.geom_groups import PICTURE_GROUPS
 from bt_dualarm.world.world import World
 
 TARGET: Final = Path(__file__).with_suffix(".png")
@@ -43,7 +43,7 @@ TOOL_TRAIL: Final = (40, 110, 220)
 
 
 @dataclass
-class Film:
+class Film(IdleObserver):
     """An observer that keeps the joint positions of the world every tenth step."""
 
     world: World
@@ -55,9 +55,6 @@ class Film:
         """Note when the curve begins and ends."""
         if change.kind == CURVE:
             self.curve.append(change.time)
-
-    def after_ticks(self, run: RunView) -> None:
-        """Nothing: the film has its own rate."""
 
     def after_step(self, time: float) -> None:
         """Keep every tenth state."""
@@ -75,9 +72,10 @@ class Film:
 
 def film_the_job(file: TreeFile, registry: Registry) -> Film:
     """Run the main job as ``bt-run`` does."""
-    with Session(file, registry) as session:
-        film = Film(session.assembly.world)
-        session.run([film], time.perf_counter)
+    with Run(file, registry) as opened:
+        film = Film(opened.world)
+        opened.watch(film)
+        opened.finish()
     return film
 
 
@@ -98,7 +96,9 @@ def paint(world: World, states: list[Vector]) -> Image:
     mujoco.mj_camlight(world.model, world.data)
     renderer = GlRenderer(open_context(*SIZE), samples=8, effects=True)
     camera = world.arms["arm2"].camera_id
-    inset = renderer.render(world.model, world.data, camera, *INSET, groups=PICTURE_GROUPS)
+    inset = renderer.render(
+        world.model, world.data, Exposure(camera, *INSET, groups=PICTURE_GROUPS)
+    )
     image = from_outside(renderer, world, camera)
     draw_trail(image, np.array(cube), CUBE_TRAIL)
     draw_trail(image, np.array(tool), TOOL_TRAIL)
@@ -112,7 +112,7 @@ def from_outside(renderer: GlRenderer, world: World, camera: int) -> Image:
     data.cam_xpos[camera] = VIEWPOINT.eye
     data.cam_xmat[camera] = VIEWPOINT.axes.ravel()
     world.model.cam_fovy[camera] = VIEWPOINT.fov_deg
-    return renderer.render(world.model, data, camera, *SIZE, groups=PICTURE_GROUPS)
+    return renderer.render(world.model, data, Exposure(camera, *SIZE, groups=PICTURE_GROUPS))
 
 
 def place(image: Image, inset: Image) -> None:

@@ -24,7 +24,7 @@ def test_what_grows_swings_or_fails_is_not() -> None:
     away = np.linspace(0.0, 0.1, len(even.times))[:, None]
     assert "grows from" in instability(replace(even, tracked=even.cube + away))
     assert "1.50 times as large" in instability(replace(even, tracked=1.5 * even.cube))
-    lost = replace(even, outcome="FAILURE", rest="the target was last seen 2.0 s ago")
+    lost = replace(even, outcome="FAILURE", reason="the target was last seen 2.0 s ago")
     assert instability(lost) == "FAILURE the target was last seen 2.0 s ago"
 
 
@@ -38,7 +38,7 @@ def test_every_place_is_measured_shown_and_drawn(asked: list[Cell], tmp_path: Pa
 
     def measure(cells: Sequence[Cell]) -> list[list[Trial | TrialError]]:
         asked.extend(cells)
-        worst = replace(made_up(seed=1), outcome="FAILURE", rest="lost")
+        worst = replace(made_up(seed=1), outcome="FAILURE", reason="lost")
         bad = ("0.1", "0.3", "2.0")
         return [
             [made_up(), worst if (c.params["latency"], c.params["drop"], c.params["noise"]) == bad

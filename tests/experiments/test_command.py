@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from bt_dualarm.experiments import campaign, report
+from bt_dualarm.experiments.campaign import Campaign
+from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.command import main
+from bt_dualarm.experiments.results import Result
+from tests.experiments.test_results import made_up
+
+ONE = ("--case", "circle", "--speed", "1", "--controller", "predictive")
 
 
 @pytest.mark.slow
@@ -17,7 +33,7 @@ def test_one_cell_writes_its_numbers(tmp_path: Path) -> None:
     arguments = "--case circle --speed 1.0 --controller predictive --fps 60 --seeds 1"
     assert main([*arguments.split(), "--json", str(file)]) == 0
     content = json.loads(file.read_text(encoding="utf-8"))
-    assert content["renderer"] == "ray", "on every machine, so that numbers agree"
+    assert content["renderer"] == "ray", "which every machine has"
     assert content["outcome"] == ["SUCCESS"]
     assert content["yz_rms_m"][0] < 1e-3
     assert content["yz_max_m"][0] < 3e-3
@@ -33,3 +49,101 @@ def test_a_curve_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -
 def test_settings_that_the_file_refuses_are_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--case", "circle", "--speed", "7", "--renderer", "ray"]) == 2
     assert "speed" in capsys.readouterr().err
+
+
+@pytest.fixture
+def no_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing may be run."""
+    monkeypatch.setattr(campaign, "run_all", lambda *_: pytest.fail("it was run"))
+
+
+@pytest.mark.usefixtures("no_run")
+@pytest.mark.parametrize("option", ["--out", "--json"])
+@pytest.mark.parametrize("place", ["a file", "below a file", "of the system", "a folder"])
+def test_what_cannot_be_written_is_said_before_anything_runs(
+    option: str, place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A report's folder that is a file, a file's that is a folder; and where nobody may write."""
+    (tmp_path / "file").touch()
+    (tmp_path / "folder").mkdir()
+    target = {
+        "a file": tmp_path / "file" if option == "--out" else tmp_path / "file" / "x.json",
+        "below a file": tmp_path / "file" / "deep" / "x",
+        "of the system": Path("/proc/experiments/x"),
+        "a folder": tmp_path / "folder" if option == "--json" else tmp_path / "file",
+    }[place]
+    assert main([*ONE, option, str(target)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("bt-experiments: error: cannot write ")
+    assert said.count("\n") == 1
+    assert str(target if place == "a folder" else target.parent) in said
+
+
+@pytest.mark.usefixtures("no_run")
+@pytest.mark.parametrize(
+    "arguments",
+    [("--fps", "0"), ("--fps", "nan"), ("--fps", "-60"), ("--out", ""), ("--json", " "),
+     ("--jobs", "0"), ("--seeds", "many")],
+)  # fmt: skip
+def test_arguments_that_make_no_sense_are_said(
+    arguments: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*ONE, *arguments])
+    assert ended.value.code == 2
+    assert f"argument {arguments[0]}: " in capsys.readouterr().err
+
+
+def test_a_disk_that_is_full_at_the_end_leaves_the_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The table is on the terminal, the numbers are in their file, and the exit code says it."""
+
+    def fail(folder: Path, results: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
+
+    done = Campaign([Result(Cell("circle", 1.0), [made_up()])])
+    monkeypatch.setattr(campaign, "run_all", lambda *_: done)
+    monkeypatch.setattr(report, "write_report", fail)
+    numbers, folder = tmp_path / "numbers.json", tmp_path / "report"
+    assert main([*ONE, "--json", str(numbers), "--out", str(folder)]) == 1
+    out, said = capsys.readouterr()
+    assert "circle 1" in out
+    assert said == f"bt-experiments: error: cannot write {folder}: No space left on device\n"
+    assert json.loads(numbers.read_text(encoding="utf-8"))["case"] == "circle"
+
+
+def descendants(process: int) -> Iterator[int]:
+    """Numbers of all processes below one, on Linux."""
+    with suppress(OSError):  # one of them has ended meanwhile
+        for task in Path(f"/proc/{process}/task").iterdir():
+            for child in map(int, (task / "children").read_text(encoding="utf-8").split()):
+                yield child
+                yield from descendants(child)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_no_process_is_left_behind(number: signal.Signals, tmp_path: Path) -> None:
+    """Two that run experiments, and those that these need, end with the one that is ended."""
+    code = "import sys; from bt_dualarm.experiments.command import main; sys.exit(main())"
+    options = "--case lissajous --speed 0.05 --seeds 4 --jobs 2 --renderer ray --out"
+    command = [sys.executable, "-c", code, *options.split(), str(tmp_path / "out")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert process.stderr.readline() == "8 runs\n"
+        deadline = time.monotonic() + 60
+        while len(below := set(descendants(process.pid))) < 3:
+            assert time.monotonic() < deadline, "two workers, and what watches over them"
+        watched = []
+        for child in below:
+            with suppress(ProcessLookupError):
+                watched.append(os.pidfd_open(child))
+        process.send_signal(number)
+        said = process.communicate(timeout=60)[1]
+    assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
+    if number != signal.SIGKILL:
+        assert said == "bt-experiments: interrupted: 0 of 2 experiments are complete\n"
+    for child in watched:
+        assert select.select([child], [], [], 20)[0], "it has ended"
+        os.close(child)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.meddling import ages_of_data, covered
-from bt_dualarm.registry import Registry
+from bt_dualarm.skill.registry import Registry
 
 
 @pytest.mark.slow

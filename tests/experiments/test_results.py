@@ -7,19 +7,22 @@ import shlex
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bt_dualarm.experiments.bounds import estimator_bound, proportional_bound
-from bt_dualarm.experiments.cases import CASES, TREE, UNTUNED, Cell
+from bt_dualarm.experiments.cases import CASES, GAINS, TREE, UNTUNED, Cell, CurveName, best_gain
 from bt_dualarm.experiments.margins import Margins
 from bt_dualarm.experiments.report import HEADER, row, write_report
 from bt_dualarm.experiments.results import Result
 from bt_dualarm.experiments.trial import Trial
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.shipped import find_tree
+from bt_dualarm.runtime.shipped import find_tree
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
 
 
@@ -67,6 +70,28 @@ def test_every_case_reads_as_a_command() -> None:
     for case, speed in CASES:
         command = Cell(case, speed).command(4)
         assert f"--seed 4 --param case={case} --param speed={speed}" in command
+
+
+@given(
+    case=st.sampled_from(get_args(CurveName)),
+    speed=st.floats(0.05, 1.0),
+    fps=st.floats(5.0, 200.0),
+)
+def test_a_gain_is_that_of_its_neighbours_in_the_table(
+    case: CurveName, speed: float, fps: float
+) -> None:
+    """Each cell that was tuned has its own; others lie between those, never beyond."""
+    tuned = [gain for gains in GAINS[case].values() for gain in gains]
+    assert min(tuned) <= best_gain(case, speed, fps) <= max(tuned)
+    for known, (slow, fast) in GAINS[case].items():
+        assert (best_gain(case, known, 30.0), best_gain(case, known, 60.0)) == (slow, fast)
+
+
+def test_every_experiment_has_a_gain_of_its_own() -> None:
+    for case, speed in CASES:
+        assert speed in GAINS[case]
+        params = Cell(case, speed, "proportional").params
+        assert float(params["gain_u"]) == pytest.approx(0.2176 * GAINS[case][speed][1])
 
 
 def test_json_has_a_number_a_seed() -> None:

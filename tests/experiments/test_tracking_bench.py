@@ -10,7 +10,8 @@ from benchmarks.tracking_bench import Bench
 from bt_dualarm.experiments import trials
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.trial import Trial, TrialError
-from bt_dualarm.registry import Registry
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.skill.registry import Registry
 from tests.experiments.test_results import made_up
 
 ROUND, EIGHT = Cell("circle", 1.0), Cell("lissajous", 1.0)
@@ -21,7 +22,7 @@ def runs(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
     """What was run, by curve and seed; a curve at speed 0.2 cannot be measured."""
     done: list[tuple[str, int]] = []
 
-    def run_trial(cell: Cell, seed: int, registry: Registry) -> Trial:
+    def run_trial(cell: Cell, seed: int, registry: Registry, stop: StopRequest) -> Trial:
         done.append((cell.case, seed))
         if cell.speed == 0.2:
             raise TrialError("nothing to measure")

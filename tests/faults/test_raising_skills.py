@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm import cli
-from bt_dualarm.registry import Registry
+from bt_dualarm.skill.registry import Registry
 from tests.commands import BtRun, Ran
 from tests.plays import STOPPED, Play, Stage
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from bt_dualarm.motion.collision import CollisionChecker
-from bt_dualarm.motion.planning import PlanningProblem
+from bt_dualarm.motion.collision.checker import CollisionChecker
+from bt_dualarm.motion.planning.problem import PlanningProblem
 from bt_dualarm.pose import Vector
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec

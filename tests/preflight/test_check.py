@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm.preflight.check import check
-from bt_dualarm.registry import Registry
 from bt_dualarm.share import share_dir
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.problems import Problem, SpecError
 
 FILE = """\

@@ -46,7 +46,7 @@ def test_in_any_order(order: tuple[str, ...], stage: Stage) -> None:
 
 def test_an_arm_that_comes_later_begins_its_tree_then(stage: Stage) -> None:
     play = stage.run(TWO.replace("LEAVES", "{wait: {seconds: 0.5}}, {spawn: {arm: arm2}}"))
-    (leaf,) = play.arm("arm2").leaves
+    (leaf,) = play.arm("arm2").runs
     assert leaf.started_s == pytest.approx(0.5, abs=0.05)
     assert leaf.status == "SUCCESS"
     (spawn,) = play.leaves("spawn", "arm1")
@@ -66,7 +66,7 @@ def test_coming_and_going_again(stage: Stage) -> None:
     arm = ["{spawn: {arm: arm2}}", "{wait: {seconds: 1}}", "{remove: {arm: arm2}}"] * 2
     play = stage.run(TWO.replace("LEAVES", ", ".join(again + arm)))
     assert play.arm("arm1").outcome == "SUCCESS"
-    assert [leaf.status for leaf in play.arm("arm2").leaves] == ["SUCCESS", "SUCCESS"]
+    assert [leaf.status for leaf in play.arm("arm2").runs] == ["SUCCESS", "SUCCESS"]
     assert set(play.world.objects) == set()
     assert set(play.world.arms) == {"arm1"}
 
@@ -80,7 +80,7 @@ def test_a_moving_arm_does_not_feel_that_others_come_and_go(stage: Stage) -> Non
         tools: list[np.ndarray[tuple[int], np.dtype[np.float64]]] = []
         play.watchers.append(lambda world: tools.append(world.arms["arm1"].tool_pose.position))
         play.run()
-        assert play.arm("arm1").outcome == "SUCCESS", play.arm("arm1").leaves
+        assert play.arm("arm1").outcome == "SUCCESS", play.arm("arm1").runs
         return np.array(tools[:700])
 
     move = "{reach_to_pose: {offset: {xyz: [0, 0.2, 0.1]}}}"

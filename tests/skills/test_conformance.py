@@ -6,8 +6,8 @@ import functools
 
 import pytest
 
-from bt_dualarm.registry import Registry
-from bt_dualarm.skill import Skill
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.skill.skill import Skill
 from bt_dualarm.testing import LAWS, Candidate
 from tests.skills.scenarios import SCENARIOS
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import cycle
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from bt_dualarm.pose import Pose
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.world.world import World
-from tests.plays import Play, Stage
+from tests.plays import STOPPED, Play, Stage
 from tests.skills.scenarios import PRESENTING, Scenario, Tree
 
 NEAR = 4e-4
@@ -31,7 +33,7 @@ def drawn(stage: Stage, node: Tree) -> tuple[Play, Pose, list[Pose]]:
 
     play.watchers.append(note)
     play.run()
-    (leaf,) = play.arm().leaves
+    (leaf,) = play.arm().runs
     assert leaf.status == "SUCCESS", leaf.reason
     return play, start, poses
 
@@ -56,7 +58,7 @@ def test_circle_is_round_flat_and_keeps_the_orientation(plane: str, stage: Stage
     assert angle[-1] - angle[0] == pytest.approx(4 * np.pi, abs=0.02)
     assert np.diff(angle).min() > -1e-4, "it never turns back"
     assert max(pose.angle(start) for pose in poses) < 2e-3
-    metrics = play.arm().leaves[0].metrics
+    metrics = play.arm().runs[0].metrics
     assert 0.0 < float(metrics["path_rms_m"]) <= float(metrics["path_max_m"]) < NEAR
 
 
@@ -91,7 +93,7 @@ def test_more_speed_takes_less_time_within_the_limits(stage: Stage) -> None:
     times = []
     for speed in (0.25, 0.5, 1.0):
         play, _, _ = drawn(stage, {"circle": {"speed": speed}})
-        leaf = play.arm().leaves[0]
+        leaf = play.arm().runs[0]
         times.append(float(leaf.metrics["duration_s"]))
         assert play.arm().clipped_setpoints == 0
     assert times[0] > 1.3 * times[1] > 1.3 * 1.3 * times[2]
@@ -121,7 +123,7 @@ def test_at_full_speed_a_curve_is_exact_and_nearly_as_short_as_can_be(
     if payload:
         play.world.attach("arm1", "payload")
     play.run()
-    (leaf,) = play.arm().leaves
+    (leaf,) = play.arm().runs
     assert leaf.status == "SUCCESS", leaf.reason
     numbers = {name: float(value) for name, value in leaf.metrics.items()}
     assert numbers["path_rms_m"] < 4e-6
@@ -157,3 +159,65 @@ def test_from_the_first_point_of_an_open_curve(stage: Stage) -> None:
     flat, _ = in_plane(np.array([pose.position for pose in poses]) - start.position, PLANES["yz"])
     assert np.hypot(*flat[0]) < NEAR
     assert flat[-1] == pytest.approx((0.05, 0.1), abs=NEAR)
+
+
+POINTS = [[0.05, 0.0], [0.0, 0.04], [-0.03, 0.01], [0.02, -0.05]]
+BACK: dict[str, Tree] = {
+    "a circle": {"circle": {"radius": 0.05}},
+    "an arc": {"circle": {"radius": 0.05, "turns": 0.3, "begin": 60, "direction": "clockwise"}},
+    "a leaning circle": {"circle": {"radius": 0.04, "tilt": 20}},
+    "a curve": {"lissajous": {"amplitudes": [0.05, 0.04], "phase": 70}},
+    "a part of a curve": {"lissajous": {"amplitudes": [0.05, 0.04], "repeats": 0.4}},
+    "one that begins and ends in the middle": {"lissajous": {"amplitudes": [0.05, 0.04]}},
+    "a drawing": {"draw": {"points": POINTS}},
+    "an open drawing": {"draw": {"points": POINTS, "closed": False}},
+}
+"""Curves that are left where they end, unless they are told to come back to their middle."""
+
+
+def ending_at(node: Tree, plane: str, end: str) -> Tree:
+    ((skill, ports),) = node.items()
+    return {skill: {**ports, "plane": plane, "end": end, "speed": 1.0}}
+
+
+@pytest.mark.parametrize(
+    ("node", "plane"), [*zip(BACK.values(), cycle(PLANES), strict=False)], ids=BACK
+)
+def test_a_curve_that_comes_back_to_its_middle_can_be_repeated_for_ever(
+    node: Tree, plane: str, stage: Stage
+) -> None:
+    """After each of two times the tool is where it was, turned as it was."""
+    node = ending_at(node, plane, "center")
+    play = stage.play(Scenario(arm=PRESENTING).file({"repeat": {"times": 2, "child": node}}))
+    start = play.world.arms["arm1"].tool_pose
+    play.run()
+    assert [leaf.status for leaf in play.arm().runs] == ["SUCCESS"] * 2, play.arm().leaves
+    end = play.world.arms["arm1"].tool_pose
+    assert end.distance(start) < NEAR
+    assert end.angle(start) < 2e-3
+
+
+@pytest.mark.parametrize("end", ["rim", "center"])
+def test_a_circle_from_its_rim_ends_where_it_says(end: str, stage: Stage) -> None:
+    node: Tree = {"circle": {"radius": 0.05, "start": "from", "end": end, "speed": 1.0}}
+    _, start, poses = drawn(stage, node)
+    middle = start.position - (0.0, 0.05, 0.0)  # it begins at angle 0 of the plane yz
+    goal = start.position if end == "rim" else middle
+    assert np.linalg.norm(poses[-1].position - goal) < NEAR
+
+
+def test_a_way_back_that_is_not_free_is_refused_before_anything_moves(stage: Stage) -> None:
+    """All of it or nothing: the circle goes around a post that stands in its middle."""
+    place = {"xyz": [0.66, 0.109, 0.70]}
+    post = {"shape": "sphere", "size": [0.02], "mass": 1, "fixed": True, "spawned": False}
+    before: tuple[Tree, ...] = (
+        {"move_linear": {"offset": {"xyz": [0, 0.12, 0]}}},
+        {"spawn": {"object": "post"}},
+    )
+    scenario = Scenario({"post": post | {"pose": place}}, PRESENTING, before)
+    for end, code in (("rim", ""), ("center", "IN_COLLISION")):
+        play = stage.run(scenario.file({"circle": {"radius": 0.12, "start": "from", "end": end}}))
+        leaf = play.leaf("circle")
+        assert leaf.code == code, leaf.reason
+    assert "post" in leaf.reason
+    assert play.speed_after(leaf.started_s + 0.1) < STOPPED

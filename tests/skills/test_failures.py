@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bt_dualarm.registry import Registry
+from bt_dualarm.skill.registry import Registry
 from tests.plays import STOPPED, Stage
 from tests.skills.scenarios import Tree
 from tests.skills.trials import TRIALS, Trial

@@ -38,7 +38,7 @@ def test_attached_is_welded_where_it_was(stage: Stage) -> None:
 
 def test_attaching_twice_and_letting_go_twice_is_harmless(stage: Stage) -> None:
     play = stage.run(TABLE.file(PICK, PICK, LET_GO, LET_GO))
-    assert [leaf.status for leaf in play.arm().leaves] == ["SUCCESS"] * 4
+    assert [leaf.status for leaf in play.arm().runs] == ["SUCCESS"] * 4
     assert len(play.world.attachments) == 0
 
 
@@ -51,7 +51,7 @@ def test_one_tool_holds_several_things(stage: Stage) -> None:
     side: Tree = {"approach_and_attach": {"object": "lower", "proximity": 0.08, "contact": False}}
     play = stage.play(Scenario(tower, scene="table").file(PICK, side, UP))
     play.run()
-    assert play.world.attachments.attached_to("arm1") == ("cube", "lower"), play.arm().leaves
+    assert play.world.attachments.attached_to("arm1") == ("cube", "lower"), play.arm().runs
     rises = {
         name: play.world.object_pose(name).position[2] - height
         for name, height in (("cube", 0.475), ("lower", 0.425))
@@ -120,7 +120,7 @@ def test_removed_while_it_is_carried(stage: Stage) -> None:
 def test_put_down_lies_where_it_was_left(stage: Stage) -> None:
     down: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.25, -0.5, 0.426]}, "speed": 0.3}}
     play = stage.run(TABLE.file(PICK, CARRY, down, LET_GO, UP, {"wait": {"seconds": 0.5}}))
-    assert play.arm().outcome == "SUCCESS", play.arm().leaves
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert len(play.world.attachments) == 0
     place = play.world.object_pose("cube").position
     assert place == pytest.approx((0.25, -0.5, 0.425), abs=0.003)
@@ -133,7 +133,7 @@ def test_other_shapes_and_weights(shape: str, mass: float, stage: Stage) -> None
     size = {"cylinder": [0.03, 0.06], "sphere": [0.03]}[shape]
     thing = {"shape": shape, "size": size, "mass": mass, "pose": {"xyz": [0.40, -0.45, 0.43]}}
     play = stage.run(Scenario({"cube": thing}, scene="table").file(PICK, UP))
-    assert play.arm().outcome == "SUCCESS", play.arm().leaves
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert play.world.object_pose("cube").position[2] == pytest.approx(0.58, abs=0.005)
 
 
@@ -168,5 +168,5 @@ def test_taken_along_its_axis_a_tilted_cube_is_taken_as_a_straight_one(
 
     play.watchers.append(note)
     play.run()
-    assert play.arm().leaves[0].status == "SUCCESS", play.arm().leaves[0].reason
+    assert play.arm().runs[0].status == "SUCCESS", play.arm().runs[0].reason
     assert max(farthest) < np.radians(30)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.motion.planning import PlanningProblem
-from bt_dualarm.motion.planning_process import PendingMotion, PlanningProcess
+from bt_dualarm.motion.planning.problem import PlanningProblem
+from bt_dualarm.motion.planning.process import PendingMotion, PlanningProcess
 from bt_dualarm.pose import Pose
-from bt_dualarm.world.catalogue import load_robot
+from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.world import World
 from tests.plays import Play, Stage, joints
 from tests.skills.scenarios import ABOVE, Scenario, Tree
@@ -104,7 +104,7 @@ def test_it_goes_around_what_is_in_the_way(
 
     play.watchers.append(note)
     play.run()
-    assert [leaf.status for leaf in play.arm().leaves] == ["SUCCESS"] * 3, play.arm()
+    assert [leaf.status for leaf in play.arm().runs] == ["SUCCESS"] * 3, play.arm()
     assert not any(touched)
     assert asked == [planner]
 

@@ -72,13 +72,13 @@ CASES = {
         "INVALID_TARGET",
         "reach_to_pose: {to: {xyz: [3, 0, 0.5]}}",
         "(3.000, 0.000, 0.500) m is outside the workspace",
-        {"distance_m": (2.9, 3.1), "reach_m": (0.95, 1.3)},
+        {"distance_m": (2.9, 3.1), "reach_m": (0.94, 0.96)},
     ),
     "a line out of the workspace": Case(
         "INVALID_TARGET",
         "move_linear: {offset: {xyz: [2, 0, 0]}}",
         "is outside the workspace",
-        {"distance_m": (2.5, 2.8), "reach_m": (0.95, 1.3)},
+        {"distance_m": (2.5, 2.8), "reach_m": (0.94, 0.96)},
     ),
     "beyond a joint's limit": Case(
         "JOINT_LIMIT",

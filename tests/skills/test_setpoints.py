@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.motion.controller import JointController
-from bt_dualarm.motion.limiter import SetPoint
-from bt_dualarm.motion.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.control.controller import JointController
+from bt_dualarm.motion.setpoints.set_point import SetPoint
+from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
 from tests.plays import Stage
 from tests.skills.scenarios import LOOKING, PRESENTING, TARGET, Scenario, Tree
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.world.catalogue import load_robot
+from bt_dualarm.world.robots.catalogue import load_robot
 from tests.plays import STOPPED, Stage, joints
 
 WORLD = """

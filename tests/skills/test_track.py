@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from bt_dualarm.pose import Vector
-from bt_dualarm.tracking import _stale_after
+from bt_dualarm.skill.tracking_reference import stale_after
 from bt_dualarm.world.world import World
 from tests.plays import STOPPED, Deed, Play, Stage
 from tests.skills.scenarios import CUBE, LOOKING, SCENARIOS, Scenario, Tree
@@ -79,10 +78,20 @@ def test_prediction_makes_up_for_rate_and_latency(
     assert leaf.status == "SUCCESS", leaf.reason
     assert leaf.metrics["lost_count"] == 0
     assert float(leaf.metrics["yz_rms_m"]) < rms
+    assert leaf.metrics["plane_rms_m"] == leaf.metrics["yz_rms_m"]
     assert abs(float(leaf.metrics["lag_s"])) < 0.01
     assert play.arm().clipped_setpoints == 0
-    (errors,) = (one for one in play.session.assembly.series if one.name == "error_in_plane_m")
+    (errors,) = (one for one in play.opened.assembly.series if one.name == "error_in_plane_m")
     assert errors.values.max() == leaf.metrics["yz_max_m"], "the plot shows what the metric says"
+
+
+@pytest.mark.parametrize("sideways", [-0.3, 0.2])
+def test_a_metric_that_names_a_plane_is_of_that_plane(sideways: float, stage: Stage) -> None:
+    """In one that leans it was called yz, too."""
+    plane = {"plane": {"normal": [1.0, sideways, 0.0]}, "duration": 2.0}
+    leaf = follow(stage, {"track": TRACK["track"] | plane}, scenario(), swaying).leaf("track")
+    assert {"plane_rms_m", "plane_max_m"} <= leaf.metrics.keys()
+    assert not [name for name in leaf.metrics if name.startswith("yz_")]
 
 
 def test_proportional_control_works_at_low_speed(stage: Stage) -> None:
@@ -157,8 +166,8 @@ def test_set_points_only_brake_on_old_data(stage: Stage) -> None:
     speeds: list[tuple[float, float]] = []
 
     def note(world: World) -> None:
-        (station,) = play.session.assembly.arms.present
-        controller: Any = station._controller
+        (runtime,) = play.opened.assembly.arms.present
+        controller: Any = runtime._controller
         speeds.append((world.time, float(np.linalg.norm(controller.setpoint.v))))
 
     play.watchers.append(note)
@@ -242,8 +251,7 @@ def test_covered_for_half_a_tenth_of_a_second_it_is_followed_by_prediction(stage
 )
 def test_data_is_old_after_a_tenth_of_a_second(fps: float, latency: float, limit: float) -> None:
     """Unless all images are about as old when they come: then two frames after their latency."""
-    camera: Any = SimpleNamespace(period=1 / fps, latency=latency)
-    assert _stale_after(camera) == pytest.approx(limit)
+    assert stale_after(latency, 1 / fps) == pytest.approx(limit)
 
 
 def test_no_motion_towards_old_data_where_images_can_be_newer(stage: Stage) -> None:

@@ -56,7 +56,7 @@ def test_a_fixed_object_is_not_attached(stage: Stage) -> None:
     leaf = play.leaf("approach_and_attach")
     assert (leaf.status, leaf.code) == ("FAILURE", "INVALID_TARGET")
     assert leaf.ended_s == 0.0
-    assert not play.session.assembly.world.attachments
+    assert not play.world.attachments
 
 
 def test_an_object_that_is_taken_away_meanwhile_is_not_there(stage: Stage) -> None:
@@ -84,7 +84,7 @@ def test_nothing_is_spawned_inside_an_arm(stage: Stage) -> None:
     leaf = play.leaf("spawn")
     assert (leaf.status, leaf.code) == ("FAILURE", "NOT_SPAWNED")
     assert "deep in arm1/" in leaf.reason
-    assert "cube" not in play.session.assembly.world.objects
+    assert "cube" not in play.world.objects
 
 
 def test_no_arm_is_spawned_inside_another(stage: Stage) -> None:
@@ -92,7 +92,7 @@ def test_no_arm_is_spawned_inside_another(stage: Stage) -> None:
     play = run(stage, "[{spawn: {arm: arm2}}]", beside="[0.05, 0, 0]")
     leaf = play.leaf("spawn")
     assert (leaf.status, leaf.code) == ("FAILURE", "NOT_SPAWNED")
-    assert "arm2" not in play.session.assembly.world.arms
+    assert "arm2" not in play.world.arms
     assert play.arm("arm2").outcome == "NOT_SPAWNED"
 
 
@@ -151,7 +151,7 @@ def test_a_ball_is_taken_from_the_floor_and_put_back(
                 - detach: {{object: ball}}
         """
     )
-    assert [leaf.reason for leaf in play.arm().leaves if leaf.status != "SUCCESS"] == []
+    assert [leaf.reason for leaf in play.arm().runs if leaf.status != "SUCCESS"] == []
     assert play.arm().outcome == "SUCCESS"
 
 

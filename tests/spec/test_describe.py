@@ -6,7 +6,7 @@ from typing import Literal
 
 import pytest
 
-from bt_dualarm.registry import Registry
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.describe import PortDescription, describe, ports_of
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.language import LANGUAGE
@@ -32,9 +32,9 @@ class Ports(PortModel):
     "expected",
     [
         PortDescription("radius", "number", "m", "≥ 0.005, ≤ 2", "0.1", "radius", False),
-        PortDescription("tilt", "angle", "deg", "> -60", "", "lean", False),
-        PortDescription("pause", "duration", "s", "> 0", "", "pause", True),
-        PortDescription("speed", "number", "", "> 0, ≤ 1", "1", "share", False),
+        PortDescription("tilt", "angle", "deg", "> -60, ≤ 3600", "", "lean", False),
+        PortDescription("pause", "duration", "s", "> 0, ≤ 86400", "", "pause", True),
+        PortDescription("speed", "number", "", "≥ 0.001, ≤ 1", "1", "share", False),
         PortDescription("way", "list of poses", "", "length 1 to 9", "", "poses", True),
         PortDescription("axis", "x or y or list of 3 numbers", "", "", "x", "axis", False),
         PortDescription("at", "name of an object or arm", "", "", "cube", "thing", False),

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.run.shipped import find_tree
+from bt_dualarm.runtime.shipped import find_tree
 from bt_dualarm.spec.edit import flow_text, with_value
 from bt_dualarm.spec.problems import SpecError
 from bt_dualarm.spec.reader import read_text

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import yaml
 
-from bt_dualarm.registry import Registry
 from bt_dualarm.share import share_dir
-from bt_dualarm.skill import SkillContext
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.load import check_file, load_tree_file
 from bt_dualarm.spec.problems import errors
 from bt_dualarm.tree.build import build_tree
@@ -46,7 +46,7 @@ def seeds() -> list[Any]:
 
 def build(path: Path, registry: Registry) -> None:
     """Build every tree of an accepted file; nothing is ticked."""
-    arm: Any = SimpleNamespace(release=lambda: None, trouble=lambda: None)
+    arm: Any = SimpleNamespace(release=lambda: None, trouble=lambda: None, enter=lambda **_: None)
     log, rng = logging.getLogger("fuzz"), np.random.default_rng(0)
     context = SkillContext("leaf", arm, lambda: 0.0, rng, log)
     file = load_tree_file(path, registry.kinds)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from textwrap import dedent
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import pytest
 
@@ -124,9 +124,10 @@ def test_a_parameter_that_must_be_given(write: Write) -> None:
         ("bt_dualarm: 1", "bt_dualarm: 2", "1:13: version 2 of the format is not known"),
         ("bt_dualarm: 1", "- {}", "2:1: not YAML"),
         ("scene: table", "scen: table", "7:9: unknown field 'scen'"),
+        ("world:", "path: x.yaml\n    world:", "unknown field 'path'"),
         ("shape: box", "shape: bx", "9:17: shape: expected one of box, cylinder, sphere"),
         ("shape: box", "shape: sphere", "9:9: cube: the size of a sphere is [radius]"),
-        ("mass: 0.1", "mass: 0", "mass: must be greater than 0, not 0"),
+        ("mass: 0.1", "mass: 0", "mass: must be at least 0.0001 kg, not 0"),
         ("color: yellow", "color: [1, 0]", "color: expected at least 3 items, not 2"),
         ("robot: ur5", "rboot: ur5", "13:5: unknown field 'rboot'"),
         ("object: \"{target}\"", "object: cub", "grasp: there is no object 'cub'"),
@@ -195,3 +196,37 @@ def test_problems_name_the_file_as_the_user_did(
     path = write("bt_dualarm: 1")
     monkeypatch.chdir(path.parent)
     assert str(check_file("task.yaml")[0]).startswith("task.yaml:1:1: error: ")
+
+
+@pytest.mark.parametrize("given", [0, 1, 2, 3, 4, 5, 17, 201, 1000])
+@pytest.mark.parametrize(
+    ("part", "least", "most", "noun"),
+    [
+        ("arms", 1, 16, "item"),
+        ("objects", 0, 200, "item"),
+        ("size", 1, 3, "item"),
+        ("xyz", 3, 3, "item"),
+        ("color", 3, 4, "item"),
+        ("name", 1, 100, "character"),
+    ],
+)
+def test_too_many_and_too_few_are_counted(
+    part: str, least: int, most: int, noun: str, given: int
+) -> None:
+    """pydantic stops counting where there are too many, and says nothing then."""
+    ball = {"shape": "box", "size": [0.1, 0.1, 0.1], "mass": 1}
+    arm = {"robot": "ur5", "tree": "succeed"}
+    data = {"bt_dualarm": 1, "objects": {"ball": ball}, "arms": {"arm1": arm}}
+    of = {"arms": data, "objects": data, "size": ball, "color": ball, "name": data}
+    many = {"arms": {f"a{i}": arm for i in range(given)}, "name": "x" * given}
+    many["objects"] = {f"o{i}": dict(ball) for i in range(given)}
+    holder: Any = ball.setdefault("pose", {}) if part == "xyz" else of[part]
+    holder[part] = many.get(part, [0.5] * given)
+    messages = [problem.message for problem in check_file(data)]
+    if least <= given <= most:
+        assert not [message for message in messages if "expected" in message]
+        return
+    bound = f"at least {least}" if given < least else f"at most {most}"
+    number = least if given < least else most
+    wanted = str(number) if least == most else bound
+    assert f"{part}: expected {wanted} {noun}{'s' * (number != 1)}, not {given}" in messages

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from bt_dualarm.spec.outcomes import Ends, ends_below
-from tests.spec.writing import said, task, tree_of
+from bt_dualarm.spec.ends import Ends
+from bt_dualarm.spec.load import check_file
+from bt_dualarm.spec.outcomes import ends_below
+from tests.spec.writing import SKILLS, said, task, tree_of
 
 ENDS = {
     "succeed": "S",
@@ -97,6 +100,18 @@ OBJECT = "objects: {cube: {shape: sphere, size: [0.1], mass: 1, spawned: false}}
 )
 def test_objects_that_nothing_brings(tree: str, expected: list[str], tmp_path: Path) -> None:
     assert said(task(tmp_path, tree, OBJECT)) == expected
+
+
+@pytest.mark.parametrize("name", ["spawn", "bring", "unpack"])
+@pytest.mark.parametrize("brings", [True, False])
+def test_what_a_skill_brings_in_is_what_it_declares(
+    name: str, brings: bool, tmp_path: Path
+) -> None:
+    """Whatever it is called: no skill is known to the check by its name."""
+    kind = replace(SKILLS["spawn"], name=name, brings_in=frozenset({"object"} if brings else ()))
+    tree = f"sequence: [{{{name}: {{object: cube}}}}, {{look: {{object: cube}}}}]"
+    problems = check_file(task(tmp_path, tree, OBJECT), {**SKILLS, name: kind})
+    assert bool(problems) is not brings
 
 
 def test_an_arm_that_nothing_brings(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError, model_validator
 
+from bt_dualarm.spec.leaf_words import Log
 from bt_dualarm.spec.ports import (
     PortModel,
     miscounted,
@@ -17,7 +18,6 @@ from bt_dualarm.spec.ports import (
     validated,
 )
 from bt_dualarm.spec.values import Angle
-from bt_dualarm.spec.word_ports import Log
 
 
 class Ports(PortModel):

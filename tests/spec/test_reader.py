@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bt_dualarm.spec.mapping import read_mapping
 from bt_dualarm.spec.problems import SpecError
 from bt_dualarm.spec.reader import MAX_BYTES, MAX_DEPTH, MAX_NODES, read_file, read_text
 
@@ -78,6 +80,26 @@ def test_what_is_no_yaml_is_placed(text: str) -> None:
     assert problem.message.startswith("not YAML: ")
     assert 1 <= problem.place.line <= text.count("\n") + 2
     assert problem.place.column >= 1
+
+
+CONTROL = [*range(0x09), *range(0x0B, 0x20), *range(0x7F, 0xA0), 0x202E, 0x2066]
+"""What a terminal acts on, and what turns the direction of writing."""
+
+
+@pytest.mark.parametrize("code", CONTROL, ids=hex)
+@pytest.mark.parametrize("text", ['a: "x{}"', '"x{}": 1', 'a: [1, {{b: "{}"}}]'])
+def test_what_a_terminal_would_act_on_is_in_no_text(code: int, text: str) -> None:
+    (message,) = complaints(text.format(f"\\u{code:04x}"))
+    assert f"the control character U+{code:04X}" in message
+    assert message.isprintable()
+    with pytest.raises(SpecError, match="control character"):
+        read_mapping({"a": chr(code)})
+
+
+@pytest.mark.parametrize("text", ["a\tb", "a\nb", "é", "→", "👩\u200d🔧", "עברית"])
+def test_what_people_write_is_text(text: str) -> None:
+    assert read_mapping({"a": text}).data == {"a": text}
+    assert read_text(f"a: {json.dumps(text, ensure_ascii=False)}").data == {"a": text}
 
 
 def test_caps() -> None:

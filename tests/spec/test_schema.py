@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
-from bt_dualarm.registry import Registry
 from bt_dualarm.share import share_dir
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import check_file
 from bt_dualarm.spec.problems import errors
 from bt_dualarm.spec.reader import read_file

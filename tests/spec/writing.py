@@ -30,7 +30,7 @@ class Go(PortModel):
     near: float = port(0.1, "How near", unit="m")
 
 
-class Spawn(PortModel):
+class Bring(PortModel):
     exactly_one_of = ("object", "arm")
 
     object: ObjectName | None = port(None, "Which object")
@@ -40,7 +40,7 @@ class Spawn(PortModel):
 SKILLS: Mapping[str, Kind] = {
     "look": Kind("look", "Looks.", Look, Seen),
     "go": Kind("go", "Goes.", Go),
-    "spawn": Kind("spawn", "Spawns.", Spawn),
+    "spawn": Kind("spawn", "Spawns.", Bring, brings_in=frozenset({"object", "arm"})),
 }
 
 

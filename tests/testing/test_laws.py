@@ -8,7 +8,7 @@ from typing import ClassVar
 import pytest
 
 from bt_dualarm import Failure, PortModel, Skill, port
-from bt_dualarm.registry import Registry, kind_of, yaml_name
+from bt_dualarm.skill.registry import Registry, kind_of, yaml_name
 from bt_dualarm.testing import LAWS, BrokenLawError, Candidate, registry_with
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import pytest
@@ -264,3 +265,22 @@ def test_rate_keeps_its_beat_when_ticks_come_late(tmp_path: Path) -> None:
         stage.now = time
         letters.append(stage.tick(0.0))
     assert letters == ["R R"] * 5 + ["S S"]
+
+
+@pytest.mark.parametrize("times", range(2, 6))
+@pytest.mark.parametrize(
+    "child", ["fail", "sequence: [succeed, fail]", "timeout: {seconds: 9, child: fail}"]
+)
+@pytest.mark.parametrize("delay", [0, 1.5])
+def test_every_failure_of_a_retry_is_told(
+    times: int, child: str, delay: float, tmp_path: Path
+) -> None:
+    """Also where an attempt fails in its first tick, as the one before did."""
+    node = child if child == "fail" else f"{{{child}}}"
+    stage = Stage(tmp_path, f"retry: {{times: {times}, delay: {delay}, child: {node}}}")
+    while stage.tree.status in ("INVALID", "RUNNING"):
+        stage.tick()
+    failures = [e for e in stage.events if e.kind == "fail" and e.new == "FAILURE"]
+    assert len(failures) == len(stage.tree.leaves) // (2 if "sequence" in child else 1) == times
+    for before, after in itertools.pairwise(e for e in stage.events if e.kind == "fail"):
+        assert before.new == after.old, "what is told of a node hangs together"

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
+import re
 from pathlib import Path
 
 import pytest
 
 from bt_dualarm import cli
-from bt_dualarm.registry import Registry
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.tree.graph import Item, dot, items, mermaid, svg
+from bt_dualarm.tree.graph import FORMATS, Item, dot, items, mermaid
 
 FILE = """\
 bt_dualarm: 1
@@ -38,22 +38,26 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> list[Item]:
 
 
 def test_items_are_the_arms_and_their_nodes_top_down(drawn: list[Item]) -> None:
-    assert [(item.depth, item.parent, item.family) for item in drawn] == [
-        (0, -1, "arm"),
-        (1, 0, "decorator"),
-        (2, 1, "composite"),
-        (3, 2, "leaf"),
-        (3, 2, "skill"),
+    assert [(item.parent, item.family) for item in drawn] == [
+        (-1, "arm"),
+        (0, "decorator"),
+        (1, "composite"),
+        (2, "leaf"),
+        (2, "skill"),
     ]
     assert drawn[3].title == 'a "name" <b> (log)'
     assert drawn[4].detail == "radius: 0.1"
 
 
-def test_svg_is_xml_with_every_text_and_the_same_each_time(drawn: list[Item]) -> None:
-    text = svg(drawn)
-    words = "".join(ET.fromstring(text).itertext())  # noqa: S314 - our own text
-    assert all(item.title in words for item in drawn)
-    assert svg(drawn) == text
+@pytest.mark.parametrize("ending", FORMATS)
+def test_every_node_is_drawn_once_and_joined_to_the_one_above(
+    ending: str, drawn: list[Item]
+) -> None:
+    lines = FORMATS[ending](drawn).splitlines()
+    made = [line for line in lines if re.match(r" +n\d+ ?[\[(]", line)]
+    joined = [line for line in lines if re.match(r" +n\d+ --?> n\d+", line)]
+    assert len(made) == len(drawn)
+    assert len(joined) == len(drawn) - 1
 
 
 def test_dot_quotes_what_would_end_a_text(drawn: list[Item]) -> None:
@@ -70,9 +74,19 @@ def test_mermaid_escapes_what_would_end_a_text(drawn: list[Item]) -> None:
 def test_bt_check_draws_to_the_ending_that_is_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for ending, begin in (("svg", "<?xml"), ("dot", "digraph"), ("mmd", "flowchart")):
+    for ending, begin in (("dot", "digraph"), ("mmd", "flowchart")):
         target = tmp_path / f"out.{ending}"
         assert cli.check(["pick_and_track", "--graph", str(target)]) == 0
         assert target.read_text(encoding="utf-8").startswith(begin)
-    assert cli.check(["pick_and_track", "--graph", str(tmp_path / "out.png")]) == 2
-    assert "must end with one of .svg, .dot, .mmd" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ending", ["svg", "png", "pdf", "DOT"])
+def test_bt_check_says_who_draws_a_picture(
+    ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / f"my tree.{ending}"
+    assert cli.check(["pick_and_track", "--graph", str(target)]) == 2
+    told = capsys.readouterr().err
+    assert "must end with one of .dot, .mmd" in told
+    assert f"dot -Tsvg -O '{tmp_path / 'my tree.dot'}'" in told
+    assert not target.exists()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.skill import Skill
+from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.ports import PortModel, port
 from tests.tree.ticking import Stage
 
@@ -177,6 +177,8 @@ class Measurer(Skill):
     class Outputs(PortModel):
         length: float = port(..., "How long", unit="m")
 
+    failures = {"TOO_LONG": "longer than allowed"}  # noqa: RUF012 - as `Skill` declares it
+
     def run(self) -> Iterator[float]:
         yield 0.25
         self.metrics["rms_m"] = np.float64(0.5)
@@ -186,8 +188,10 @@ class Measurer(Skill):
         raise Failure("TOO_LONG", "longer than allowed", length_m=float(np.float32(0.5)))
 
 
-def test_progress_metrics_and_numbers_of_a_failure(tmp_path: Path) -> None:
-    """Progress is what was yielded, within 0 and 1; metrics are plain, however they were made."""
+def test_progress_metrics_and_numbers_of_a_failure(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Progress is what was yielded, within 0 and 1; metrics are plain, those that are none told."""
     stage = Stage(tmp_path, "measurer", Measurer)
     stage.tick()
     assert stage.tree.view().progress == 0.25
@@ -196,7 +200,8 @@ def test_progress_metrics_and_numbers_of_a_failure(tmp_path: Path) -> None:
     stage.tick()
     assert stage.tree.view().progress is None
     (report,) = stage.tree.leaves
-    assert report.metrics == {"rms_m": 0.5, "odd": "[1, 2]", "length_m": 0.5}
+    assert report.metrics == {"rms_m": 0.5, "length_m": 0.5}
+    assert "metric 'odd' of Measurer is [1, 2]" in caplog.text
     assert (report.started_s, report.ended_s) == (0.0, 2.0)
     assert stage.events[-1].metrics == report.metrics
 
@@ -256,3 +261,28 @@ def test_a_tree_that_has_ended_is_not_ticked_again(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "act: {script: S}")
     assert stage.table(3) == ["S", "S", "S"]
     assert len(stage.tree.leaves) == 1
+
+
+class Shouter(Skill):
+    """Fails with a text that would act on a terminal."""
+
+    class Ports(PortModel):
+        raises: bool = port(False, "Whether it raises something else than a failure")
+
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """At once."""
+        yield from ()
+        text = "red \x1b[31m,\nbell \x07, \u202eback"
+        raise ValueError(text) if self.ports.raises else Failure("LOUD", text)
+
+
+@pytest.mark.parametrize("raises", ["true", "false"])
+def test_a_reason_is_one_line_that_can_be_shown(raises: str, tmp_path: Path) -> None:
+    stage = Stage(tmp_path, f"shouter: {{raises: {raises}}}", Shouter)
+    stage.tick()
+    reason = stage.tree.view().reason
+    assert reason.endswith("red \ufffd[31m, bell \ufffd, \ufffdback")
+    assert reason.isprintable()
+    assert stage.tree.leaves[0].reason in reason

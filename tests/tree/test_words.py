@@ -7,14 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.spec.language import LANGUAGE
-from bt_dualarm.tree.words import WORDS, near, same
+from bt_dualarm.tree.words import near, same
 from tests.tree.ticking import Stage
-
-
-def test_every_leaf_of_the_language_is_built() -> None:
-    leaves = {name for name, kind in LANGUAGE.items() if kind.is_leaf and name != "subtree"}
-    assert leaves == WORDS.keys()
 
 
 @pytest.mark.parametrize(

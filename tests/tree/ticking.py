@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from textwrap import indent
 from types import SimpleNamespace
@@ -12,8 +13,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.registry import kind_of, yaml_name
-from bt_dualarm.skill import Skill, SkillContext
+from bt_dualarm.runtime.series import SeriesLog
+from bt_dualarm.skill.registry import kind_of, yaml_name
+from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.spec.ports import PortModel, port
 from bt_dualarm.tree.arm_tree import ArmTree
@@ -21,7 +23,7 @@ from bt_dualarm.tree.build import build_tree
 from bt_dualarm.tree.report import NodeView, StatusChange
 
 if TYPE_CHECKING:
-    from bt_dualarm.arm import Arm
+    from bt_dualarm.arm.arm import Arm
 
 LETTERS = {"INVALID": "-", "RUNNING": "R", "SUCCESS": "S", "FAILURE": "F"}
 
@@ -32,6 +34,7 @@ class Act(Skill):
     class Ports(PortModel):
         script: str = port(..., "R, S or F for each tick")
 
+    failures = {"SCRIPTED": "the script says so"}  # noqa: RUF012 - as `Skill` declares it
     ports: Ports
     starts: Mapping[str, list[int]]
 
@@ -69,10 +72,17 @@ class Stage:
 
     def context(self, path: str) -> SkillContext:
         arm = cast(
-            "Arm", SimpleNamespace(release=lambda: self.released.append(path), trouble=lambda: None)
+            "Arm",
+            SimpleNamespace(
+                release=lambda: self.released.append(path),
+                trouble=lambda: None,
+                enter=lambda **_: None,
+            ),
         )
         log = logging.getLogger("bt_dualarm.test")
-        return SkillContext(path, arm, lambda: self.now, np.random.default_rng(0), log)
+        record = partial(SeriesLog().add, "arm1", path)
+        rng = np.random.default_rng(0)
+        return SkillContext(path, arm, lambda: self.now, rng, log, record)
 
     def tick(self, seconds: float = 1.0) -> str:
         """Tick, then let time pass; the letters of all nodes, parents before children."""

@@ -8,7 +8,7 @@ import numpy as np
 from bt_dualarm.spec.color import Color
 from bt_dualarm.tuning.look import Look, png
 from bt_dualarm.tuning.shot import still
-from bt_dualarm.world.rendering import Image
+from bt_dualarm.world.rendering.renderer import Image
 
 
 def two_squares() -> Image:

@@ -106,7 +106,7 @@ def test_sliders_are_looked_through(browser: Browser) -> None:
 @pytest.mark.parametrize(
     ("path", "asked", "says"),
     [
-        ("/look", {"color": [{"hue": [1, 999]}]}, "hue: must be at most 360, not 999"),
+        ("/look", {"color": [{"hue": [1, 999]}]}, "hue: must be at most 360 deg, not 999"),
         ("/look", {"color": [{"hue": [1, 2], "value": [1, 0]}]}, "swap the two"),
         ("/look", [], "color"),
         ("/click", {"color": "red", "at": [80, 0], "range": 0, "widen": False}, "outside"),

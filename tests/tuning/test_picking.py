@@ -13,7 +13,7 @@ from bt_dualarm.spec.color import Color, HsvRange
 from bt_dualarm.tuning.picking import Pixel, PixelError, range_of
 from bt_dualarm.tuning.wanted import ColorError, adjusted
 from bt_dualarm.vision.colors import ColorFilter
-from bt_dualarm.world.rendering import Image
+from bt_dualarm.world.rendering.renderer import Image
 
 shares = st.floats(0.0, 1.0)
 

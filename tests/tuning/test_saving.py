@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm.preflight.check import check
-from bt_dualarm.registry import Registry
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.color import Color
-from bt_dualarm.spec.problems import SpecError
+from bt_dualarm.spec.problems import SpecError, errors
 from bt_dualarm.tuning.color_port import NoColorPortError
 from bt_dualarm.tuning.saving import AsSnippet, IntoTree, SavingError
 
@@ -72,7 +72,7 @@ def test_homes_of_a_colour(name: str, tmp_path: Path, registry: Registry) -> Non
     said = IntoTree(path, "arm1", None, registry)(color)
     assert path.read_text(encoding="utf-8") == TREE % after
     assert said.startswith(f"written: {path}:")
-    assert check(path, registry.kinds).problems == ()
+    assert errors(check(path, registry.kinds).problems) == ()
 
 
 def test_a_parameter_of_type_color_is_its_home(tmp_path: Path, registry: Registry) -> None:
@@ -129,7 +129,7 @@ def test_a_snippet_is_a_port(tmp_path: Path, registry: Registry) -> None:
     AsSnippet(path, "photo.png")(SAVED)
     (port,) = (line for line in path.read_text().splitlines() if not line.startswith("#"))
     tree = write(tmp_path, f"      track:\n        {port}")
-    assert check(tree, registry.kinds).problems == ()
+    assert errors(check(tree, registry.kinds).problems) == ()
 
 
 def test_a_folder_that_cannot_be_written_to_is_said(tmp_path: Path) -> None:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-from bt_dualarm.registry import Registry
-from bt_dualarm.run.shipped import find_tree
+from bt_dualarm.runtime.shipped import find_tree
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.tuning.look import Look
-from bt_dualarm.tuning.shot import Moment, ShotError, camera_arm, camera_shot, image_shot
+from bt_dualarm.tuning.shot import Moment, ShotError, camera_arm, camera_shot
 
 TREE = """\
 bt_dualarm: 1
@@ -98,17 +96,3 @@ def test_the_camera_must_be_clear(name: str | None, says: str, file: TreeFile) -
 def test_a_blind_arm_has_no_camera(registry: Registry) -> None:
     with pytest.raises(ShotError, match="which camera\\? no arm has one"):
         camera_arm(load_tree_file(find_tree("circle"), registry.kinds), None)
-
-
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [(None, "No such file"), (b"", "not an image"), (b"GIF89a?", "not an image")],
-)
-def test_files_that_are_no_images_are_said(
-    content: bytes | None, says: str, tmp_path: Path
-) -> None:
-    path = tmp_path / "photo.png"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(ShotError, match=says):
-        image_shot(path)

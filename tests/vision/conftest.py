@@ -12,8 +12,9 @@ import pytest
 
 from bt_dualarm.errors import RendererError
 from bt_dualarm.spec.document import CameraSpec
-from bt_dualarm.world.camera import Camera
-from bt_dualarm.world.rendering import Renderer, choose_renderer
+from bt_dualarm.world.cameras.camera import Camera
+from bt_dualarm.world.rendering.choose import choose_renderer
+from bt_dualarm.world.rendering.renderer import Renderer
 
 SIDE_M = 0.05
 FACE_DISTANCE_M = 0.35

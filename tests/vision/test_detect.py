@@ -10,7 +10,7 @@ from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.document import NAMED_COLORS
 from bt_dualarm.vision.colors import ColorFilter
 from bt_dualarm.vision.detect import detect, detect_all
-from bt_dualarm.world.camera import Frame, Window
+from bt_dualarm.world.cameras.frame import Frame, Window
 
 if TYPE_CHECKING:
     from tests.vision.conftest import StudioMaker

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.constant_jerk import ConstantJerk
 from bt_dualarm.pose import Vector
 from bt_dualarm.vision.estimate import TargetEstimate
-from bt_dualarm.vision.motion_model import ConstantJerk, MotionModel, Oscillator
+from bt_dualarm.vision.motion_model import MotionModel, Oscillator
 
 Curve = Callable[[float], Vector]
 MODELS: list[MotionModel] = [ConstantJerk(), Oscillator()]
@@ -180,10 +181,9 @@ def test_an_uncertain_measurement_moves_little() -> None:
 
 def test_nothing_is_predicted_before_the_first_sight() -> None:
     estimate = TargetEstimate()
-    assert not estimate.started
     with pytest.raises(ValueError, match="not been seen"):
         estimate.predict(0.0)
     estimate.update(0.0, np.zeros(3), 1e-3)
-    assert estimate.started
+    assert estimate.stamp == 0.0
     with pytest.raises(ValueError, match="not been seen"):
         estimate.anew().variance(0.0)

@@ -8,7 +8,8 @@ from bt_dualarm.spec.color import Color
 from bt_dualarm.vision.colors import ColorFilter
 from bt_dualarm.vision.detect import detect
 from bt_dualarm.vision.front_face import front_face
-from bt_dualarm.vision.localise import Localiser, OnPlane, OnPlaneOfSize
+from bt_dualarm.vision.localise import Localiser, OnPlane
+from bt_dualarm.vision.plane_of_size import OnPlaneOfSize
 from tests.vision.conftest import SIDE_M, Studio, StudioMaker
 
 YELLOW = ColorFilter(Color.named("yellow"))

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.vision.detect import Detection
-from bt_dualarm.vision.localise import PIXEL_SIGMA, LocaliseError, OfSize, OnPlane, OnPlaneOfSize
-from bt_dualarm.world.camera import Frame
+from bt_dualarm.vision.localise import PIXEL_SIGMA, LocaliseError, OfSize, OnPlane
+from bt_dualarm.vision.plane_of_size import OnPlaneOfSize
+from bt_dualarm.world.cameras.frame import Frame
 
 FOV_RAD = math.radians(50.0)
 SIDE_M = 0.05

@@ -8,9 +8,10 @@ import pytest
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.spec.color import Color
-from bt_dualarm.vision.localise import OnPlane, OnPlaneOfSize
+from bt_dualarm.vision.localise import OnPlane
+from bt_dualarm.vision.plane_of_size import OnPlaneOfSize
 from bt_dualarm.vision.tracker import TargetTracker
-from bt_dualarm.world.camera import Frame
+from bt_dualarm.world.cameras.frame import Frame
 from tests.vision.conftest import SIDE_M, Studio, StudioMaker
 
 YELLOW = Color.named("yellow")
@@ -247,7 +248,7 @@ def test_closing_lets_go_of_the_camera(make_studio: StudioMaker) -> None:
     tracker.close()
     tracker.close()
     assert studio.camera.aim is None
-    assert not studio.camera.listened_to
+    assert not studio.camera.due(1000.0), "nobody listens any more"
 
 
 @pytest.mark.parametrize("offset", [(0.06, 0.05), (-0.07, 0.04), (0.0, 0.08)])

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.motion.controller import JointController
-from bt_dualarm.motion.limiter import SetPoint
+from bt_dualarm.motion.control.controller import JointController
+from bt_dualarm.motion.safety.reservation import Reservations
+from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.world import World
 from tests.world.worlds import arm, box, file_of
@@ -61,7 +62,7 @@ def swing(world: World, seconds: float, controller: JointController) -> dict[str
 
 def test_welds_hold_while_the_arm_moves(world: World) -> None:
     """Two objects at once, of different masses, at half a metre per second."""
-    controller = JointController(world, "arm1", world.timestep)
+    controller = JointController(world, "arm1", world.timestep, Reservations())
     for name in ("cube", "block"):
         world.attach("arm1", name)
     assert world.attachments.attached_to("arm1") == ("cube", "block")
@@ -101,7 +102,7 @@ def test_detaching_twice_is_detaching_once(world: World) -> None:
 
 
 def test_a_detached_object_falls_and_can_be_taken_again(world: World) -> None:
-    controller = JointController(world, "arm1", world.timestep)
+    controller = JointController(world, "arm1", world.timestep, Reservations())
     world.attach("arm1", "cube")
     world.attachments.detach("arm1", "cube")
     height = world.object_pose("cube").position[2]
@@ -115,7 +116,7 @@ def test_a_detached_object_falls_and_can_be_taken_again(world: World) -> None:
 
 def test_the_relative_pose_survives_what_else_happens(world: World) -> None:
     """Each change recompiles the model, and MuJoCo then computes welds anew from the start pose."""
-    controller = JointController(world, "arm1", world.timestep)
+    controller = JointController(world, "arm1", world.timestep, Reservations())
     held = world.attach("arm1", "cube")
     swing(world, 0.2, controller)  # away from the posture of the compilation
     for change in (
@@ -135,7 +136,7 @@ def test_the_relative_pose_survives_what_else_happens(world: World) -> None:
 
 
 def test_removing_a_held_object_is_safe(world: World) -> None:
-    controller = JointController(world, "arm1", world.timestep)
+    controller = JointController(world, "arm1", world.timestep, Reservations())
     world.attach("arm1", "cube")
     world.attach("arm1", "block")
     world.remove_object("cube")

@@ -8,7 +8,7 @@ import pytest
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.document import NAMED_COLORS
 from bt_dualarm.vision.colors import ColorFilter
-from bt_dualarm.world.catalogue import robot_names
+from bt_dualarm.world.robots.catalogue import robot_names
 from tests.world.worlds import world_with
 
 TARGETS = ("red", "orange", "yellow", "green", "blue")

@@ -5,18 +5,17 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from bt_dualarm.errors import CatalogueError, DivergenceError, WorldError
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.spec.document import CameraSpec, LimitShares, NoiseSpec, ObjectSpec, TreeFile
+from bt_dualarm.spec.document import CameraSpec, LimitShares, ObjectSpec, TreeFile
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.catalogue import load_robot
+from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.world import World
-from tests.world.worlds import Place, arm, box, file_of
+from tests.world.worlds import arm, box, file_of
 
 State = dict[str, tuple[Vector, Vector]]
 
@@ -227,86 +226,6 @@ def test_a_state_is_restored_bit_for_bit() -> None:
     assert ways[0] == ways[1]
 
 
-def noisy(xyz: Place = (0.5, 0.4, 0.2), **fields: Any) -> ObjectSpec:
-    return box(xyz, noise=NoiseSpec(xyz=(0.1, 0.2, 0.0), yaw=45.0), **fields)
-
-
-def test_noise_depends_on_the_seed_and_the_name_alone() -> None:
-    """Other objects, their order and when it arrives change nothing."""
-    alone = file_of({"arm1": arm("ur5")}, {"cube": noisy()})
-    others = {"a": noisy(), "cube": noisy(spawned=False), "z": noisy()}
-    among = World(file_of({"arm1": arm("ur5")}, others), seed=7)
-    among.spawn_object("cube")
-    pose = World(alone, seed=7).object_pose("cube")
-    assert pose.distance(among.object_pose("cube")) < 1e-12
-    assert pose.angle(among.object_pose("cube")) < 1e-7
-    assert among.object_pose("a").distance(pose) > 1e-3
-    assert World(alone, seed=8).object_pose("cube").distance(pose) > 1e-3
-
-
-def test_noise_stays_within_its_widths() -> None:
-    names = [f"cube{i}" for i in range(40)]
-    file = file_of({"arm1": arm("ur5")}, {name: noisy(spawned=False) for name in names})
-    world, poses = World(file, seed=1), {}
-    for name in names:  # one after the other: they would be inside one another
-        world.spawn_object(name)
-        poses[name] = world.object_pose(name)
-        world.remove_object(name)
-    away = np.array([pose.position for pose in poses.values()]) - (0.5, 0.4, 0.2)
-    assert (np.abs(away) <= (0.1, 0.2, 1e-12)).all()
-    assert (np.ptp(away, axis=0)[:2] > (0.1, 0.2)).all()
-    turns = [pose.angle(Pose.identity()) for pose in poses.values()]
-    assert np.radians(30.0) < max(turns) <= np.radians(45.0)
-
-
-def pedestal_of(world: World) -> Any:
-    import mujoco
-
-    geom = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_GEOM, "arm1/pedestal")
-    return None if geom < 0 else geom
-
-
-@pytest.mark.parametrize("height", [0.03, 0.4, 1.2])
-def test_a_raised_base_gets_a_pedestal(height: float) -> None:
-    """It reaches from the ground to the base, and the arm does not collide with it."""
-    world = World(file_of({"arm1": arm("panda", (0.3, 0.2, height), 40.0)}))
-    geom = pedestal_of(world)
-    assert geom is not None
-    assert world.data.geom_xpos[geom] == pytest.approx([0.3, 0.2, height / 2])
-    assert world.model.geom_size[geom][2] == pytest.approx(height / 2)
-    assert len(world.data.contact) == 0
-
-
-@pytest.mark.parametrize(
-    ("xyz", "objects"),
-    [
-        ((0.0, 0.0, 0.0), {}),  # on the ground
-        ((0.0, 0.0, 0.01), {}),  # on a thick plate
-        ((0.5, 0.4, 0.5), {"block": box((0.5, 0.4, 0.25), 0.5, fixed=True)}),  # on a fixed object
-    ],
-)
-def test_a_base_that_stands_on_something_gets_none(
-    xyz: Place, objects: dict[str, ObjectSpec]
-) -> None:
-    world = World(file_of({"arm1": arm("panda", xyz)}, objects))
-    assert pedestal_of(world) is None
-    assert len(world.data.contact) == 0
-
-
-def test_a_base_that_hangs_gets_none() -> None:
-    upside_down = arm("ur5").model_copy(update={"base": PoseSpec(xyz=(0, 0, 2), rpy=(180, 0, 0))})
-    assert pedestal_of(World(file_of({"arm1": upside_down}))) is None
-
-
-def test_what_an_arm_stood_on_may_be_taken_away() -> None:
-    block = box((0.5, 0.4, 0.25), 0.5, fixed=True)
-    world = World(file_of({"arm1": arm("panda", (0.5, 0.4, 0.5))}, {"block": block}))
-    world.remove_object("block")
-    world.remove_arm("arm1")
-    world.spawn_arm("arm1")
-    steps(world, 3)
-
-
 def test_the_pictures_world_has_the_same_state(file: TreeFile) -> None:
     """Visual meshes add shapes, not joints, masses or contacts: states can be moved over."""
     plain, pictures = World(file), World(file, visuals=True)
@@ -362,32 +281,6 @@ def test_declarations_are_checked_before_anything_runs() -> None:
         World(file_of({"arm1": arm("ur5")}, scene="tabel"))
 
 
-def test_the_tool_touches_what_lies_against_it() -> None:
-    world = World(file_of({"arm1": arm("ur5")}, {"cube": box((0.5, 0.4, 0.025))}))
-    tool = world.arms["arm1"].tool_pose
-    world.remove_object("cube")
-    world.spawn_object("cube", tool @ Pose.from_rpy((0.0, 0.0, 0.035)))
-    assert world.tool_gap("arm1", "cube") == pytest.approx(0.01, abs=1e-4)
-    assert not world.touches("arm1", "cube")
-    world.remove_object("cube")
-    world.spawn_object("cube", tool @ Pose.from_rpy((0.0, 0.0, 0.0245)))
-    assert world.tool_gap("arm1", "cube") == pytest.approx(-0.0005, abs=1e-4)
-    assert world.touches("arm1", "cube")
-
-
-@pytest.mark.parametrize(
-    ("shape", "size", "reach"),
-    [("box", (0.2, 0.4, 0.6), 0.1), ("cylinder", (0.15, 0.6), 0.15), ("sphere", (0.12,), 0.12)],
-)
-def test_a_surface_point_is_on_the_surface(
-    shape: Any, size: tuple[float, ...], reach: float
-) -> None:
-    thing = ObjectSpec(shape=shape, size=size, mass=1.0, pose=PoseSpec(xyz=(0.5, 0.4, 1.0)))
-    world = World(file_of({"arm1": arm("ur5")}, {"thing": thing}))
-    point = world.surface_point("thing", np.array([1.0, 0.0, 0.0]))
-    assert point == pytest.approx([0.5 + reach, 0.4, 1.0])
-
-
 def test_a_falling_object_has_the_velocity_of_gravity(file: TreeFile) -> None:
     world = World(file)
     world.spawn_object("ball", Pose.from_rpy((0.5, 0.6, 2.0)))
@@ -414,15 +307,3 @@ def test_a_camera_that_stands_in_the_world_goes_with_its_arm() -> None:
     assert world.model.ncam == 0
     world.spawn_arm("arm1")
     assert world.model.ncam == 1
-
-
-def test_a_world_in_which_two_arms_are_in_one_place_is_refused() -> None:
-    file = file_of({"arm1": arm("ur5", (0.0, 0.0, 0.0)), "arm2": arm("panda", (0.1, 0.0, 0.0))})
-    with pytest.raises(WorldError, match=r"arm 'arm1' would be \d+ mm deep in arm2/"):
-        World(file).refuse_overlaps()
-
-
-def test_a_world_in_which_an_object_is_in_the_floor_is_refused() -> None:
-    file = file_of({"arm1": arm("ur5")}, {"cube": box((0.5, 0.4, 0.0))})
-    with pytest.raises(WorldError, match=r"object 'cube' would be \d+ mm deep in floor"):
-        World(file).refuse_overlaps()

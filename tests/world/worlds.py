@@ -8,7 +8,7 @@ from typing import Any
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.catalogue import robot_names
+from bt_dualarm.world.robots.catalogue import robot_names
 from bt_dualarm.world.world import World
 
 WORLD = Path(__file__).parent

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bt_dualarm import PortModel, Skill, SkillContext, port
-from bt_dualarm.motion.limiter import SetPoint
-from bt_dualarm.world.camera import Window
+from bt_dualarm.motion.setpoints.set_point import SetPoint
+from bt_dualarm.world.cameras.frame import Window
 
 
 class Raiser(Skill):

@@ -1,0 +1,180 @@
+"""Two to six arms in a cell: python -m benchmarks.many_arms [FILES [SEED]].
+
+Each file is generated (`benchmarks.crowd`): robots of the catalogue, places and tasks by seed, none
+that cannot be done. It is run once for each arm alone and once with all of them. Printed is a line
+for each file and for whatever is not as it should be:
+
+- an arm that cannot meet any other one ends otherwise than alone;
+- a leaf fails with IN_COLLISION for another arm though no arm came nearer to it than 50 mm;
+- arms touch.
+
+The exit code is 1 if there was any of these.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+
+from benchmarks.crowd import Solo, cannot_meet, crowd
+from benchmarks.crowd_members import file_text
+from benchmarks.two_arms import Contacts
+from bt_dualarm.motion.collision.arm_distance import HORIZON, ArmDistance
+from bt_dualarm.runtime.result import ArmResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.tree.report import LeafReport
+from bt_dualarm.world.world import World
+
+FILES, SEED = 200, 0
+
+CLEAR_M = 0.05
+"""True distance in metres above which no other arm can be the reason of a refusal."""
+
+TICKS_S = 0.05
+"""Seconds by which an arm with room may end earlier or later than alone."""
+
+_EVERY = 4  # physics steps between two looks at the distances
+
+
+class Distances(Contacts):
+    """The true distance of each arm from all others over time, and the steps with a contact."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        self._separations = {name: ArmDistance(world, name) for name in world.arms}
+        self._looked: list[float] = []
+        self._metres: dict[str, list[float]] = {name: [] for name in world.arms}
+        self._steps = 0
+
+    def after_step(self, time: float) -> None:
+        """Look at contacts, and now and then at distances."""
+        super().after_step(time)
+        self._steps += 1
+        if self._steps % _EVERY:
+            return
+        self._looked.append(time)
+        for name, separation in self._separations.items():
+            self._metres[name].append(separation.gap({}, HORIZON).metres)
+
+    def nearest(self, arm: str, start: float = 0.0, end: float = float("inf")) -> float:
+        """The smallest distance of an arm from any other in some time, infinite above 0.1 m."""
+        times = zip(self._looked, self._metres[arm], strict=True)
+        return min((metres for time, metres in times if start <= time <= end), default=float("inf"))
+
+
+@dataclass
+class Finding:
+    """What came of one file.
+
+    Attributes:
+        arms: Number of arms; ``apart``, of those that cannot meet any other one.
+        outcomes: How often the arms ended how.
+        wrong: Sentences on what is not as it should be.
+        contacts: Physics steps in which two arms touched.
+        nearest: Smallest true distance in m, infinite above 0.1 m.
+    """
+
+    arms: int
+    apart: int
+    outcomes: Counter[str] = field(default_factory=Counter)
+    wrong: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    contacts: int = 0
+    nearest: float = float("inf")
+
+
+def judged(seed: int, registry: Registry) -> Finding:
+    """Run one generated file and judge it."""
+    solos = crowd(seed, registry)
+    members = [solo.member for solo in solos]
+    with Run(load_tree_file(file_text(members, members), registry.kinds), registry) as run:
+        distances = Distances(run.world)
+        run.watch(distances)
+        result = run.finish()
+    free = [solo for solo in solos if _has_room(solo, solos)]
+    finding = Finding(len(solos), len(free), contacts=distances.steps)
+    if distances.steps:
+        finding.wrong.append(f"arms touch at {distances.first_s:.2f} s")
+    if result.error:
+        finding.wrong.append(result.error)
+    for solo, together in zip(solos, result.arms.values(), strict=True):
+        finding.outcomes[together.outcome] += 1
+        finding.nearest = min(finding.nearest, distances.nearest(together.name))
+        if solo in free and not _same_course(solo.result, together):
+            finding.wrong.append(f"{_named(solo)} ends otherwise than alone: {_why(together)}")
+        elif together.outcome != "SUCCESS":
+            finding.failed.append(f"{_named(solo)}: {_why(together)}")
+        finding.wrong += [
+            f"{_named(solo)} {leaf.started_s:.2f} s: {leaf.reason}"
+            for leaf in together.runs
+            if _unfounded(leaf, distances, together.name)
+        ]
+    return finding
+
+
+def _has_room(solo: Solo, solos: list[Solo]) -> bool:
+    return all(other is solo or cannot_meet(solo, other) for other in solos)
+
+
+def _same_course(alone: ArmResult, together: ArmResult) -> bool:
+    """Whether the same leaves end alike, and at the same time but for a tick or two."""
+    one, other = (
+        [(leaf.path, leaf.status, leaf.code) for leaf in run.runs] for run in (alone, together)
+    )
+    return one == other and abs((alone.ended_s or 0.0) - (together.ended_s or 0.0)) <= TICKS_S
+
+
+def _unfounded(leaf: LeafReport, distances: Distances, arm: str) -> bool:
+    """Whether a leaf blames another arm that it never came near."""
+    if leaf.code != "IN_COLLISION":
+        return False
+    end = leaf.ended_s if leaf.ended_s is not None else float("inf")
+    return distances.nearest(arm, leaf.started_s, end) > CLEAR_M
+
+
+def _why(result: ArmResult) -> str:
+    failed = [leaf for leaf in result.runs if leaf.status == "FAILURE"]
+    told = [f"{leaf.skill} at {leaf.ended_s} s {leaf.code}: {leaf.reason}" for leaf in failed]
+    return "; ".join((str(result.outcome), *told))
+
+
+def _named(solo: Solo) -> str:
+    return f"{solo.member.name} ({solo.member.robot})"
+
+
+def main(files: int, seed: int) -> int:
+    """Print what came of all files; the exit code."""
+    registry = Registry.load()
+    began, outcomes, wrong = time.perf_counter(), Counter[str](), 0
+    arms = apart = contacts = 0
+    nearest = float("inf")
+    for number in range(files):
+        finding = judged(seed + number, registry)
+        arms, apart = arms + finding.arms, apart + finding.apart
+        outcomes.update(finding.outcomes)
+        wrong, contacts = wrong + len(finding.wrong), contacts + finding.contacts
+        nearest = min(nearest, finding.nearest)
+        ended = ", ".join(f"{count} {name}" for name, count in finding.outcomes.items())
+        print(
+            f"[{number + 1}/{files}] seed {seed + number}: {finding.arms} arms, "
+            f"{finding.apart} with room: {ended}",
+            flush=True,
+        )
+        for sentence in (*(f"WRONG {one}" for one in finding.wrong), *finding.failed):
+            print(f"    {sentence}", flush=True)
+    print(f"{files} files, {arms} arms in {time.perf_counter() - began:.0f} s on the wall")
+    for name, count in outcomes.most_common():
+        print(f"{name:22} {count:5d}")
+    print(f"{'arms that had room':22} {apart:5d}")
+    print(f"{'steps with a contact':22} {contacts:5d}")
+    print(f"{'nearest':22} {1e3 * nearest:5.0f} mm")
+    print(f"{'wrong':22} {wrong:5d}")
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:3]), *(FILES, SEED)[len(sys.argv) - 1 :]))

@@ -1,0 +1,130 @@
+"""The main job beside a third arm: python -m benchmarks.third_arm [PLACES [SEED]].
+
+`pick_and_track` is run with one more arm of the catalogue, 1.2 to 3 m from the nearer of the two,
+that swings to and fro all the time as fast as it can. Printed for each place is how the two arms
+end, and how that differs from what they do without it. The exit code is 1 if one of them fails.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.share import share_dir
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+
+PLACES, SEED = 10, 0
+
+NEAREST_M, FARTHEST_M = 1.2, 3.0
+
+LONGEST_S = 60.0
+"""Simulated seconds after which a run ends: the job takes a third of that."""
+
+_BASES = ((0.0, 0.0), (1.6, 0.11))  # of the two arms of the job, in m
+
+_ARM = """
+  arm3:
+    robot: ROBOT
+    base: {xyz: [X, Y, 0.3], rpy: [0, 0, YAW]}
+    tree:
+      repeat:
+        times: 1000
+        child:
+          sequence:
+            - reach_to_pose: {posture: home, speed: 1.0}
+            - move_joints: {to: {JOINT: 60}, speed: 1.0}
+"""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the third arm stands.
+
+    Attributes:
+        robot: Name of the robot in the catalogue.
+        x: Place of its base in m.
+        y: Place of its base in m.
+        yaw: Turn of its base in degrees.
+    """
+
+    robot: str
+    x: float
+    y: float
+    yaw: float
+
+    @property
+    def text(self) -> str:
+        """Declaration of the arm."""
+        joint = load_robot(self.robot).joints[0]
+        values = {"ROBOT": self.robot, "X": self.x, "YAW": self.yaw, "Y": self.y, "JOINT": joint}
+        text = _ARM
+        for word, value in values.items():
+            text = text.replace(word, str(value))
+        return text
+
+
+def places(count: int, seed: int) -> list[Place]:
+    """Places all around the two arms, robot after robot of the catalogue."""
+    rng = np.random.default_rng(seed)
+    found: list[Place] = []
+    while len(found) < count:
+        base = np.array(_BASES[int(rng.integers(2))])
+        angle, away = rng.uniform(-np.pi, np.pi), rng.uniform(NEAREST_M, FARTHEST_M)
+        x, y = base + away * np.array((np.cos(angle), np.sin(angle)))
+        if min(np.hypot(x - at[0], y - at[1]) for at in _BASES) < NEAREST_M:
+            continue
+        robot = robot_names()[len(found) % len(robot_names())]
+        yaw = round(float(rng.uniform(-180, 180)), 1)
+        found.append(Place(robot, round(float(x), 3), round(float(y), 3), yaw))
+    return found
+
+
+def run_beside(place: Place | None, registry: Registry) -> RunResult:
+    """The job with an arm at a place, or without a third arm."""
+    text = (share_dir("trees") / "pick_and_track.yaml").read_text(encoding="utf-8")
+    text += "" if place is None else place.text
+    options = RunOptions(duration=LONGEST_S, renderer="ray")
+    with Run(load_tree_file(text, registry.kinds), registry, options) as run:
+        return run.finish()
+
+
+def failures(result: RunResult) -> list[str]:
+    """Sentences on the leaves of the two arms that failed, and on an arm that did not end."""
+    return [
+        f"{name}: {result.arms[name].outcome}; "
+        + "; ".join(f"{leaf.path} {leaf.code}: {leaf.reason}" for leaf in result.arms[name].runs)
+        for name in ("arm1", "arm2")
+        if result.arms[name].outcome != "SUCCESS"
+    ]
+
+
+def _end(result: RunResult, name: str) -> float:
+    return result.arms[name].ended_s or float("nan")
+
+
+def main(count: int, seed: int) -> int:
+    """Print a line for each place; the exit code."""
+    registry = Registry.load()
+    alone, failed = run_beside(None, registry), 0
+    for number, place in enumerate(places(count, seed), 1):
+        result = run_beside(place, registry)
+        wrong = failures(result)
+        failed += bool(wrong)
+        later = ", ".join(
+            f"{name} {_end(result, name) - _end(alone, name):+.2f} s" for name in ("arm1", "arm2")
+        )
+        where = f"{place.robot} at ({place.x:.2f}, {place.y:.2f})"
+        print(f"[{number}/{count}] {where}: {'; '.join(wrong) or later}", flush=True)
+    print(f"the main job fails beside {failed} of {count} arms")
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:3]), *(PLACES, SEED)[len(sys.argv) - 1 :]))

@@ -1,0 +1,8 @@
+"""``python -m bt_dualarm``: ``bt-run``, where its folder is not on the path."""
+
+import sys
+
+from bt_dualarm.cli import run
+
+if __name__ == "__main__":
+    sys.exit(run())

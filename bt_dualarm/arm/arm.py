@@ -1,0 +1,180 @@
+"""One arm as its skills see it: where it is, how it moves, what it holds and sees."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+
+from bt_dualarm.arm.execution import Executor
+from bt_dualarm.arm.move_to import WAIT_S, MoveTo
+from bt_dualarm.arm.planning import ArmPlanner
+from bt_dualarm.arm.shared import SharedArm
+from bt_dualarm.arm.state import ArmState
+from bt_dualarm.motion.collision.checker import CollisionChecker
+from bt_dualarm.motion.planning.planners import DEFAULT_PLANNER, Planner
+from bt_dualarm.motion.safety.plan_monitor import PlanMonitor
+from bt_dualarm.motion.setpoints.stream_source import Stream
+from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
+
+_NOTHING: frozenset[str] = frozenset()
+
+
+class Arm(ArmState):
+    """An arm in the hands of one leaf: its state, with an executor, a planner and a lease.
+
+    The lease lets only one leaf at a time move the arm; ``release`` stops what this leaf has begun.
+    What a method takes and raises is said where it is done: of motions at `Executor`, of paths,
+    plans and refusals at `ArmPlanner`, of going somewhere while others move at `MoveTo`.
+
+    Args:
+        shared: Arm as all leaves share it.
+        leaf: Path of the leaf in its tree.
+
+    Attributes:
+        camera: Camera of this arm, if it has one; what its callbacks raise is this leaf's fault.
+    """
+
+    def __init__(self, shared: SharedArm, leaf: str) -> None:
+        super().__init__(shared.world, shared.name, shared.controller, shared.kinematics)
+        self.camera = None if shared.camera is None else GuardedCamera(shared.camera)
+        self._lease = shared.lease.for_leaf(leaf)
+        self._patience = shared.patience
+        self._executor = Executor(self, self._lease, shared.patience)
+        self._planner = ArmPlanner(self, self._lease, shared.planning, shared.seed)
+
+    def attach(self, thing: str) -> None:
+        """Weld an object to the tool as it lies now; again changes nothing."""
+        self._lease.refuse_other_threads()
+        self.world.attach(self.name, thing)
+
+    def detach(self, thing: str) -> bool:
+        """Let go of an object; whether it was held."""
+        self._lease.refuse_other_threads()
+        return self.world.attachments.detach(self.name, thing)
+
+    # How it moves: the executor
+
+    def follow(self, trajectory: Trajectory, ignore: frozenset[str] = _NOTHING) -> Iterator[float]:
+        """Execute a motion; yields its progress once a tick until the arm stands at its end."""
+        return self._executor.follow(trajectory, ignore)
+
+    def begin(self, trajectory: Trajectory, *, along_path: bool = False) -> TrajectorySource:
+        """Begin a motion and leave it to the caller to watch it with ``check``."""
+        return self._executor.begin(trajectory, along_path=along_path)
+
+    def watch(self, motion: TrajectorySource, ignore: frozenset[str] = _NOTHING) -> PlanMonitor:
+        """A check of a motion against the world as it becomes while it runs."""
+        return self._executor.watch(motion, ignore)
+
+    def check(self) -> None:
+        """Raise what went wrong with the motion since it began."""
+        self._executor.check()
+
+    def refuse_when_held_up(self, motion: TrajectorySource) -> None:
+        """End a motion that the guard has stopped for longer than an arm waits."""
+        self._executor.refuse_when_held_up(motion)
+
+    def settle(self) -> Iterator[float]:
+        """Wait until the arm stands on its last set-point; yields once a tick."""
+        return self._executor.settle()
+
+    def relax(self) -> Iterator[float]:
+        """Take the set-point back to where the arm is, so that it no longer presses on anything."""
+        return self._executor.relax()
+
+    def stream(self, source: Stream) -> None:
+        """Follow a stream of set-points until ``release`` or ``halt``."""
+        self._executor.stream(source)
+
+    def halt(self) -> Iterator[None]:
+        """Brake with bounded jerk; yields once a tick until the arm stands still."""
+        return self._executor.halt()
+
+    def release(self) -> None:
+        """Stop the motion that this leaf has begun; harmless otherwise."""
+        self._executor.release()
+
+    def enter(self, *, anew: bool) -> None:
+        """Note that this thread ticks or halts the leaf, and whether a new run of it begins."""
+        self._lease.enter(anew=anew)
+        if anew and self.camera is not None:
+            self.camera.fault = None
+
+    def trouble(self) -> Exception | SystemExit | None:
+        """What this leaf's motion, stream or camera callback has raised since last asked."""
+        if self.camera is not None and self.camera.fault is not None:
+            fault, self.camera.fault = self.camera.fault, None
+            return fault
+        return self._executor.trouble()
+
+    # How it finds its motions: the planner
+
+    def think(self) -> Iterator[None]:
+        """Let the simulated time of planning pass; plan afterwards, on the world as it is then."""
+        return self._planner.think()
+
+    def plan(
+        self,
+        goals: Sequence[Vector],
+        speed: float,
+        ignore: frozenset[str] = _NOTHING,
+        planner: Planner = DEFAULT_PLANNER,
+    ) -> Generator[None, None, Trajectory]:
+        """A motion free of collisions to one of several configurations, straight where possible."""
+        return self._planner.plan(goals, speed, ignore, planner)
+
+    def line(self, start: Pose, end: Pose) -> Matrix:
+        """Configurations, of shape (n, dof), rad, along a straight line of the tool."""
+        return self._planner.line(start, end)
+
+    def time_path(self, q: Matrix, speed: float) -> Trajectory:
+        """The motion through configurations, of shape (n, dof), at a share of the limits."""
+        return self._planner.time_path(q, speed)
+
+    def straight_to(self, goal: Vector, speed: float) -> Trajectory:
+        """The motion to the configuration ``goal`` in which all joints turn evenly."""
+        return self._planner.straight_to(goal, speed)
+
+    def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
+        """Positions of the tool in the world at a motion's set-points, of shape (n, 3), m."""
+        return self._planner.planned_tool_positions(trajectory)
+
+    def checker(self, ignore: frozenset[str] = _NOTHING) -> CollisionChecker:
+        """A test of configurations against the world as it stands now."""
+        return self._planner.checker(ignore)
+
+    def refuse_collision(self, q: Vector, ignore: frozenset[str] = _NOTHING) -> None:
+        """Check a configuration, of shape (dof,), rad, before anything moves."""
+        self._planner.refuse_collision(q, ignore)
+
+    def refuse_collision_along(self, q: Matrix, ignore: frozenset[str] = _NOTHING) -> None:
+        """Check configurations, of shape (n, dof), rad, before anything moves."""
+        self._planner.refuse_collision_along(q, ignore)
+
+    # Both together
+
+    def travel(
+        self,
+        goals: Sequence[Vector],
+        speed: float,
+        ignore: frozenset[str] = _NOTHING,
+        *,
+        give_way: bool = False,
+        patience: float = WAIT_S,
+        planner: Planner = DEFAULT_PLANNER,
+    ) -> Iterator[float | None]:
+        """Plan to one of several goals and follow the plan, past arms that move; once a tick."""
+        move = MoveTo(
+            self,
+            self._executor,
+            self._planner,
+            self._patience,
+            speed,
+            ignore,
+            search=planner,
+            give_way=give_way,
+            wait_s=patience,
+        )
+        return move.go(goals)

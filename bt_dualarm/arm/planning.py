@@ -1,0 +1,222 @@
+"""How an arm finds its motions, and what it refuses, on the world as it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+
+import numpy as np
+
+from bt_dualarm.arm.execution import HALT_S
+from bt_dualarm.arm.lease import Leaseholder
+from bt_dualarm.arm.state import ArmState
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.collision.checker import CollisionChecker
+from bt_dualarm.motion.kinematics.joint_limits import refuse_beyond
+from bt_dualarm.motion.paths.cartesian_path import line
+from bt_dualarm.motion.planning.joint_motion import refuse_contact, straight_motion
+from bt_dualarm.motion.planning.planners import DEFAULT_PLANNER, Planner
+from bt_dualarm.motion.planning.problem import PlanningProblem, admitted
+from bt_dualarm.motion.planning.process import PendingMotion, PlanningProcess
+from bt_dualarm.motion.safety.separation_rule import clearance
+from bt_dualarm.motion.timing.point_to_point import point_to_point, time_path
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Matrix, Pose, Vector
+
+PLANNING_S = 0.1
+"""Simulated seconds that planning costs, whatever it costs on the wall."""
+
+PLANNING_MARGIN_M = 0.045
+"""Distance in metres that plans keep from other arms: more than the guard asks for."""
+
+REPLANS = 1
+"""How often an arm plans anew when something has moved into its way."""
+
+
+class ArmPlanner:
+    """Paths, plans and refusals of one leaf; nothing here moves the arm.
+
+    Args:
+        arm: State of the arm.
+        lease: Lease of the arm, as the leaf holds it: who may not move does not plan.
+        process: Process that looks for ways around what is in the way.
+        seed: Seed of everything random in a plan.
+    """
+
+    def __init__(
+        self, arm: ArmState, lease: Leaseholder, process: PlanningProcess, seed: int
+    ) -> None:
+        self._arm = arm
+        self._lease = lease
+        self._process = process
+        self._seed = seed
+
+    def think(self) -> Iterator[None]:
+        """Let the simulated time of planning pass; plan afterwards, on the world as it is then.
+
+        What an earlier leaf has begun is braked first: plans start where the arm stands.
+
+        Raises:
+            Failure: ``BUSY`` when another leaf moves the arm; ``TRACKING_ERROR`` when it does not
+                come to rest.
+        """
+        began = self._arm.time
+        yield from self._come_to_rest()
+        yield from self._pass_until(began + PLANNING_S)
+
+    def plan(
+        self,
+        goals: Sequence[Vector],
+        speed: float,
+        ignore: frozenset[str] = frozenset(),
+        planner: Planner = DEFAULT_PLANNER,
+    ) -> Generator[None, None, Trajectory]:
+        """A motion free of collisions to one of several configurations, straight where possible.
+
+        Yields once a tick. It plans on the world as it is at the start, which takes
+        ``PLANNING_S``, and checks the plan against the world as it is then; where that has changed
+        too much it plans once more.
+
+        Args:
+            goals: Configurations, each of shape (dof,), rad, the preferred one first.
+            speed: Share of the limits, above 0 to 1.
+            ignore: Names of the objects that may be touched.
+            planner: Planner that searches where the straight way to the preferred goal is not free.
+
+        Raises:
+            Failure: ``IN_COLLISION`` or ``JOINT_LIMIT`` of the start, or of the preferred goal if
+                the arm can stand in none; ``NO_PLAN``; ``BUSY`` when another leaf moves the arm;
+                ``TRACKING_ERROR`` when it does not come to rest.
+        """
+        yield from self._come_to_rest()
+        for replan in range(REPLANS, -1, -1):
+            motion = yield from self._plan_once(goals, speed, ignore, planner)
+            try:
+                refuse_contact(self.checker(ignore), motion.q)
+            except Failure:
+                if not replan:
+                    raise
+            else:
+                break
+        return motion
+
+    def _plan_once(
+        self,
+        goals: Sequence[Vector],
+        speed: float,
+        ignore: frozenset[str],
+        planner: Planner,
+    ) -> Generator[None, None, Trajectory]:
+        due = self._arm.time + PLANNING_S
+        problem = admitted(self._problem(goals, speed, ignore, planner))
+        straight = straight_motion(problem)
+        if straight is not None:
+            yield from self._pass_until(due)
+            return straight
+        pending = self._process.solve(problem)
+        try:
+            yield from self._pass_until(due)
+            return _found(pending)
+        finally:
+            pending.abandon()
+
+    def _problem(
+        self, goals: Sequence[Vector], speed: float, ignore: frozenset[str], planner: Planner
+    ) -> PlanningProblem:
+        return PlanningProblem(
+            self.checker(ignore),
+            self._arm.setpoint.q,
+            tuple(goals),
+            self._arm.limits(speed),
+            self._arm.period,
+            self._seed,
+            planner,
+        )
+
+    def _come_to_rest(self) -> Iterator[None]:
+        began = self._arm.time
+        self._lease.refuse_if_busy()
+        while self._arm.controller.motion is not None:
+            if self._arm.time - began > HALT_S:
+                raise Failure("TRACKING_ERROR", f"{self._arm.name} still moves after {HALT_S:g} s")
+            yield
+            self._lease.refuse_if_busy()
+
+    def _pass_until(self, time: float) -> Iterator[None]:
+        while self._arm.time < time:
+            self._lease.refuse_if_busy()
+            yield
+
+    def checker(self, ignore: frozenset[str] = frozenset()) -> CollisionChecker:
+        """A test of configurations against the world as it stands now.
+
+        Args:
+            ignore: Names of the objects that may be touched.
+
+        Returns:
+            A checker that keeps `PLANNING_MARGIN_M` from other arms.
+        """
+        clear = PLANNING_MARGIN_M
+        while True:  # nearer to another arm already: keep what there is
+            checker = CollisionChecker(self._arm.world, self._arm.name, max(clear, 0.0), ignore)
+            contact = checker.contact(self._arm.setpoint.q) if clear > 0.0 else None
+            if contact is None or contact.second.partition("/")[0] not in self._arm.world.arms:
+                return checker
+            if -contact.depth <= 0.0:
+                return checker
+            clear = min(clearance(-contact.depth, clear), clear - 1e-4)
+
+    def refuse_collision(self, q: Vector, ignore: frozenset[str] = frozenset()) -> None:
+        """Check a configuration before anything moves.
+
+        Raises:
+            Failure: ``IN_COLLISION`` with the two bodies and how deep they are in each other.
+        """
+        contact = self.checker(ignore).contact(q)
+        if contact is not None:
+            raise contact.failure()
+
+    def refuse_collision_along(self, q: Matrix, ignore: frozenset[str] = frozenset()) -> None:
+        """Check configurations, of shape (n, dof), before anything moves.
+
+        Raises:
+            Failure: ``IN_COLLISION`` at the first one that touches something.
+        """
+        refuse_contact(self.checker(ignore), q)
+
+    def line(self, start: Pose, end: Pose) -> Matrix:
+        """Configurations, of shape (n, dof), rad, along a straight line of the tool.
+
+        Raises:
+            Failure: ``UNREACHABLE`` or ``PATH_BROKEN``.
+        """
+        return self._arm.kinematics.follow(line(start, end).poses, self._arm.setpoint.q)
+
+    def time_path(self, q: Matrix, speed: float) -> Trajectory:
+        """The motion through configurations, of shape (n, dof), at a share of the limits."""
+        return time_path(q, self._arm.limits(speed), self._arm.period)
+
+    def straight_to(self, goal: Vector, speed: float) -> Trajectory:
+        """The motion to the configuration ``goal`` in which all joints turn evenly.
+
+        Raises:
+            Failure: ``INVALID_TARGET``, ``JOINT_LIMIT`` or ``IN_COLLISION``.
+        """
+        refuse_beyond(self._arm.robot.joints, goal, self._arm.robot.limits)
+        motion = point_to_point(
+            self._arm.setpoint.q, goal, self._arm.limits(speed), self._arm.period
+        )
+        self.refuse_collision_along(motion.q)
+        return motion
+
+    def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
+        """Positions of the tool in the world at a motion's set-points, of shape (n, 3), m."""
+        return np.array([self._arm.kinematics.matrix(q)[:3, 3] for q in trajectory.q])
+
+
+def _found(pending: PendingMotion) -> Trajectory:
+    """What was looked for; a refusal says what looking for it has cost."""
+    try:
+        return pending.result()
+    except Failure as refusal:
+        refusal.noting(planning_s=PLANNING_S)
+        raise

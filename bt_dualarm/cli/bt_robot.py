@@ -1,0 +1,112 @@
+"""``bt-robot``: from a URDF to a first page of a robot, to edit."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bt_dualarm.cli.entry import SUCCEEDED
+from bt_dualarm.errors import DualArmError
+
+if TYPE_CHECKING:
+    from bt_dualarm.world.urdf.kinematic_tree import KinematicTree
+
+_EPILOG = """\
+examples:
+  bt-robot my_arm.urdf                                   the chains that could be arms
+  bt-robot my_arm.urdf --base base_link --tool flange --out my_arm.yaml
+  bt-robot tiago_description/robots/tiago.urdf --base torso_lift_link --tool arm_tool_link
+                                                         a URDF of example-robot-data
+
+What the URDF does not know is guessed, and the page says so beside each number. Then:
+  bt-skills my_arm.yaml            shows the page: joints, postures, reach
+  robot: my_arm.yaml               names it in a tree file
+
+exit code:
+  0 the chains or a page were written   2 the URDF or the command is wrong
+"""
+
+
+def main(argv: Sequence[str] | None) -> int:
+    """Write a first page for an arm; returns the exit code."""
+    return _robot(_command_line().parse_args(argv))
+
+
+def _command_line() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="bt-robot",
+        description="Write a first page for a robot from its URDF: joints, limits, a home posture.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("urdf", metavar="URDF", help="a file, or one of example-robot-data")
+    parser.add_argument("--base", metavar="LINK", help="the link that is to stand still")
+    parser.add_argument("--tool", metavar="LINK", help="the link that carries the tool")
+    parser.add_argument("--out", metavar="FILE", type=Path, help="the page (default: the terminal)")
+    return parser
+
+
+def _robot(arguments: argparse.Namespace) -> int:
+    from bt_dualarm.world.robots.page_source import find_urdf
+    from bt_dualarm.world.urdf.description import read_urdf
+
+    folder = (arguments.out.parent if arguments.out else Path()).resolve()
+    urdf = find_urdf(arguments.urdf, folder)
+    tree = read_urdf(urdf.path)
+    if arguments.base is None or arguments.tool is None:
+        return _list(arguments, tree)
+    _refuse_unknown(tree, arguments)
+    from bt_dualarm.world.robots.draft_text import page_text
+    from bt_dualarm.world.robots.page_draft import draft_of
+
+    draft = draft_of(urdf.path, folder, arguments.base, arguments.tool)
+    text = page_text(draft, urdf.path.stem, urdf.name, urdf.srdf)
+    if arguments.out is None:
+        sys.stdout.write(text)
+        return SUCCEEDED
+    _write(arguments.out, text)
+    return SUCCEEDED
+
+
+def _list(arguments: argparse.Namespace, tree: KinematicTree) -> int:
+    """The chains that could be arms, most likely ones first."""
+    from bt_dualarm.world.urdf.arm_chains import arm_chains
+
+    chains = arm_chains(tree)
+    if not chains:
+        raise DualArmError(f"{arguments.urdf}: no two joints that turn follow one another")
+    print(f"{arguments.urdf}: root link {tree.root}; chains that could be arms:")
+    for chain in chains:
+        print(f"\n  --base {chain.base} --tool {chain.tool}")
+        print(f"    {len(chain.joints)} joints: {', '.join(chain.joints)}")
+    print(f"\nThe whole robot stands on --base {tree.root}; any link between is a base, too.")
+    return SUCCEEDED
+
+
+def _refuse_unknown(tree: KinematicTree, arguments: argparse.Namespace) -> None:
+    from bt_dualarm.spec.problems import suggestion
+
+    for option, link in (("--base", arguments.base), ("--tool", arguments.tool)):
+        if link not in tree.links:
+            hint = suggestion(link, tree.links, "link")
+            raise DualArmError(f"{option} {link}: {arguments.urdf} has no such link; {hint}")
+
+
+def _write(target: Path, text: str) -> None:
+    """Write the page and read it as a tree file would."""
+    from bt_dualarm.runtime.atomic_write import write_text
+    from bt_dualarm.world.robots.catalogue import is_page, load_robot
+
+    if not is_page(target.name):
+        raise DualArmError(f"--out {target}: the name of a page ends with .yaml")
+    if target.exists():
+        raise DualArmError(f"--out {target}: is there already; remove it, or choose another name")
+    try:
+        write_text(target, text)
+    except OSError as error:
+        raise DualArmError(f"cannot write {target}: {error.strerror or error}") from error
+    load_robot(target.name, target.parent)
+    print(f"written: {target}")

@@ -1,0 +1,146 @@
+"""An arm, and what it holds, wrapped in spheres: quick bounds on how near it is, and gets."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import scipy
+
+from bt_dualarm.motion.collision.sweep import last_joint, stretched
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.world import World
+
+_FINER = 2.0  # spheres along a shape's longest edge for each time that it is longer than the next
+_MOST = 8  # spheres for one shape
+
+
+class BoundingSpheres:
+    """Spheres around all shapes of one arm; to be made anew after a recompilation.
+
+    Args:
+        world: World that the arm is in.
+        arm: Name of the arm.
+
+    Attributes:
+        span: Largest distance of any point from the first joint, in metres, however the arm stands.
+        spans: Largest distance from each joint of any point that it moves, likewise, (dof,).
+        ball: Sphere that no point can leave: around the first joint, of shape (1, 4), m.
+    """
+
+    def __init__(self, world: World, arm: str) -> None:
+        model, body = world.model, world.arms[arm]
+        held = [world.object_geom(name) for name in world.attachments.attached_to(arm)]
+        self._shapes = np.array(sorted((*body.geom_ids, *held)))
+        self._bounds = model.geom_rbound[self._shapes]
+        self._joints = model.dof_jntid[body.dof_ids]
+        links = model.jnt_bodyid[self._joints].tolist()
+        bodies = model.geom_bodyid[self._shapes].tolist()
+        last = [last_joint(model, links, body) for body in bodies]
+        self._turned = np.array([_turning(joint, len(links)) for joint in last])
+        pieces = [_spheres(model, geom) for geom in self._shapes]
+        repeats = [len(piece) for piece in pieces]
+        self._of_sphere = np.repeat(self._shapes, repeats)
+        self._moved = np.repeat(self._turned, repeats, axis=0)
+        self._placed = np.vstack(pieces)
+        data = world.data
+        # Views: looking a field up costs as much as a product of matrices.
+        self._places, self._frames = data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)
+        self._anchors, self._axes = data.xanchor, data.xaxis
+        self.span, self.spans = self._reach(
+            [joint for joint, count in zip(last, repeats, strict=True) for _ in range(count)]
+        )
+        self.ball = np.array(((*self._anchors[self._joints[0]], self.span),))
+
+    def spheres(self) -> Matrix:
+        """Centres and radii now, of shape (n, 4), m."""
+        spheres = self._placed.copy()
+        centers = spheres[:, :3]
+        np.einsum(
+            "nij,nj->ni", self._frames.take(self._of_sphere, 0), self._placed[:, :3], out=centers
+        )
+        centers += self._places.take(self._of_sphere, 0)
+        return spheres
+
+    def levers(self, spheres: Matrix) -> Matrix:
+        """Farthest distance of a sphere's points from each joint's axis, of shape (n, dof), m.
+
+        Zero where the joint does not move it.
+        """
+        anchors, axes = self._anchors.take(self._joints, 0), self._axes.take(self._joints, 0)
+        arms = spheres[:, None, :3] - anchors
+        along = np.einsum("nij,ij->ni", arms, axes)
+        levers: Matrix = np.einsum("nij,nij->ni", arms, arms)
+        levers -= along * along
+        np.maximum(levers, 0.0, out=levers)
+        np.sqrt(levers, out=levers)
+        levers += spheres[:, 3:]
+        levers *= self._moved
+        return levers
+
+    def reach(self, levers: Matrix, way: Vector) -> float:
+        """How far any point gets, in m, when the joints turn by no more than ``way``.
+
+        A point is moved by each joint as far as its distance from the axis, which grows by no more
+        than the result itself, ``R <= way · levers + R Σ way``, and is at most the span.
+
+        Args:
+            levers: Distances of the spheres as they are now, of shape (n, dof), m.
+            way: Most that each joint turns, of shape (dof,), rad.
+        """
+        total = float(way.sum())
+        most = self.span * total
+        return min(float((levers @ way).max()) / (1.0 - total), most) if total < 1.0 else most
+
+    def centers(self, data: mujoco.MjData) -> Matrix:
+        """Of the shapes, of shape (m, 3), in a state of the model."""
+        centers: Matrix = data.geom_xpos[self._shapes]
+        return centers
+
+    def moved(self, first: Matrix, second: Matrix, turn: Vector) -> float:
+        """How far any point has moved at most, in m, on a short way.
+
+        Args:
+            first: ``centers`` before it.
+            second: ``centers`` after it.
+            turn: Turn of each joint, of shape (dof,), rad.
+        """
+        way = np.sqrt(((second - first) ** 2).sum(axis=1))
+        return float((way + self._bounds * (self._turned @ np.abs(turn))).max())
+
+    def _reach(self, last: list[int | None]) -> tuple[float, Vector]:
+        """Span and spans, from the last joint that moves each sphere, None for the base's."""
+        anchors, spheres = self._anchors[self._joints], self.spheres()
+        moved = np.array([joint is not None for joint in last])
+        joints = [joint for joint in last if joint is not None]
+        spans = stretched(anchors, joints, spheres[moved, :3], spheres[moved, 3])
+        base = spheres[~moved]
+        around = np.linalg.norm(base[:, :3] - anchors[0], axis=1) + base[:, 3]
+        return max(float(spans[0]), float(around.max(initial=0.0))), spans
+
+
+def apart(first: Matrix, second: Matrix) -> float:
+    """The least distance in m of two sets of spheres, of shape (n, 4) and (m, 4)."""
+    gaps = scipy.spatial.distance.cdist(first[:, :3], second[:, :3])
+    gaps -= first[:, 3:]
+    gaps -= second[:, 3]
+    return float(gaps.min())
+
+
+def _spheres(model: mujoco.MjModel, geom: int) -> Matrix:
+    """Around a shape's box, in its frame, of shape (n, 4)."""
+    center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:].copy()
+    longest = int(np.argmax(half))
+    slender = half[longest] / max(float(np.sort(half)[1]), 1e-6)
+    count = min(int(np.ceil(_FINER * slender)), _MOST) if slender > 1.2 else 1
+    half[longest] /= count
+    spheres = np.empty((count, 4))
+    spheres[:, :3] = center
+    spheres[:, longest] += half[longest] * (2.0 * np.arange(count) + 1.0 - count)
+    spheres[:, 3] = np.linalg.norm(half)
+    return spheres
+
+
+def _turning(last: int | None, dof: int) -> list[float]:
+    """For each joint whether it moves a shape whose last joint is given, 1 or 0."""
+    count = 0 if last is None else last + 1
+    return [1.0] * count + [0.0] * (dof - count)

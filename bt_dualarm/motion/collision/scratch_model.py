@@ -1,0 +1,139 @@
+"""A copy of a world's model to try configurations in: the world itself stays as it is.
+
+Whoever asks for distances or contacts that are not those of now asks here: which shapes are
+compared, up to which gap they are reported, and where what an arm holds goes with it.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import TypedDict
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.world.world import World
+
+Marks = npt.NDArray[np.bool_]
+"""Which of all shapes of a model are meant, of shape (ngeom,)."""
+
+_ONE_CONTACT = mujoco.mjtDisableBit.mjDSBL_MULTICCD
+"""Of two convex shapes the deepest contact is enough; the others, which a step of the world wants
+so that things lie flat, cost a tenth of a check."""
+
+Bits = npt.NDArray[np.int32] | npt.NDArray[np.bool_]
+"""Bits of each shape of a model, of shape (ngeom,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """An object that goes with a link.
+
+    Attributes:
+        address: First of the seven entries of ``qpos`` that are the object's pose.
+        link: Id of the body that carries it.
+        relative: Pose of the object in that body.
+    """
+
+    address: int
+    link: int
+    relative: Pose
+
+
+class _State(TypedDict):
+    """What another process needs for the same scratch model."""
+
+    model: mujoco.MjModel
+    positions: Vector
+    carried: tuple[Carried, ...]
+
+
+class ScratchModel:
+    """Model and state of their own, as the world was when this was made.
+
+    It can be pickled, and measures alike in any process. To be made anew after a recompilation.
+
+    Args:
+        world: World to copy; never changed.
+        holders: Names of the arms whose held objects go with them; all others stay where they are.
+
+    Attributes:
+        model: Copy of the world's model, free to be marked.
+        data: State of the copy; positions are set by whoever asks, then `settle` is called.
+    """
+
+    def __init__(self, world: World, holders: Collection[str] = ()) -> None:
+        self.model = copy.copy(world.model)
+        self.model.opt.disableflags |= _ONE_CONTACT
+        self._positions: Vector = world.data.qpos.copy()
+        self._carried = tuple(
+            Carried(world.pose_address(held.object), world.arms[held.arm].tool_body, held.relative)
+            for held in world.attachments
+            if held.arm in holders
+        )
+        self.data = self._fresh_data()
+
+    def __getstate__(self) -> _State:
+        """All but what MuJoCo computes from the rest."""
+        return {"model": self.model, "positions": self._positions, "carried": self._carried}
+
+    def __setstate__(self, state: _State) -> None:
+        """The same scratch model in another process."""
+        self.model, self._positions = state["model"], state["positions"]
+        self._carried = state["carried"]
+        self.data = self._fresh_data()
+
+    @property
+    def solid(self) -> Marks:
+        """Shapes that can touch something, as the marks stand now."""
+        solid: Marks = (self.model.geom_contype != 0) | (self.model.geom_conaffinity != 0)
+        return solid
+
+    def marks(self, geoms: Collection[int]) -> Marks:
+        """Marks of these shapes."""
+        marks = np.zeros(self.model.ngeom, dtype=bool)
+        marks[list(geoms)] = True
+        return marks
+
+    def compare(self, these: Bits, those: Bits) -> None:
+        """Compare only shapes of which one asks by a bit that the other one answers to.
+
+        Args:
+            these: Bits by which each shape asks.
+            those: Bits to which each shape answers.
+        """
+        self.model.geom_contype[:] = these
+        self.model.geom_conaffinity[:] = those
+
+    def report_gaps(self, marks: Marks, distance: float) -> None:
+        """Report what is nearer to these shapes than a distance in m, not only what touches."""
+        model = self.model
+        model.geom_margin[marks] = distance
+        model.body_margin[np.unique(model.geom_bodyid[marks])] = distance
+
+    def settle(self) -> None:
+        """Find where everything is at the positions that ``data`` has, and what is near what."""
+        model, data = self.model, self.data
+        mujoco.mj_kinematics(model, data)
+        if self._carried:
+            self._carry()
+            mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+
+    def _carry(self) -> None:
+        """Put what arms hold where their tool links now are."""
+        data = self.data
+        for held in self._carried:
+            link = Pose(data.xpos[held.link].copy(), data.xquat[held.link].copy())
+            pose = link @ held.relative
+            data.qpos[held.address : held.address + 3] = pose.position
+            data.qpos[held.address + 3 : held.address + 7] = pose.quaternion
+
+    def _fresh_data(self) -> mujoco.MjData:
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self._positions
+        return data

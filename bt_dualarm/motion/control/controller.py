@@ -1,0 +1,247 @@
+"""The joint controller of one arm: computed torque behind a gate that enforces the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from bt_dualarm.errors import Failure, Number, TouchFailure
+from bt_dualarm.motion.control.computed_torque import ComputedTorque
+from bt_dualarm.motion.safety.guard import ArmGuard
+from bt_dualarm.motion.safety.reservation import Reservations
+from bt_dualarm.motion.setpoints.limiter import SetPointLimiter
+from bt_dualarm.motion.setpoints.set_point import SetPoint, SetPointSource
+from bt_dualarm.motion.setpoints.stream_source import Stream, StreamSource
+from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
+from bt_dualarm.motion.timing.point_to_point import point_to_point, stop
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Vector
+from bt_dualarm.world.world import World
+
+LEFT_BEHIND = 0.1
+"""Joint error in rad at which a motion is given up: blocked, or beyond the arm's torque."""
+
+OVERSPEED = 1.05
+"""Measured speed of a joint, as a share of its limit, at which a motion has failed.
+
+Set-points keep to the limit: an arm that is that fast was pushed, or could not brake.
+"""
+
+BACK_OFF_S = 0.1
+"""Planned seconds that an arm which touches something goes back."""
+
+_STANDSTILL = 0.005  # rad/s: a tool 0.8 m away creeps by less than 4 mm/s
+
+
+class JointController:
+    """Keeps one arm on its set-points; without a motion it holds the last one.
+
+    Args:
+        world: World that the arm is in.
+        name: Name of the arm.
+        period: Seconds between set-points, a multiple of the world's time step.
+        reservations: Reservations of all arms of the world; the one that an earlier controller of
+            this arm has left there is withdrawn.
+
+    Attributes:
+        fault: Exception that ended the last motion; the skill that began it raises it.
+    """
+
+    def __init__(self, world: World, name: str, period: float, reservations: Reservations) -> None:
+        reservations.withdraw(name)
+        self.period = period
+        self.fault: Exception | SystemExit | None = None
+        self._world = world
+        self._name = name
+        self._robot = world.robots[name]
+        self._limiter = SetPointLimiter(self._robot.limits, period, world.arms[name].q)
+        self._motion: SetPointSource | None = None
+        self._followed: SetPointSource | None = None
+        # An arm may be told to keep to less than its robot can do: that breaks nothing.
+        self._top_speed = self._robot.limits.velocity / world.declared_arms[name].limits.velocity
+        self._guard = ArmGuard(world, name, period, reservations)
+        self._torque = ComputedTorque(world, name, period)
+        self._hold = self.setpoint
+
+    @property
+    def setpoint(self) -> SetPoint:
+        """The last set-point that was sent: where the next motion has to begin."""
+        return self._limiter.sent
+
+    @property
+    def clipped(self) -> int:
+        """How many set-points broke a limit and were bent."""
+        return self._limiter.clipped
+
+    @property
+    def saturated(self) -> int:
+        """How often the joints' efforts did not suffice."""
+        return self._torque.saturated
+
+    @property
+    def guard(self) -> Mapping[str, Number]:
+        """What the guard has seen and done so far, as in `GuardReport`."""
+        self._guard.report.saturated = self.saturated
+        return self._guard.report.as_dict()
+
+    @property
+    def neighbours(self) -> tuple[str, ...]:
+        """Names of the arms that this one can ever come near; the others do not matter to it."""
+        return self._guard.neighbours
+
+    @property
+    def motion(self) -> SetPointSource | None:
+        """What is being followed, None while holding."""
+        return self._motion
+
+    @property
+    def at_rest(self) -> bool:
+        """No motion is commanded and the arm stands still."""
+        return self._motion is None and bool((np.abs(self._v) < _STANDSTILL).all())
+
+    def follow(self, trajectory: Trajectory, *, along_path: bool = False) -> TrajectorySource:
+        """Begin a motion; it must start where the last set-point was.
+
+        Args:
+            trajectory: Trajectory from rest to rest.
+            along_path: Whether the tool's path matters, not only its end.
+
+        Raises:
+            Failure: ``TRACKING_ERROR`` if it starts elsewhere.
+        """
+        away = float(np.abs(trajectory.q[0] - self.setpoint.q).max())
+        if away > 1e-6:
+            raise Failure(
+                "TRACKING_ERROR",
+                f"the motion starts {np.degrees(away):.3g}° from where the arm is",
+                start_error_rad=away,
+            )
+        motion = TrajectorySource(trajectory, along_path)
+        self._motion, self.fault = motion, None
+        self._followed = motion
+        return motion
+
+    def stream(self, source: Stream) -> None:
+        """Follow a stream of set-points until ``stop``."""
+        jerk = self._robot.limits.jerk
+        self._motion = StreamSource(source, self.setpoint, self.period, jerk)
+        self._followed, self.fault = self._motion, None
+
+    def stop(self) -> None:
+        """Brake with bounded jerk and hold; harmless at rest, and where the arm brakes already."""
+        if self._motion is not None and self._motion is not self._followed:
+            return
+        sent = self.setpoint
+        if not sent.v.any() and not sent.a.any():
+            self._motion, self._hold = None, sent
+            self._guard.rests(sent.q, self._world.time)
+            return
+        candidates = [stop(sent.q, sent.v, sent.a, self._robot.limits, self.period)]
+        if isinstance(self._motion, TrajectorySource):
+            on_path = self._motion.halt(self._robot.limits)
+            if on_path is not None:
+                candidates.insert(0, on_path)
+        self._go_on(self._guard.stop(self._motion, candidates, self._world.time))
+
+    def update(self, time: float) -> None:
+        """Send the set-point for ``time`` and command the torques for the next step(s).
+
+        Raises:
+            DivergenceError: A torque is not a number.
+        """
+        if self._motion is not None and self._motion is self._followed:
+            self._heed(self._guard.look(self._motion, self.setpoint, time))
+        sent = self._limiter.bend(self._wanted(time))
+        if isinstance(self._motion, StreamSource):
+            refusal = self._guard.permits(self._motion, sent, time)
+            if refusal is not None:
+                self._heed(refusal)
+                sent = self._limiter.bend(self._wanted(time))
+        self._limiter.sent = sent
+        error = self._torque.command(sent, time)
+        self._watch_speed()
+        if self._motion is not None:
+            self._watch(error)
+
+    def _heed(self, refusal: Failure | None) -> None:
+        """Give up the motion if the guard says so."""
+        if refusal is None or self.fault is not None:
+            return
+        self.fault = refusal
+        motion = self._motion
+        if not isinstance(refusal, TouchFailure):
+            self.stop()
+        elif isinstance(motion, TrajectorySource):  # back the way that it came
+            self._give_in(motion.configuration(max(motion.parameter.s - BACK_OFF_S, 0.0)))
+        else:
+            self._give_in(self._q)
+
+    def _wanted(self, time: float) -> SetPoint:
+        motion = self._motion
+        if motion is None:
+            return self._hold
+        if isinstance(motion, TrajectorySource):
+            site = self._world.arms[self._name].tool_site
+            motion.executed.append(self._world.data.site_xpos[site].copy())
+        try:
+            wanted = motion.next(time)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a skill may raise anything
+            self.fault = error
+            self.stop()
+            return self._wanted(time)
+        if motion.done:
+            self._motion = None
+            self._hold = SetPoint(wanted.q, np.zeros_like(wanted.q), np.zeros_like(wanted.q))
+            self._guard.rests(wanted.q, time)
+        return wanted
+
+    def _watch_speed(self) -> None:
+        """Measure how fast the joints are; what is done while one is too fast has failed."""
+        shares = np.abs(self._v) / self._top_speed
+        share, report = max(shares.tolist()), self._guard.report
+        report.fastest_share = max(report.fastest_share, share)
+        if share > OVERSPEED and self.fault is None:
+            joint = self._robot.joints[int(np.argmax(shares))]
+            self.fault = Failure(
+                "TRACKING_ERROR",
+                f"joint {joint} was {share:.2f} times as fast as the robot allows: "
+                "the arm was pushed or its torque does not suffice",
+                joint_speed_share=share,
+            )
+            self.stop()
+
+    def _watch(self, error: Vector) -> None:
+        worst = max(np.abs(error).tolist())
+        if worst > LEFT_BEHIND and self.fault is None:
+            joint = self._robot.joints[int(np.argmax(np.abs(error)))]
+            self.fault = Failure(
+                "TRACKING_ERROR",
+                f"joint {joint} is {np.degrees(worst):.1f}° behind its set-point: "
+                "the arm is blocked or its torque does not suffice",
+                joint_error_rad=worst,
+            )
+            self._give_in(self._q)
+
+    def _give_in(self, q: Vector) -> None:
+        """Brake, then let the set-point return to ``q``, where the arm does not push."""
+        limits, sent = self._robot.limits, self.setpoint
+        here = np.clip(q, limits.lower, limits.upper)
+        braking = stop(sent.q, sent.v, sent.a, limits, self.period)
+        back = braking.then(point_to_point(braking.q[-1], here, limits, self.period))
+        self._go_on(self._guard.stop(self._motion, (back, braking), self._world.time))
+
+    @property
+    def _q(self) -> Vector:
+        return self._world.arms[self._name].q
+
+    @property
+    def _v(self) -> Vector:
+        return self._world.arms[self._name].v
+
+    def _go_on(self, motion: Trajectory) -> None:
+        """Follow a motion whose first set-point is the one that was sent last."""
+        self._motion = TrajectorySource(motion)
+        self._motion.next(self._world.time)
+        if self._motion.done:
+            self._motion, self._hold = None, self.setpoint

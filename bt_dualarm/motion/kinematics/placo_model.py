@@ -1,0 +1,65 @@
+"""Joints and links in PlaCo: the state below forward and inverse kinematics."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from bt_dualarm.pose import Matrix, Pose, Vector
+
+__all__ = ["Mechanism", "origin", "placo"]
+
+with warnings.catch_warnings():
+    # Pinocchio 3.8, which PlaCo brings, imports a module that has been renamed.
+    warnings.simplefilter("ignore", DeprecationWarning)
+    import placo
+
+
+class Mechanism:
+    """Joints and links, in the configuration that was asked for last: no result depends on it.
+
+    Args:
+        urdf: Text of a URDF without shapes.
+        joints: Names of the joints that move.
+        lower: Their lower position limits, of shape (dof,), rad.
+        upper: Their upper ones, likewise.
+    """
+
+    def __init__(self, urdf: str, joints: Sequence[str], lower: Vector, upper: Vector) -> None:
+        self.joints = tuple(joints)
+        self.lower, self.upper = lower, upper
+        self.placo = placo.RobotWrapper("", placo.Flags.ignore_collisions, urdf)
+        for name, least, most in zip(joints, lower, upper, strict=True):
+            self.placo.set_joint_limits(name, least, most)
+        self._q_ids = np.array([self.placo.get_joint_offset(name) for name in joints])
+        self.v_ids = np.array([self.placo.get_joint_v_offset(name) for name in joints])
+
+    @property
+    def dof(self) -> int:
+        """Number of joints that move."""
+        return len(self._q_ids)
+
+    @property
+    def state(self) -> Vector:
+        """The configuration that PlaCo holds, a copy, of shape (dof,)."""
+        q: Vector = self.placo.state.q[self._q_ids]
+        return q
+
+    def set_state(self, q: Vector) -> None:
+        """Give PlaCo a configuration, of shape (dof,)."""
+        self.placo.state.q[self._q_ids] = q
+        self.placo.update_kinematics()
+
+    def frame(self, name: str) -> Matrix:
+        """A link in the world at the present state, of shape (4, 4)."""
+        matrix: Matrix = self.placo.get_T_world_frame(name)
+        return matrix
+
+
+def origin(pose: Pose) -> str:
+    """A pose as the ``origin`` of a URDF joint."""
+    xyz = " ".join(map(repr, pose.position.tolist()))
+    rpy = " ".join(map(repr, pose.rpy))
+    return f'<origin xyz="{xyz}" rpy="{rpy}"/>'

@@ -1,0 +1,163 @@
+"""One search of OMPL for a path around obstacles, and what it may cost."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bt_dualarm.motion.collision.checker import CollisionChecker
+from bt_dualarm.motion.planning.planners import Planner, made
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.robots.robot import JointLimits
+
+if TYPE_CHECKING:
+    import ompl.base
+
+_ASK_EVERY = 16
+"""Rounds of a planner from one question whether the search is still wanted to the next."""
+
+_ROUNDS = 3
+"""Rounds of shortcuts: more make paths hardly shorter."""
+
+
+class Budget:
+    """What searches may cost and have cost: when they shall end.
+
+    Args:
+        abandoned: Whether nobody waits for the result any more; asked now and then.
+
+    Attributes:
+        states: Number of configurations that have been looked at.
+        limit: Number of them at which the search that runs ends.
+        given_up: Nobody waits any more.
+    """
+
+    def __init__(self, abandoned: Callable[[], bool]) -> None:
+        self.states = 0
+        self.limit = 0
+        self.given_up = False
+        self._abandoned = abandoned
+        self._rounds = 0
+
+    def is_over(self) -> bool:
+        """Whether the search that runs shall end."""
+        self._rounds += 1
+        if self._rounds % _ASK_EVERY == 0:
+            self.given_up = self.given_up or self._abandoned()
+        return self.given_up or self.states >= self.limit
+
+
+class OmplSearch:
+    """A path from one start to one of several goals, shortened.
+
+    Args:
+        checker: Arm in its world.
+        start: Configuration of shape (dof,), rad.
+        goals: Configurations, each of shape (dof,), rad.
+        limits: Position limits to stay within.
+        radii: Metres that the arm moves at most per radian of each joint, of shape (dof,).
+        seed: Seed of everything random; at least 1.
+    """
+
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        start: Vector,
+        goals: Sequence[Vector],
+        limits: JointLimits,
+        radii: Vector,
+        seed: int,
+    ) -> None:
+        self._checker, self._radii = checker, radii
+        self._ompl = ompl = _ompl()
+        ompl.util.RNG.setSeed(seed)  # before the space, which may draw something, too
+        self._space = ompl.base.RealVectorStateSpace(len(start))
+        self._space.setBounds(self._bounds(np.array((start, *goals)), limits))
+        self._information = ompl.base.SpaceInformation(self._space)
+        self._problem = ompl.base.ProblemDefinition(self._information)
+        self._problem.addStartState(self._state(start))
+        ends = ompl.base.GoalStates(self._information)
+        for goal in goals:
+            ends.addState(self._state(goal))
+        self._problem.setGoal(ends)
+
+    def run(
+        self, name: Planner, longest_edge: float, resolution: float, budget: Budget
+    ) -> Matrix | None:
+        """Corners of the path found, of shape (n, dof); None if none was found. To be run once.
+
+        Args:
+            name: Name of the planner.
+            longest_edge: Longest edge of its trees, in metres that the arm moves.
+            resolution: Metres that it moves at most from one check to the next.
+            budget: Counter of what is looked at, which ends the search.
+        """
+        ompl, validity = self._ompl, _Validity(self._checker, self._radii, budget)
+        self._information.setStateValidityChecker(validity)
+        share = resolution / self._space.getMaximumExtent()
+        self._information.setStateValidityCheckingResolution(share)
+        self._information.setup()
+        planner = made(name, longest_edge, ompl.geometric, self._information)
+        planner.setProblemDefinition(self._problem)
+        planner.setup()
+        planner.solve(ompl.base.PlannerTerminationCondition(budget.is_over))
+        if not self._problem.hasExactSolution():  # an approximate one leads elsewhere
+            return None
+        path = self._problem.getSolutionPath()
+        simplifier = ompl.geometric.PathSimplifier(self._information)
+        for _ in range(_ROUNDS):
+            simplifier.partialShortcutPath(path)
+            simplifier.reduceVertices(path)
+        return np.array([validity.angles(state) for state in path.getStates()])
+
+    def _bounds(self, ends: Matrix, limits: JointLimits) -> ompl.base.RealVectorBounds:
+        """Half a turn beyond the ends: joints with two turns would waste most samples."""
+        lower = np.maximum(ends.min(axis=0) - np.pi, limits.lower) * self._radii
+        upper = np.minimum(ends.max(axis=0) + np.pi, limits.upper) * self._radii
+        bounds = self._ompl.base.RealVectorBounds(len(lower))
+        for i, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+            bounds.setLow(i, low)
+            bounds.setHigh(i, high)
+        return bounds
+
+    def _state(self, q: Vector) -> ompl.base.State:
+        state = self._space.allocState()
+        for i, value in enumerate((q * self._radii).tolist()):
+            state[i] = value
+        return state
+
+
+class _Validity:
+    """Whether a state of OMPL is free; counts how many have been asked about.
+
+    Apart from the search: OMPL never frees what it calls back if that leads back to OMPL.
+    """
+
+    def __init__(self, checker: CollisionChecker, radii: Vector, budget: Budget) -> None:
+        self._checker, self._radii, self._budget = checker, radii, budget
+        self._joints = range(len(radii))
+
+    def __call__(self, state: ompl.base.State) -> bool:
+        self._budget.states += 1
+        return self._checker.free(self.angles(state))
+
+    def angles(self, state: ompl.base.State) -> Vector:
+        """The configuration, of shape (dof,), that a state stands for."""
+        return np.array([state[i] for i in self._joints]) / self._radii
+
+
+@functools.cache
+def _ompl() -> ModuleType:
+    """OMPL without its messages, which go past the terminal's owner; imported when needed."""
+    import ompl
+    import ompl.base
+    import ompl.geometric
+    import ompl.util
+
+    ompl.util.setLogLevel(ompl.util.LOG_NONE)
+    package: ModuleType = ompl
+    return package

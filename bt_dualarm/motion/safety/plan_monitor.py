@@ -1,0 +1,127 @@
+"""Checks a motion against the world while it runs: has something come into its way?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bt_dualarm.errors import BlockedFailure
+from bt_dualarm.motion.collision.checker import CollisionChecker, Contact
+from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.world import World
+
+LOOK_S = 0.2
+"""Simulated seconds between two looks."""
+
+AHEAD_S = 2.0
+"""How far ahead a look goes, in planned seconds."""
+
+_MOVED = 2e-3  # rad or m: less has not moved
+_RESTING = 0.05  # rad/s: an arm that moves faster will be elsewhere; the guard minds it
+_STEP = 0.015  # metres: with 5 mm of the arm's own thickness, too little to miss a wall of 10 mm
+
+
+class PlanMonitor:
+    """Looks ahead along a motion, once something else in the world has moved.
+
+    Only what has moved is in question: all else is where it was when the motion was planned.
+
+    Args:
+        world: World, still as it was when the motion was planned.
+        arm: Name of the arm.
+        motion: Motion that has just begun; all of it was checked against this world.
+        ignore: Names of the objects that may be touched.
+    """
+
+    def __init__(
+        self, world: World, arm: str, motion: TrajectorySource, ignore: frozenset[str]
+    ) -> None:
+        self._world, self._arm = world, arm
+        self._motion, self._ignore = motion, ignore
+        self._next = world.time + LOOK_S
+        self._seen = self._others()
+        self._moved: set[str] = set()
+        self._checked = len(motion.trajectory)
+
+    def look(self, time: float) -> None:
+        """Look, if it is time for that.
+
+        Raises:
+            Failure: ``IN_COLLISION`` with what is in the way.
+        """
+        if time < self._next or self._motion.done:
+            return
+        self._next = time + LOOK_S
+        if self._sees_a_move():
+            self._checked = self._row()
+        if self._checked < len(self._motion.trajectory):
+            self._look_ahead()
+
+    def _sees_a_move(self) -> bool:
+        """Whether another thing has come or moved since it was last seen to."""
+        now = self._others()
+        moved = {name for name, place in now.items() if not self._is_at(place, name)}
+        self._seen = {name: now[name] if name in moved else self._seen[name] for name in now}
+        self._moved |= moved
+        return bool(moved)
+
+    def _is_at(self, place: Vector, name: str) -> bool:
+        """Whether a thing is where it was seen."""
+        seen = self._seen.get(name)
+        return seen is not None and bool((np.abs(place - seen) < _MOVED).all())
+
+    def _look_ahead(self) -> None:
+        """Check what comes next of the motion, as far as it has not been checked yet."""
+        checker = CollisionChecker(self._world, self._arm, ignore=self._ignore)
+        ahead = self._row() + round(AHEAD_S / self._motion.trajectory.dt)
+        waiting = False
+        for q in self._rows(max(self._row(), self._checked), ahead, checker.radii):
+            contact = checker.contact(q)
+            if contact is None or contact.failure().obstacle not in self._moved:
+                continue
+            if not self._is_moving(contact.second):
+                raise self._failure(contact)
+            waiting = True
+        if not waiting:  # an arm that moves now may stop there
+            self._checked = ahead
+
+    def _row(self) -> int:
+        """Row of the trajectory that the motion has come to."""
+        return round(self._motion.parameter.s / self._motion.trajectory.dt)
+
+    def _rows(self, first: int, end: int, radii: Vector) -> Matrix:
+        """Configurations of a part of the motion, of shape (n, dof), not too close together."""
+        rows = self._motion.trajectory.q[first:end]
+        moved = np.concatenate(((0.0,), np.cumsum(np.abs(np.diff(rows, axis=0)) @ radii)))
+        _, kept = np.unique((moved / _STEP).astype(int), return_index=True)
+        picked: Matrix = rows[kept[1:]]
+        return picked
+
+    def _is_moving(self, body: str) -> bool:
+        arm = self._world.arms.get(body.partition("/")[0])
+        return arm is not None and float(np.abs(arm.v).max()) > _RESTING
+
+    def _others(self) -> dict[str, Vector]:
+        """Where everything else is, but what this arm holds: joint angles, and poses of objects.
+
+        What is fixed is where it came.
+        """
+        world = self._world
+        held = world.attachments.attached_to(self._arm)
+        places = {name: body.q for name, body in world.arms.items() if name != self._arm}
+        for name in world.objects.keys() - held:
+            if world.objects[name].fixed:
+                places[name] = np.zeros(7)
+            else:
+                start = world.pose_address(name)
+                places[name] = world.data.qpos[start : start + 7].copy()
+        return places
+
+    def _failure(self, contact: Contact) -> BlockedFailure:
+        return BlockedFailure(
+            "IN_COLLISION",
+            f"{contact.second} has come into the way of {contact.first}",
+            first=contact.first,
+            second=contact.second,
+            progress=self._motion.progress,
+        )

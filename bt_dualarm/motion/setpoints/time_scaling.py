@@ -1,0 +1,200 @@
+"""Time scaling: a motion made slower, to a stop, and on again, without leaving its path.
+
+At a time scale r the path parameter s, which is the time on the motion as planned, advances by r
+seconds a second. Set-points are then ``q(s)``, ``r q'(s)`` and ``r² q''(s) + r' q'(s)``: the joints
+keep their path, and all brake together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import ruckig
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.timing.point_to_point import stop
+from bt_dualarm.motion.timing.ruckig_solver import answer
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Matrix
+from bt_dualarm.world.robots.robot import JointLimits
+
+_LONGER = (1.0, 1.3, 1.7, 2.4, 4.0, 7.0)
+"""A change that takes so many times as long as the joints' speeds alone would have it is tried."""
+
+_QUICKEST = 25.0  # change of the time scale in 1/s: at rest, joints have no say in it
+_SUDDEN = 600.0  # likewise in 1/s²
+_AHEAD_S = 0.4  # planned seconds whose speeds bound the change
+_RUN_OUT_S = 0.8  # a motion that ends sooner need not be stopped before
+_JERK_SHARE = 0.9  # of the limit: rounding to the grid takes some
+
+_ROUNDING = 1.0 + 1e-6
+
+
+@dataclass(frozen=True)
+class PathParameter:
+    """Where a motion is on its path, and how fast it goes along it.
+
+    Attributes:
+        s: Seconds from the beginning of the motion as planned.
+        scale: Time scale: planned seconds that go by in one.
+        change: Change of the time scale, 1/s.
+    """
+
+    s: float
+    scale: float = 1.0
+    change: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ScaledPiece:
+    """A piece of a motion at a changing time scale; the first row is where it begins.
+
+    Attributes:
+        parameters: Path parameters, of shape (n, 3): s, time scale, its change.
+        motion: Set-points at them.
+        goal: Time scale that it changes to, before it comes to rest if it does.
+    """
+
+    parameters: Matrix
+    motion: Trajectory
+    goal: float
+
+
+def change_scale(
+    motion: Trajectory, begin: PathParameter, scale: float, limits: JointLimits
+) -> ScaledPiece | None:
+    """The quickest change to another time scale that keeps the limits, None if there is none.
+
+    Args:
+        motion: Motion as planned.
+        begin: Path parameter now.
+        scale: Time scale that it shall have, from 0 to 1.
+        limits: Limits of velocity, acceleration and jerk that no set-point may pass.
+    """
+    rate, jerk = _bounds(motion, begin, limits)
+    for longer in _LONGER:
+        try:
+            parameters = _profile(begin, scale, (rate / longer, jerk / longer**2), motion.dt)
+        except Failure:  # where Ruckig finds no root it may find one for a slower change
+            continue
+        piece = ScaledPiece(parameters, sampled_at(motion, parameters), scale)
+        if _within(piece.motion, limits):
+            return piece
+    return None
+
+
+def _bounds(motion: Trajectory, begin: PathParameter, limits: JointLimits) -> tuple[float, float]:
+    """How quickly the joints' speeds let the time scale change, in 1/s and 1/s²."""
+    first = min(int(begin.s / motion.dt), len(motion) - 1)
+    speed = np.abs(motion.v[first : first + round(_AHEAD_S / motion.dt)]).max(axis=0) + 1e-9
+    rate = min(float((limits.acceleration / speed).min()), _QUICKEST)
+    jerk = min(float((_JERK_SHARE * limits.jerk / speed).min()), _SUDDEN)
+    return rate, jerk
+
+
+def keep_scale(motion: Trajectory, begin: PathParameter, count: int) -> Matrix:
+    """Path parameters at an even time scale, of shape (count + 1, 3), the first where it begins."""
+    parameters = np.tile((begin.s, begin.scale, 0.0), (count + 1, 1))
+    parameters[:, 0] += np.arange(count + 1) * (begin.scale * motion.dt)
+    return parameters
+
+
+def advance(
+    motion: Trajectory, begin: PathParameter, scale: float, count: int, limits: JointLimits
+) -> ScaledPiece | None:
+    """The next ``count`` set-points, changing to a time scale.
+
+    Where the time scale cannot change, it is kept; None where it is changing and cannot change
+    back.
+    """
+    change = None
+    if begin.scale != scale or begin.change:
+        change = change_scale(motion, begin, scale, limits)
+        if change is None and begin.change:
+            return None
+    if change is None:
+        parameters, scale = keep_scale(motion, begin, count), begin.scale
+    else:
+        parameters, scale = change.parameters[: count + 1], change.goal
+        last = PathParameter(*parameters[-1].tolist())
+        more = count + 1 - len(parameters)
+        parameters = np.vstack((parameters, keep_scale(motion, last, more)[1:]))
+    return ScaledPiece(parameters, sampled_at(motion, parameters), scale)
+
+
+def stop_after(motion: Trajectory, piece: ScaledPiece, limits: JointLimits) -> ScaledPiece | None:
+    """The same piece, then to rest on the path; None where that takes too long.
+
+    Near its end a motion rests soonest at its end.
+    """
+    last = PathParameter(*piece.parameters[-1].tolist())
+    change = change_scale(motion, last, 0.0, limits)
+    if change is not None:
+        tail = change.parameters
+    else:
+        steps = (motion.duration - last.s) / max(last.scale * motion.dt, 1e-9)
+        if last.change or steps > round(_RUN_OUT_S / motion.dt):
+            return None
+        tail = keep_scale(motion, last, int(np.ceil(steps)))
+    whole = np.vstack((piece.parameters, tail[1:]))
+    return ScaledPiece(whole, sampled_at(motion, whole), piece.goal)
+
+
+def brake_after(
+    motion: Trajectory, begin: PathParameter, count: int, limits: JointLimits
+) -> ScaledPiece:
+    """The next ``count`` set-points at the same time scale, then to rest joint by joint.
+
+    That leads off the path: s stays as it is.
+    """
+    parameters = keep_scale(motion, begin, count)
+    rows = sampled_at(motion, parameters)
+    rows = rows.then(stop(rows.q[-1], rows.v[-1], rows.a[-1], limits, motion.dt))
+    off = np.broadcast_to((parameters[-1, 0], 0.0, 0.0), (len(rows) - len(parameters), 3))
+    return ScaledPiece(np.vstack((parameters, off)), rows, begin.scale)
+
+
+def sampled_at(motion: Trajectory, parameters: Matrix) -> Trajectory:
+    """Set-points of a motion at path parameters, of shape (n, 3): s, time scale, its change."""
+    s, scale, change = parameters.T[:, :, None]
+    q, rate, curve = motion.sampled(s[:, 0])
+    over = s >= (len(motion) - 1) * motion.dt  # beyond the end it rests
+    v = np.where(over, 0.0, scale * rate)
+    a = np.where(over, 0.0, scale**2 * curve + change * rate)
+    return Trajectory(motion.dt, q, v, a)
+
+
+def _profile(begin: PathParameter, scale: float, bounds: tuple[float, float], dt: float) -> Matrix:
+    """Path parameters until a time scale is reached, of shape (n, 3).
+
+    Args:
+        begin: The first of them.
+        scale: Time scale that is reached.
+        bounds: Most change of the time scale in 1/s, and most change of that in 1/s².
+        dt: Seconds from row to row.
+    """
+    request = ruckig.InputParameter(1)
+    request.control_interface = ruckig.ControlInterface.Velocity
+    request.current_position = [begin.s]
+    request.current_velocity = [begin.scale]
+    request.current_acceleration = [begin.change]
+    request.target_velocity, request.target_acceleration = [scale], [0.0]
+    request.max_velocity = [2.0]
+    request.max_acceleration = [max(bounds[0], abs(begin.change))]
+    motion = answer(request, np.array(bounds[1:]))
+    grid = np.arange(int(np.ceil(motion.duration / dt - 1e-9)) + 1) * dt
+    rows = np.array([motion.at_time(min(t, motion.duration)) for t in grid.tolist()])[:, :, 0]
+    # Ruckig holds the state at its end; the motion goes on from there.
+    rows[-1] = (rows[-1, 0] + max(grid[-1] - motion.duration, 0.0) * scale, scale, 0.0)
+    return rows
+
+
+def _within(motion: Trajectory, limits: JointLimits) -> bool:
+    dt = motion.dt
+    return bool(
+        (np.abs(motion.v) <= limits.velocity * _ROUNDING).all()
+        and (np.abs(motion.a) <= limits.acceleration * _ROUNDING).all()
+        and (np.abs(np.diff(motion.v, axis=0)) <= limits.acceleration * dt * _ROUNDING).all()
+        and (np.abs(np.diff(motion.a, axis=0)) <= limits.jerk * dt * _ROUNDING).all()
+    )

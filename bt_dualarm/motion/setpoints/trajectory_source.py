@@ -1,0 +1,159 @@
+"""A trajectory as a controller follows it: at a time scale that may change, or to a stop."""
+
+from __future__ import annotations
+
+from bt_dualarm.motion.setpoints.set_point import SetPoint
+from bt_dualarm.motion.setpoints.time_scaling import (
+    PathParameter,
+    ScaledPiece,
+    advance,
+    brake_after,
+    change_scale,
+    keep_scale,
+    sampled_at,
+    stop_after,
+)
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Vector
+from bt_dualarm.world.robots.robot import JointLimits
+
+_PIECE = 25  # set-points at an even scale that are worked out at a time
+
+
+class TrajectorySource:
+    """Follows a trajectory set-point by set-point and records where the tool really was.
+
+    Args:
+        trajectory: Trajectory from rest to rest.
+        along_path: Whether the tool's path matters, not only its end.
+
+    Attributes:
+        executed: Measured tool positions at each set-point's time, each of shape (3,), m.
+        parameters: Path parameters at the same times: seconds on the trajectory.
+        goal_scale: Time scale that it has, or is changing to.
+        held_since: Simulated time in s since which it is stopped, None while it goes on.
+        held_up: Reason for which it is stopped.
+        leaves_path: Whether the braking trajectory that is reserved does.
+    """
+
+    def __init__(self, trajectory: Trajectory, along_path: bool = False) -> None:
+        self.trajectory = trajectory
+        self.along_path = along_path
+        self.goal_scale = 1.0
+        self.held_since: float | None = None
+        self.executed: list[Vector] = []
+        self.parameters: list[float] = []
+        self.held_up = ""
+        self.leaves_path = False
+        self._next = 0
+        self._ahead: ScaledPiece | None = None
+        self._row = 0
+        self._reserved = False
+
+    @property
+    def done(self) -> bool:
+        """Whether the last set-point has been sent."""
+        if self._ahead is not None:
+            return self.parameter.s >= self.trajectory.duration
+        return self._next >= len(self.trajectory)
+
+    @property
+    def progress(self) -> float:
+        """Share of the motion that was sent, from 0 to 1."""
+        if self._ahead is not None:
+            return min(self.parameter.s / max(self.trajectory.duration, 1e-9), 1.0)
+        return self._next / len(self.trajectory)
+
+    @property
+    def parameter(self) -> PathParameter:
+        """Path parameter of the last set-point."""
+        if self._ahead is None:
+            return PathParameter(max(self._next - 1, 0) * self.trajectory.dt)
+        return PathParameter(*self._ahead.parameters[self._row].tolist())
+
+    @property
+    def changing(self) -> bool:
+        """Whether its time scale is being changed."""
+        return self.parameter.scale != self.goal_scale
+
+    @property
+    def braking(self) -> Trajectory | None:
+        """Braking trajectory from the last set-point on that is reserved; None if there is none."""
+        if self._ahead is None or not self._reserved:
+            return None
+        rows, i = self._ahead.motion, self._row
+        return Trajectory(rows.dt, rows.q[i:], rows.v[i:], rows.a[i:])
+
+    def next(self, time: float) -> SetPoint:  # noqa: ARG002 - a trajectory counts its own time
+        """The next set-point."""
+        if self._ahead is not None:
+            return self._next_ahead(self._ahead)
+        i = min(self._next, len(self.trajectory) - 1)
+        self._next += 1
+        self.parameters.append(i * self.trajectory.dt)
+        return SetPoint(self.trajectory.q[i], self.trajectory.v[i], self.trajectory.a[i])
+
+    def change_scale(self, scale: float, limits: JointLimits) -> bool:
+        """Begin to change the time scale; whether the limits allow it.
+
+        Args:
+            scale: Time scale that it shall have; 0 is to stand still on the path.
+            limits: Limits that no set-point may pass.
+        """
+        change = change_scale(self.trajectory, self.parameter, scale, limits)
+        if change is None:
+            return False
+        self._ahead, self._row, self._reserved = change, 0, False
+        self.goal_scale, self.leaves_path = change.goal, False
+        return True
+
+    def to_rest_after(self, count: int, scale: float, limits: JointLimits) -> ScaledPiece | None:
+        """The next ``count`` set-points, changing to a time scale, then to rest on the path.
+
+        None where that is not possible within the limits.
+        """
+        piece = advance(self.trajectory, self.parameter, scale, count, limits)
+        return None if piece is None else stop_after(self.trajectory, piece, limits)
+
+    def to_brake_after(self, count: int, limits: JointLimits) -> ScaledPiece | None:
+        """The next ``count`` set-points, then to rest joint by joint, wherever that leads.
+
+        None where its time scale is changing.
+        """
+        now = self.parameter
+        if now.change:
+            return None
+        return brake_after(self.trajectory, now, count, limits)
+
+    def take(self, ahead: ScaledPiece, *, leaves_path: bool = False) -> None:
+        """Follow what is reserved: it ends at rest, unless the motion is told to go on before.
+
+        Args:
+            ahead: Piece from the last set-point on.
+            leaves_path: Whether its end does.
+        """
+        self._ahead, self._row, self._reserved = ahead, 0, True
+        self.goal_scale, self.leaves_path = ahead.goal, leaves_path
+
+    def halt(self, limits: JointLimits) -> Trajectory | None:
+        """A stop on the path, from the last set-point on; None if there is none."""
+        change = change_scale(self.trajectory, self.parameter, 0.0, limits)
+        return None if change is None else change.motion
+
+    def configuration(self, s: float) -> Vector:
+        """Joint angles, of shape (dof,), rad, at a path parameter in s, on the grid."""
+        row = min(round(s / self.trajectory.dt), len(self.trajectory) - 1)
+        q: Vector = self.trajectory.q[row]
+        return q
+
+    def _next_ahead(self, ahead: ScaledPiece) -> SetPoint:
+        self._row += 1
+        if self._row >= len(ahead.parameters):
+            last = PathParameter(*ahead.parameters[-1].tolist())
+            parameters = keep_scale(self.trajectory, last, _PIECE)
+            rows = sampled_at(self.trajectory, parameters)
+            ahead = ScaledPiece(parameters, rows, last.scale)
+            self._ahead, self._row = ahead, 1
+        self.parameters.append(float(ahead.parameters[self._row, 0]))
+        rows, i = ahead.motion, self._row
+        return SetPoint(rows.q[i], rows.v[i], rows.a[i])

@@ -1,0 +1,133 @@
+"""Timing a path of configurations: as fast as the limits allow, without leaving the path.
+
+TOPP-RA gives the fastest motion under velocity and acceleration limits. Its acceleration jumps; a
+moving average of the path parameter over time bounds the jerk and keeps every point on the path.
+What the average does to velocity and acceleration is then paid for by stretching time, and of all
+widths the one with the shortest result is taken.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import scipy
+
+from bt_dualarm.motion.timing.jerk_limited import shortest_motion, stretches
+from bt_dualarm.motion.timing.time_optimal import fastest_profile
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Matrix
+from bt_dualarm.world.robots.robot import JointLimits
+
+_NOWHERE = 1e-9
+"""Joint distance in rad below which two configurations are one."""
+
+_MARGIN = 1.0 + 1e-4
+"""Stretched a little more than is needed, as the grid falls on other points then."""
+
+
+def time_path(
+    q_samples: Matrix, limits: JointLimits, dt: float, closed: bool = False
+) -> Trajectory:
+    """The motion along a path from rest to rest, no set-point beyond the limits.
+
+    Set-points lie on the cubic spline through the samples. Where the path turns back, or by more
+    than a right angle from one sample to the next, the arm stops. A path of no length gives one
+    set-point.
+
+    Args:
+        q_samples: Configurations along the path, of shape (n, dof), dense enough that the spline
+            through them is the path; repeated ones do not matter.
+        limits: Velocity, acceleration and jerk to keep.
+        dt: Time between set-points in seconds.
+        closed: Whether the path ends where it starts and is smooth there.
+
+    Raises:
+        ValueError: The samples are not finite or leave the position limits.
+    """
+    samples = _distinct(_checked(q_samples, limits))
+    motion = Trajectory.rest(samples[0], dt)
+    for path in _pieces(samples, limits, closed):
+        motion = motion.then(_timed(path, limits, dt))
+    return motion
+
+
+def shortest_time(q_samples: Matrix, limits: JointLimits, closed: bool = False) -> float:
+    """Seconds that no motion along a path can go below, jerk aside: TOPP-RA's answer.
+
+    Args:
+        q_samples: Configurations along the path, as in `time_path`.
+        limits: Velocity and acceleration to keep.
+        closed: Whether it ends where it starts, as in `time_path`.
+
+    Raises:
+        ValueError: As `time_path`.
+    """
+    samples = _distinct(_checked(q_samples, limits))
+    return sum(fastest_profile(path, limits).duration for path in _pieces(samples, limits, closed))
+
+
+def _pieces(
+    samples: Matrix, limits: JointLimits, closed: bool
+) -> list[scipy.interpolate.CubicSpline]:
+    """The path from stop to stop; none where it has no length."""
+    ends = [0, *_reversals(samples, limits), len(samples) - 1]
+    closed = closed and len(ends) == 2
+    return [
+        spline_through(samples[first : last + 1], limits, closed)
+        for first, last in itertools.pairwise(ends)
+        if last > first
+    ]
+
+
+def _timed(path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float) -> Trajectory:
+    average, stretch = shortest_motion(path, limits, dt)
+    while True:
+        motion = average.sampled(dt, stretch)
+        excess = float(stretches(motion, limits).max())
+        if excess <= 1.0:
+            return motion
+        stretch *= excess * _MARGIN
+
+
+def _reversals(samples: Matrix, limits: JointLimits) -> list[int]:
+    """Samples at which the direction in joint space changes by more than a right angle."""
+    steps = np.diff(samples, axis=0) / limits.velocity
+    back = (steps[1:] * steps[:-1]).sum(axis=1) < 0.0
+    return [int(i) + 1 for i in np.flatnonzero(back)]
+
+
+def _checked(q_samples: Matrix, limits: JointLimits) -> Matrix:
+    samples = np.atleast_2d(np.asarray(q_samples, dtype=float))
+    if not np.isfinite(samples).all():
+        raise ValueError("a configuration of the path is not finite")
+    if np.any(samples < limits.lower - _NOWHERE) or np.any(samples > limits.upper + _NOWHERE):
+        raise ValueError("a configuration of the path is outside the position limits")
+    return samples
+
+
+def _distinct(samples: Matrix) -> Matrix:
+    """The samples without those that repeat the one before."""
+    kept = [0]
+    for i in range(1, len(samples)):
+        if np.abs(samples[i] - samples[kept[-1]]).max() > _NOWHERE:
+            kept.append(i)
+    kept[-1] = len(samples) - 1 if len(kept) > 1 else 0
+    return samples[kept]
+
+
+def spline_through(
+    samples: Matrix, limits: JointLimits, closed: bool
+) -> scipy.interpolate.CubicSpline:
+    """The path over its length in joint space, each joint measured by its velocity limit.
+
+    A length that is smooth along the path: one that jumps from joint to joint would give the
+    spline kinks, which cost jerk.
+    """
+    steps = np.linalg.norm(np.diff(samples, axis=0) / limits.velocity, axis=1)
+    s = np.concatenate(((0.0,), np.cumsum(steps)))
+    if closed and len(samples) > 3:
+        samples = samples.copy()
+        samples[-1] = samples[0]
+        return scipy.interpolate.CubicSpline(s, samples, bc_type="periodic")
+    return scipy.interpolate.CubicSpline(s, samples)

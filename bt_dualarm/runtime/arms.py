@@ -1,0 +1,131 @@
+"""The runtimes of the arms that are in the world, kept in step with arms that come and go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from bt_dualarm.runtime.arm_runtime import ArmParts, ArmRuntime
+from bt_dualarm.runtime.outcome import Outcome
+from bt_dualarm.runtime.parts import ArmView, SteppedWorld
+from bt_dualarm.runtime.result import ArmResult
+from bt_dualarm.runtime.schedule import exact
+
+
+class Arms:
+    """Every arm of the file: not in the world yet, in it, or gone again.
+
+    Args:
+        declared: Robot of each arm of the file, by the arm's name; its order is the order in
+            which arms act, whatever the order in which they were spawned.
+        equip: Maker of what an arm consists of, once it is in the world.
+        world: World that says which arms are in it.
+    """
+
+    def __init__(
+        self, declared: Mapping[str, str], equip: Callable[[str], ArmParts], world: SteppedWorld
+    ) -> None:
+        self._declared = declared
+        self._equip = equip
+        self._world = world
+        self._timestep = exact(world.timestep)
+        self._lives: dict[str, list[ArmRuntime]] = {name: [] for name in declared}
+        self.present: tuple[ArmRuntime, ...] = ()
+        world.before_removal.append(self._part_with)
+
+    @property
+    def ended(self) -> bool:
+        """No tree of an arm in the world is running."""
+        return all(arm.outcome is not None for arm in self.present)
+
+    @property
+    def at_rest(self) -> bool:
+        """Every arm in the world stands still."""
+        return all(arm.at_rest for arm in self.present)
+
+    def follow(self, step: int, ticked_from: int) -> None:
+        """Begin the life of arms that have come.
+
+        Args:
+            step: The physics step that is being made.
+            ticked_from: The one in which an arm that has come is ticked first.
+        """
+        if len(self._world.arms) == len(self.present):
+            return
+        here = {arm.name: arm for arm in self.present}
+        for name in self._declared:
+            if name in self._world.arms and name not in here:
+                here[name] = ArmRuntime(
+                    name,
+                    self._equip(name),
+                    self._timestep,
+                    held_from=step,
+                    ticked_from=ticked_from,
+                )
+                self._lives[name].append(here[name])
+        self.present = tuple(here[name] for name in self._declared if name in here)
+
+    def _part_with(self, name: str) -> None:
+        """End the life of an arm that is about to be taken away, while it is still there.
+
+        So whatever its leaves clean up finds the arm as it was; nobody acts on it afterwards.
+        """
+        leaving = [arm for arm in self.present if arm.name == name]
+        self.present = tuple(arm for arm in self.present if arm.name != name)
+        for arm in leaving:
+            arm.leave(self._world.time)
+
+    def capture(self, time: float) -> None:
+        """Every camera that is due takes a picture."""
+        for arm in self.present:
+            arm.capture(time)
+
+    def deliver(self, time: float) -> None:
+        """Every picture whose latency is over reaches those who listen."""
+        for arm in self.present:
+            arm.deliver(time)
+
+    def tick(self, step: int, time: float) -> bool:
+        """Tick every tree that is due; whether there was one."""
+        ticked = False
+        for arm in self.present:
+            ticked = arm.tick(step, time) or ticked
+        return ticked
+
+    def control(self, step: int, time: float) -> None:
+        """Every controller that is due computes."""
+        for arm in self.present:
+            arm.control(step, time)
+
+    def halt(self, time: float) -> None:
+        """End every tree and begin to stop every arm."""
+        for arm in self.present:
+            arm.halt(Outcome.UNFINISHED, time)
+            arm.stop()
+
+    def views(self) -> tuple[ArmView, ...]:
+        """All arms of the file as they stand now."""
+        return tuple(self.view(name) for name in self._declared)
+
+    def view(self, name: str) -> ArmView:
+        """One arm of the file as it stands now; of one that is gone, its last moment."""
+        lives = self._lives[name]
+        return lives[-1].view() if lives else ArmView(name, self._declared[name], None, None)
+
+    def results(self) -> dict[str, ArmResult]:
+        """What all arms of the file did, by name."""
+        return {
+            name: _whole([arm.result() for arm in lives])
+            if lives
+            else ArmResult(name, self._declared[name], Outcome.NOT_SPAWNED)
+            for name, lives in self._lives.items()
+        }
+
+
+def _whole(lives: list[ArmResult]) -> ArmResult:
+    """An arm that was removed and spawned again has the outcome of its last life."""
+    return replace(
+        lives[-1],
+        clipped_setpoints=sum(life.clipped_setpoints for life in lives),
+        runs=tuple(run for life in lives for run in life.runs),
+    )

@@ -1,0 +1,113 @@
+"""A run made ready: world, arms, runner and those who look on; nothing has moved yet."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+
+from bt_dualarm.runtime.assembly import Assembly, assemble
+from bt_dualarm.runtime.events import Watch
+from bt_dualarm.runtime.log_capture import LogCapture
+from bt_dualarm.runtime.named import Named
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.outcome import Ending
+from bt_dualarm.runtime.pacing import RealTime, Unpaced
+from bt_dualarm.runtime.record import Recorder
+from bt_dualarm.runtime.record_folder import RecordFolder
+from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.runner import Conditions, Limit, Runner
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.runtime.state_log import StateLog
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.document import TreeFile
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """All that a run consists of.
+
+    Attributes:
+        name: Name of the tree file.
+        assembly: World and arms.
+        runner: What advances them.
+        watch: Those who look on.
+        states: Hash of the states that the world goes through.
+        log: What is logged while the run is advanced.
+        recorder: Writer of the record, None where there is to be none.
+        resources: What the run holds; closing it gives that back.
+    """
+
+    name: str
+    assembly: Assembly
+    runner: Runner
+    watch: Watch
+    states: StateLog
+    log: LogCapture
+    recorder: Recorder | None
+    resources: ExitStack
+
+    @property
+    def renderer(self) -> str | None:
+        """``gl``, ``ray``, or None where no arm has a camera."""
+        return None if self.assembly.renderer is None else self.assembly.renderer.name
+
+    def completed(self, result: RunResult) -> RunResult:
+        """What the runner says at its end, with what others know of the run."""
+        arms = {
+            name: replace(arm, series=self.assembly.series.of(name))
+            for name, arm in result.arms.items()
+        }
+        return replace(
+            result,
+            arms=Named("arm", arms),
+            name=self.name,
+            seed=self.assembly.seed,
+            renderer=self.renderer,
+            state_sha256=self.states.sha256,
+        )
+
+
+def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopRequest) -> Prepared:
+    """Compose the world, equip its arms, and open the record.
+
+    Args:
+        file: The tree file, checked with the skills of ``registry``.
+        registry: The skills.
+        options: What overrides the file.
+        stop: Request to end early.
+
+    Raises:
+        CatalogueError: A robot or scene is unknown or broken.
+        RendererError: The renderer asked for cannot work here.
+        WorldError: The parts do not compile to one world, or two of them are in one place.
+        RecordError: The folder of the record cannot be used.
+    """
+    log, watch = LogCapture(), Watch()
+    with log.during(), ExitStack() as resources:
+        assembly = assemble(
+            file, registry, watch.note, seed=options.seed, renderer=options.renderer
+        )
+        resources.enter_context(closing(assembly))
+        world = assembly.world
+        states = StateLog(world)
+        watch.observers.append(states)
+        recorder = None
+        if options.record is not None:
+            folder = resources.enter_context(RecordFolder(options.record, file.arms))
+            recorder = Recorder(folder.path, world, states, log.lines)
+            watch.observers.append(recorder)
+        pacer = RealTime(time.perf_counter, time.sleep) if options.real_time else Unpaced()
+        limit = _limit(file.world.time_limit, options.duration)
+        conditions = Conditions(limit, time.perf_counter, stop, pacer)
+        runner = Runner(world, assembly.arms, watch, conditions)
+        return Prepared(
+            file.name, assembly, runner, watch, states, log, recorder, resources.pop_all()
+        )
+
+
+def _limit(time_limit: float, duration: float | None) -> Limit:
+    """Whichever comes first."""
+    if duration is not None and duration <= time_limit:
+        return Limit(duration, Ending.DURATION)
+    return Limit(time_limit, Ending.TIME_LIMIT)

@@ -1,0 +1,141 @@
+"""What a run leaves behind in the folder of ``--record``."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from bt_dualarm.runtime.atomic_write import write_atomically, write_text
+from bt_dualarm.runtime.holding import Holdings, HoldingWorld
+from bt_dualarm.runtime.outcome import Ending
+from bt_dualarm.runtime.parts import IdleObserver, RunView
+from bt_dualarm.runtime.record_folder import (
+    DIVERGENCE,
+    EVENTS,
+    LOG,
+    SAMPLES,
+    SUMMARY,
+    RecordError,
+)
+from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.runtime.state_log import HashedWorld, StateLog
+from bt_dualarm.runtime.summary import json_ready, summary_of
+from bt_dualarm.runtime.tracks import SampledWorld, Tracks
+from bt_dualarm.tree.report import StatusChange
+from bt_dualarm.world.rendering.still import PicturedWorld, Still
+
+_log = logging.getLogger(__name__)
+
+WriteFile: TypeAlias = Callable[[Path], object]
+"""Writes one file, whole or not at all."""
+
+
+class RecordedWorld(SampledWorld, HashedWorld, HoldingWorld, PicturedWorld, Protocol):
+    """All that is read of the world."""
+
+
+class Recorder(IdleObserver):
+    """An observer that keeps everything in memory and writes it when the run is over.
+
+    The world is pictured as it is when the recorder is made, and when the record is written.
+
+    Args:
+        folder: Folder to write to, from `RecordFolder`.
+        world: The world.
+        states: The last states of the world, for the case that it diverges.
+        log: Lines that are logged while the run goes on.
+    """
+
+    def __init__(
+        self, folder: Path, world: RecordedWorld, states: StateLog, log: Sequence[str]
+    ) -> None:
+        self._folder = folder
+        self._world = world
+        self._states = states
+        self._log = log
+        self._start = Still.of(world)
+        self._tracks = Tracks(world)
+        self._holdings = Holdings(world)
+        self._changes: list[StatusChange] = []
+
+    def on_event(self, change: StatusChange) -> None:
+        """Keep it."""
+        self._changes.append(change)
+
+    def after_ticks(self, run: RunView) -> None:
+        """See what has been attached or released."""
+        self._holdings.after_ticks(run.time)
+
+    def after_step(self, time: float) -> None:  # noqa: ARG002 - the parts read the world's clock
+        """Sample what is due."""
+        self._tracks.after_step()
+
+    def write(self, result: RunResult, stop: StopRequest) -> tuple[Path, ...]:
+        """Write every file; the summary comes last of those that a program reads.
+
+        What cannot be written is left out, and the rest is written.
+
+        Args:
+            result: What the run did.
+            stop: Plots are left out where the end is urgent.
+
+        Raises:
+            RecordError: The disk is full, the folder is gone, or a file could not be made.
+        """
+        written: list[Path] = []
+        problems: list[str] = []
+        for name, write in self._files(result, stop):
+            try:
+                write(self._folder / name)
+            except OSError as error:
+                raise self._incomplete(error.strerror or str(error)) from error
+            except Exception as error:  # noqa: BLE001 - the end of a run is never lost
+                _log.exception("%s could not be made", name)
+                problems.append(f"{name} could not be made: {type(error).__name__}: {error}")
+            else:
+                written.append(self._folder / name)
+        if problems:
+            raise self._incomplete("; ".join(problems))
+        return tuple(written)
+
+    def _files(self, result: RunResult, stop: StopRequest) -> Iterator[tuple[str, WriteFile]]:
+        """Names of the files, and what writes each; made when they are asked for."""
+        yield EVENTS, lambda path: write_text(path, "".join(map(_line, self._changes)))
+        if self._log:
+            yield LOG, lambda path: write_text(path, "\n".join(self._log) + "\n")
+        yield SAMPLES, self._write_samples
+        if result.ending is Ending.DIVERGED:
+            yield DIVERGENCE, lambda path: write_atomically(path, self._states.write_last)
+        yield SUMMARY, lambda path: write_text(path, _as_json(self._summary(result)))
+        if not stop.urgent:
+            from bt_dualarm.runtime import pictures  # half a second of imports that few runs need
+
+            stills = (self._start, Still.of(self._world))
+            observed = pictures.Observed(self._tracks, self._holdings, stills)
+            yield from pictures.files_of(result, observed, stop)
+
+    def _incomplete(self, why: str) -> RecordError:
+        return RecordError(f"the record in {self._folder} is not complete: {why}")
+
+    def _summary(self, result: RunResult) -> dict[str, object]:
+        return summary_of(result, self._holdings.as_dicts(self._tracks))
+
+    def _write_samples(self, path: Path) -> None:
+        arrays = {"time": self._tracks.time, **self._tracks.positions()}
+        write_atomically(path, lambda file: np.savez_compressed(file, allow_pickle=False, **arrays))
+
+
+def _as_json(summary: dict[str, object]) -> str:
+    return json.dumps(summary, indent=2, allow_nan=False)
+
+
+def _line(change: StatusChange) -> str:
+    """One status change as a line of JSON."""
+    fields = {("time_s" if key == "time" else key): item for key, item in vars(change).items()}
+    return json.dumps(json_ready(fields), allow_nan=False) + "\n"

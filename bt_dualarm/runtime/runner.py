@@ -1,0 +1,192 @@
+"""Advances cameras, trees, controllers and physics on one simulated clock, in a fixed order."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from bt_dualarm.errors import DivergenceError
+from bt_dualarm.runtime.arms import Arms
+from bt_dualarm.runtime.events import Watch
+from bt_dualarm.runtime.outcome import Ending
+from bt_dualarm.runtime.pacing import Pacer, Unpaced
+from bt_dualarm.runtime.parts import ArmView, SteppedWorld
+from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.signals import StopRequest
+
+_log = logging.getLogger(__name__)
+
+STOPPING_S = 5.0
+"""Simulated seconds that the arms get to come to rest after the end; a stop takes below 1 s."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """When a run ends that does not end by itself.
+
+    Attributes:
+        seconds: Simulated seconds.
+        ending: What it means that they are over.
+    """
+
+    seconds: float
+    ending: Ending = Ending.TIME_LIMIT
+
+
+@dataclass
+class Conditions:
+    """What a run depends on besides the world and its arms.
+
+    Attributes:
+        limit: Time at which it ends at the latest.
+        clock: Seconds on the wall, for the real-time factor only.
+        stop: Request to end, looked at before every step.
+        pacer: What holds simulated time back.
+    """
+
+    limit: Limit
+    clock: Callable[[], float]
+    stop: StopRequest = field(default_factory=StopRequest)
+    pacer: Pacer = field(default_factory=Unpaced)
+
+
+class Runner:
+    """One run, from the first tick to arms that stand still.
+
+    In the physics step that begins at time t: cameras that are due take a picture; pictures
+    whose latency is over are delivered; trees that are due are ticked; arms that came or went
+    are taken up; controllers compute; the world steps; the observers look.
+
+    It can be advanced in parts of any length: nothing depends on where one ends.
+
+    Args:
+        world: The physics.
+        arms: The arms of the file.
+        watch: Those who look on.
+        conditions: Limit, clock, stop request, pace.
+    """
+
+    def __init__(
+        self, world: SteppedWorld, arms: Arms, watch: Watch, conditions: Conditions
+    ) -> None:
+        self._world = world
+        self._arms = arms
+        self._watch = watch
+        self._conditions = conditions
+        self._step = 0
+        self._last_step = round(conditions.limit.seconds / world.timestep)
+        self._error = ""
+        self._ending: Ending | None = None
+        self._wall_s = 0.0
+        self._result: RunResult | None = None
+        arms.follow(0, ticked_from=0)
+
+    @property
+    def time(self) -> float:
+        """Simulated time in seconds."""
+        return self._world.time
+
+    @property
+    def result(self) -> RunResult | None:
+        """What the run did, None before its end."""
+        return self._result
+
+    def views(self) -> tuple[ArmView, ...]:
+        """All arms of the file as they stand now."""
+        return self._arms.views()
+
+    def advance(self, until: float = math.inf) -> None:
+        """Make physics steps until so many have been made in all, or the run has ended.
+
+        Args:
+            until: Number of steps since the begin of the run.
+        """
+        began = self._conditions.clock()
+        while not self._has_ended() and self._step < until:
+            self._make_step(trees=self._ending is None)
+        self._wall_s += self._conditions.clock() - began
+        if self._has_ended() and self._result is None:
+            self._result = self._made_result()
+
+    def break_off(self) -> None:
+        """End it where it stands: trees are halted, arms get no time to come to rest."""
+        if self._result is None:
+            if self._ending is None:
+                self._begin_to_end(Ending.CLOSED)
+            self._result = self._made_result()
+
+    def _has_ended(self) -> bool:
+        """Whether nothing is left to be done; what begins the end is done here."""
+        if self._ending is None:
+            ending = self._reason_to_end()
+            if ending is None:
+                return False
+            self._begin_to_end(ending)
+        return (
+            self._ending in (Ending.DIVERGED, Ending.ERROR)
+            or self._arms.at_rest
+            or self._step >= self._last_step
+            or self._conditions.stop.urgent
+        )
+
+    def _reason_to_end(self) -> Ending | None:
+        if self._arms.ended:
+            return Ending.FINISHED
+        if self._conditions.stop.asked:
+            return Ending.STOPPED
+        return self._conditions.limit.ending if self._step >= self._last_step else None
+
+    def _begin_to_end(self, ending: Ending) -> None:
+        """Halt the trees and begin to stop the arms, which get some time for it."""
+        self._ending = ending
+        self._last_step = self._step + round(STOPPING_S / self._world.timestep)
+        self._arms.halt(self.time)
+        self._watch.after_ticks(self)
+
+    def _made_result(self) -> RunResult:
+        broken = self._ending in (Ending.DIVERGED, Ending.ERROR)
+        at_rest = not broken and self._arms.at_rest
+        if not at_rest:
+            _log.warning("the run ended with an arm still moving")
+        return RunResult(
+            ending=self._ending or Ending.CLOSED,
+            sim_time_s=self.time,
+            wall_time_s=self._wall_s,
+            arms=self._arms.results(),
+            at_rest=at_rest,
+            error=self._error,
+        )
+
+    def _make_step(self, *, trees: bool) -> None:
+        """One physics step and all that is due in it."""
+        time = self._world.time
+        try:
+            if trees:
+                self._see_and_tick(time)
+            self._arms.control(self._step, time)
+            self._world.step()
+        except DivergenceError as error:
+            self._break(Ending.DIVERGED, str(error))
+            return
+        except Exception as error:  # noqa: BLE001 - the record is written, whatever broke the run
+            _log.exception("the run broke at %.3f s", time)
+            self._break(Ending.ERROR, f"{type(error).__name__}: {error}")
+            return
+        self._step += 1
+        self._watch.after_step(self._world.time)
+        self._conditions.pacer.pace(self._world.time)
+
+    def _see_and_tick(self, time: float) -> None:
+        self._arms.capture(time)
+        self._arms.deliver(time)
+        if self._arms.tick(self._step, time):
+            self._arms.follow(self._step, ticked_from=self._step + 1)
+            self._watch.after_ticks(self)
+
+    def _break(self, ending: Ending, error: str) -> None:
+        self._error = error
+        if self._ending is None:
+            self._begin_to_end(ending)
+        self._ending = ending

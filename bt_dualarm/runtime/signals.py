@@ -1,0 +1,69 @@
+"""Signals become a request to end, which the runner looks at between two physics steps."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+
+
+@dataclass
+class StopRequest:
+    """Whether somebody asked the run to end, and how urgently.
+
+    Attributes:
+        signal_number: The first signal that came, else None.
+        count: Number of requests. One: stop the arms, write everything. More: skip what takes time.
+    """
+
+    signal_number: int | None = None
+    count: int = 0
+
+    @property
+    def asked(self) -> bool:
+        """The run shall end in an orderly way."""
+        return self.count > 0
+
+    @property
+    def urgent(self) -> bool:
+        """Asked again: what is not needed for consistent files is left out."""
+        return self.count > 1
+
+    @property
+    def exit_code(self) -> int:
+        """What a shell reports of a program that this signal ended: 129, 130, 143; 0 if none."""
+        return 0 if self.signal_number is None else 128 + self.signal_number
+
+    def ask(self) -> None:
+        """Ask for the end without a signal."""
+        self.count += 1
+
+    def receive(self, number: int) -> None:
+        """Note a signal; the first one decides the exit code."""
+        if self.signal_number is None:
+            self.signal_number = number
+        self.count += 1
+
+
+@contextmanager
+def stop_on_signals(request: StopRequest) -> Iterator[StopRequest]:
+    """Turn SIGINT, SIGTERM and SIGHUP into ``request`` for the time of the block.
+
+    The handler only counts: whatever it interrupts (a file half written, a tick) goes on. SIGHUP
+    comes when a terminal is closed; where it is ignored, as ``nohup`` does, it stays ignored.
+    """
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        request.receive(number)
+
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, note) for number in numbers}
+    try:
+        yield request
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

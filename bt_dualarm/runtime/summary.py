@@ -1,0 +1,82 @@
+"""``summary.json``: what a run did, for programs."""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+
+from bt_dualarm.runtime.processor import processor
+from bt_dualarm.runtime.result import ArmResult, RunResult
+
+_PACKAGES = (
+    "bt_dualarm",
+    "example-robot-data",
+    "mujoco",
+    "numpy",
+    "ompl",
+    "opencv-python-headless",
+    "placo",
+    "py_trees",
+    "ruckig",
+    "scipy",
+)
+
+
+def versions() -> dict[str, str]:
+    """Of Python and of every package that can change a result."""
+    return {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
+
+
+def summary_of(result: RunResult, attachments: Sequence[Mapping[str, object]]) -> dict[str, object]:
+    """The content of ``summary.json``; names carry their units.
+
+    Args:
+        result: What the run did.
+        attachments: Every attachment that there was.
+    """
+    summary = {
+        "outcome": result.outcome,
+        "ending": result.ending,
+        "error": result.error,
+        "at_rest": result.at_rest,
+        "sim_time_s": result.sim_time_s,
+        "wall_time_s": result.wall_time_s,
+        "real_time_factor": result.real_time_factor,
+        "seed": result.seed,
+        "state_sha256": result.state_sha256,
+        "processor": processor(),
+        "versions": versions(),
+        "renderer": result.renderer,
+        "attachments": attachments,
+        "arms": {arm.name: _arm(arm) for arm in result.arms.values()},
+    }
+    return {name: json_ready(value) for name, value in summary.items()}
+
+
+def _arm(arm: ArmResult) -> dict[str, object]:
+    return {
+        "outcome": arm.outcome,
+        "robot": arm.robot,
+        "fault": arm.fault,
+        "clipped_setpoints": arm.clipped_setpoints,
+        "guard": arm.guard,
+        "leaves": [run.as_dict() for run in arm.runs],
+    }
+
+
+def json_ready(value: object) -> object:
+    """The same with what JSON knows: NumPy's scalars made plain, times rounded to nanoseconds.
+
+    Numbers that are not finite become null: JSON has none.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): json_ready(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_ready(item) for item in value]
+    if hasattr(value, "tolist"):
+        return json_ready(value.tolist())
+    if isinstance(value, float):
+        return round(value, 9) if math.isfinite(value) else None
+    return str(value) if isinstance(value, str) else value

@@ -1,0 +1,228 @@
+"""Executing a path of the tool as it was drawn, and measuring how well that went."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.errors import Failure, Number
+from bt_dualarm.motion.paths.cartesian_path import CartesianPath, line
+from bt_dualarm.motion.planning.tool_path import trace
+from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.skill.scoring import path_error
+from bt_dualarm.skill.skill import Record, nowhere
+
+TOLERANCE_M = 0.005
+"""How far in m the tool may be from where it was planned to be, unless said otherwise."""
+
+_SAME_BRANCH = 1.0  # rad: the start of the path is a short straight move away
+_ENTRY_SHARE = 0.1  # of the progress that is shown
+_EXIT_SHARE = 0.1  # likewise, of a path that does not end where the tool is to end
+_THERE = 1e-6  # m or rad: who is this near need not go there
+
+
+def follow_curve(
+    arm: Arm,
+    path: CartesianPath,
+    speed: float,
+    record: Record = nowhere,
+    tolerance: float = TOLERANCE_M,
+    end: Pose | None = None,
+) -> Generator[float | None, None, dict[str, Number]]:
+    """Go to the start of a path, then along it from rest to rest; the whole of it or nothing.
+
+    Yields the progress, once a tick.
+
+    Args:
+        arm: Arm that moves.
+        path: Path of its tool, in the world.
+        speed: Share of its limits, above 0 to 1.
+        record: Taker of ``planned`` and ``executed`` tool positions.
+        tolerance: Distance in metres by which the tool may be from where it was planned to be.
+        end: Pose in the world to go on to in a straight line; None to stay at the path's end.
+
+    Returns:
+        ``path_rms_m`` and ``path_max_m`` of executed against planned tool positions at equal
+        times, ``duration_s``, and ``shortest_s``: the least that velocity and acceleration allow
+        on this path, jerk aside (TOPP-RA).
+
+    Raises:
+        Failure: ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE`` or ``IN_COLLISION`` before
+            anything moves; ``TRACKING_ERROR`` as soon as the tool is beyond the tolerance;
+            ``INTERRUPTED`` or ``BUSY``.
+    """
+    yield from arm.think()
+    plan = _Plan.of(arm, path, speed, end)
+    yield from _enter(arm, path, plan.motion, speed)
+    run = _PathRun.begun(arm, plan.motion)
+    for progress in run.watched(tolerance):
+        yield _ENTRY_SHARE + plan.share * progress
+    rms, worst = run.compared(record, tolerance)
+    if plan.leaving is not None:
+        yield from _leave(arm, plan.leaving)
+    times = {"duration_s": plan.motion.duration, "shortest_s": plan.shortest_s}
+    return {"path_rms_m": rms, "path_max_m": worst, **times}
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """All that a tool is to do from the start of a path on.
+
+    Attributes:
+        motion: Motion along the path.
+        shortest_s: Least duration that velocity and acceleration allow there, jerk aside.
+        leaving: Motion from the path's end to where the tool is to end; None if that is there.
+    """
+
+    motion: Trajectory
+    shortest_s: float
+    leaving: Trajectory | None
+
+    @classmethod
+    def of(cls, arm: Arm, path: CartesianPath, speed: float, end: Pose | None) -> _Plan:
+        limits = arm.limits(speed)
+        motion, shortest = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
+        arm.refuse_collision_along(motion.q)
+        return cls(motion, shortest, _to_end(arm, motion.q[-1], path.end, end, speed))
+
+    @property
+    def share(self) -> float:
+        """Share of the progress that is shown which the path itself has."""
+        return 1.0 - _ENTRY_SHARE - (0.0 if self.leaving is None else _EXIT_SHARE)
+
+
+@dataclass(frozen=True, eq=False)
+class _PathRun:
+    """A motion along a path, from its first set-point on.
+
+    Attributes:
+        arm: Arm that moves.
+        source: Motion as it is executed.
+        planned: Positions of the tool at the motion's set-points, of shape (n, 3), m, in the world.
+        began_s: Simulated time at its first set-point.
+    """
+
+    arm: Arm
+    source: TrajectorySource
+    planned: Matrix
+    began_s: float
+
+    @classmethod
+    def begun(cls, arm: Arm, motion: Trajectory) -> _PathRun:
+        planned = arm.planned_tool_positions(motion)
+        return cls(arm, arm.begin(motion, along_path=True), planned, arm.time)
+
+    def watched(self, tolerance: float) -> Iterator[float]:
+        """Its progress, once a tick, until the arm stands at its end."""
+        arm, source = self.arm, self.source
+        watch = arm.watch(source)
+        while not source.done:
+            yield source.progress
+            arm.check()
+            watch.look(arm.time)
+            arm.refuse_when_held_up(source)
+            self._refuse_beyond(tolerance)
+        yield from arm.settle()
+
+    def compared(self, record: Record, tolerance: float) -> tuple[float, float]:
+        """Root mean square and maximum in m of how far the tool was from where it was to be.
+
+        Raises:
+            Failure: ``TRACKING_ERROR`` if that was beyond the tolerance at any time.
+        """
+        executed = np.array(self.source.executed)
+        times = self.began_s + self.arm.period * np.arange(len(executed))
+        planned = self._planned_at(self.source.parameters)
+        record("planned", times, planned)
+        record("executed", times, executed)
+        rms, worst = path_error(planned, executed)
+        if worst > tolerance:
+            raise Failure(
+                "TRACKING_ERROR",
+                f"the tool was up to {1e3 * worst:.1f} mm from where it was planned to be",
+                path_max_m=worst,
+            )
+        return rms, worst
+
+    def _refuse_beyond(self, tolerance: float) -> None:
+        """Compare the last position of the tool that was measured with that planned for then."""
+        source = self.source
+        if not source.executed:
+            return
+        last = self._planned_at(source.parameters[-1:])
+        away = float(np.linalg.norm(source.executed[-1] - last[0]))
+        if away > tolerance:
+            raise Failure(
+                "TRACKING_ERROR",
+                f"the tool is {1e3 * away:.1f} mm from where it was planned to be",
+                path_error_m=away,
+                progress=source.progress,
+            )
+
+    def _planned_at(self, parameters: Sequence[float]) -> Matrix:
+        """Tool positions, of shape (n, 3), m, planned for path parameters in s."""
+        planned = self.planned
+        index = np.array(parameters) / self.source.trajectory.dt
+        low = np.clip(index.astype(int), 0, max(len(planned) - 2, 0))
+        high = np.minimum(low + 1, len(planned) - 1)
+        u = np.clip(index - low, 0.0, 1.0)[:, None]
+        between: Matrix = planned[low] + u * (planned[high] - planned[low])
+        return between
+
+
+def _enter(
+    arm: Arm, path: CartesianPath, motion: Trajectory, speed: float
+) -> Iterator[float | None]:
+    """Go to the first configuration of a motion: straight with the tool where it is near."""
+    start, checked = motion.q[0], arm.time
+    away = float(np.abs(start - arm.setpoint.q).max())
+    if away >= 1e-9:
+        if away < _SAME_BRANCH:
+            entry = _straight(
+                arm, arm.setpoint.q, arm.commanded_tool_pose, path.start, speed, start
+            )
+        else:
+            entry = yield from arm.plan([start], speed)
+        for progress in arm.follow(entry):
+            yield _ENTRY_SHARE * progress
+    if arm.time > checked:  # the world has gone on meanwhile
+        arm.refuse_collision_along(motion.q)
+
+
+def _to_end(
+    arm: Arm, q: Vector, path_end: Pose, end: Pose | None, speed: float
+) -> Trajectory | None:
+    """The motion from the end of a path to where the tool is to end; None if it is there."""
+    if end is None or (path_end.distance(end) < _THERE and path_end.angle(end) < _THERE):
+        return None
+    return _straight(arm, q, path_end, end, speed)
+
+
+def _leave(arm: Arm, motion: Trajectory) -> Iterator[float]:
+    """Go on from the end of a path; the world has gone on since that was planned."""
+    arm.refuse_collision_along(motion.q)
+    for progress in arm.follow(motion):
+        yield 1.0 - _EXIT_SHARE * (1.0 - progress)
+
+
+def _straight(
+    arm: Arm, q: Vector, start: Pose, end: Pose, speed: float, *last: Vector
+) -> Trajectory:
+    """The motion from a configuration ``q``, of shape (dof,), straight from pose to pose.
+
+    Args:
+        arm: Arm that is to move.
+        q: Configuration that puts its tool at ``start``.
+        start: First pose of the tool, in the world.
+        end: Last pose of the tool, in the world.
+        speed: Share of its limits.
+        last: Configuration to end at, where it is to be met to the last digit.
+    """
+    rows = np.vstack((q, arm.kinematics.follow(line(start, end).poses, q), *last))
+    arm.refuse_collision_along(rows)
+    return arm.time_path(rows, speed)

@@ -1,0 +1,160 @@
+"""Marking a motion against the truth that the simulator knows and the arm does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.errors import Number
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.skill.visual_servoing import PlaneTracking
+from bt_dualarm.spec.plane import Plane
+
+SETTLE_S = 1.0
+"""Seconds after the lock from which errors count: before, the tool is still on its way."""
+
+_NEAR_M = 0.3  # an object farther from where the target is believed to be is not the target
+_LAG_S = 0.5  # largest lag that is looked for
+_STILL_M = 2e-4  # who moves less has no lag
+_MIN_SAMPLES = 8
+
+
+def path_error(planned: Matrix, executed: Matrix) -> tuple[float, float]:
+    """Root mean square and maximum of the distance at equal times, in m.
+
+    Args:
+        planned: Positions in the world, of shape (n, 3), m.
+        executed: Positions at the same times, of shape (n, 3), m.
+    """
+    away = np.linalg.norm(executed - planned, axis=1)
+    return float(np.sqrt(np.mean(away**2))), float(away.max())
+
+
+class TrackingScore:
+    """Compares the tool's path with the true path of the target, in the plane of tracking.
+
+    A constant offset is taken out once: the mean over all samples that count.
+
+    Args:
+        arm: Arm that tracks.
+        plane: Plane of tracking.
+        target: Name of the object; None for the one nearest to where the target is first believed
+            to be.
+
+    Attributes:
+        times: Simulated seconds of the samples that count.
+    """
+
+    def __init__(self, arm: Arm, plane: Plane, target: str | None) -> None:
+        self._arm = arm
+        self._axes = np.array(plane.axes)
+        self._is_yz = not np.any(self._axes[:, 0])
+        self._target = target
+        self._from: float | None = None
+        self.times: list[float] = []
+        self._tool: list[Vector] = []
+        self._truth: list[Vector] = []
+
+    def sample(self, tracking: PlaneTracking) -> None:
+        """Take one sample, once a tick; the clock starts with the first lock."""
+        world = self._arm.world
+        if self._from is None:
+            if not tracking.in_view:
+                return
+            self._from = self._arm.time + SETTLE_S
+            self._target = self._target or self._nearest(tracking.target)
+        if self._target not in world.objects or self._arm.time < self._from:
+            return
+        self.times.append(self._arm.time)
+        self._tool.append(self._arm.tool_pose.position)
+        self._truth.append(world.object_pose(self._target).position)
+
+    def metrics(self, tracking: PlaneTracking) -> dict[str, Number]:
+        """Metrics of the samples; none when nothing was followed long enough.
+
+        ``plane_rms_m`` and ``plane_max_m`` in the plane, as ``yz_rms_m`` and ``yz_max_m``, too,
+        where that is the world's; ``lag_s``; and ``sighting_sd_m``: how far a single sighting is
+        off along an axis of the plane, as standard deviation.
+        """
+        if len(self.times) < 2:
+            return {}
+        tool, truth = np.array(self._tool) @ self._axes.T, np.array(self._truth) @ self._axes.T
+        away = self.errors()
+        rms, most = float(np.sqrt(np.mean(away**2))), float(away.max())
+        return {
+            **({"yz_rms_m": rms, "yz_max_m": most} if self._is_yz else {}),
+            "plane_rms_m": rms,
+            "plane_max_m": most,
+            "lag_s": lag(truth, tool, float(np.median(np.diff(self.times)))),
+            "sighting_sd_m": self._sighting_sd(*tracking.sightings()),
+        }
+
+    def errors(self) -> Vector:
+        """Distance from the truth in the plane in m at ``times``, a constant offset aside."""
+        if not self.times:
+            return np.zeros(0)
+        error = (np.array(self._tool) - np.array(self._truth)) @ self._axes.T
+        away: Vector = np.linalg.norm(error - error.mean(axis=0), axis=1)
+        return away
+
+    def paths(self) -> dict[str, Matrix]:
+        """``target`` and ``tracked`` in the world, each of shape (n, 3), at ``times``.
+
+        The tool's path is moved by the mean offset, so that the two lie upon each other.
+        """
+        if not self.times:
+            return {}
+        tool, truth = np.array(self._tool), np.array(self._truth)
+        return {"target": truth, "tracked": tool - (tool - truth).mean(axis=0)}
+
+    def _sighting_sd(self, stamps: Vector, points: Matrix) -> float:
+        times, truth = np.array(self.times), np.array(self._truth) @ self._axes.T
+        during = (stamps >= times[0]) & (stamps <= times[-1])
+        if not during.any():
+            return 0.0
+        # A straight line between samples 20 ms apart would be wrong by more than a sighting is.
+        true = scipy.interpolate.CubicSpline(times, truth)(stamps[during])
+        error = points[during] @ self._axes.T - true
+        return float(np.sqrt(np.mean(error.var(axis=0))))
+
+    def _nearest(self, point: Vector) -> str | None:
+        world = self._arm.world
+        away = {
+            name: float(np.linalg.norm(world.object_pose(name).position - point))
+            for name in world.objects
+        }
+        name = min(away, key=away.__getitem__, default=None)
+        return name if name is not None and away[name] < _NEAR_M else None
+
+
+def lag(leader: Matrix, follower: Matrix, period: float) -> float:
+    """Seconds by which the follower is late, by cross-correlation; 0 where nothing moves.
+
+    The shift at which the two differ least where they overlap: plain correlation would favour
+    small shifts, as they overlap more.
+
+    Args:
+        leader: Samples of shape (n, k), evenly spaced.
+        follower: Samples of shape (n, k), at the same times.
+        period: Seconds between samples.
+    """
+    if float(np.ptp(leader, axis=0).max()) < _STILL_M or len(leader) < _MIN_SAMPLES:
+        return 0.0
+    most = min(round(_LAG_S / period), len(leader) // 2)
+    shifts = range(-most, most + 1)
+    differences = np.array([_difference(leader, follower, shift) for shift in shifts])
+    best = int(np.argmin(differences))
+    if not 0 < best < len(shifts) - 1:
+        return float(shifts[best] * period)
+    left, middle, right = differences[best - 1 : best + 2]
+    vertex = 0.5 * (left - right) / (left - 2 * middle + right)
+    return float((shifts[best] + vertex) * period)
+
+
+def _difference(leader: Matrix, follower: Matrix, shift: int) -> float:
+    """Mean square of follower less leader ``shift`` samples earlier, a constant offset aside."""
+    n = len(leader)
+    late, early = max(shift, 0), max(-shift, 0)
+    away = follower[late : n - early] - leader[early : n - late]
+    return float(away.var(axis=0).sum())

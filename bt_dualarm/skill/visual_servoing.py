@@ -1,0 +1,194 @@
+"""Following a coloured target in a plane: a wrist camera, a tracker and a servo put together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.errors import Failure, Number
+from bt_dualarm.motion.setpoints.planar_servo import PlanarServo
+from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.skill.tracking_reference import (
+    PlaneView,
+    TrackingGains,
+    TrackingReference,
+    stale_after,
+)
+from bt_dualarm.spec.color import Color
+from bt_dualarm.spec.plane import Plane
+from bt_dualarm.vision.localise import Localiser, OnPlane
+from bt_dualarm.vision.plane_of_size import OnPlaneOfSize
+from bt_dualarm.vision.stillness import Stillness
+from bt_dualarm.vision.tracker import TargetTracker
+from bt_dualarm.world.cameras.camera import camera_pose
+from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
+
+_FACING = 0.5  # cosine between the camera's axis and the plane's normal
+_BANDWIDTH = (30.0, 150.0)  # rad/s, least and most
+_BANDWIDTH_PER_FPS = 4.0  # above it the noise of the estimate is followed, below it the target lags
+_OLD_S = 0.1  # latency that halves the bandwidth
+
+
+class PlaneTracking:
+    """Follows one target; ``close`` it when done.
+
+    Args:
+        arm: Arm with a camera of its own, which looks along the plane's normal.
+        color: Look of the target.
+        plane: Plane in which the tool moves.
+        speed: Share of the arm's limits.
+        distance: Depth of the target in front of the camera in m.
+        target_size: Edge in m of a target that is a cube with a face along the plane: measures
+            its depth instead, and takes out what is seen of its flanks.
+        gains: Gains of proportional control; None to predict the target.
+        reach: Farthest that the tool leaves its start, in m.
+        search_radius: How far the search goes from where the target should be, in m.
+
+    Raises:
+        Failure: ``NO_CAMERA``.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        color: Color,
+        plane: Plane,
+        speed: float,
+        distance: float,
+        target_size: float | None,
+        gains: TrackingGains | None,
+        reach: float,
+        search_radius: float,
+    ) -> None:
+        self._arm = arm
+        self._axes = np.array(plane.axes)
+        self._limits = arm.limits(speed)
+        camera, view = _facing_camera(arm, plane)
+        ahead = view.position + distance * view.turn(np.array((0.0, 0.0, 1.0)))
+        normal = np.cross(*self._axes)
+        localiser: Localiser = (
+            OnPlane(ahead, normal)
+            if target_size is None
+            else OnPlaneOfSize(normal, target_size, cube=True)
+        )
+        self._tracker = TargetTracker(camera, color, localiser)
+        self._reference = TrackingReference(
+            self._tracker,
+            PlaneView(self._axes, self._axes @ ahead, self._axes @ view.rotation_matrix[:, :2]),
+            gains=gains,
+            reach=reach,
+            search_radius=search_radius,
+            stale_after=stale_after(camera.latency, camera.period),
+        )
+        self._latency = camera.latency
+        self._bandwidth = _bandwidth(camera)
+        self._stillness = Stillness()
+        self._watched = 0
+
+    @property
+    def locked(self) -> bool:
+        """Whether the target is in view and confirmed."""
+        return self._tracker.locked
+
+    @property
+    def in_view(self) -> bool:
+        """Whether the newest sighting is fresh enough to move towards."""
+        return self._tracker.locked and self._reference.stale_for(self._arm.time) <= 0.0
+
+    @property
+    def follows(self) -> bool:
+        """Whether the target is in view and where the tool may go."""
+        return self.in_view and self._reference.beyond_since is None
+
+    @property
+    def unseen_for(self) -> float:
+        """Seconds for which frames have shown no target; their latency is not its absence."""
+        return max(0.0, self._tracker.age(self._arm.time) - self._latency)
+
+    @property
+    def beyond_for(self) -> float:
+        """Seconds for which the target has been farther away than the tool may go."""
+        since = self._reference.beyond_since
+        return 0.0 if since is None else self._arm.time - since
+
+    @property
+    def still_for(self) -> float:
+        """Seconds for which a target that has moved was seen to be still; 0 before it moved."""
+        return self._stillness.still_for if self.in_view else 0.0
+
+    @property
+    def target(self) -> Vector:
+        """Where the target is believed to be now, in the world, of shape (3,)."""
+        return self._tracker.predict(self._arm.time).position
+
+    def begin(self) -> None:
+        """Start to move."""
+        self._watched = len(self._tracker.sightings)
+        servo = PlanarServo(
+            self._arm.kinematics,
+            self._limits,
+            self._arm.period,
+            self._arm.setpoint,
+            self._axes,
+            self._reference,
+            self._bandwidth,
+        )
+        self._arm.stream(servo)
+
+    def watch(self) -> None:
+        """Note whether the target moves; call it once a tick."""
+        new = self._tracker.sightings[self._watched :]
+        self._watched += len(new)
+        # Frames that got lost are no absence, though a late camera is `in_view` no more meanwhile.
+        if not self._tracker.locked:
+            self._stillness.interrupt()
+            return
+        for seen in new:
+            sigma = float(np.sqrt((np.square(self._axes) @ np.square(seen.sigma)).max()))
+            self._stillness.take(seen.stamp, self._axes @ seen.point, sigma)
+
+    def close(self) -> None:
+        """Let go of the camera."""
+        self._tracker.close()
+
+    def sightings(self) -> tuple[Vector, Matrix]:
+        """When and where in the world the target was seen: shapes (n,) and (n, 3)."""
+        seen = self._tracker.sightings
+        points = np.array([sighting.point for sighting in seen]).reshape(-1, 3)
+        return np.array([sighting.stamp for sighting in seen]), points
+
+    def metrics(self) -> dict[str, Number]:
+        """Frames looked at, how often the target was lost, and motion towards old data.
+
+        ``old_data_steps`` counts the control steps that moved towards a target whose newest
+        sighting was older than ``STALE_S`` (``tracking_reference``) at that step.
+        """
+        return {
+            "frames": self._tracker.frames,
+            "lost_count": self._tracker.lost_count,
+            "old_data_steps": self._reference.old_data_steps,
+        }
+
+
+def _bandwidth(camera: GuardedCamera) -> float:
+    """Of the servo, in rad/s: the less, the rarer, the older and the shakier the images are."""
+    doubt = 1.0 + camera.noise + camera.latency / _OLD_S
+    least, most = _BANDWIDTH
+    return max(least, min(most, _BANDWIDTH_PER_FPS / camera.period) / doubt)
+
+
+def _facing_camera(arm: Arm, plane: Plane) -> tuple[GuardedCamera, Pose]:
+    """The camera that moves with the arm, and its pose."""
+    if arm.camera is None or not arm.world.declared_arms[arm.name].carries_camera:
+        raise Failure("NO_CAMERA", f"{arm.name} has no camera that moves with it")
+    view = camera_pose(arm.world.data, arm.world.arms[arm.name].camera_id)
+    facing = abs(float(np.cross(*plane.axes) @ view.turn(np.array((0.0, 0.0, 1.0)))))
+    if facing < _FACING:
+        raise Failure(
+            "NO_CAMERA",
+            f"the camera of {arm.name} looks {np.degrees(np.arccos(facing)):.0f}° past the "
+            "normal of the plane: it cannot see how a target moves there",
+            cosine=facing,
+        )
+    return arm.camera, view

@@ -1,0 +1,7 @@
+"""Cameras with a frame rate, a latency, frames that get lost and a shake.
+
+In: the world at a step of the clock, and the `Window` that whoever looks through it wants exposed.
+Out: a `Frame`, image and pose of one exposure, handed to those who subscribed, a latency later.
+Open first: `camera` (exposure and delivery); others: `frame` (what it saw), `guarded_camera` (what
+a leaf holds of it).
+"""

@@ -1,0 +1,179 @@
+"""Cameras on the simulated clock: when they expose, what they saw, and when others learn of it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Protocol, TypeAlias
+
+import mujoco
+import numpy as np
+import scipy
+
+from bt_dualarm.errors import WorldError
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.world.cameras.frame import Frame, Window, focal_length_px
+from bt_dualarm.world.rendering.renderer import Exposure, Region, Renderer, clip_region
+
+_CLOCK_TOLERANCE_S = 1e-9
+
+
+class CameraTiming(Protocol):
+    """The part of a camera's specification that is used here."""
+
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+
+    @property
+    def latency(self) -> float:
+        """Time from the exposure to the delivery of a frame, in s."""
+
+    @property
+    def drop(self) -> float:
+        """Share of the frames that are never delivered."""
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the shake along x and y, in pixels."""
+
+
+class SeenWorld(Protocol):
+    """The part of a world that a camera looks at."""
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """MuJoCo's model."""
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's state."""
+
+
+FrameCallback: TypeAlias = Callable[[Frame], None]
+WindowRequest: TypeAlias = Callable[[float, Pose, int, int], Window]
+"""Asked before each exposure, with stamp, camera pose, width and height: what to expose."""
+
+
+class Camera:
+    """A camera of the model, exposing at k / fps as long as somebody listens.
+
+    The runner asks ``due`` after each physics step, then calls ``capture`` and ``deliver``.
+
+    Args:
+        name: Name of the camera in the model, for example ``arm2/camera``.
+        spec: Resolution, frame rate, latency and faults; the field of view is the model's.
+        renderer: Renderer of the images; may serve several cameras.
+        rng: Source of its faults; seed 0 by default.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        spec: CameraTiming,
+        renderer: Renderer,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self.name = name
+        self.latency = float(spec.latency)
+        self.drop, self.noise = float(spec.drop), float(spec.noise)
+        self.period = 1.0 / float(spec.fps)
+        self.width, self.height = (int(n) for n in spec.resolution)
+        self.aim: WindowRequest | None = None
+        self.latest: Frame | None = None
+        self.frames = 0
+        self._renderer = renderer
+        self._rng = rng or np.random.default_rng(0)
+        self._next_index = 0
+        self._pending: deque[Frame] = deque()
+        self._callbacks: list[FrameCallback] = []
+
+    def subscribe(self, callback: FrameCallback) -> Callable[[], None]:
+        """Have every delivered frame handed to ``callback``, in order; returns how to stop it."""
+        self._callbacks.append(callback)
+
+        def unsubscribe() -> None:
+            if callback in self._callbacks:
+                self._callbacks.remove(callback)
+
+        return unsubscribe
+
+    def due(self, time: float) -> bool:
+        """Whether the next exposure on the grid k / fps has come."""
+        if not self._callbacks:
+            return False
+        return time >= self._next_index * self.period - _CLOCK_TOLERANCE_S
+
+    def capture(self, world: SeenWorld) -> Frame:
+        """Expose now, whether due or not; the frame waits for ``deliver``, unless it gets lost.
+
+        Raises:
+            WorldError: The model has no camera of this name (any more).
+        """
+        model, data = world.model, world.data
+        camera_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, self.name)
+        if camera_id < 0:
+            raise WorldError(f"the world has no camera {self.name!r}")
+        # After mj_step positions of bodies are those before the step: bring them up to date,
+        # else a camera at 2 ms a step would see everything 2 ms late.
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
+        time, pose = float(data.time), camera_pose(data, camera_id)
+        window = self.aim(time, pose, self.width, self.height) if self.aim else Window()
+        region = self._exposed(window)
+        fov_rad = math.radians(float(model.cam_fovy[camera_id]))
+        shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
+        with _turned(data, camera_id, shake):
+            exposure = Exposure(camera_id, self.width, self.height, region, window.stride)
+            image = self._renderer.render(model, data, exposure)
+        frame = Frame(time, image, pose, fov_rad, region, window.stride, self.noise)
+        if self._rng.random() >= self.drop:
+            self._pending.append(frame)
+        self._next_index = math.floor((time + _CLOCK_TOLERANCE_S) / self.period) + 1
+        self.frames += 1
+        return frame
+
+    def _exposed(self, window: Window) -> Region:
+        """The window's region inside the image, its corner on the grid of blocks."""
+        left, top, right, bottom = clip_region(window.region, self.width, self.height)
+        return left - left % window.stride, top - top % window.stride, right, bottom
+
+    def deliver(self, time: float) -> list[Frame]:
+        """Hand out, oldest first, the frames whose latency has passed."""
+        ready = []
+        while self._pending and self._pending[0].stamp + self.latency <= time + _CLOCK_TOLERANCE_S:
+            frame = self._pending.popleft()
+            self.latest = frame
+            ready.append(frame)
+            for callback in tuple(self._callbacks):
+                callback(frame)
+        return ready
+
+
+@contextmanager
+def _turned(data: mujoco.MjData, camera_id: int, angles: Vector) -> Iterator[None]:
+    """The camera turned about its x and y axes by ``angles`` of shape (2,), in rad, meanwhile."""
+    if not angles.any():
+        yield
+        return
+    straight = data.cam_xmat[camera_id].copy()
+    turn = scipy.spatial.transform.Rotation.from_rotvec([*angles, 0.0]).as_matrix()
+    data.cam_xmat[camera_id] = (straight.reshape(3, 3) @ turn).ravel()
+    try:
+        yield
+    finally:
+        data.cam_xmat[camera_id] = straight
+
+
+def camera_pose(data: mujoco.MjData, camera_id: int) -> Pose:
+    """The camera in the world, x right, y down, z forward; MuJoCo's own looks along -z, y up."""
+    axes = data.cam_xmat[camera_id].reshape(3, 3) * np.array([1.0, -1.0, -1.0])
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = axes, data.cam_xpos[camera_id]
+    return Pose.from_matrix(transform)

@@ -1,0 +1,79 @@
+"""A camera in the hands of one leaf: what that leaf's callbacks raise stays its own fault."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bt_dualarm.pose import Pose
+from bt_dualarm.world.cameras.camera import Camera, FrameCallback, WindowRequest
+from bt_dualarm.world.cameras.frame import Frame, Window
+
+
+class GuardedCamera:
+    """Like `Camera` for those who look through it; a callback that raises is not called again.
+
+    Args:
+        camera: Camera of the arm, shared by all its leaves.
+
+    Attributes:
+        fault: Error that a callback has raised, until somebody takes it up.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.fault: Exception | SystemExit | None = None
+        self._camera = camera
+        self._aim: WindowRequest | None = None
+
+    @property
+    def period(self) -> float:
+        """Seconds between two exposures."""
+        return self._camera.period
+
+    @property
+    def latency(self) -> float:
+        """Seconds from the exposure to the delivery of a frame."""
+        return self._camera.latency
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the camera's shake along x and y, in pixels."""
+        return self._camera.noise
+
+    @property
+    def latest(self) -> Frame | None:
+        """The frame that was delivered last."""
+        return self._camera.latest
+
+    @property
+    def aim(self) -> WindowRequest | None:
+        """What is asked before each exposure what to expose, as `Camera.aim`."""
+        return self._aim
+
+    @aim.setter
+    def aim(self, aim: WindowRequest | None) -> None:
+        if aim is not None:
+            self._camera.aim = self._guarded_aim
+        elif self._camera.aim == self._guarded_aim:
+            self._camera.aim = None
+        self._aim = aim
+
+    def subscribe(self, callback: FrameCallback) -> Callable[[], None]:
+        """Have every frame handed to ``callback``; returns how to stop it."""
+
+        def guarded(frame: Frame) -> None:
+            try:
+                callback(frame)
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - the leaf's, see `fault`
+                self.fault = error
+                unsubscribe()
+
+        unsubscribe = self._camera.subscribe(guarded)
+        return unsubscribe
+
+    def _guarded_aim(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
+        try:
+            return self._aim(stamp, camera, width, height) if self._aim else Window()
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
+            self.fault = error
+            self.aim = None
+            return Window()

@@ -1,0 +1,95 @@
+"""What a camera draws with: the interface that both renderers have, and what it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeAlias
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.world.robots.geom_groups import LOOP_GROUPS
+
+Image: TypeAlias = npt.NDArray[np.uint8]
+"""Red, green, blue, of shape (height, width, 3)."""
+
+Region: TypeAlias = tuple[int, int, int, int]
+"""Part of an image in pixels: left, top, right, bottom; right and bottom are outside."""
+
+Blocks: TypeAlias = tuple[slice, slice]
+"""Rows and columns of an image, counted in blocks of pixels that share a colour."""
+
+RendererKind: TypeAlias = Literal["auto", "gl", "ray"]
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """What is drawn of a camera's image, and how finely.
+
+    Attributes:
+        camera_id: Number of the camera in the model.
+        width: Width of the whole image in pixels.
+        height: Height of the whole image in pixels.
+        region: Part that is drawn, the rest stays black; None for the whole image.
+        stride: Edge in pixels of the blocks that share a colour; 1 for a full image.
+        groups: Geom groups that are visible.
+    """
+
+    camera_id: int
+    width: int
+    height: int
+    region: Region | None = None
+    stride: int = 1
+    groups: tuple[int, ...] = LOOP_GROUPS
+
+    def paint(self, draw: Callable[[Blocks], Image]) -> Image:
+        """The image, of shape (height, width, 3), black outside of the region.
+
+        Args:
+            draw: Colours of some blocks, of shape (rows, columns, 3); not called where the region
+                is empty.
+        """
+        image: Image = np.zeros((self.height, self.width, 3), dtype=np.uint8)
+        left, top, right, bottom = clip_region(self.region, self.width, self.height)
+        if right <= left or bottom <= top:
+            return image
+        step = self.stride
+        blocks = draw((_covering(top, bottom, step), _covering(left, right, step)))
+        if step > 1:
+            blocks = blocks.repeat(step, axis=0).repeat(step, axis=1)
+        y, x = top % step, left % step
+        image[top:bottom, left:right] = blocks[y : y + bottom - top, x : x + right - left]
+        return image
+
+
+class Renderer(Protocol):
+    """Draws what a camera of the model sees."""
+
+    @property
+    def name(self) -> str:
+        """``"gl"`` or ``"ray"``."""
+
+    def render(self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure) -> Image:
+        """The image that is asked for, of shape (height, width, 3).
+
+        Needs kinematics and camera poses of ``data`` to be up to date (``mj_kinematics``,
+        ``mj_camlight``).
+        """
+
+    def close(self) -> None:
+        """Give back what the renderer holds; harmless when repeated."""
+
+
+def clip_region(region: Region | None, width: int, height: int) -> Region:
+    """The part of ``region`` inside the image; the whole image for ``None``; may be empty."""
+    if region is None:
+        return 0, 0, width, height
+    left, top = min(max(region[0], 0), width), min(max(region[1], 0), height)
+    return left, top, max(left, min(region[2], width)), max(top, min(region[3], height))
+
+
+def _covering(start: int, stop: int, stride: int) -> slice:
+    """Numbers of the blocks of ``stride`` pixels that cover the pixels from start to stop."""
+    return slice(start // stride, -(-stop // stride))

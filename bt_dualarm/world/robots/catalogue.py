@@ -1,0 +1,78 @@
+"""The robot catalogue: one YAML file an arm, on top of its URDF.
+
+The URDF is the only source of kinematics, inertia, position limits and efforts. The catalogue adds
+what a URDF lacks: acceleration and jerk limits, postures, the tool frame, camera mounts.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from bt_dualarm.errors import CatalogueError
+from bt_dualarm.share import share_dir
+from bt_dualarm.spec.problems import suggestion
+from bt_dualarm.world.robots.arm_description import description_of, file_below
+from bt_dualarm.world.robots.page import RobotFile
+from bt_dualarm.world.robots.robot import CameraMount, Robot
+
+
+def is_page(name: str) -> bool:
+    """Whether a robot is named by the path of its page, and not as the catalogue does."""
+    return name.endswith((".yaml", ".yml"))
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names of the arms in the shipped catalogue, sorted."""
+    return tuple(sorted(path.stem for path in (share_dir("assets") / "robots").glob("*.yaml")))
+
+
+def load_robot(name: str, root: Path | None = None) -> Robot:
+    """An arm by its name in the catalogue, or by the path of a YAML file below ``root``.
+
+    Raises:
+        CatalogueError: No such arm, or its file is wrong; the message names file and entry.
+    """
+    file = RobotFile(_robot_file(name, root))
+    entry, found = file.entry, description_of(file)
+    return Robot(
+        name=file.path.stem,
+        title=entry.title,
+        model=found.urdf,
+        base_link=entry.base_link,
+        tool_link=entry.tool.link,
+        tool=entry.tool.pose,
+        tool_shape=entry.tool.shape,
+        joints=entry.joints,
+        limits=found.limits,
+        postures={name: np.deg2rad(angles) for name, angles in entry.postures.items()},
+        cameras={name: CameraMount(c.link, c.pose) for name, c in entry.cameras.items()},
+        exclusions=found.exclusions,
+        colors=entry.colors,
+    )
+
+
+def _robot_file(name: str, root: Path | None) -> Path:
+    if is_page(name):
+        folder = (root or Path.cwd()).resolve()
+        path = file_below(folder, name)
+        if path is not None:
+            return path
+        raise CatalogueError(
+            f"there is no robot file {name!r} below {folder}; {_elsewhere(folder, name)}"
+        )
+    if name in robot_names():
+        return share_dir("assets") / "robots" / f"{name}.yaml"
+    near = suggestion(name, robot_names(), "robot")
+    raise CatalogueError(f"there is no robot {name!r} in the catalogue; {near}")
+
+
+def _elsewhere(folder: Path, name: str) -> str:
+    """A hint for the path of a robot's page that is not there, or not below the folder."""
+    path = Path(os.path.normpath(folder / name.replace("\0", "")))
+    if not path.is_relative_to(folder):
+        return "a robot's page lies beside the tree file or in a folder below it"
+    pages = [page.name for page in path.parent.glob("*.yaml") if page != path]
+    return suggestion(path.name, pages, "robot file")

@@ -1,0 +1,171 @@
+"""From a robot of the catalogue to an MjSpec that can be attached to a world."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.pose import Pose
+from bt_dualarm.world.robots.convex_hulls import Hull
+from bt_dualarm.world.robots.geom_groups import COLLISION_GROUP, PARTS_GROUP, VISUAL_GROUP
+from bt_dualarm.world.robots.mesh_shapes import mesh_shapes
+from bt_dualarm.world.robots.meshes import as_stl
+from bt_dualarm.world.robots.primitives import GEOM_TYPES, half_sizes
+from bt_dualarm.world.robots.robot import Robot
+from bt_dualarm.world.urdf.link import Shape
+
+TOOL_SITE = "tool"
+TOOL_GEOM = "tool"
+
+_COMPILER = (
+    '<mujoco><compiler strippath="false" fusestatic="false" balanceinertia="true"/></mujoco>'
+)
+_SHELL = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # what is only seen may be flat
+_GREY = (0.7, 0.7, 0.7, 1.0)
+_TOOL_COLOR = (0.15, 0.15, 0.16, 1.0)
+
+
+def robot_spec(robot: Robot, *, visuals: bool) -> mujoco.MjSpec:
+    """The arm as an MjSpec: chain, inertias, shapes, torque motors, tool site, exclusions.
+
+    Args:
+        robot: An arm of the catalogue.
+        visuals: Also load the full visual meshes (for pictures; tens of thousands of triangles).
+    """
+    text = robot.urdf_text.replace("</robot>", f"{_COMPILER}</robot>")
+    spec = mujoco.MjSpec.from_string(text)
+    for link in robot.model.links:
+        _add_shapes(spec, robot, link, visuals=visuals)
+    _add_tool(spec, robot)
+    _add_motors(spec, robot)
+    _add_exclusions(spec, robot)
+    return spec
+
+
+def _add_shapes(spec: mujoco.MjSpec, robot: Robot, link: str, *, visuals: bool) -> None:
+    color = robot.colors.get(link, robot.colors.get("default", _GREY))
+    for number, shape in enumerate(robot.model.shapes(link, "collision")):
+        for geom in _add_solid(spec, link, f"{link}_{number}", shape):
+            geom.rgba, geom.density = color, 0
+    if visuals:
+        for number, shape in enumerate(robot.model.shapes(link, "visual")):
+            geom = _add_visual(spec, link, f"{link}_visual_{number}", shape)
+            geom.group, geom.rgba, geom.density = VISUAL_GROUP, color, 0
+            geom.contype = geom.conaffinity = 0
+
+
+def _add_solid(spec: mujoco.MjSpec, link: str, name: str, shape: Shape) -> Iterator[mujoco.MjsGeom]:
+    """What touches things, and what cameras see where that is something else."""
+    if shape.mesh is None:
+        solid = _add_primitive(spec, link, name, shape)
+        solid.group = COLLISION_GROUP
+        yield solid
+        return
+    shapes = mesh_shapes(shape.mesh, shape.size)
+    outline = _add_hull(spec, link, name, shape.pose, shapes.outline)
+    outline.group = COLLISION_GROUP
+    yield outline
+    if len(shapes.parts) > 1:
+        outline.contype = outline.conaffinity = 0
+        for number, part in enumerate(shapes.parts):
+            solid = _add_hull(spec, link, f"{name}_part_{number}", shape.pose, part)
+            solid.group = PARTS_GROUP
+            yield solid
+
+
+def _add_primitive(spec: mujoco.MjSpec, link: str, name: str, shape: Shape) -> mujoco.MjsGeom:
+    return spec.body(link).add_geom(
+        name=name,
+        type=GEOM_TYPES[shape.kind],
+        size=half_sizes(shape.kind, shape.size),
+        pos=shape.pose.position,
+        quat=shape.pose.quaternion,
+    )
+
+
+def _add_hull(spec: mujoco.MjSpec, link: str, name: str, pose: Pose, hull: Hull) -> mujoco.MjsGeom:
+    spec.add_mesh(name=name, uservert=hull.vertices.ravel(), userface=hull.triangles.ravel())
+    return spec.body(link).add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=name,
+        pos=pose.position,
+        quat=pose.quaternion,
+    )
+
+
+def _add_visual(spec: mujoco.MjSpec, link: str, name: str, shape: Shape) -> mujoco.MjsGeom:
+    if shape.mesh is None:
+        return _add_primitive(spec, link, name, shape)
+    geom = spec.body(link).add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+    geom.pos, geom.quat = shape.pose.position, shape.pose.quaternion
+    mesh = spec.add_mesh(name=name, file=str(as_stl(shape.mesh)), scale=shape.size)
+    mesh.inertia = _SHELL
+    return geom
+
+
+def _add_tool(spec: mujoco.MjSpec, robot: Robot) -> None:
+    link = spec.body(robot.tool_link)
+    link.add_site(name=TOOL_SITE, pos=robot.tool.position, quat=robot.tool.quaternion)
+    if robot.tool_shape is None:
+        return
+    length = robot.tool_shape.length
+    middle = robot.tool @ Pose.from_rpy((0, 0, -length / 2))
+    link.add_geom(
+        name=TOOL_GEOM,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=(robot.tool_shape.radius, length / 2, 0),
+        pos=middle.position,
+        quat=middle.quaternion,
+        rgba=_TOOL_COLOR,
+        group=COLLISION_GROUP,
+        density=0,
+    )
+
+
+def _add_motors(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """One motor a joint, its torque limited to the joint's effort."""
+    for name, effort in zip(robot.joints, robot.limits.effort, strict=True):
+        joint = spec.joint(name)
+        joint.damping, joint.frictionloss = np.zeros(3), 0.0
+        motor = spec.add_actuator(
+            name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, ctrlrange=(-effort, effort)
+        )
+        motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        motor.set_to_motor()
+
+
+def _add_exclusions(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Contacts that do not count: those of the SRDF, and those at the arm's own joints.
+
+    Links without a joint between them count as one. MuJoCo itself lets a link touch its parent,
+    but not where the parent stands still, as the base does.
+    """
+    rigid = _rigid_groups(spec, robot)
+    excluded = {frozenset(rigid[link] for link in pair) for pair in robot.exclusions}
+    for name in robot.joints:
+        link = spec.joint(name).parent
+        excluded.add(frozenset((rigid[link.name], rigid[link.parent.name])))
+    links = sorted(
+        link
+        for link in robot.model.links
+        if link == robot.tool_link or robot.model.shapes(link, "collision")
+    )
+    for a, b in itertools.combinations(links, 2):
+        groups = frozenset((rigid[a], rigid[b]))
+        if len(groups) == 1 or groups in excluded:
+            spec.add_exclude(bodyname1=a, bodyname2=b)
+
+
+def _rigid_groups(spec: mujoco.MjSpec, robot: Robot) -> dict[str, str]:
+    """Each link's nearest ancestor that hangs on a joint, or the base."""
+    groups = {}
+    for link in robot.model.links:
+        body = spec.body(link)
+        while body.parent is not None and body.parent.name != "world" and not body.joints:
+            body = body.parent
+        groups[link] = body.name
+    return groups

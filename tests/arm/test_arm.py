@@ -1,0 +1,162 @@
+"""The arm in the hands of its leaves: one at a time, and none is left with another's motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.planning import PLANNING_S
+from bt_dualarm.arm.shared import SharedArm
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.control.controller import JointController
+from bt_dualarm.motion.planning.process import PlanningProcess
+from bt_dualarm.motion.safety.reservation import Reservations
+from bt_dualarm.motion.setpoints.set_point import SetPoint
+from bt_dualarm.motion.timing.point_to_point import point_to_point
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.world.world import World
+from tests.world.worlds import arm, box, file_of
+
+TICK = 10  # steps
+
+
+class Bench:
+    """A UR5, the arm as the tree gives it to two leaves, and a clock that a test turns."""
+
+    def __init__(self, planning: PlanningProcess | None = None, **objects: object) -> None:
+        self.world = World(file_of({"arm1": arm("ur5")}, objects))  # type: ignore[arg-type]
+        self.controller = JointController(self.world, "arm1", self.world.timestep, Reservations())
+        planning = planning or PlanningProcess()
+        shared = SharedArm(self.world, "arm1", self.controller, None, 1, planning)
+        self.first, self.second = Arm(shared, "first"), Arm(shared, "second")
+
+    def tick(self) -> None:
+        for _ in range(TICK):
+            self.controller.update(self.world.time)
+            self.world.step()
+
+    def run(self, work: Iterator[float | None], ticks: int = 500) -> list[float | None]:
+        """Tick a leaf's work to its end; returns what it yielded."""
+        yielded = []
+        for _ in range(ticks):
+            try:
+                yielded.append(next(work))
+            except StopIteration:
+                return yielded
+            self.tick()
+        raise AssertionError(f"not finished after {ticks} ticks")
+
+    def motion(self, way: float = 0.4) -> Trajectory:
+        start = self.controller.setpoint.q
+        goal = start + way * np.array([1.0, 0, 0, 0, 0, 0])
+        return point_to_point(start, goal, self.first.limits(1.0), self.first.period)
+
+
+def test_a_motion_is_followed_to_its_end() -> None:
+    """Progress only rises, and the arm stands where the motion ends."""
+    bench = Bench()
+    motion = bench.motion()
+    progress = bench.run(bench.first.follow(motion))
+    assert progress == sorted(progress, key=lambda share: share or 0.0)
+    assert progress[0] == 0.0
+    assert bench.world.arms["arm1"].q == pytest.approx(motion.q[-1], abs=5e-4)
+    assert bench.first.tool_pose.distance(bench.first.commanded_tool_pose) < 1e-3
+
+
+def test_only_one_leaf_moves_the_arm() -> None:
+    bench = Bench()
+    work = bench.first.follow(bench.motion())
+    next(work)
+    bench.tick()
+    bench.tick()
+    for action in (
+        lambda: bench.second.begin(bench.motion()),
+        lambda: bench.second.stream(lambda _: bench.controller.setpoint),
+        lambda: next(bench.second.think()),
+    ):
+        with pytest.raises(Failure, match="first is moving arm1 already") as caught:
+            action()
+        assert caught.value.code == "BUSY"
+    bench.run(work)
+    bench.second.begin(bench.motion())  # the first is done
+
+
+def test_release_stops_what_the_leaf_has_begun_and_nothing_else() -> None:
+    bench = Bench()
+    work = bench.first.follow(bench.motion())
+    next(work)
+    bench.tick()
+    motion = bench.controller.motion
+    bench.second.release()
+    assert bench.controller.motion is motion
+    bench.first.release()
+    assert bench.controller.motion is not motion
+    for _ in range(50):
+        bench.tick()
+    assert bench.controller.at_rest
+    bench.first.release()
+    assert bench.controller.at_rest
+
+
+def test_a_leaf_that_begins_while_the_last_one_is_braked_plans_from_rest() -> None:
+    """Halted at full speed, the arm needs longer to stand than planning takes."""
+    bench = Bench()
+    work = bench.first.follow(bench.motion(1.5))
+    for _ in range(40):
+        next(work)
+        bench.tick()
+    assert np.abs(bench.world.arms["arm1"].v).max() > 1.5
+    bench.first.release()
+    began = bench.world.time
+    bench.run(bench.second.think())
+    assert bench.world.time - began > 2 * PLANNING_S
+    bench.run(bench.second.follow(bench.motion(-0.2)))
+    assert bench.controller.clipped == 0
+
+
+def test_what_a_stream_raises_reaches_the_leaf() -> None:
+    bench = Bench()
+
+    def broken(time: float) -> SetPoint:
+        raise ZeroDivisionError("in a skill")
+
+    bench.first.stream(broken)
+    bench.tick()
+    with pytest.raises(ZeroDivisionError):
+        bench.first.check()
+
+
+def test_a_blocked_arm_fails_and_gives_in_though_it_is_released() -> None:
+    bench = Bench(wall=box((0.25, 0.45, 0.9), 0.4, fixed=True))
+    start = bench.controller.setpoint.q
+    goal = start + np.array([1.0, 0, 0, 0, 0, 0])
+    limits = bench.first.limits(1.0)
+    motion = point_to_point(start, goal, limits, bench.first.period)
+    with pytest.raises(Failure) as caught:
+        bench.run(bench.first.follow(motion))
+    assert caught.value.code == "IN_COLLISION"
+    bench.first.release()
+    for _ in range(90):
+        bench.tick()
+    assert bench.controller.at_rest
+    push = np.abs(bench.world.data.ctrl[bench.world.arms["arm1"].actuator_ids])
+    assert push[0] < 0.1 * limits.effort[0]
+
+
+def test_an_unknown_posture_is_refused_with_those_there_are() -> None:
+    bench = Bench()
+    with pytest.raises(Failure, match="home") as caught:
+        bench.first.posture("hom")
+    assert caught.value.code == "INVALID_TARGET"
+
+
+def test_a_target_in_an_object_is_refused_before_anything_moves() -> None:
+    bench = Bench(wall=box((-0.487, -0.109, 0.827), 0.2, fixed=True))
+    turned = bench.controller.setpoint.q + np.array((np.pi, 0, 0, 0, 0, 0))
+    with pytest.raises(Failure, match="wall") as caught:
+        bench.first.refuse_collision(turned)
+    assert caught.value.code == "IN_COLLISION"
+    bench.first.refuse_collision(turned, frozenset({"wall"}))

@@ -1,0 +1,111 @@
+"""The numbers of a failure are evidence for people: nobody may decide by them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from bt_dualarm.errors import Failure, Number
+from bt_dualarm.motion.planning.process import PlanningProcess
+from bt_dualarm.motion.timing.point_to_point import point_to_point
+from bt_dualarm.pose import Matrix
+from bt_dualarm.world.world import World
+from tests.arm.test_arm import Bench
+from tests.arm.test_planning import WalledBench
+from tests.motion.walls import LEFT
+from tests.plays import Stage
+from tests.world.worlds import box
+
+Story = Callable[[Stage], Matrix]
+"""Plays something in which failures decide what an arm does; returns where its joints were."""
+
+
+def recorded(bench: Bench, work: Iterator[float | None], ticks: int) -> Matrix:
+    """Joint angles at each tick of a leaf's work, of shape (ticks, dof), and after its end."""
+    rows = []
+    for _ in range(ticks):
+        try:
+            next(work, None)
+        except Failure:
+            bench.first.release()
+        bench.tick()
+        rows.append(bench.world.arms["arm1"].q)
+    return np.array(rows)
+
+
+def a_wall_comes_into_the_way(_: Stage) -> Matrix:
+    """The arm stops, and goes around it."""
+    process = PlanningProcess()
+    bench = WalledBench(process, standing=False)
+    work = bench.first.travel([LEFT], 0.2)
+
+    def disturbed() -> Iterator[float | None]:
+        for tick, progress in enumerate(work):
+            if tick == 15:
+                bench.world.spawn_object("wall")
+            yield progress
+
+    rows = recorded(bench, disturbed(), 1000)
+    process.close()
+    assert rows[-1] == pytest.approx(LEFT, abs=1e-3), "it went around the wall"
+    return rows
+
+
+def a_link_runs_into_a_wall(_: Stage) -> Matrix:
+    """The arm goes back the way that it came."""
+    bench = Bench(wall=box((0.25, 0.45, 0.9), 0.4, fixed=True))
+    start = bench.controller.setpoint.q
+    goal = start + np.array([1.0, 0, 0, 0, 0, 0])
+    motion = point_to_point(start, goal, bench.first.limits(1.0), bench.first.period)
+    rows = recorded(bench, bench.first.follow(motion), 120)
+    assert abs(rows[-1, 0] - rows[:, 0].max()) > 0.01, "it drew back"
+    return rows
+
+
+REACH = "{reach_to_pose: {to: {xyz: [0.55, SIDE, 0.75]}, give_way: true, patience: 20}}"
+FACING = """
+world: {scene: empty, time_limit: 60}
+arms:
+  arm1: {robot: ur5, base: {xyz: [0, 0, 0.4]}, tree: {sequence: [FIRST, SECOND]}}
+  arm2:
+    robot: ur5
+    base: {xyz: [1.1, 0, 0.4], rpy: [0, 0, 180]}
+    tree: {sequence: [SECOND, FIRST]}
+"""
+
+
+def two_arms_want_each_others_place(stage: Stage) -> Matrix:
+    """They are held up, wait, give way and plan anew."""
+    text = FACING.replace("FIRST", REACH.replace("SIDE", "0.2"))
+    play = stage.play(text.replace("SECOND", REACH.replace("SIDE", "-0.2")))
+    rows: list[Matrix] = []
+
+    def look(world: World) -> None:
+        rows.append(np.concatenate([arm.q for arm in world.arms.values()]))
+
+    play.watchers.append(look)
+    play.run()
+    assert {arm.outcome for arm in (play.arm("arm1"), play.arm("arm2"))} == {"SUCCESS"}
+    return np.array(rows)
+
+
+STORIES = (a_wall_comes_into_the_way, a_link_runs_into_a_wall, two_arms_want_each_others_place)
+
+
+@pytest.mark.parametrize("story", STORIES, ids=lambda story: story.__name__)
+def test_rewording_the_numbers_of_failures_changes_no_motion(
+    story: Story, stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the bit, whatever they are called."""
+    as_it_is = story(stage)
+    init, reworded = Failure.__init__, []
+
+    def rewording(failure: Failure, code: str, reason: str, **numbers: Number) -> None:
+        reworded.append(code)
+        init(failure, code, reason, **{f"so_called_{name}": n for name, n in numbers.items()})
+
+    monkeypatch.setattr(Failure, "__init__", rewording)
+    assert np.array_equal(story(stage), as_it_is)
+    assert reworded, "there were failures in it"

@@ -1,0 +1,99 @@
+"""The right to move an arm: one leaf has it, whoever asks, and in whatever order."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bt_dualarm.arm.lease import Lease
+from bt_dualarm.errors import Failure
+
+
+class Stage:
+    """An arm that rests or not, as a test says, and two leaves of it that have one path."""
+
+    def __init__(self) -> None:
+        self.at_rest = False
+        self.lease = Lease("arm1", lambda: self.at_rest)
+        self.first, self.second = self.lease.for_leaf("root/a"), self.lease.for_leaf("root/a")
+
+
+def test_another_leaf_is_busy_and_says_who_is() -> None:
+    """Leaves are told apart by who they are, not by their paths."""
+    stage = Stage()
+    stage.first.take()
+    for refused in (stage.second.take, stage.second.refuse_if_busy):
+        with pytest.raises(Failure, match="root/a is moving arm1 already") as caught:
+            refused()
+        assert caught.value.code == "BUSY"
+        assert caught.value.numbers == {"owner": "root/a"}
+    assert stage.first.has_it
+    assert not stage.second.has_it
+
+
+def test_who_has_it_may_take_it_again() -> None:
+    stage = Stage()
+    for _ in range(3):
+        stage.first.take()
+        stage.first.refuse_if_busy()
+    assert stage.first.give_back()
+    assert not stage.first.has_it
+
+
+def test_released_it_is_free_though_the_arm_still_brakes() -> None:
+    stage = Stage()
+    stage.first.take()
+    assert stage.first.give_back()
+    stage.second.take()
+    assert stage.second.has_it
+
+
+def test_an_arm_at_rest_may_be_taken_over_and_its_last_holder_stops_nothing() -> None:
+    """A leaf that was halted, or has ended, after another one began has nothing to give back."""
+    stage = Stage()
+    stage.first.take()
+    stage.at_rest = True
+    stage.second.take()
+    stage.at_rest = False
+    assert not stage.first.give_back()
+    assert stage.second.has_it
+    with pytest.raises(Failure, match="BUSY"):
+        stage.first.take()
+
+
+def test_giving_back_what_one_does_not_have_is_harmless() -> None:
+    stage = Stage()
+    assert not stage.second.give_back()
+    stage.first.take()
+    assert not stage.second.give_back()
+    assert stage.first.has_it
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 3), st.sampled_from(["take", "give_back", "rest", "move"])),
+        max_size=40,
+    )
+)
+def test_there_is_never_more_than_one_holder(deeds: list[tuple[int, str]]) -> None:
+    """Four leaves in any order: one holder at most, who changes only at rest or when it gives back.
+
+    The family: every sequence of up to 40 deeds, an arm that rests and moves in between.
+    """
+    at_rest, holder = False, None
+    lease = Lease("arm1", lambda: at_rest)
+    leaves = [lease.for_leaf(f"leaf{number}") for number in range(4)]
+    for number, deed in deeds:
+        if deed in ("rest", "move"):
+            at_rest = deed == "rest"
+        elif deed == "give_back":
+            assert leaves[number].give_back() == (holder == number)
+            holder = None if holder == number else holder
+        elif holder in (None, number) or at_rest:
+            leaves[number].take()
+            holder = number
+        else:
+            with pytest.raises(Failure, match="BUSY"):
+                leaves[number].take()
+        assert [leaf.has_it for leaf in leaves] == [holder == n for n in range(4)]

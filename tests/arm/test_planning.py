@@ -1,0 +1,196 @@
+"""An arm finds its motions in simulated time, on the world as it is, and as it becomes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from bt_dualarm.arm.execution import HALT_S
+from bt_dualarm.arm.planning import PLANNING_S
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.planning.problem import PlanningProblem
+from bt_dualarm.motion.planning.process import PlanningProcess
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from tests.arm.test_arm import TICK, Bench
+from tests.motion.walls import ABOVE, LEFT, RIGHT, wall
+from tests.world.worlds import box
+
+
+@pytest.fixture(scope="module")
+def planning() -> Iterator[PlanningProcess]:
+    process = PlanningProcess()
+    yield process
+    process.close()
+
+
+TOOL_LEFT = (0.33, 0.57, 0.57)
+"""Where the tool is when the arm is on the left, in m."""
+
+
+class WalledBench(Bench):
+    """The arm on the right side; its wall stands, or comes when the test says so."""
+
+    def __init__(self, planning: PlanningProcess, *, standing: bool = True) -> None:
+        post = box(
+            (0.33, 0.57, 0.57), 0.2, fixed=True, spawned=False
+        )  # where the tool ends on the left
+        super().__init__(planning, wall=wall(spawned=False), post=post)
+        self.run(self.first.follow(self.first.straight_to(RIGHT, 1.0)))
+        if standing:
+            self.world.spawn_object("wall")
+
+    def planned(self, *goals: object) -> tuple[Trajectory, float]:
+        """A plan of the first leaf, and the simulated seconds that it took."""
+        began, found = self.world.time, []
+
+        def work() -> Iterator[None]:
+            found.append((yield from self.first.plan(goals, 1.0)))  # type: ignore[arg-type]
+
+        self.run(work())
+        return found[0], self.world.time - began
+
+
+class Unanswered(PlanningProcess):
+    """Takes problems, and remembers whether somebody still waits."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.waiting = 0
+
+    def solve(self, problem: PlanningProblem) -> object:  # type: ignore[override]
+        self.waiting += 1
+        return self
+
+    def abandon(self) -> None:
+        self.waiting -= 1
+
+
+def test_planning_costs_the_same_simulated_time_whatever_it_finds(
+    planning: PlanningProcess,
+) -> None:
+    bench = WalledBench(planning)
+    for goal, straight in ((ABOVE, True), (LEFT, False)):
+        motion, taken = bench.planned(goal)
+        off = motion.q - RIGHT
+        way = (goal - RIGHT) / np.linalg.norm(goal - RIGHT)
+        assert (np.abs(off - np.outer(off @ way, way)).max() < 1e-9) == straight
+        assert motion.q[-1] == pytest.approx(goal, abs=1e-9)
+        assert taken == pytest.approx(PLANNING_S, abs=TICK * bench.world.timestep)
+
+
+def test_a_straight_motion_needs_no_other_process() -> None:
+    process = PlanningProcess()
+    WalledBench(process).planned(ABOVE)
+    assert process.pid is None
+
+
+def test_a_leaf_that_is_halted_while_it_plans_abandons_its_problem() -> None:
+    unanswered = Unanswered()
+    bench = WalledBench(unanswered)
+    work = bench.first.plan([LEFT], 1.0)
+    next(work)
+    bench.tick()
+    next(work)
+    assert unanswered.waiting == 1
+    work.close()
+    assert unanswered.waiting == 0
+
+
+def test_a_plan_that_is_not_found_says_what_was_tried_and_what_that_took() -> None:
+    class Hopeless(Unanswered):
+        def result(self) -> Trajectory:
+            raise Failure("NO_PLAN", "no way", planner="RRTConnect", states=7)
+
+    bench = WalledBench(Hopeless())
+    with pytest.raises(Failure, match="no way") as caught:
+        bench.run(bench.first.plan([LEFT], 1.0))
+    numbers = caught.value.numbers
+    assert numbers == {"planner": "RRTConnect", "states": 7, "planning_s": PLANNING_S}
+
+
+def test_goals_that_cannot_be_are_refused_at_once_and_by_the_first() -> None:
+    bench = WalledBench(PlanningProcess())
+    in_the_wall = (RIGHT + LEFT) / 2
+    with pytest.raises(Failure, match="wall") as caught:
+        next(bench.first.plan([in_the_wall, in_the_wall + 0.01], 1.0))
+    assert caught.value.code == "IN_COLLISION"
+
+
+def test_a_plan_that_is_out_of_date_when_it_is_ready_is_made_anew(
+    planning: PlanningProcess,
+) -> None:
+    """The wall comes while the arm plans a straight motion through its place."""
+    bench = WalledBench(planning, standing=False)
+    work, found = bench.first.plan([LEFT], 1.0), []
+
+    def planned() -> Iterator[None]:
+        found.append((yield from work))
+
+    planner = planned()
+    began = bench.world.time
+    next(planner)
+    bench.tick()
+    bench.world.spawn_object("wall")
+    bench.run(planner)
+    assert bench.world.time - began == pytest.approx(2 * PLANNING_S, abs=0.05)
+    bench.first.refuse_collision_along(found[0].q)
+
+
+def test_what_comes_into_the_way_stops_the_arm_which_then_goes_around_it(
+    planning: PlanningProcess,
+) -> None:
+    bench = WalledBench(planning, standing=False)
+    work = bench.first.travel([LEFT], 0.1)
+    for _ in range(20):
+        next(work)
+        bench.tick()
+    bench.world.spawn_object("wall")
+    speeds = []
+    for _ in work:
+        bench.tick()
+        speeds.append(float(np.abs(bench.world.arms["arm1"].v).max()))
+        assert not touches(bench, "wall")
+    assert bench.world.arms["arm1"].q == pytest.approx(LEFT, abs=1e-3)
+    assert min(speeds[: len(speeds) // 2]) < 0.01  # it stood in between
+
+
+def test_what_comes_into_the_way_again_ends_the_motion_with_the_reason(
+    planning: PlanningProcess,
+) -> None:
+    """One replan, no more: then the leaf must say what is in the way."""
+    bench = WalledBench(planning, standing=False)
+    work = bench.first.travel([LEFT], 0.1)
+
+    def disturbed() -> Iterator[float | None]:
+        for tick, progress in enumerate(work):
+            yield progress
+            if tick == 20:
+                bench.world.spawn_object("wall")
+            if tick > 120 and "post" not in bench.world.objects and bench.controller.motion:
+                bench.world.spawn_object("post")
+
+    with pytest.raises(Failure) as caught:
+        bench.run(disturbed(), 3000)
+    assert caught.value.code == "IN_COLLISION", caught.value
+    assert caught.value.numbers["second"] == "post"
+    bench.run(bench.first.halt())
+    assert not touches(bench, "wall")
+    assert not touches(bench, "post")
+
+
+def test_an_arm_that_never_comes_to_rest_is_not_waited_for_for_ever() -> None:
+    bench = Bench()
+    bench.controller.stream(lambda _: bench.controller.setpoint)
+    for work in (bench.first.think(), bench.first.plan([ABOVE], 1.0)):
+        began = bench.world.time
+        with pytest.raises(Failure, match="still moves") as caught:
+            bench.run(work)
+        assert caught.value.code == "TRACKING_ERROR"
+        assert bench.world.time - began == pytest.approx(HALT_S, abs=0.1)
+
+
+def touches(bench: Bench, thing: str) -> bool:
+    geom = bench.world.object_geom(thing)
+    return bool((bench.world.data.contact.geom == geom).any())

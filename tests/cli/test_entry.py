@@ -1,0 +1,124 @@
+"""What can happen to any command: Ctrl-C at any moment, an output closed, full or unread."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PROGRAM = "import sys; import bt_dualarm.cli as cli; print('begun', flush=True); "
+COMMANDS = {
+    "bt-run": ("run", "circle", "--display", "log", "--duration", "0.5"),
+    "bt-check": ("check", "circle"),
+    "bt-skills": ("skills", "circle"),
+    "bt-robot": ("robot", "z1_description/urdf/z1.urdf"),
+    "bt-tune-color": ("tune_color", "pick_and_track"),
+}
+CODES = {"bt-run": 1, "bt-check": 0, "bt-skills": 0, "bt-robot": 0, "bt-tune-color": 1}
+"""1: the duration is over before the circle is, and nothing of the colour is seen at the start."""
+
+MOMENTS = np.random.default_rng(7).uniform(0.0, 1.0, (2, len(COMMANDS)))
+"""Seconds after the begin of a program: while it imports, computes, prints."""
+
+
+def command(name: str) -> list[str]:
+    function, *arguments = COMMANDS[name]
+    return [sys.executable, "-c", f"{PROGRAM}sys.exit(cli.{function}())", *arguments]
+
+
+def in_shell(name: str, redirection: str) -> subprocess.CompletedProcess[str]:
+    function, *arguments = COMMANDS[name]
+    program = f"import sys; import bt_dualarm.cli as cli; sys.exit(cli.{function}())"
+    line = f'"{sys.executable}" -c "{program}" {" ".join(arguments)} {redirection}'
+    return subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "moment"),
+    [(name, float(at)) for row in MOMENTS for name, at in zip(COMMANDS, row, strict=True)],
+)
+def test_ctrl_c_ends_a_command_without_a_traceback(name: str, moment: float) -> None:
+    with subprocess.Popen(
+        command(name), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        time.sleep(moment)
+        process.send_signal(signal.SIGINT)
+        said, complaint = process.communicate(timeout=60)
+    assert "Traceback" not in said + complaint
+    assert "Exception ignored" not in complaint
+    assert process.returncode in (130, 0, 1), complaint  # 0, 1: it had done its work
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_full_disk_is_told(name: str) -> None:
+    done = in_shell(name, "> /dev/full")
+    assert f"{name}: error: cannot write the output: No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.returncode == 1
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("redirection", ["<&- >&- 2>&-", "| true"])
+def test_an_output_that_nobody_reads_changes_nothing(name: str, redirection: str) -> None:
+    done = in_shell(name, f"{redirection}; exit ${{PIPESTATUS[0]}}")
+    assert "Traceback" not in done.stderr
+    assert done.returncode == CODES[name]
+
+
+def test_with_closed_streams_a_record_is_whole(tmp_path: Path) -> None:
+    """A file that is opened while standard output is closed would take its number."""
+    done = in_shell("bt-run", f"--record {tmp_path} <&- >&- 2>&-")
+    assert done.returncode == 1, "the duration was over first"
+    assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "UNFINISHED"
+    for name in ("overview.png", "scene.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("display", ["live", "log", "quiet"])
+def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display: str) -> None:
+    """The shell sends SIGHUP, and whatever is printed from then on fails."""
+    ours, theirs = os.openpty()
+    arguments = ("circle", "--real-time", "--display", display, "--record", str(tmp_path / "out"))
+    program = "import sys; import bt_dualarm.cli as cli; sys.exit(cli.run())"
+    with subprocess.Popen(
+        [sys.executable, "-c", program, *arguments],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env=os.environ | {"TERM": "xterm"},
+        start_new_session=True,
+    ) as process:
+        os.close(theirs)
+        while not (tmp_path / "out").exists():  # made when the run is ready
+            assert process.poll() is None
+            time.sleep(0.01)
+        os.close(ours)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(60) == 129
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["ending"], summary["at_rest"]) == ("it was asked to stop", True)
+
+
+def test_where_hanging_up_is_ignored_it_stays_ignored(tmp_path: Path) -> None:
+    """As ``nohup`` has it."""
+    program = "import sys; import bt_dualarm.cli as cli; sys.exit(cli.run())"
+    command = ["nohup", sys.executable, "-c", program]
+    arguments = ("circle", "--duration", "0.5", "--real-time", "--record", str(tmp_path / "out"))
+    with subprocess.Popen([*command, *arguments], stdout=subprocess.DEVNULL) as process:
+        while not (tmp_path / "out").exists():
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(60) == 1
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["ending"] == "the given duration is over"

@@ -1,0 +1,159 @@
+"""``bt-robot`` as a user types it: from a URDF to a page that a tree file can name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from bt_dualarm import cli
+from bt_dualarm.cli.bt_robot import main
+from bt_dualarm.preflight.check import check
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.world.robots.catalogue import load_robot
+from bt_dualarm.world.robots.example_robot_data import robot_data_dir
+from bt_dualarm.world.urdf.arm_chains import ArmChain, arm_chains
+from bt_dualarm.world.urdf.description import read_urdf
+from bt_dualarm.world.urdf.xml_source import DescriptionError
+from tests.world.urdf.small_arm import URDF
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the user stands, with the small arm's URDF."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.urdf").write_text(URDF, encoding="utf-8")
+    return tmp_path
+
+
+def test_chains_are_listed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.robot(["small.urdf"]) == 0
+    out = capsys.readouterr().out
+    assert "--base base --tool flange" in out
+    assert "2 joints: shoulder, elbow" in out
+
+
+def test_a_page_is_written_that_can_be_used(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["small.urdf", "--base", "base", "--tool", "flange"]
+    assert cli.robot([*arguments, "--out", "arm.yaml"]) == 0
+    robot = load_robot("arm.yaml", folder)
+    assert robot.joints == ("shoulder", "elbow")
+    capsys.readouterr()
+    assert cli.robot(arguments) == 0
+    assert capsys.readouterr().out == (folder / "arm.yaml").read_text(encoding="utf-8")
+
+
+def test_what_is_guessed_is_said_to_be(folder: Path) -> None:
+    """A URDF without velocities and efforts: the page has some, each with where it comes from."""
+    urdf = URDF.replace('velocity="2" effort="20"', "").replace('velocity="2" effort="40"', "")
+    (folder / "small.urdf").write_text(urdf, encoding="utf-8")
+    arguments = ["small.urdf", "--base", "base", "--tool", "flange", "--out", "arm.yaml"]
+    assert cli.robot(arguments) == 0
+    limits = yaml.safe_load((folder / "arm.yaml").read_text(encoding="utf-8"))["limits"]
+    assert limits.keys() == {"velocity", "effort", "acceleration", "jerk"}
+    assert all(limit["source"].startswith("Guessed by bt-robot") for limit in limits.values())
+
+
+WRONG = {
+    "no file": (["none.urdf"], "there is no URDF 'none.urdf'"),
+    "no such link": (["small.urdf", "--base", "bas", "--tool", "flange"], "did you mean 'base'?"),
+    "no joint between": (["small.urdf", "--base", "lower", "--tool", "flange"], "no joint that"),
+    "upside down": (["small.urdf", "--base", "flange", "--tool", "base"], "no joint that turns"),
+    "another ending": (
+        ["small.urdf", "--base", "base", "--tool", "flange", "--out", "a.txt"], "ends with .yaml"
+    ),
+    "there already": (
+        ["small.urdf", "--base", "base", "--tool", "flange", "--out", "old.yaml"], "there already"
+    ),
+    "elsewhere": (
+        ["small.urdf", "--base", "base", "--tool", "flange", "--out", "x/arm.yaml"], "lies neither"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_is_wrong_is_said(what: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments, expected = WRONG[what]
+    (folder / "old.yaml").write_text("old", encoding="utf-8")
+    assert cli.robot(arguments) == 2
+    assert expected in capsys.readouterr().err
+    assert (folder / "old.yaml").read_text(encoding="utf-8") == "old"
+
+
+def test_a_broken_urdf_says_where(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "small.urdf").write_text(URDF.replace('"1.0"', '"-1"'), encoding="utf-8")
+    assert cli.robot(["small.urdf", "--base", "base", "--tool", "flange"]) == 2
+    assert "small.urdf:19:20: error: <mass> value: must be from 0" in capsys.readouterr().err
+
+
+REFUSED = (
+    "double_pendulum.urdf", "double_pendulum_simple.urdf", "quadruped.urdf",  # turn from 0 to 0
+    "human.urdf", "icub.urdf", "icub_reduced.urdf",  # moving links without mass or inertia
+    "simple_humanoid.urdf", "simple_humanoid_classical.urdf",  # no shapes
+    "anymal_c_simple_description/urdf/anymal.urdf",  # a leg; its base has the name of a joint
+)  # fmt: skip
+"""What has chains of joints, none of which is an arm for us; the message says why."""
+
+NOT_READ = {"iris.urdf", "iris_simple.urdf", "romeo_laas_small.urdf", "ur3.urdf"}
+"""Names with a slash; no links."""
+
+IN_ITS_STAND = ("hextilt_flying_arm_5.urdf", "allegro_left_hand.urdf", "allegro_right_hand.urdf")
+"""Hangs below a drone, or has fingers below the palm: on a pedestal it has no free way."""
+
+TREE = """\
+bt_dualarm: 1
+name: trial
+world: {scene: empty}
+arms:
+  arm1:
+    robot: arm.yaml
+    base: {xyz: [0, 0, 1.5]}
+    tree:
+      sequence:
+        - move_joints: {to: {%s: "%s deg"}}
+        - go_home
+        - %s
+"""
+
+
+def chain_of(path: Path) -> ArmChain | None:
+    """The chain that is most likely an arm, if there is one."""
+    found = [chain for chain in arm_chains(read_urdf(path)) if chain.rank[0] <= 0]
+    return found[0] if found else None
+
+
+def urdfs() -> list[Path]:
+    found = sorted(robot_data_dir().glob("*/*/*.urdf"))
+    return [path for path in found if path.name not in NOT_READ and chain_of(path)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("urdf", urdfs(), ids=lambda path: path.stem)
+def test_every_arm_of_example_robot_data(urdf: Path, tmp_path: Path, registry: Registry) -> None:
+    """A first page is written, and the arm moves by it; or the reason stands with its line."""
+    chain = chain_of(urdf)
+    assert chain is not None
+    name = str(urdf.relative_to(robot_data_dir()))
+    page = tmp_path / "arm.yaml"
+    arguments = [name, "--base", chain.base, "--tool", chain.tool, "--out", str(page)]
+    if str(urdf).endswith(REFUSED):
+        with pytest.raises(DescriptionError, match=r"\.urdf:\d+:\d+: error"):
+            main(arguments)
+        return
+    assert main(arguments) == 0
+    robot = load_robot("arm.yaml", tmp_path)
+    home, upper, lower = robot.postures["home"][-1], robot.limits.upper[-1], robot.limits.lower[-1]
+    goal = 57.29577951 * home + (5 if upper - home > home - lower else -5)
+    last = "reach_to_pose: {offset: {xyz: [0, 0, 0.02]}}" if robot.dof > 4 else "go_home"
+    (tmp_path / "trial.yaml").write_text(TREE % (robot.joints[-1], goal, last), encoding="utf-8")
+    checked = check(tmp_path / "trial.yaml", registry.kinds)
+    with Run(checked.runnable(), registry, RunOptions(duration=60.0)) as run:
+        result = run.finish()
+    leaves = result.arms["arm1"].leaves.values()
+    if not str(urdf).endswith(IN_ITS_STAND):
+        assert [leaf.reason for leaf in leaves if leaf.status != "SUCCESS"] == []

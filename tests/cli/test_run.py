@@ -1,0 +1,321 @@
+"""The command as a user types it: what it prints, what it leaves behind, how it ends."""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm import cli
+from bt_dualarm.runtime.shipped import NoSuchTree, find_tree, shipped_trees
+from bt_dualarm.share import share_dir
+
+WAITING = """\
+bt_dualarm: 1
+name: waiting
+world: {scene: empty}
+arms:
+  arm1:
+    robot: ur5
+    base: {xyz: [0, 0, 0.4]}
+    tree: {sequence: [wait: {seconds: 0.1}, wait: {seconds: %s}]}
+"""
+
+BREAKING = '''\
+"""A skill with a bug."""
+from bt_dualarm import Skill
+
+class Break(Skill):
+    """Breaks."""
+    def run(self):
+        yield
+        raise RuntimeError("boom")
+'''
+
+
+@pytest.fixture
+def waiting(tmp_path: Path) -> Path:
+    path = tmp_path / "waiting.yaml"
+    path.write_text(WAITING % 0.1, encoding="utf-8")
+    return path
+
+
+def test_success_is_code_0(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run([str(waiting)]) == 0
+    out, err = capsys.readouterr()
+    assert "    0.100 s  arm1  ✔ SUCCESS  sequence/wait\n" in out
+    assert "SUCCESS  waiting" in out
+    assert err == ""
+
+
+def test_an_unfinished_tree_is_code_1(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run([str(waiting), "--duration", "0.05"]) == 1
+    out = capsys.readouterr().out
+    assert "UNFINISHED" in out
+    assert "The given duration is over." in out
+
+
+def test_a_failed_tree_is_code_1_and_quiet_still_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "skills").mkdir()
+    (tmp_path / "skills" / "breaks.py").write_text(BREAKING)
+    tree = tmp_path / "tree.yaml"
+    text = (WAITING % 0.1).replace("sequence: [wait: {seconds: 0.1},", "sequence: [break: {},")
+    tree.write_text(text)
+    arguments = [str(tree), "--skills", str(tmp_path / "skills"), "--display", "quiet"]
+    assert cli.run([*arguments, "--record", str(tmp_path / "out")]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "EXCEPTION" in err
+    assert "boom" in err
+    assert "Traceback" in (tmp_path / "out" / "run.log").read_text()
+
+
+def test_quiet_success_says_nothing(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run([str(waiting), "--display", "quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_ascii_is_ascii(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cli.run([str(waiting), "--ascii"])
+    assert capsys.readouterr().out.isascii()
+
+
+def test_the_record(waiting: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "deep" / "out"
+    assert cli.run([str(waiting), "--record", str(folder), "--seed", "7"]) == 0
+    assert f"record: {folder}" in capsys.readouterr().out.replace("\n", "")
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (summary["seed"], summary["renderer"]) == (7, None)
+    assert [leaf["path"] for leaf in summary["arms"]["arm1"]["leaves"]] == [
+        "sequence/wait",
+        "sequence/wait#2",
+    ]
+    assert len((folder / "events.jsonl").read_text().splitlines()) == 6
+    assert not (folder / "run.log").exists(), "nothing was logged"
+
+
+def test_equal_seeds_run_alike(waiting: Path, tmp_path: Path) -> None:
+    hashes = set()
+    for number in "12":
+        cli.run([str(waiting), "--display", "quiet", "--record", str(tmp_path / number)])
+        hashes.add(json.loads((tmp_path / number / "summary.json").read_text())["state_sha256"])
+    assert len(hashes) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["pick_and_trak"], "did you mean 'pick_and_track'?"),
+        (["no/such/file.yaml"], "there is no such file"),
+        (["."], "is a folder, not a tree file"),
+        (["circle", "--skills", "/no/such/folder"], "there is no such folder of skills"),
+        (["circle", "--record", "/dev/null"], "it is there and is not a folder"),
+        (["circle", "--param", "sped=1"], "sped"),
+    ],
+)
+def test_what_cannot_be_used_is_code_2(
+    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.run(arguments) == 2
+    out, err = capsys.readouterr()
+    assert says in err
+    assert out == ""
+    assert "Traceback" not in err
+
+
+def test_a_bad_file_is_code_2_with_its_places(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tree = tmp_path / "bad.yaml"
+    tree.write_text((WAITING % 0.1).replace("seconds", "secnds").replace("ur5", "ur55"))
+    assert cli.run([str(tree)]) == 2
+    assert f"{tree}:8:" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "which tree file?"),
+        (["circle", "--seed", "-1"], "'-1' is not a whole number"),
+        (["circle", "--seed", "1.5"], "'1.5' is not a whole number"),
+        (["circle", "--duration", "0"], "'0' is not a number of seconds above 0"),
+        (["circle", "--duration", "nan"], "above 0"),
+        (["circle", "--duration", "soon"], "above 0"),
+        (["circle", "--display", "film"], "invalid choice"),
+        (["circle", "--param", "speed"], "NAME=VALUE"),
+        (["circle", "--sed", "3", "--wrong"], "unrecognized"),
+    ],
+)
+def test_wrong_usage_is_code_2(
+    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.run(arguments)
+    assert ended.value.code == 2
+    assert says in capsys.readouterr().err
+
+
+def test_the_shipped_trees_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [tree.name for tree in shipped_trees()]
+    assert all(tree.description for tree in shipped_trees())
+
+
+@pytest.mark.parametrize("given", ["circle", "circle.yaml", "trees/circle.yaml", "trees/circle"])
+def test_a_shipped_tree_is_found_from_any_folder(
+    given: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert find_tree(given) == share_dir("trees") / "circle.yaml"
+
+
+def test_a_file_of_the_user_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "circle").write_text("")
+    assert find_tree("circle") == Path("circle")
+
+
+@pytest.mark.parametrize("given", ["../LICENSE", "/etc/passwd.yaml", "", "\0"])
+def test_nothing_else_is_found(given: str) -> None:
+    with pytest.raises(NoSuchTree):
+        find_tree(given)
+
+
+def test_help_is_there_at_once() -> None:
+    """Whoever asks for help waits for no simulator: nothing heavy is imported."""
+    code = (
+        "import sys, bt_dualarm.cli\n"
+        "try:\n  bt_dualarm.cli.run(['--help'])\nexcept SystemExit: pass\n"
+        "heavy = {'mujoco', 'numpy', 'placo', 'rich', 'matplotlib', 'cv2', 'yaml', 'pydantic'}\n"
+        "print('HEAVY', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "HEAVY []" in done.stdout
+    assert "examples:" in done.stdout
+
+
+def test_a_run_begins_without_what_it_does_not_use() -> None:
+    """Each of these takes 0.1 to 0.5 s to import: as much as all of the start of a plain run."""
+    code = (
+        "import sys, bt_dualarm.cli\n"
+        "bt_dualarm.cli.run(['reach_to_pose', '--duration', '0.002', '--display', 'quiet'])\n"
+        "slow = {'scipy.spatial', 'scipy.interpolate', 'scipy.optimize', 'matplotlib'}\n"
+        "print('SLOW', sorted(slow & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "SLOW []" in done.stdout
+
+
+def test_a_run_along_a_path_that_draws_no_plots_loads_none() -> None:
+    """Matplotlib takes as long to import as all else of such a run: 0.2 s."""
+    code = (
+        "import sys, bt_dualarm.cli\n"
+        "bt_dualarm.cli.run(['circle', '--duration', '0.1', '--display', 'quiet'])\n"
+        "print('TIMED', 'scipy.interpolate' in sys.modules)\n"
+        "print('PLOTS', 'matplotlib' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "TIMED True\nPLOTS False" in done.stdout
+
+
+def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("bt-run 0.")
+
+
+def test_a_reader_that_goes_away_does_not_stop_the_run(waiting: Path, tmp_path: Path) -> None:
+    """``bt-run … | head -1`` runs to its end and writes its record."""
+    out = tmp_path / "out"
+    command = f"{sys.executable} -c 'import bt_dualarm.cli as c, sys; sys.exit(c.run())' {waiting}"
+    done = subprocess.run(
+        ["bash", "-c", f"{command} --record {out} | true; exit ${{PIPESTATUS[0]}}"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    assert json.loads((out / "summary.json").read_text())["outcome"] == "SUCCESS"
+
+
+def test_logging_is_left_as_it_was(waiting: Path) -> None:
+    logger = logging.getLogger("bt_dualarm")
+    before = logger.level, list(logger.handlers)
+    cli.run([str(waiting), "--display", "quiet"])
+    assert (logger.level, list(logger.handlers)) == before
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_it_in_order(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    """The arms are stopped, the record is whole, the exit code is the signal's."""
+    out = tmp_path / "out"
+    command = [
+        sys.executable,
+        "-c",
+        "import bt_dualarm.cli as c, sys; sys.exit(c.run())",
+        "circle",
+        "--real-time",
+        "--record",
+        str(out),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert "RUNNING" in process.stdout.readline()
+        process.send_signal(number)
+        rest = process.communicate(timeout=60)[0]
+    assert process.returncode == code
+    assert "UNFINISHED" in rest
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["arms"]["arm1"]["outcome"] == "UNFINISHED"
+    events = [json.loads(line) for line in (out / "events.jsonl").read_text().splitlines()]
+    assert (events[-1]["old"], events[-1]["new"]) == ("RUNNING", "INVALID")
+
+
+def test_real_time_takes_its_time(waiting: Path) -> None:
+    began = time.perf_counter()
+    assert cli.run([str(waiting), "--display", "quiet", "--real-time"]) == 0
+    assert time.perf_counter() - began >= 0.2
+
+
+def test_a_divergence_says_where_its_states_are(
+    waiting: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from bt_dualarm.world.world import World
+
+    steps = World.step
+
+    def diverging(world: World) -> None:
+        if world.time > 0.05:
+            world.data.qvel[0] = float("nan")
+        steps(world)
+
+    monkeypatch.setattr(World, "step", diverging)
+    assert cli.run([str(waiting), "--display", "quiet"]) == 1
+    assert "--record DIR keeps them" in capsys.readouterr().err
+    out = tmp_path / "out"
+    assert cli.run([str(waiting), "--display", "quiet", "--record", str(out)]) == 1
+    assert str(out / "divergence.npz") in capsys.readouterr().err.replace("\n", "")
+    assert (out / "divergence.npz").stat().st_size > 0
+    assert json.loads((out / "summary.json").read_text())["outcome"] == "UNFINISHED"
+
+
+def test_output_of_another_encoding_is_still_readable(
+    waiting: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding="latin-1"))
+    assert cli.run([str(waiting)]) == 0
+    sys.stdout.flush()
+    assert b"+ SUCCESS" in raw.getvalue()

@@ -1,0 +1,117 @@
+"""``bt-skills`` as a user types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm import cli
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.language import LANGUAGE
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from tests.world.worlds import WORLD
+
+
+def test_all_skills_and_words_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.skills([]) == 0
+    out = capsys.readouterr().out
+    for name in {**Registry.load().kinds, **LANGUAGE}:
+        assert f"  {name} " in out
+
+
+def test_one_skill_is_shown_whole(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "160")
+    assert cli.skills(["circle"]) == 0
+    out = capsys.readouterr().out
+    assert "circle  Trace a circle with the tool" in out
+    assert "radius" in out
+    assert "≥ 0.005, ≤ 2" in out
+    assert "PATH_BROKEN" in out
+    assert "circle: {plane: yz, radius: 0.10, turns: 2, speed: 0.5}" in out
+
+
+def test_a_word_of_the_language_is_shown_with_its_children(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.skills(["retry"]) == 0
+    assert "children:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", sorted({**Registry.load().kinds, **LANGUAGE}))
+def test_everything_can_be_shown_to_people_and_programs(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.skills([name]) == 0
+    capsys.readouterr()
+    assert cli.skills([name, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["name"] == name
+
+
+def test_an_unknown_name_is_code_2_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.skills(["circel"]) == 2
+    assert "did you mean 'circle'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("width", [80, 100])
+def test_robots_fit_the_terminal(
+    width: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No row of the catalogue or of a robot is folded or cut."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert cli.skills(["robots"]) == 0
+    out = capsys.readouterr().out
+    for name in robot_names():
+        robot = load_robot(name)
+        (row,) = (line for line in out.splitlines() if line.startswith(f"  {name} "))
+        assert ", ".join(robot.postures) in row
+        assert row.rstrip().endswith(", ".join(robot.cameras))
+        assert cli.skills([name]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        for word in (*robot.joints, *robot.postures, *robot.cameras):
+            assert sum(line.startswith(f"  {word} ") for line in lines) == 1
+        assert sum(line.startswith(" ") for line in lines) == 3 + sum(
+            map(len, (robot.joints, robot.postures, robot.cameras))
+        )
+        assert max(map(len, lines)) <= width
+
+
+def test_a_robot_of_one_s_own_is_shown_by_its_page(capsys: pytest.CaptureFixture[str]) -> None:
+    """Wherever it lies, and also one without camera mounts."""
+    assert cli.skills([str(WORLD / "robots" / "jaco.yaml")]) == 0
+    out = capsys.readouterr().out
+    assert "jaco  Kinova Jaco 2 (j2s6s200)" in out
+    assert "  home     180, 180, 90, 0, 90, 0 " in out
+    assert "camera mounts" not in out
+
+
+def test_robots_are_shown_to_programs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.skills(["robots", "--json"]) == 0
+    everything = json.loads(capsys.readouterr().out)
+    assert set(everything) == set(robot_names())
+    assert cli.skills(["ur5", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == everything["ur5"]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("pnada", "did you mean 'panda'?"), ("robot", "did you mean"), ("no.yaml", "no robot file")],
+)
+def test_an_unknown_robot_is_code_2(
+    name: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.skills([name]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_the_schema_goes_to_a_file_or_to_the_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "schema.json"
+    assert cli.skills(["--schema", str(target)]) == 0
+    assert cli.skills(["--schema"]) == 0
+    assert capsys.readouterr().out == target.read_text(encoding="utf-8")
+    assert "2020-12" in json.loads(target.read_text(encoding="utf-8"))["$schema"]

@@ -1,0 +1,219 @@
+"""What the pages say is true: commands run, examples work, links lead somewhere, tables agree."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.share import share_dir
+from bt_dualarm.spec.language import LANGUAGE
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+EXAMPLE_PAGES = (
+    "README.md",
+    "docs/first_tree.md",
+    "docs/skills.md",
+    "docs/motion.md",
+    "docs/colors.md",
+    "docs/tracking.md",
+)
+
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)(#[\w-]+)?\)")
+
+ROBOT_DATA = (
+    '.venv/bin/python -c "from bt_dualarm.world.robots.example_robot_data import robot_data_dir; '
+    'print(robot_data_dir())"'
+)
+
+RUN_ELSEWHERE = {
+    ROBOT_DATA: "test_the_folder_of_the_urdfs_is_printed",
+    "python3 -m venv .venv": "Makefile, and tests/test_packaging.py",
+    ".venv/bin/python -m pip install --constraint constraints.txt --editable '.[dev]'": "Makefile",
+    ".venv/bin/python -m pytest": "this suite",
+    ".venv/bin/python -m bt_dualarm circle --display quiet": "tests/runtime/test_api.py",
+    ".venv/bin/python docs/images/pick_and_track.py": "by hand: it needs OpenGL",
+}
+"""Commands of the pages that a test cannot run inside itself, and where they are run."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block of a page."""
+
+    language: str
+    text: str
+
+    @property
+    def commands(self) -> list[str]:
+        """Its commands without their comments: every line of bash, what follows $ on a console."""
+        lines = (re.sub(r"\s+#.*", "", line).strip() for line in self.text.splitlines())
+        if self.language == "console":
+            return [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
+        if self.language == "bash":
+            return [line for line in lines if line and not line.startswith("#")]
+        return []
+
+    @property
+    def said(self) -> str:
+        """What the command of a console block says."""
+        return self.text.partition("\n")[2]
+
+    @property
+    def file_name(self) -> str:
+        """The file that it is to be saved as: the comment in its first line."""
+        match = re.match(r"# ([\w/]+\.\w+)\n", self.text)
+        return match[1] if match else ""
+
+
+def blocks_of(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    return [Block(language, body) for language, body in FENCE.findall(text)]
+
+
+def commands_of(page: Path) -> list[str]:
+    return [command for block in blocks_of(page) for command in block.commands]
+
+
+ALL_COMMANDS = sorted({command for page in PAGES for command in commands_of(page)})
+TARGETS = sorted({command for command in ALL_COMMANDS if command.startswith("make ")})
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_on_a_page_is_run_by_a_test(page: Path) -> None:
+    unknown = [
+        command
+        for command in commands_of(page)
+        if command not in RUN_ELSEWHERE
+        and not command.startswith("make ")
+        and not (command.startswith("bt-") and str(page.relative_to(ROOT)) in EXAMPLE_PAGES)
+        and not command.startswith(".venv/bin/bt-run ")
+    ]
+    assert unknown == []
+
+
+@pytest.mark.parametrize("command", TARGETS)
+def test_make_knows_the_target(command: str) -> None:
+    """The targets themselves are what continuous integration runs."""
+    dry = subprocess.run(
+        ["make", "--dry-run", *command.split()[1:]],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert dry.returncode == 0, dry.stderr
+
+
+def run_in(folder: Path, command: str) -> subprocess.CompletedProcess[str]:
+    """Run a command of a page with this environment's programs; both outputs in one."""
+    program, *arguments = command.removeprefix(".venv/bin/").split()
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    return subprocess.run(
+        [program, *arguments],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+
+def test_the_folder_of_the_urdfs_is_printed(tmp_path: Path) -> None:
+    code = shlex.split(ROBOT_DATA)[2]
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=True
+    )
+    assert (Path(done.stdout.strip()) / "ur_description" / "urdf" / "ur5_robot.urdf").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", EXAMPLE_PAGES)
+def test_examples_work_in_the_order_of_the_page(page: str, tmp_path: Path) -> None:
+    """A reader who saves every file and types every command sees what the page says.
+
+    Commands in bash blocks succeed; those in console blocks say what stands below them.
+    """
+    shutil.copytree(share_dir("trees"), tmp_path / "trees")
+    for block in blocks_of(ROOT / page):
+        if block.file_name:
+            (tmp_path / block.file_name).parent.mkdir(exist_ok=True)
+            (tmp_path / block.file_name).write_text(block.text, encoding="utf-8")
+        for command in block.commands:
+            if not command.removeprefix(".venv/bin/").startswith("bt-"):
+                continue
+            done = run_in(tmp_path, command)
+            if block.language == "console":
+                assert done.stdout == block.said
+            else:
+                assert done.returncode == 0, f"{command}\n{done.stdout}"
+
+
+@pytest.mark.slow
+def test_the_main_job_does_and_writes_what_readme_says(tmp_path: Path) -> None:
+    """The figure of the first screen, and the table of the files of a record."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    run_in(tmp_path, "bt-run pick_and_track --record out --display quiet")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    (track,) = (leaf for leaf in summary["arms"]["arm2"]["leaves"] if leaf["skill"] == "track")
+    assert "less than 1 mm RMS" in text
+    assert track["metrics"]["yz_rms_m"] < 0.001
+
+    written = {re.sub(r"^arm\d", "ARM", path.name) for path in (tmp_path / "out").iterdir()}
+    assert {name for name in written if f"`{name}`" not in text} == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_to_files(page: Path) -> None:
+    targets = [target for target, _ in LINK.findall(page.read_text(encoding="utf-8"))]
+    local = [target for target in targets if not target.startswith(("http://", "https://"))]
+    assert [target for target in local if not (page.parent / target).exists()] == []
+
+
+def test_readme_names_every_shipped_tree_skill_and_word() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    trees = {path.stem for path in share_dir("trees").glob("*.yaml")}
+    skills = {path.stem for path in share_dir("skills").glob("*.py")}
+    assert {name for name in trees | skills | set(LANGUAGE) if f"`{name}`" not in text} == set()
+
+
+def declared_ranges() -> dict[str, str]:
+    """Ranges of ``pyproject.toml`` by package, in the notation of the page."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    entries = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    pairs = (entry.split(">=") for entry in entries)
+    return {name: "≥ " + span.replace(",<", ", < ") for name, span in pairs}
+
+
+def test_dependencies_page_agrees_with_pyproject() -> None:
+    """One row for each package, with the same range."""
+    text = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([\w.-]+) \| (≥ [^|]+?) \|", text, re.MULTILINE)
+    assert dict(rows) == declared_ranges()
+
+
+def test_constraints_hold_exact_versions_only() -> None:
+    """No paths, no addresses: the file means the same on every machine."""
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = [line for line in lines if not line.startswith("#")]
+    assert [line for line in pinned if not re.fullmatch(r"[\w.-]+==[\w.]+", line)] == []
+
+
+def test_constraints_cover_every_dependency() -> None:
+    text = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    pinned = {line.split("==")[0].lower().replace("_", "-") for line in text.splitlines()}
+    names = {name.lower().replace("_", "-") for name in declared_ranges()}
+    assert names <= pinned

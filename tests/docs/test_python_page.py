@@ -1,0 +1,31 @@
+"""Every block of docs/python.md runs, one after the other, and says what stands below it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.docs.test_docs import ROOT, blocks_of
+
+
+@pytest.mark.slow
+def test_every_block_runs_and_says_what_the_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {"__name__": "page"}
+    said = ""
+    for block in blocks_of(ROOT / "docs" / "python.md"):
+        if block.language == "python":
+            output = io.StringIO()
+            with contextlib.redirect_stdout(output):
+                exec(compile(block.text, "docs/python.md", "exec"), names)  # noqa: S102 - our page
+            said = output.getvalue()
+        elif block.language == "text":
+            assert said == block.text
+            said = ""
+        assert block.language == "python" or said == "", "nothing is printed unsaid"

@@ -1,0 +1,55 @@
+"""The table on a terminal says all that it has, on 80 columns and more."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import get_args
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from bt_dualarm.experiments.cases import CASES, UNTUNED, Cell, ControllerName
+from bt_dualarm.experiments.report import row
+from bt_dualarm.experiments.results import Result
+from bt_dualarm.experiments.table import table_of
+from tests.experiments.test_results import made_up
+
+CELLS = (*(Cell(case, speed) for case, speed in CASES), *UNTUNED)
+
+
+def shown(results: Sequence[Result], width: int) -> list[str]:
+    console = Console(file=io.StringIO(), width=width)
+    console.print(table_of(results))
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue().splitlines()
+
+
+@given(
+    cell=st.sampled_from(CELLS),
+    controller=st.sampled_from(get_args(ControllerName)),
+    late=st.floats(0.0, 0.9),
+    lost=st.integers(0, 999),
+    width=st.integers(80, 200),
+)
+@settings(max_examples=40)
+def test_every_number_is_whole_and_in_one_line(
+    cell: Cell, controller: ControllerName, late: float, lost: int, width: int
+) -> None:
+    """Errors up to the diameter of the curve, and any experiment that there is."""
+    trial = replace(made_up(late), lost_count=lost)
+    result = Result(replace(cell, controller=controller), [trial])
+    lines = shown([result], width)
+    assert max(map(len, lines)) <= width
+    assert "…" not in "".join(lines)
+    assert lines[-1].split() == " ".join(row(result)[:9]).split()
+
+
+@pytest.mark.parametrize("width", [20, 50, 79])
+def test_on_less_it_is_folded_and_nothing_is_left_out(width: int) -> None:
+    lines = shown([Result(UNTUNED[1], [made_up()])], width)
+    assert max(map(len, lines)) <= width
+    assert "…" not in "".join(lines)

@@ -1,0 +1,41 @@
+"""Trials come in order, and end when they are to end."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+
+import pytest
+
+from bt_dualarm.errors import DualArmError
+from bt_dualarm.experiments import trials
+from bt_dualarm.experiments.cases import Cell
+from bt_dualarm.experiments.trial import Trial, TrialError
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.skill.registry import Registry
+from tests.experiments.test_results import made_up
+
+RUNS = [(Cell("circle", 1.0), seed) for seed in range(6)]
+
+
+@pytest.mark.parametrize("last", range(7))
+def test_what_was_not_complete_when_the_end_was_asked_for_does_not_come(
+    last: int, registry: Registry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop = StopRequest()
+
+    def run_trial(cell: Cell, seed: int, registry: Registry, stop: StopRequest) -> Trial:
+        if seed == last:
+            stop.ask()
+        return made_up(seed=seed)
+
+    monkeypatch.setattr(trials, "run_trial", run_trial)
+    came = list(trials.run_trials(RUNS, registry, 1, stop))
+    assert [trial.seed for trial in came if isinstance(trial, Trial)] == list(range(min(last, 6)))
+
+
+def test_a_process_that_died_is_said() -> None:
+    dead: Future[Trial | TrialError] = Future()
+    dead.set_exception(BrokenProcessPool("gone"))
+    with pytest.raises(DualArmError, match="has died; --jobs 1 runs them in this one"):
+        trials._outcome(dead)

@@ -1,0 +1,127 @@
+"""An arm is driven in the ticks of its leaf, by whatever thread ticks it, and by no other."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bt_dualarm as bt
+from bt_dualarm import Arm, PortModel, Skill, port
+from bt_dualarm.errors import SkillError
+from bt_dualarm.testing import registry_with
+from tests.plays import Stage
+
+DEEDS: dict[str, Callable[[Arm], Any]] = {
+    "begin": lambda arm: arm.begin(arm.straight_to(arm.setpoint.q + 0.3, 0.5)),
+    "follow": lambda arm: next(arm.follow(arm.straight_to(arm.setpoint.q + 0.3, 0.5))),
+    "stream": lambda arm: arm.stream(lambda _: arm.setpoint),
+    "travel": lambda arm: next(arm.travel([arm.posture("home")], 0.5)),
+    "plan": lambda arm: next(arm.plan([arm.posture("home")], 0.5)),
+    "think": lambda arm: next(arm.think()),
+    "relax": lambda arm: next(arm.relax()),
+    "halt": lambda arm: next(arm.halt(), None),
+    "release": lambda arm: arm.release(),
+    "attach": lambda arm: arm.attach("ball"),
+    "detach": lambda arm: arm.detach("ball"),
+}
+"""All by which a leaf changes what its arm does or holds, or what it will do."""
+
+MOVING = ("halt", "release", "detach")
+"""Those that would stop something: the arm moves when they come."""
+
+
+class Threaded(Skill):
+    """Does something to its arm from a thread of its own."""
+
+    class Ports(PortModel):
+        deed: str = port(..., "what it does")
+
+    example = "threaded: {deed: halt}"
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Move first where there is something to stop."""
+        if self.ports.deed in MOVING:
+            self.arm.begin(self.arm.straight_to(self.arm.setpoint.q + 0.3, 0.5))
+        for _ in range(5):
+            yield None
+        thread = threading.Thread(target=self._do, name="a thread of its own")
+        thread.start()
+        thread.join()
+        for _ in range(5):
+            yield None
+
+    def _do(self) -> None:
+        with pytest.raises(SkillError):
+            DEEDS[self.ports.deed](self.arm)
+
+
+FILE = """
+world: {scene: empty, time_limit: 5}
+objects:
+  ball: {shape: sphere, size: [0.03], mass: 0.1, pose: {xyz: [0.5, -0.5, 0.03]}}
+arms:
+  arm1: {robot: ur5, posture: up, tree: {threaded: {deed: DEED}}}
+  arm2: {robot: ur3, base: {xyz: [0, -3, 0]}, tree: {go_home: {}}}
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Stage:
+    return Stage(tmp_path, registry_with(Threaded))
+
+
+@pytest.mark.parametrize("deed", DEEDS)
+def test_a_leaf_that_drives_its_arm_from_a_thread_fails_and_says_why(deed: str, own: Stage) -> None:
+    """Nothing comes of the attempt: the arm does what it did before, until the leaf fails."""
+    play = own.run(FILE.replace("DEED", deed))
+    (leaf,) = play.arm("arm1").runs
+    assert (leaf.status, leaf.code) == ("FAILURE", "EXCEPTION")
+    assert leaf.reason.startswith("test_threads.py:")
+    assert "Threaded" in leaf.reason
+    assert "from the thread 'a thread of its own'" in leaf.reason
+    assert leaf.ended_s == pytest.approx(0.12, abs=0.021), "at the next tick"
+    if deed not in MOVING:
+        assert play.ways["arm1"] < 2e-3
+    assert not play.world.attachments
+    assert play.arm("arm2").outcome == "SUCCESS"
+
+
+class Bystander(Skill):
+    """Moves, and lets a stream and its clean-up do so, too."""
+
+    example = "bystander"
+
+    def run(self) -> Iterator[float | None]:
+        """There, by a stream, and back."""
+        start = self.arm.setpoint.q
+        yield from self.arm.follow(self.arm.straight_to(start + 0.05, 0.5))
+        self.arm.stream(lambda _: self.arm.setpoint)
+        yield from self.arm.halt()
+        yield from self.arm.travel([start], 0.5)
+
+
+def test_a_run_may_be_advanced_by_any_thread(tmp_path: Path) -> None:
+    """By a new one each time: nothing is refused, and it is the same run to the last bit."""
+    tree = FILE.replace("threaded: {deed: DEED}", "bystander: {}")
+    file = tmp_path / "tree.yaml"
+    file.write_text("bt_dualarm: 1\n" + tree, encoding="utf-8")
+    hashes = []
+    for threaded in (False, True):
+        with bt.open(file, skills=[Bystander]) as run:
+            while not run.done:
+                if threaded:
+                    thread = threading.Thread(target=run.step, args=(0.1,))
+                    thread.start()
+                    thread.join()
+                else:
+                    run.step(0.1)
+            assert run.result.outcome == "SUCCESS"
+            assert np.isfinite(run.time)
+            hashes.append(run.result.state_sha256)
+    assert hashes[0] == hashes[1]

@@ -1,0 +1,211 @@
+"""Stand-ins for world, tree, controller and camera that write down in which order they act."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from typing import Any
+
+from bt_dualarm.errors import DivergenceError
+from bt_dualarm.runtime.arm_runtime import ArmParts
+from bt_dualarm.runtime.arms import Arms
+from bt_dualarm.runtime.events import Watch
+from bt_dualarm.runtime.parts import Observer, RunView
+from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.runner import Conditions, Limit, Runner
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.tree.report import LeafReport, NodeView, StatusChange, StatusName
+
+Diary = list[str]
+"""What happened, in order: ``"2 tick arm1"`` is a tick in the third physics step."""
+
+
+class FakeWorld:
+    """Counts steps of 10 ms; diverges at a step if told so."""
+
+    def __init__(self, diary: Diary, arms: tuple[str, ...] = ("arm1",)) -> None:
+        self.diary = diary
+        self.timestep = 0.01
+        self.steps = 0
+        self.arms: dict[str, Any] = dict.fromkeys(arms)
+        self.diverges_at: int | None = None
+        self.before_removal: list[Callable[[str], None]] = []
+
+    @property
+    def time(self) -> float:
+        return self.steps * self.timestep
+
+    def write(self, what: str) -> None:
+        self.diary.append(f"{self.steps} {what}")
+
+    def remove_arm(self, name: str) -> None:
+        for notify in self.before_removal:
+            notify(name)
+        del self.arms[name]
+
+    def step(self) -> None:
+        self.write("step")
+        if self.steps == self.diverges_at:
+            raise DivergenceError(f"the simulation diverged at {self.time:.3f} s")
+        self.steps += 1
+
+
+class FakeController:
+    """Moves until it is told to stop, and then for some updates more."""
+
+    def __init__(self, name: str, world: FakeWorld, updates_to_stop: int = 3) -> None:
+        self.name = name
+        self.clipped = 7
+        self.guard = {"stopped": 0}
+        self.updates_to_stop = updates_to_stop
+        self.stops = 0
+        self.breaks_at: int | None = None
+        self._world = world
+
+    @property
+    def at_rest(self) -> bool:
+        return self.stops > 0 and self.updates_to_stop == 0
+
+    def update(self, time: float) -> None:
+        self._world.write(f"control {self.name}")
+        if self._world.steps == self.breaks_at:
+            raise ZeroDivisionError("in the controller")
+        if self.stops:
+            self.updates_to_stop = max(0, self.updates_to_stop - 1)
+
+    def stop(self) -> None:
+        self.stops += 1
+
+
+class FakeTree:
+    """One leaf that runs a generator: a yield is a tick, its end is SUCCESS, an error escapes."""
+
+    def __init__(self, name: str, world: FakeWorld, watch: Watch, script: Iterator[object]) -> None:
+        self.name = name
+        self.status: StatusName = "INVALID"
+        self.leaves: list[LeafReport] = []
+        self.halts = 0
+        self._world = world
+        self._watch = watch
+        self._script = script
+
+    def tick(self) -> None:
+        self._world.write(f"tick {self.name}")
+        if not self.leaves:
+            self.leaves.append(LeafReport("work", "work", "RUNNING", self._world.time))
+        verdict = next(self._script, "SUCCESS")
+        self._become("FAILURE" if verdict == "FAILURE" else "RUNNING" if not verdict else "SUCCESS")
+
+    def halt(self) -> None:
+        self.halts += 1
+        if self.status == "RUNNING":
+            self._become("INVALID", "HALTED")
+
+    def view(self) -> NodeView:
+        return NodeView("work", "work", self.status, 0.0)
+
+    def _become(self, status: StatusName, code: str = "") -> None:
+        if status == self.status:
+            return
+        change = StatusChange(
+            self._world.time, self.name, "work", "work", self.status, status, code
+        )
+        self._watch.note(change)
+        self.status = self.leaves[0].status = status
+        if status != "RUNNING":
+            self.leaves[0].ended_s = self._world.time
+
+
+class FakeEye:
+    """A picture every 20 ms, delivered 10 ms later."""
+
+    def __init__(self, name: str, world: FakeWorld) -> None:
+        self.name = name
+        self.on_frame: Callable[[], None] = lambda: None
+        self._world = world
+        self._pending: list[int] = []
+
+    def due(self, time: float) -> bool:
+        return round(time / 0.01) % 2 == 0
+
+    def capture(self) -> None:
+        self._world.write(f"capture {self.name}")
+        self._pending.append(self._world.steps)
+
+    def deliver(self, time: float) -> None:
+        while self._pending and self._pending[0] < self._world.steps:
+            self._world.write(f"deliver {self.name}")
+            self._pending.pop(0)
+            self.on_frame()
+
+
+class Witness:
+    """An observer that remembers."""
+
+    def __init__(self) -> None:
+        self.changes: list[str] = []
+        self.steps = 0
+        self.looks = 0
+
+    def on_event(self, change: StatusChange) -> None:
+        self.changes.append(f"{change.time:.2f} {change.arm} {change.old}>{change.new}")
+
+    def after_ticks(self, run: RunView) -> None:
+        self.looks += 1
+
+    def after_step(self, time: float) -> None:
+        self.steps += 1
+
+
+class Stage:
+    """A world with fakes for two arms, and a runner over them.
+
+    Args:
+        scripts: By arm; see `FakeTree`.
+        present: Arms in the world from the start; by default all.
+    """
+
+    def __init__(
+        self, scripts: dict[str, Iterator[object]], present: tuple[str, ...] | None = None
+    ) -> None:
+        self.diary: Diary = []
+        self.world = FakeWorld(self.diary, tuple(scripts) if present is None else present)
+        self.stop = StopRequest()
+        self.witness = Witness()
+        self.observers: list[Observer] = [self.witness]
+        self.watch = Watch()
+        self.trees: dict[str, FakeTree] = {}
+        self.controllers: dict[str, FakeController] = {}
+        self.eyes: dict[str, FakeEye] = {}
+        self.scripts = scripts
+        self.limit = Limit(10.0)
+
+    def equip(self, name: str) -> ArmParts:
+        world = self.world
+        self.trees[name] = FakeTree(name, world, self.watch, self.scripts[name])
+        controller = self.controllers.setdefault(name, FakeController(name, world))
+        return ArmParts(
+            robot="fake",
+            tree=self.trees[name],
+            controller=controller,
+            eye=self.eyes.get(name),
+            tick_period=Fraction(2, 100),
+            control_period=Fraction(1, 100),
+        )
+
+    def run(self) -> RunResult:
+        self.watch.observers.extend(self.observers)
+        arms = Arms(dict.fromkeys(self.scripts, "fake"), self.equip, self.world)
+        clock = iter(range(0, 1000, 2))
+        conditions = Conditions(self.limit, lambda: next(clock), self.stop)
+        runner = Runner(self.world, arms, self.watch, conditions)
+        runner.advance()
+        assert runner.result is not None
+        return runner.result
+
+
+def ticks(count: int, verdict: str = "SUCCESS") -> Iterator[object]:
+    """RUNNING for so many ticks, then the verdict."""
+    for _ in range(count):
+        yield None
+    yield verdict

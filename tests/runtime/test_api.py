@@ -1,0 +1,558 @@
+"""The front door for Python: what it takes, what it gives, and what it leaves as it was."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import bt_dualarm as bt
+from bt_dualarm.runtime.options import MOST_SEED
+
+REACH = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}}}
+
+ONE: dict[str, Any] = {
+    "bt_dualarm": 1,
+    "name": "one",
+    "world": {"scene": "empty"},
+    "params": {"seconds": {"type": "number", "default": 0.1, "range": [0, 10]}},
+    "arms": {
+        "arm1": {"robot": "ur5", "tree": {"sequence": [REACH, {"wait": {"seconds": "{seconds}"}}]}}
+    },
+}
+"""An arm that moves for 0.7 s and waits."""
+
+SEEN: dict[str, Any] = {
+    "bt_dualarm": 1,
+    "name": "seen",
+    "world": {"scene": "empty", "seed": 3},
+    "objects": {
+        "cube": {
+            "shape": "box",
+            "size": [0.05, 0.05, 0.05],
+            "mass": 0.1,
+            "fixed": True,
+            "color": "yellow",
+            "pose": {"xyz": [0.68, 0.11, 0.701]},
+            "noise": {"xyz": [0.01, 0.01, 0.01]},
+        }
+    },
+    "arms": {
+        "arm1": {
+            "robot": "panda",
+            "base": {"xyz": [1.6, 0.11, 0.28], "rpy": [0, 0, 180]},
+            "posture": "look_out",
+            "camera": {"mount": "wrist", "noise": 0.5, "drop": 0.1},
+            "tree": {"timeout": {"seconds": 1.0, "child": {"track": {"color": "yellow"}}}},
+        },
+        "arm2": {"robot": "ur3", "base": {"xyz": [0, 1.5, 0]}, "tree": REACH},
+    },
+}
+"""A camera with noise and a tracker beside another arm: nearly everything random that there is."""
+
+AROUND: dict[str, Any] = {
+    "bt_dualarm": 1,
+    "name": "around",
+    "world": {"scene": "empty", "time_limit": 3.0},
+    "objects": {
+        "wall": {
+            "shape": "box",
+            "size": [0.3, 0.02, 0.5],
+            "mass": 5,
+            "fixed": True,
+            "spawned": False,
+            "pose": {"xyz": [0.55, 0.0, 0.65]},
+        }
+    },
+    "arms": {
+        "arm1": {
+            "robot": "ur5",
+            "base": {"xyz": [0, 0, 0.4]},
+            "tree": {
+                "sequence": [
+                    {"reach_to_pose": {"to": {"xyz": [0.5, 0.3, 0.6], "rpy": [180, 0, 0]}}},
+                    {"spawn": {"object": "wall"}},
+                    {"reach_to_pose": {"to": {"xyz": [0.5, -0.3, 0.6], "rpy": [180, 0, 0]}}},
+                ]
+            },
+        }
+    },
+}
+"""An arm that has to plan around a wall, which a process of its own does."""
+
+TREES = {tree["name"]: tree for tree in (ONE, SEEN, AROUND)}
+
+
+def sha_of(tree: Any, **options: Any) -> str:
+    return bt.run(tree, renderer="ray", **options).state_sha256
+
+
+@pytest.fixture(scope="module")
+def alone() -> dict[str, str]:
+    """Hashes of runs that have the process for themselves, one after the other."""
+    return {name: sha_of(tree) for name, tree in TREES.items()}
+
+
+# What a run gives
+
+
+def test_a_run_tells_what_became_of_it() -> None:
+    result = bt.run(ONE, params={"seconds": 0.2})
+    assert (result.outcome, result.ending) == (bt.Outcome.SUCCESS, bt.Ending.FINISHED)
+    assert (result.error, result.at_rest, result.name, result.renderer) == ("", True, "one", None)
+    leaves = result.arms["arm1"].leaves
+    assert list(leaves) == ["sequence/reach_to_pose", "sequence/wait"]
+    leaf = leaves["sequence/reach_to_pose"]
+    assert (leaf.status, leaf.code, leaf.reason) == ("SUCCESS", "", "")
+    assert 0 <= float(leaf.metrics["position_error_m"]) < 0.001
+    assert leaf.ended_s == leaves["sequence/wait"].started_s
+    assert len(result.state_sha256) == 64
+
+
+def test_series_are_arrays() -> None:
+    result = bt.run("circle", renderer="ray")
+    series = result.arms["arm1"].leaves["circle"].series
+    assert {"planned", "executed"} <= series.keys()
+    planned = series["planned"]
+    assert planned.time.shape == (len(planned.values),)
+    assert planned.values.shape == (len(planned.time), 3)
+    assert np.isfinite(planned.values).all()
+
+
+def test_a_leaf_that_ran_twice_speaks_of_the_last_time_and_keeps_both() -> None:
+    twice = {"repeat": {"times": 2, "child": {"wait": {"seconds": 0.1}}}}
+    tree = {**ONE, "arms": {"arm1": {"robot": "ur5", "tree": twice}}}
+    (leaf,) = bt.run(tree).arms["arm1"].leaves.values()
+    first, last = leaf.runs
+    assert first.started_s < last.started_s == leaf.started_s
+
+
+def test_a_failed_tree_raises_nothing() -> None:
+    tree = {**ONE, "arms": {"arm1": {"robot": "ur5", "tree": {"fail": {"reason": "so be it"}}}}}
+    result = bt.run(tree)
+    assert result.outcome is bt.Outcome.FAILURE
+    (leaf,) = result.arms["arm1"].leaves.values()
+    assert leaf.status == "FAILURE"
+    assert "so be it" in leaf.reason
+
+
+def test_its_hash_is_that_of_the_record(tmp_path: Path) -> None:
+    result = bt.run(ONE, record=tmp_path / "out")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["state_sha256"] == result.state_sha256 == sha_of(ONE)
+
+
+# What is taken for a tree
+
+
+def test_a_tree_is_the_same_whatever_form_it_has(tmp_path: Path, alone: dict[str, str]) -> None:
+    text = json.dumps(ONE, indent=1)
+    path = tmp_path / "one.yaml"
+    path.write_text(text, encoding="utf-8")
+    forms = (path, str(path), text, json.dumps(ONE))
+    assert {sha_of(form) for form in forms} == {alone["one"]}
+
+
+def test_a_shipped_tree_goes_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("circle", "trees/circle.yaml"):
+        assert bt.check(name) == ()
+    with pytest.raises(bt.DualArmError, match="did you mean 'circle'"):
+        bt.check("cicle")
+    (problem,) = bt.check(Path("circle"))
+    assert "no such file" in problem.message, "a path is a path"
+
+
+@pytest.mark.parametrize("tree", [None, 3, b"bytes", ["arms"]])
+def test_anything_else_is_no_tree(tree: Any) -> None:
+    with pytest.raises(bt.DualArmError, match="a tree is a path"):
+        bt.check(tree)
+
+
+def test_a_check_tells_all_problems_as_objects() -> None:
+    wrong = json.loads(json.dumps(ONE).replace("ur5", "ur55").replace("offset", "ofset"))
+    problems = bt.check(wrong)
+    assert [problem.severity for problem in problems] == ["error"] * len(problems)
+    with pytest.raises(bt.SpecError) as refused:
+        bt.run(wrong)
+    assert refused.value.problems == problems
+
+
+def test_errors_read_as_those_of_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from bt_dualarm import cli
+
+    path = tmp_path / "bad.yaml"
+    path.write_text(json.dumps(ONE, indent=1).replace("offset", "ofset"), encoding="utf-8")
+    for tree, options, arguments in (
+        (str(path), {}, []),
+        ("cicle", {}, []),
+        ("circle", {"params": {"sped": 1}}, ["--param", "sped=1"]),
+        ("circle", {"record": "/dev/null"}, ["--record", "/dev/null"]),
+        ("circle", {"skills": ["/no/such/folder"]}, ["--skills", "/no/such/folder"]),
+    ):
+        assert cli.run([tree, *arguments]) == 2
+        said = capsys.readouterr().err.removeprefix("bt-run: error: ").rstrip("\n")
+        with pytest.raises(bt.DualArmError) as refused:
+            bt.run(tree, **options)
+        assert str(refused.value) == said
+
+
+class Nod(bt.Skill):
+    """Nod in thought."""
+
+    class Ports(bt.PortModel):
+        times: int = bt.port(2, "how often", ge=1, le=9)
+
+    example = "nod: {times: 2}"
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Wait for as many ticks."""
+        for _ in range(self.ports.times):
+            yield
+        self.metrics["nodded"] = self.ports.times
+
+
+def test_skills_of_ones_own_are_classes(tmp_path: Path) -> None:
+    tree = {"bt_dualarm": 1, "arms": {"arm1": {"robot": "ur5", "tree": {"nod": {"times": 3}}}}}
+    assert "there is no node or skill 'nod'" in bt.check(tree)[0].message
+    assert bt.check(tree, skills=[Nod]) == ()
+    (leaf,) = bt.run(tree, skills=[Nod]).arms["arm1"].leaves.values()
+    assert leaf.metrics == {"nodded": 3}
+    assert bt.check(tree), "and are not left behind"
+    with pytest.raises(bt.DualArmError, match="skills are classes derived from Skill"):
+        bt.check(tree, skills=[3])  # type: ignore[list-item]  # that is the mistake
+
+
+# Steps
+
+
+@settings(max_examples=25)
+@given(
+    st.lists(
+        st.one_of(
+            st.floats(1e-4, 0.2),
+            st.sampled_from([0.002, 0.001, 0.0005, 0.1 + 0.2, 1 / 3, 0.02]),
+            st.fractions(Fraction(1, 1000), Fraction(1, 4)),
+        ),
+        max_size=30,
+    )
+)
+def test_a_run_is_the_same_whatever_parts_it_is_advanced_in(parts: list[float | Fraction]) -> None:
+    """To the last bit; and no part goes beyond the time that was asked for."""
+    with bt.open(ONE) as run:
+        asked = 0.0
+        for part in parts:
+            if run.done:
+                break
+            run.step(part)
+            asked += float(part)
+            assert run.done or asked - 0.0021 < run.time < asked + 1e-6
+        assert run.finish().state_sha256 == sha_of_one()
+
+
+@cache
+def sha_of_one() -> str:
+    return sha_of(ONE)
+
+
+def test_looking_at_a_run_changes_nothing(alone: dict[str, str]) -> None:
+    """Whatever is looked at, after every step."""
+    with bt.open(SEEN, renderer="ray") as run:
+        assert run.time == 0.0
+        assert "RUNNING" in repr(run)
+        while not run.done:
+            run.step(0.01)
+            assert run.arms["arm1"].tool_pose.distance(run.world.arms["arm1"].tool_pose) == 0.0
+            assert run.arms["arm2"].q.shape == run.arms["arm2"].v.shape == (6,)
+            assert run.arms["arm1"].holds == ()
+            assert run.world.object_pose("cube").position.shape == (3,)
+            assert [child.kind for child in run.trees["arm1"].snapshot().children] == ["track"]
+            assert all(repr(thing) for thing in (run, run.arms, run.trees))
+        assert run.result.state_sha256 == alone["seen"]
+
+
+def test_a_run_knows_arms_that_are_not_there_yet() -> None:
+    late = {"robot": "ur3", "base": {"xyz": [0, 1.5, 0]}, "spawned": False, "tree": REACH}
+    with bt.open({**ONE, "arms": {**ONE["arms"], "late": late}}) as run:
+        arm, tree = run.arms["late"], run.trees["late"]
+        assert (arm.is_present, arm.outcome, tree.status) == (False, None, "INVALID")
+        assert tree.snapshot().kind == "reach_to_pose"
+        with pytest.raises(bt.WorldError, match="no arm 'late' in the world"):
+            _ = arm.q
+        run.world.spawn_arm("late")
+        run.step(0.05)
+        assert (arm.is_present, tree.status) == (True, "RUNNING")
+
+
+@pytest.mark.parametrize("name", ["amr1", "", "cube"])
+def test_a_wrong_name_is_told_with_the_right_ones(name: str) -> None:
+    with bt.open(ONE) as run:
+        result = run.finish()
+    for things in (run.arms, run.trees, result.arms):
+        assert things.get(name) is None
+        with pytest.raises(bt.DualArmError, match=f"there is no arm '{name}'; .*arm1"):
+            _ = things[name]
+    with pytest.raises(bt.DualArmError, match="did you mean 'sequence/wait'"):
+        _ = result.arms["arm1"].leaves["sequence/wiat"]
+
+
+@pytest.mark.parametrize(
+    "seconds", [0, -1, -1e-9, math.nan, math.inf, None, "1", True, 1j, np.array([0.1])]
+)
+def test_a_step_is_a_time_above_0(seconds: Any) -> None:
+    with bt.open(ONE) as run:
+        with pytest.raises(bt.DualArmError, match="is not a number of seconds above 0"):
+            run.step(seconds)
+        assert run.time == 0.0
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        *(("seed", value) for value in (-1, MOST_SEED + 1, 1.5, "1", True, math.nan)),
+        *(("duration", value) for value in (0, -1, math.nan, math.inf, "1", True)),
+        *(("renderer", value) for value in ("rays", "", 3)),
+        ("record", ""),
+        ("record", " "),
+    ],
+)
+def test_options_are_checked_before_anything_is_done(option: str, value: Any) -> None:
+    options = {option: value}
+    with pytest.raises(bt.DualArmError, match=r"is not a|there is no renderer|needs a name"):
+        bt.open("no such tree", **options)
+
+
+def test_what_is_over_stays_over() -> None:
+    with bt.open(ONE) as run:
+        with pytest.raises(bt.DualArmError, match=r"the run is not over: it is at 0\.000 s"):
+            _ = run.result
+        result = run.finish()
+        assert run.finish() is run.result is result
+        with pytest.raises(bt.DualArmError, match="there is nothing left to step"):
+            run.step(0.1)
+    run.close()
+    with pytest.raises(bt.DualArmError, match="there is nothing left to step"):
+        run.step(0.1)
+    assert (run.done, run.result) == (True, result)
+
+
+def test_a_run_that_is_left_early_is_broken_off_where_it_stands(tmp_path: Path) -> None:
+    with bt.open(ONE, record=tmp_path) as run:
+        run.step(0.1)
+    assert run.result.ending is bt.Ending.CLOSED
+    assert run.result.outcome is bt.Outcome.UNFINISHED
+    assert run.result.sim_time_s == pytest.approx(0.1)
+    leaf = run.result.arms["arm1"].leaves["sequence/reach_to_pose"]
+    assert (leaf.status, leaf.code) == ("INVALID", "HALTED")
+    assert json.loads((tmp_path / "summary.json").read_text())["ending"] == run.result.ending
+
+
+def test_a_run_may_be_asked_to_stop() -> None:
+    with bt.open(ONE) as run:
+        run.step(0.1)
+        run.stop()
+        result = run.finish()
+    assert (result.ending, result.at_rest) == (bt.Ending.STOPPED, True)
+    assert result.sim_time_s < 0.6, "a stop, and not the whole motion"
+
+
+def test_nobody_advances_a_run_from_within() -> None:
+    class Meddler:
+        def on_event(self, change: object) -> None: ...
+
+        def after_ticks(self, view: object) -> None: ...
+
+        def after_step(self, time: float) -> None:
+            with pytest.raises(bt.DualArmError, match="is being advanced already"):
+                run.step(0.1)
+            met.append(time)
+
+    met: list[float] = []
+    with bt.open(ONE) as run:
+        run.watch(Meddler())
+        run.step(0.01)
+    assert met
+
+
+# What it leaves as it was
+
+
+def test_runs_one_after_the_other_do_not_know_of_each_other(alone: dict[str, str]) -> None:
+    for name in ("around", "one", "seen", "one"):
+        assert sha_of(TREES[name]) == alone[name]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_runs_that_are_open_at_once_do_not_know_of_each_other(
+    seed: int, alone: dict[str, str]
+) -> None:
+    """Steps of several runs, some of them of one tree, in any order."""
+    rng = random.Random(seed)  # noqa: S311 - nothing secret
+    opened = [bt.open(TREES[name], renderer="ray") for name in ("one", "seen", "around", "one")]
+    while open_ones := [run for run in opened if not run.done]:
+        rng.choice(open_ones).step(rng.uniform(0.002, 0.3))
+    for run in opened:
+        run.close()
+        assert run.result.state_sha256 == alone[run.name]
+
+
+def test_runs_in_threads_do_not_know_of_each_other(alone: dict[str, str], tmp_path: Path) -> None:
+    def played(name: str) -> str:
+        return sha_of(TREES[name], record=tmp_path / f"{name}{threading.get_ident()}")
+
+    with ThreadPoolExecutor(3) as pool:
+        assert list(pool.map(played, TREES)) == [alone[name] for name in TREES]
+
+
+class Mutter(bt.Skill):
+    """Say something into the log."""
+
+    class Ports(bt.PortModel):
+        what: str = bt.port("nothing", "what is said")
+
+    example = "mutter: {what: nothing}"
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Say it with every tick."""
+        for _ in range(5):
+            self.context.log.info("%s", self.ports.what)
+            yield
+
+
+def test_logs_of_runs_are_kept_apart_and_the_logger_is_as_it_was(tmp_path: Path) -> None:
+    logger = logging.getLogger("bt_dualarm")
+    before = logger.level, list(logger.handlers)
+    words = ("apple", "pear")
+    runs = []
+    for what in words:
+        arm = {"robot": "ur5", "tree": {"mutter": {"what": what}}}
+        tree = {**ONE, "arms": {"arm1": arm}}
+        runs.append(bt.open(tree, record=tmp_path / what, skills=[Mutter]))
+    while not all(run.done for run in runs):
+        for run in runs:
+            run.step(0.02)
+            assert (logger.level, list(logger.handlers)) == before
+    for run in runs:
+        run.stop()
+        run.stop()  # urgent: without plots
+        run.close()
+    for what in words:
+        assert (tmp_path / what / "run.log").read_text().split() == [what] * 5
+    assert (logger.level, list(logger.handlers)) == before
+
+
+def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    """Not even of a skill that breaks, or by a logger that nobody has set up."""
+    tree = {**ONE, "arms": {"arm1": {"robot": "ur5", "tree": {"nod": {}}}}}
+    program = f"import bt_dualarm as bt; print(bt.run({tree!r}, skills=[Broken]).outcome)"
+    broken = (
+        "import bt_dualarm\n"
+        "class Nod(bt_dualarm.Skill):\n"
+        "    'Break.'\n"
+        "    def run(self):\n"
+        "        yield\n"
+        "        raise RuntimeError('boom')\n"
+        "Broken = Nod\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", broken + program], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == ("FAILURE\n", "")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, SystemExit])
+def test_an_exception_in_the_block_closes_everything(
+    error: type[BaseException], tmp_path: Path
+) -> None:
+    """The process that plans has ended, the record is written and its folder free."""
+    pid = None
+
+    def break_while_it_plans() -> None:
+        nonlocal pid
+        with bt.open(AROUND, record=tmp_path) as run:
+            while (pid := run.assembly.planning.pid) is None:
+                run.step(0.02)
+            raise error
+
+    with pytest.raises(error):
+        break_while_it_plans()
+    assert pid is not None
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "UNFINISHED"
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_ctrl_c_in_the_middle_of_a_run_leaves_no_process() -> None:
+    """Python raises KeyboardInterrupt wherever it is; the run is closed on its way out."""
+    program = (
+        "import os, signal, sys, threading, time\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's & ignores it\n"
+        "import bt_dualarm as bt\n"
+        f"tree = {AROUND!r}\n"
+        "from bt_dualarm.motion.planning import process\n"
+        "spawn = process._spawn\n"
+        "def spawning():\n"
+        "    made = spawn()\n"
+        "    print(made[0].pid, flush=True)\n"
+        "    threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "    return made\n"
+        "process._spawn = spawning\n"
+        "bt.run(tree, real_time=True)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == -signal.SIGINT
+    assert done.stderr.rstrip().endswith("KeyboardInterrupt")
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(done.stdout), 0)
+
+
+# The table of contents
+
+
+def test_the_facade_tells_what_is_there() -> None:
+    assert {"run", "open", "check", "__version__", "Skill"} <= set(dir(bt))
+    assert all(hasattr(bt, name) for name in dir(bt))
+    assert all(getattr(bt, name).__doc__ for name in ("run", "open", "check", "Run", "RunResult"))
+    assert bt.__version__.split(".")[0].isdecimal()
+    with pytest.raises(AttributeError, match="has no attribute 'rnu'"):
+        _ = bt.rnu  # type: ignore[attr-defined]  # that is the mistake
+
+
+def test_importing_it_costs_nothing() -> None:
+    code = (
+        "import sys; before = set(sys.modules); import bt_dualarm; "
+        "print(sorted(name for name in set(sys.modules) - before if '.' not in name))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"numpy", "pydantic", "mujoco", "yaml", "logging"} & set(eval(done.stdout))  # noqa: S307 - our own list
+
+
+def test_the_module_is_bt_run() -> None:
+    command = [sys.executable, "-m", "bt_dualarm"]
+    done = subprocess.run([*command, "--help"], capture_output=True, text=True, check=True)
+    assert "Run the behaviour trees of a file" in done.stdout
+    subprocess.run([*command, "circle", "--display", "quiet"], check=True)

@@ -1,0 +1,61 @@
+"""Files are whole or not there, whoever else writes them at the same time."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import BinaryIO
+
+import pytest
+
+from bt_dualarm.runtime.atomic_write import write_atomically, write_text
+
+WRITERS, ROUNDS = 8, 25
+LONG = 40_000
+"""Characters of a content: more than one write of a buffer."""
+
+
+def test_many_writers_of_one_file_at_once(tmp_path: Path) -> None:
+    """None is refused, a reader sees one content whole, and nothing else is left in the folder."""
+    path = tmp_path / "tree.yaml"
+    contents = [letter * LONG for letter in "abcdefgh"]
+    write_text(path, contents[0])
+    torn: list[str] = []
+    done = threading.Event()
+
+    def read() -> None:
+        while not done.is_set():
+            text = path.read_text(encoding="utf-8")
+            if text not in contents:
+                torn.append(text[:20])
+
+    def write(number: int) -> None:
+        for _ in range(ROUNDS):
+            write_text(path, contents[number])
+
+    with ThreadPoolExecutor(WRITERS + 1) as pool:
+        reader = pool.submit(read)
+        writers = [pool.submit(write, number) for number in range(WRITERS)]
+        try:
+            for writer in writers:
+                writer.result()
+        finally:
+            done.set()
+        reader.result()
+    assert torn == []
+    assert [found.name for found in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_writer_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "tree.yaml"
+    write_text(path, "before")
+
+    def fail(file: BinaryIO) -> None:
+        file.write(b"half")
+        raise RuntimeError("in the middle")
+
+    with pytest.raises(RuntimeError):
+        write_atomically(path, fail)
+    assert path.read_text(encoding="utf-8") == "before"
+    assert [found.name for found in tmp_path.iterdir()] == [path.name]

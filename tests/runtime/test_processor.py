@@ -1,0 +1,61 @@
+"""The kind of a processor: the same while it is, another where numbers are rounded otherwise."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+
+import pytest
+
+from bt_dualarm.runtime.processor import Processor, processor
+
+HERE = processor()
+
+OTHERS = {
+    "another BLAS core": {"OPENBLAS_CORETYPE": "Nehalem"},
+    "fewer SIMD extensions": {"NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512_SKX AVX2 FMA3"},
+    "a C library without FMA": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2"},
+}
+"""Environments in which the same processor computes as an older one does."""
+
+
+def elsewhere(**environment: str) -> Processor:
+    """The kind that a process of its own finds."""
+    code = (
+        "import json; from bt_dualarm.runtime import processor;"
+        "print(json.dumps(processor.processor()))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found: Processor = json.loads(done.stdout)
+    return found
+
+
+def test_processes_on_one_processor_agree() -> None:
+    assert processor() == HERE == elsewhere()
+
+
+MODERN = (
+    {"AVX2", "FMA3"} <= set(HERE["simd"])
+    and HERE["blas"] not in ("unknown", "Nehalem")
+    and platform.libc_ver()[0] == "glibc"
+)
+
+
+@pytest.mark.skipif(
+    platform.libc_ver()[0] != "glibc"
+    or not {"AVX2", "FMA3"} <= set(HERE["simd"])
+    or HERE["blas"] in ("unknown", "Nehalem"),
+    reason="this processor is as old as those that it would play, or cannot play them",
+)
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_rounds_otherwise_has_another_fingerprint(name: str) -> None:
+    assert elsewhere(**OTHERS[name])["arithmetic"] != HERE["arithmetic"]

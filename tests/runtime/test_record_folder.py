@@ -1,0 +1,102 @@
+"""One run at a time has a folder, and nobody else's files are touched."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bt_dualarm.runtime.record_folder import LOCK, RecordError, RecordFolder
+
+OF_A_RECORD = (
+    "summary.json",
+    "events.jsonl",
+    "samples.npz",
+    "run.log",
+    "divergence.npz",
+    "overview.png",
+    "scene.png",
+    "arm1_plane.png",
+    "arm1_time.png",
+)
+
+
+def summary(*arms: str) -> str:
+    return json.dumps({"outcome": "SUCCESS", "state_sha256": "0", "arms": dict.fromkeys(arms)})
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_an_earlier_record_is_taken_away_and_other_files_stay(tmp_path: Path) -> None:
+    """Plots of its arms too: they would be taken for those of the new run."""
+    for name in (*OF_A_RECORD, "arm2_plane.png", "mine_plane.png", "notes.txt"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "summary.json").write_text(summary("arm1", "arm2"))
+    with RecordFolder(tmp_path, ["arm1"]):
+        assert names(tmp_path) == {LOCK, "mine_plane.png", "notes.txt"}
+    assert names(tmp_path) == {"mine_plane.png", "notes.txt"}, "nothing of its own stays behind"
+
+
+@pytest.mark.parametrize("name", OF_A_RECORD)
+@pytest.mark.parametrize(
+    "text", ["", "junk", "[]", "3", "{}", '{"arms": 3}', '{"arms": {"arm1": 0}}', "\xff"]
+)
+def test_what_is_of_no_run_is_not_overwritten(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text, encoding="latin-1")
+    with pytest.raises(RecordError, match=f"{name} is there and is not of a run"):
+        RecordFolder(tmp_path, ["arm1"])
+    assert names(tmp_path) == {name}
+    assert (tmp_path / name).read_text(encoding="latin-1") == text
+
+
+@given(st.text(max_size=20))
+def test_a_summary_leads_nowhere_else(name: str) -> None:
+    """Whatever it calls its arms."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place, "record")
+        folder.mkdir()
+        (Path(place) / "secret_time.png").write_bytes(b"")
+        (folder / "summary.json").write_text(summary("../secret", f"../{name}", name))
+        with RecordFolder(folder, [name]):
+            assert (Path(place) / "secret_time.png").exists()
+
+
+def test_a_folder_that_a_killed_run_has_left_is_free(tmp_path: Path) -> None:
+    """Whatever it had written by then; the system has let go of its lock."""
+    program = (
+        "import os, sys; from pathlib import Path; "
+        "from bt_dualarm.runtime.record_folder import RecordFolder; "
+        "folder = RecordFolder(Path(sys.argv[1]), []); "
+        "Path(sys.argv[1], 'events.jsonl').write_text('x'); os.kill(os.getpid(), 9)"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False)
+    assert (done.returncode, names(tmp_path)) == (-9, {LOCK, "events.jsonl"})
+    with RecordFolder(tmp_path, ["arm1"]):
+        assert names(tmp_path) == {LOCK}
+
+
+def test_a_second_run_is_kept_out_until_the_first_is_over(tmp_path: Path) -> None:
+    """Of two runs into one folder, one was lost without a word."""
+    with RecordFolder(tmp_path, ["arm1"]):
+        for _ in range(2):
+            with pytest.raises(RecordError, match="another run is recording there"):
+                RecordFolder(tmp_path, ["arm2"])
+        (tmp_path / "summary.json").write_text(summary("arm1"))
+    with RecordFolder(tmp_path, ["arm2"]):
+        assert names(tmp_path) == {LOCK}
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("")
+    with pytest.raises(RecordError, match="is not a folder"):
+        RecordFolder(tmp_path / "out", [])
+    with pytest.raises(RecordError, match="Not a directory"):
+        RecordFolder(tmp_path / "out" / "below", [])

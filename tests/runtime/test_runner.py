@@ -1,0 +1,241 @@
+"""The runner: order, ends, faults, arms that come and go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from bt_dualarm.runtime.outcome import Ending, Outcome
+from bt_dualarm.runtime.parts import RunView
+from bt_dualarm.runtime.runner import Limit
+from bt_dualarm.tree.report import StatusChange
+from tests.runtime.fakes import FakeController, FakeEye, Stage, ticks
+
+
+def raising(after: int) -> Iterator[object]:
+    for _ in range(after):
+        yield None
+    raise RuntimeError("boom")
+
+
+def test_the_order_within_a_step_is_fixed() -> None:
+    stage = Stage({"arm1": ticks(1), "arm2": ticks(1)})
+    stage.eyes["arm2"] = FakeEye("arm2", stage.world)
+    stage.run()
+    # tick every 2 steps, control every step, a picture every 2 steps delivered one step later
+    assert stage.diary[:14] == [
+        "0 capture arm2",
+        "0 tick arm1",
+        "0 tick arm2",
+        "0 control arm1",
+        "0 control arm2",
+        "0 step",
+        "1 deliver arm2",
+        "1 control arm1",
+        "1 control arm2",
+        "1 step",
+        "2 capture arm2",
+        "2 tick arm1",
+        "2 tick arm2",
+        "2 control arm1",
+    ]
+
+
+def test_it_ends_when_every_tree_has_succeeded_and_the_arms_stand_still() -> None:
+    stage = Stage({"arm1": ticks(1), "arm2": ticks(4)})
+    result = stage.run()
+    assert result.ending is Ending.FINISHED
+    assert result.outcome is Outcome.SUCCESS
+    assert [(arm.name, arm.outcome, arm.ended_s) for arm in result.arms.values()] == [
+        ("arm1", Outcome.SUCCESS, 0.02),
+        ("arm2", Outcome.SUCCESS, 0.08),
+    ]
+    assert result.at_rest
+    assert all(controller.at_rest for controller in stage.controllers.values())
+    assert not [line for line in stage.diary if line == "4 tick arm1"], "ended trees rest"
+    assert result.arms["arm1"].clipped_setpoints == 7
+    assert (result.wall_time_s, result.real_time_factor) == (2, result.sim_time_s / 2)
+
+
+def test_one_failed_tree_does_not_stop_the_other() -> None:
+    result = Stage({"arm1": ticks(1, "FAILURE"), "arm2": ticks(5)}).run()
+    assert [arm.outcome for arm in result.arms.values()] == [Outcome.FAILURE, Outcome.SUCCESS]
+    assert result.outcome is Outcome.FAILURE
+
+
+@pytest.mark.parametrize("after", [0, 1, 2])
+def test_an_exception_in_a_tick_fails_that_arm_alone(
+    after: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    stage = Stage({"arm1": raising(after), "arm2": ticks(5)})
+    result = stage.run()
+    first, second = result.arms.values()
+    assert first.outcome is Outcome.FAILURE
+    assert first.fault == "tree raised RuntimeError: boom"
+    assert stage.controllers["arm1"].stops >= 1
+    assert stage.trees["arm1"].halts == 1
+    assert second.outcome is Outcome.SUCCESS
+    assert "RuntimeError: boom" in caplog.text
+
+
+def test_an_exception_in_a_frame_callback_fails_that_arm_alone() -> None:
+    def broken() -> None:
+        raise ValueError("in the callback")
+
+    stage = Stage({"arm1": ticks(9), "arm2": ticks(5)})
+    eye = stage.eyes["arm1"] = FakeEye("arm1", stage.world)
+    eye.on_frame = broken
+    first, second = stage.run().arms.values()
+    assert first.fault == "camera raised ValueError: in the callback"
+    assert (first.outcome, second.outcome) == (Outcome.FAILURE, Outcome.SUCCESS)
+
+
+def test_the_limit_ends_it_unfinished() -> None:
+    stage = Stage({"arm1": ticks(1000)})
+    stage.limit = Limit(0.1, Ending.DURATION)
+    result = stage.run()
+    assert (result.ending, result.outcome) == (Ending.DURATION, Outcome.UNFINISHED)
+    assert stage.diary.count("10 step") == 1
+    assert "10 tick arm1" not in stage.diary
+    assert stage.witness.changes == ["0.00 arm1 INVALID>RUNNING", "0.10 arm1 RUNNING>INVALID"]
+    assert result.arms["arm1"].ended_s is None
+    assert result.at_rest
+
+
+def test_a_stop_request_halts_the_trees_and_stops_the_arms() -> None:
+    stage = Stage({"arm1": ticks(1000)})
+
+    def script() -> Iterator[object]:
+        yield None
+        stage.stop.receive(2)
+        while True:
+            yield None
+
+    stage.scripts["arm1"] = script()
+    result = stage.run()
+    assert (result.ending, result.outcome) == (Ending.STOPPED, Outcome.UNFINISHED)
+    assert result.at_rest
+    assert stage.stop.exit_code == 130
+
+
+def test_a_second_request_does_not_wait_for_the_arms() -> None:
+    stage = Stage({"arm1": ticks(1000)})
+    stage.stop.receive(15)
+    stage.stop.receive(2)
+    result = stage.run()
+    assert stage.diary == []
+    assert not result.at_rest
+    assert stage.stop.exit_code == 143
+
+
+def test_arms_that_never_rest_do_not_hold_the_end_up() -> None:
+    stage = Stage({"arm1": ticks(1)})
+    stage.controllers["arm1"] = FakeController("arm1", stage.world, updates_to_stop=10**9)
+    result = stage.run()
+    assert not result.at_rest
+    assert result.outcome is Outcome.SUCCESS
+    assert result.sim_time_s < 6.0
+
+
+def test_a_divergence_ends_the_run_with_its_error() -> None:
+    stage = Stage({"arm1": ticks(1000)})
+    stage.world.diverges_at = 7
+    result = stage.run()
+    assert result.ending is Ending.DIVERGED
+    assert result.error == "the simulation diverged at 0.070 s"
+    assert stage.diary[-1] == "7 step", "no step after the divergence"
+    assert not result.at_rest
+    assert stage.witness.changes[-1] == "0.07 arm1 RUNNING>INVALID"
+
+
+def test_a_controller_that_raises_ends_the_run_in_order() -> None:
+    stage = Stage({"arm1": ticks(1000)})
+    controller = FakeController("arm1", stage.world)
+    controller.breaks_at = 3
+    stage.controllers["arm1"] = controller
+    result = stage.run()
+    assert (result.ending, result.outcome) == (Ending.ERROR, Outcome.UNFINISHED)
+    assert result.error == "ZeroDivisionError: in the controller"
+
+
+def test_an_arm_spawned_by_a_leaf_begins_its_own_tree() -> None:
+    stage = Stage({"late": ticks(2), "early": iter(())}, present=("early",))
+
+    def spawn() -> Iterator[object]:
+        yield None
+        stage.world.arms["late"] = None
+        yield "SUCCESS"
+
+    stage.scripts["early"] = spawn()
+    result = stage.run()
+    assert [arm.outcome for arm in result.arms.values()] == [Outcome.SUCCESS, Outcome.SUCCESS]
+    assert stage.diary.index("2 control late") < stage.diary.index("2 step"), "held from the start"
+    assert [line for line in stage.diary if "tick late" in line] == [
+        "3 tick late",
+        "5 tick late",
+        "7 tick late",
+    ]
+
+
+def test_an_arm_that_is_removed_ends_without_failing_the_run() -> None:
+    stage = Stage({"arm1": iter(()), "arm2": ticks(1000)})
+
+    def remove() -> Iterator[object]:
+        yield None
+        stage.world.remove_arm("arm2")
+        yield "SUCCESS"
+
+    stage.scripts["arm1"] = remove()
+    result = stage.run()
+    assert [arm.outcome for arm in result.arms.values()] == [Outcome.SUCCESS, Outcome.REMOVED]
+    assert result.outcome is Outcome.SUCCESS
+    assert "0.02 arm2 RUNNING>INVALID" in stage.witness.changes
+    assert not [line for line in stage.diary if line == "2 control arm2"]
+
+
+def test_an_arm_that_comes_back_keeps_what_it_did_before() -> None:
+    stage = Stage({"arm1": iter(()), "arm2": ticks(1)})
+
+    def replace() -> Iterator[object]:
+        yield None
+        yield None
+        stage.world.remove_arm("arm2")
+        yield None
+        stage.scripts["arm2"] = ticks(1)
+        stage.world.arms["arm2"] = None
+        yield "SUCCESS"
+
+    stage.scripts["arm1"] = replace()
+    second = stage.run().arms["arm2"]
+    assert second.outcome is Outcome.SUCCESS
+    assert len(second.runs) == 2
+    assert second.clipped_setpoints == 14
+
+
+def test_an_arm_that_nobody_spawned_is_no_failure() -> None:
+    result = Stage({"arm1": ticks(1), "spare": ticks(1)}, present=("arm1",)).run()
+    assert [arm.outcome for arm in result.arms.values()] == [Outcome.SUCCESS, Outcome.NOT_SPAWNED]
+    assert result.outcome is Outcome.SUCCESS
+
+
+def test_a_run_in_which_nothing_happened_is_no_success() -> None:
+    assert Stage({"spare": ticks(1)}, present=()).run().outcome is Outcome.UNFINISHED
+
+
+def test_an_observer_that_raises_is_dropped(caplog: pytest.LogCaptureFixture) -> None:
+    class Broken:
+        def on_event(self, change: StatusChange) -> None:
+            raise BrokenPipeError
+
+        def after_ticks(self, run: RunView) -> None:
+            raise AssertionError("dropped before")
+
+        def after_step(self, time: float) -> None:
+            raise AssertionError("dropped before")
+
+    stage = Stage({"arm1": ticks(3)})
+    stage.observers.insert(0, Broken())
+    assert stage.run().outcome is Outcome.SUCCESS
+    assert stage.witness.changes == ["0.00 arm1 INVALID>RUNNING", "0.06 arm1 RUNNING>SUCCESS"]
+    assert "Broken stopped looking on" in caplog.text

@@ -1,0 +1,148 @@
+"""Finding skills, and refusing those that are badly made, with the file's name."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from bt_dualarm.skill import registry
+from bt_dualarm.skill.registry import Registry, RegistryError, yaml_name
+from bt_dualarm.skill.skill import Skill
+
+GOOD = '''
+    """A skill."""
+    from bt_dualarm.skill.skill import Skill
+    from bt_dualarm.spec.ports import PortModel, port
+
+    class WaveOnce(Skill):
+        """Waves."""
+
+        class Ports(PortModel):
+            angle: float = port(20.0, "How far", unit="deg", gt=0)
+
+        failures = {"TIRED": "the arm is tired"}
+        example = "wave_once: {angle: 30}"
+
+        def run(self):
+            yield
+'''
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where ``load`` finds its skills, and nothing is installed."""
+    monkeypatch.setattr(registry, "share_dir", lambda _: tmp_path)
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda **_: [])
+    return tmp_path
+
+
+def complaints(folder: Path, text: str, name: str = "wave.py") -> list[str]:
+    (folder / name).write_text(dedent(text))
+    with pytest.raises(RegistryError) as caught:
+        Registry.load()
+    return [c.replace(f"{folder}/", "") for c in caught.value.complaints]
+
+
+@pytest.mark.parametrize(
+    ("name", "yaml"),
+    [
+        ("Circle", "circle"),
+        ("ReachToPose", "reach_to_pose"),
+        ("PickXY", "pick_xy"),
+        ("HTTPGet", "http_get"),
+        ("Move2D", "move2_d"),
+    ],
+)
+def test_names(name: str, yaml: str) -> None:
+    assert yaml_name(type(name, (Skill,), {})) == yaml
+
+
+def test_a_good_skill(folder: Path) -> None:
+    (folder / "wave.py").write_text(dedent(GOOD))
+    (folder / "_shared.py").write_text("raise RuntimeError('not a skill file')")
+    found = Registry.load()
+    kind = found.kinds["wave_once"]
+    assert kind.summary == "Waves."
+    assert kind.is_leaf
+    assert kind.failures == {"TIRED": "the arm is tired"}
+    assert kind.origin.endswith("wave.py")
+    assert Registry.load().skills["wave_once"] is found.skills["wave_once"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("yield", "pass", "wave.py: WaveOnce: run() has no yield: every yield ends a tick"),
+        ('"""Waves."""', "", "wave.py: WaveOnce: has no docstring;"
+                             " its first line is what users are shown"),
+        ("class Ports(PortModel)", "class Ports", "wave.py: WaveOnce: Ports is not a PortModel"),
+        ("port(20.0", "port(-1.0", "wave.py: WaveOnce: Ports.angle refuses its own default:"
+                                   " Input should be greater than 0"),
+        ('port(20.0, "How far", unit="deg", gt=0)', "1.0", "wave.py: WaveOnce: Ports.angle has no"
+         " description; declare it with port(default, description)"),
+        ("angle: float", "name: float", "wave.py: WaveOnce: 'name' cannot be the name of a port:"
+                                        " it has a meaning in every node"),
+        ('"TIRED": "the', '"tired": "the', "wave.py: WaveOnce: failure code 'tired' is not of"
+                                           " capital letters, digits and _"),
+        ("WaveOnce", "Wait", "wave.py: 'wait' is a word of the language; rename the class"),
+        ("from bt_dualarm.skill.skill", "from bt_dualarm.skil",
+         "wave.py: cannot be imported: ModuleNotFoundError: No module named 'bt_dualarm.skil'"),
+        ("failures =", 'brings_in = ("angle",)\n        failures =', "wave.py: WaveOnce: brings_in"
+         " names 'angle', which is no port of an object's or an arm's name"),
+        ("class WaveOnce(Skill)", "class WaveOnce", "wave.py: has no subclass of Skill"),
+        ('"""A skill."""', "1 / 0",
+         "wave.py: cannot be imported: ZeroDivisionError: division by zero"),
+    ],
+)  # fmt: skip
+def test_mistakes_of_authors(old: str, new: str, complaint: str, folder: Path) -> None:
+    assert complaints(folder, GOOD.replace(old, new, 1)) == [complaint]
+
+
+def test_a_port_and_an_output_of_one_name(folder: Path) -> None:
+    text = GOOD.replace(
+        "failures =",
+        'class Outputs(PortModel):\n            angle: float = port(0, "It")\n\n        failures =',
+    )
+    assert complaints(folder, text) == [
+        "wave.py: WaveOnce: 'angle' is a port and an output; call them differently"
+    ]
+
+
+def test_two_skills_of_one_name(folder: Path) -> None:
+    (folder / "a.py").write_text(dedent(GOOD))
+    assert complaints(folder, GOOD) == ["wave.py: skill 'wave_once' is already in a.py"]
+
+
+def test_folders_of_the_user(folder: Path) -> None:
+    more = folder / "more"
+    more.mkdir()
+    (more / "wave.py").write_text(dedent(GOOD))
+    assert "wave_once" in Registry.load([more]).skills
+    with pytest.raises(RegistryError, match="there is no such folder"):
+        Registry.load([folder / "none"])
+
+
+def test_installed_packages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An entry point names a class or a module; a broken one is named."""
+    (folder / "their_skills.py").write_text(dedent(GOOD))
+    monkeypatch.syspath_prepend(folder)
+    (folder / "more").mkdir()
+    monkeypatch.setattr(registry, "share_dir", lambda _: folder / "more")
+
+    def installed(value: str) -> None:
+        entry = importlib.metadata.EntryPoint("theirs", value, registry.ENTRY_POINTS)
+        monkeypatch.setattr(importlib.metadata, "entry_points", lambda **_: [entry])
+
+    installed("their_skills:WaveOnce")
+    assert "wave_once" in Registry.load().skills
+    installed("their_skills")
+    assert "wave_once" in Registry.load().skills
+    installed("their_skills:GONE")
+    with pytest.raises(RegistryError, match=r"entry point 'theirs' \(their_skills:GONE\): cannot"):
+        Registry.load()
+    installed("pathlib:Path")
+    with pytest.raises(RegistryError, match="is neither a skill nor a module of skills"):
+        Registry.load()

@@ -1,0 +1,115 @@
+"""Samples either fit, and can be drawn, or are refused at the call with a sentence."""
+
+from __future__ import annotations
+
+import io
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from bt_dualarm.errors import SkillError
+from bt_dualarm.runtime.plots import in_plane, over_time
+from bt_dualarm.runtime.series import SeriesLog
+from bt_dualarm.skill.samples import Samples
+
+NAMES = st.sampled_from(["planned", "executed", "target", "error_m", "error", "m", "_", "ü\n_m"])
+NUMBERS = st.floats(-1e6, 1e6) | st.sampled_from([float("nan"), float("inf"), 0.0, 1e300, -1e-300])
+SHAPES = st.sampled_from(
+    [(), (0,), (1,), (3,), (4,), (0, 3), (1, 3), (3, 1), (3, 3), (4, 3), (4, 2), (2, 4, 3)]
+)
+ODD: st.SearchStrategy[Any] = st.sampled_from(
+    [None, "1.0", "soon", b"x", {}, [[1.0], [1.0, 2.0]], [None], object(), 1j, [1, "two"], True]
+)
+GIVEN = SHAPES.flatmap(lambda shape: arrays.arrays(float, shape, elements=NUMBERS)) | ODD
+"""Numbers of many shapes, some of them not finite, and what is no number."""
+
+
+@given(NAMES | st.just("") | ODD, GIVEN, GIVEN)
+def test_what_is_recorded_fits_or_is_refused(name: Any, time: Any, values: Any) -> None:
+    """No other exception leaves the call, and what is kept is finite and in order."""
+    try:
+        samples = Samples.of(name, time, values)
+    except SkillError:
+        return
+    assert samples.values.shape == (len(samples.time), 3) or samples.values.shape[1:] == (1,)
+    assert np.isfinite(samples.time).all()
+    assert np.isfinite(samples.values).all()
+    assert (np.diff(samples.time) > -1e-8).all()
+
+
+FITTING = [
+    (0.5, 1.0, (1, 1)),
+    (0.5, [1, 2, 3], (1, 3)),
+    ([0.5], 2, (1, 1)),
+    ([0.1, 0.2], [1.0, 2.0], (2, 1)),
+    ([0.1, 0.2], np.zeros((2, 3)), (2, 3)),
+    (np.arange(3), np.arange(3), (3, 1)),
+    ([], [], (0, 1)),
+    ([], np.zeros((0, 3)), (0, 3)),
+]
+
+
+@pytest.mark.parametrize(("time", "values", "shape"), FITTING)
+def test_numbers_and_points_alone_and_in_rows(time: Any, values: Any, shape: Any) -> None:
+    assert Samples.of("error_m", time, values).values.shape == shape
+
+
+MISFITS = [
+    (0.1, "far", "no numbers"),
+    (0.1, float("nan"), "finite"),
+    (float("inf"), 1.0, "finite"),
+    ([0.1, 0.2, 0.3], np.zeros(9), r"shape \(9,\) at 3 times"),
+    ([0.1, 0.2], np.zeros((3, 3)), r"shape \(3, 3\) at 2 times"),
+    ([0.1, 0.2], np.zeros((2, 2)), r"shape \(2, 2\)"),
+    ([0.2, 0.1], [1.0, 2.0], "backwards"),
+    ([], [1.0], r"shape \(1,\) at 0 times"),
+    ([[0.1], [0.2]], [1.0, 2.0], "times are of shape"),
+]
+
+
+@pytest.mark.parametrize(("time", "values", "says"), MISFITS)
+def test_a_misfit_is_named_with_what_is_allowed(time: Any, values: Any, says: str) -> None:
+    with pytest.raises(SkillError, match=says) as caught:
+        Samples.of("planned", time, values)
+    assert str(caught.value).startswith("record('planned')")
+
+
+def test_a_series_goes_on_where_it_ended_and_stays_what_it_was() -> None:
+    log = SeriesLog()
+    log.add("arm1", "leaf", "planned", 1.0, [0, 0, 0])
+    for time, values, says in ((2.0, 1.0, "points, as they were"), (0.5, [0, 0, 0], "1.000 s")):
+        with pytest.raises(SkillError, match=says):
+            log.add("arm1", "leaf", "planned", time, values)
+    log.add("arm1", "leaf", "planned", 2.0, [0, 0, 1])
+    assert len(log.of("arm1")["leaf"]["planned"].time) == 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whatever_was_kept_can_be_drawn(seed: int) -> None:
+    """Nothing that was accepted at the call can break the pictures at the end of a run."""
+    rng, log = np.random.default_rng(seed), SeriesLog()
+    for number in range(10):
+        leaf, name = rng.choice(["draw", "track/x", "a b"]), rng.choice(["planned", "error_m", "m"])
+        count, columns = rng.integers(1, 6), rng.choice([1, 3])
+        values = rng.choice([0.0, 1e-9, 1.0, 1e12]) * rng.normal(size=(count, columns))
+        with suppress(SkillError):
+            log.add("arm1", str(leaf), str(name), number + np.linspace(0.0, 0.5, count), values)
+    leaves = log.of("arm1")
+    for figure in (in_plane(leaves, np.zeros(0), {}, "arm1"), over_time(leaves, "arm1")):
+        FigureCanvasAgg(figure).print_figure(io.BytesIO())
+
+
+def test_a_skill_that_measures_hundreds_of_things_gets_a_picture() -> None:
+    """A figure has no more rows than a picture can hold."""
+    log = SeriesLog()
+    for number in range(300):
+        log.add("arm1", "leaf", f"force{number}_N", 0.0, 1.0)
+    figure = over_time(log.of("arm1"), "arm1")
+    width, height = figure.get_size_inches() * figure.dpi
+    assert max(width, height) < 2**16, "what matplotlib can draw"

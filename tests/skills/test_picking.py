@@ -1,0 +1,29 @@
+"""The benchmark of picking, in small: truthful outcomes all over the table and beyond reach."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.picking import Place, attempt, places
+from bt_dualarm.skill.registry import Registry
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("place", places(6, seed=7), ids=str)
+def test_cube_on_the_table_is_picked(place: Place, registry: Registry, tmp_path: Path) -> None:
+    """Attached and lifted in the simulator's truth, not only in the words of the tree."""
+    one = attempt(place, registry, tmp_path)
+    assert one.within_reach
+    assert one.verdict == "picked", one.reason
+
+
+def test_cube_out_of_reach_is_refused_before_moving(registry: Registry, tmp_path: Path) -> None:
+    """The arm 0.5 m farther away: no motion, and the reason with its numbers."""
+    one = attempt(Place(0.55, -0.65, 10.0), registry, tmp_path, back=0.5)
+    assert not one.within_reach
+    assert one.verdict == "refused"
+    assert "OUT_OF_REACH" in one.reason
+    assert "1.28 m" in one.reason

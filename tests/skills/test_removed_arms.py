@@ -1,0 +1,151 @@
+"""Whatever an arm does, and whoever takes it away: its tree ends as removed, nobody complains."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm import PortModel, Skill, port
+from bt_dualarm.testing import registry_with
+from bt_dualarm.world.world import World
+from tests.plays import Deed, Play, Stage
+from tests.skills.scenarios import SCENARIOS, Tree, node_of
+
+FAR = {"robot": "ur3", "base": {"xyz": [0, -6, 0]}}
+"""An arm that meets nobody: it takes the other one away."""
+
+PHASES = {"first": 0.0, "second": 0.4, "last": 0.97}
+"""Shares of a leaf's time after which its arm is taken away."""
+
+
+def file_of(skill: str, example: str, remover: Tree, name: str) -> Tree:
+    """The scenario of a skill with a second arm, named before or after the first."""
+    file = SCENARIOS[skill].file(node_of(example))
+    other = {name: FAR | {"tree": remover}}
+    arms = file["arms"]
+    file["arms"] = {**other, **arms} if name == "arm0" else {**arms, **other}
+    return file
+
+
+def spotless(play: Play, caplog: pytest.LogCaptureFixture) -> bool:
+    """Whether a run broke nothing and blamed nobody."""
+    assert play.result is not None
+    faults = [play.result.error, caplog.text, *(arm.fault for arm in play.result.arms.values())]
+    runs = [run for arm in play.result.arms.values() for run in arm.runs]
+    return not any(faults) and all(run.status != "FAILURE" for run in runs)
+
+
+@pytest.mark.parametrize("skill", SCENARIOS)
+def test_an_arm_is_taken_away_while_it_works(
+    skill: str, stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    """By a leaf ticked before it, by one ticked after it, and from outside between two ticks."""
+    example = stage.registry.skills[skill].example
+    idle: Tree = {"wait": {"seconds": 0.1}}
+    leaf = stage.run(file_of(skill, example, idle, "arm2")).leaves(skill)[-1]
+    assert leaf.status == "SUCCESS"
+    assert leaf.ended_s is not None
+    for number, (name, phase) in enumerate(PHASES.items()):
+        at = round(leaf.started_s + phase * (leaf.ended_s - leaf.started_s), 2)
+        take: Tree = {
+            "sequence": [{"wait": {"seconds": max(at, 0.02)}}, {"remove": {"arm": "arm1"}}]
+        }
+        deeds: list[tuple[float, Deed]] = []
+        if name == "last":
+            take, deeds = idle, [(at + 0.006, partial(World.remove_arm, name="arm1"))]
+        caplog.clear()
+        with caplog.at_level(logging.WARNING):
+            file = file_of(skill, example, take, f"arm{2 * (number % 2)}")
+            play = stage.run(file, deeds=deeds)
+        assert spotless(play, caplog), name
+        halted = play.arm("arm1").runs[-1].status == "INVALID"
+        assert play.arm("arm1").outcome == ("REMOVED" if halted else "SUCCESS"), name
+
+
+class LookBack(Skill):
+    """Moves, and measures in its clean-up where the arm was."""
+
+    example = "look_back"
+
+    def run(self) -> Iterator[float | None]:
+        """For ever."""
+        self.arm.begin(self.arm.straight_to(self.arm.setpoint.q + 0.3, 0.2))
+        try:
+            while True:
+                yield None
+        finally:
+            self.metrics["turned_rad"] = float(self.arm.q[0])
+            self.metrics["height_m"] = float(self.arm.tool_pose.position[2])
+
+
+class TakeAway(Skill):
+    """Takes its own arm away, and goes on, or ends, as if nothing had happened."""
+
+    class Ports(PortModel):
+        then: str = port("end", "what comes after that")
+
+    example = "take_away"
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """In one tick, but for the end."""
+        self.arm.begin(self.arm.straight_to(self.arm.setpoint.q + 0.3, 0.2))
+        self.arm.world.remove_arm(self.arm.name)
+        if self.ports.then == "look":
+            self.metrics["q"] = float(self.arm.q[0])
+        if self.ports.then == "yield":
+            yield None
+        yield from ()
+
+
+ALONE = """
+world: {scene: empty, time_limit: 5}
+arms:
+  arm1: {robot: ur5, tree: LEAF}
+  arm2: {robot: ur3, base: {xyz: [0, -3, 0]}, tree: {sequence: [{wait: 0.5 s}, OTHER]}}
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Stage:
+    return Stage(tmp_path, registry_with(LookBack, TakeAway))
+
+
+def test_what_a_leaf_cleans_up_finds_its_arm_as_it_was(
+    own: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    play = own.run(ALONE.replace("LEAF", "look_back").replace("OTHER", "{remove: {arm: arm1}}"))
+    assert spotless(play, caplog)
+    (run,) = play.arm("arm1").runs
+    assert (play.arm("arm1").outcome, run.code) == ("REMOVED", "HALTED")
+    assert 0.01 < float(run.metrics["turned_rad"]) < 0.3
+    assert "height_m" in run.metrics
+
+
+@pytest.mark.parametrize("then", ["end", "yield", "look"])
+def test_an_arm_that_takes_itself_away_is_removed_and_the_others_go_on(
+    then: str, own: Stage
+) -> None:
+    """The tree of an arm that is gone has no other end, whatever its leaf does then."""
+    leaf = f"{{take_away: {{then: {then}}}}}"
+    play = own.run(ALONE.replace("LEAF", leaf).replace("OTHER", "{go_home: {}}"))
+    assert play.result is not None
+    assert play.result.error == ""
+    assert play.arm("arm1").outcome == "REMOVED"
+    assert play.arm("arm2").outcome == "SUCCESS"
+
+
+def test_an_arm_that_is_replaced_within_a_tick_begins_anew(own: Stage) -> None:
+    """Its old tree has ended; the new one, its controller and its lease know nothing of it."""
+    swap = "{parallel: [{remove: {arm: arm1}}, {spawn: {arm: arm1}}]}"
+    leaf = "{reach_to_pose: {posture: up, speed: 0.5}}"
+    play = own.run(ALONE.replace("LEAF", leaf).replace("OTHER", swap))
+    assert play.leaf("remove", "arm2").code == "NOT_REMOVED", "it is there again a tick later"
+    first, second = play.arm("arm1").runs
+    assert (first.code, second.status) == ("HALTED", "SUCCESS")
+    assert second.started_s == pytest.approx(0.52, abs=0.03)
+    assert play.arm("arm1").clipped_setpoints == 0

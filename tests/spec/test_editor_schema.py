@@ -1,0 +1,27 @@
+"""The schema that editors use: as the code has it, and named by every shipped tree."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.share import share_dir
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.schema import schema_text
+
+SCHEMA = share_dir("assets") / "schema" / "tree.schema.json"
+TREES = sorted(share_dir("trees").rglob("*.yaml"))
+MODELINE = "# yaml-language-server: $schema="
+
+
+def test_the_schema_is_what_the_code_says() -> None:
+    renew = f"stale: renew it with: bt-skills --schema {SCHEMA}"
+    assert SCHEMA.read_text(encoding="utf-8") == schema_text(Registry.load().kinds), renew
+
+
+@pytest.mark.parametrize("path", TREES, ids=lambda path: path.stem)
+def test_every_shipped_tree_names_the_schema_in_its_first_line(path: Path) -> None:
+    first = path.read_text(encoding="utf-8").splitlines()[0]
+    assert first.startswith(MODELINE)
+    assert (path.parent / first.removeprefix(MODELINE)).resolve() == SCHEMA.resolve()

@@ -1,0 +1,33 @@
+"""Law of the types: a signature says `Any` only of what is any value, and says why."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.source import MODULES, SKILLS, dotted_name, parsed
+
+
+def types_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[ast.expr]:
+    """The types of a function's arguments and of what it returns."""
+    given = function.args
+    arguments = [*given.posonlyargs, *given.args, given.vararg, *given.kwonlyargs, given.kwarg]
+    declared = [argument.annotation for argument in arguments if argument is not None]
+    yield from (annotation for annotation in [*declared, function.returns] if annotation)
+
+
+@pytest.mark.parametrize("path", [*MODULES, *SKILLS], ids=dotted_name)
+def test_any_value_has_its_reason_beside_it(path: Path) -> None:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    bare = [
+        f"line {annotation.lineno}: {function.name}"
+        for function in ast.walk(parsed(path))
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        for annotation in types_of(function)
+        if any(isinstance(name, ast.Name) and name.id == "Any" for name in ast.walk(annotation))
+        and "# " not in lines[annotation.lineno - 1]
+    ]
+    assert bare == []

@@ -1,0 +1,100 @@
+"""Image files, whatever they are: an image, or a sentence, in bounded time and memory."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bt_dualarm.tuning.image_file import IMAGE_SUFFIXES, ImageFileError, read_image
+from tests.tuning.test_look import two_squares
+
+FILES = {suffix: cv2.imencode(suffix, two_squares())[1].tobytes() for suffix in IMAGE_SUFFIXES}
+LOSSLESS = [suffix for suffix in IMAGE_SUFFIXES if suffix not in (".jpg", ".jpeg", ".webp")]
+
+
+def png(width: int, height: int) -> bytes:
+    """A file of a hundred bytes that says it is an image of this size."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        check = struct.pack(">I", zlib.crc32(kind + content))
+        return struct.pack(">I", len(content)) + kind + content + check
+
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    parts = chunk(b"IHDR", head), chunk(b"IDAT", zlib.compress(bytes(9))), chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+@pytest.mark.parametrize("suffix", LOSSLESS)
+def test_an_image_is_read_as_it_was_written(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"photo{suffix}"
+    path.write_bytes(FILES[suffix])
+    assert (read_image(path)[..., ::-1] == two_squares()).all()
+
+
+@given(
+    suffix=st.sampled_from(IMAGE_SUFFIXES),
+    changes=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), max_size=9),
+    end=st.floats(0, 1),
+)
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_damaged_image_is_read_or_refused(
+    tmp_path: Path, suffix: str, changes: list[tuple[float, int]], end: float
+) -> None:
+    """Bytes replaced, half of them in the first hundred, and the end cut off."""
+    content = bytearray(FILES[suffix])
+    for number, (place, byte) in enumerate(changes):
+        content[int(place * (len(content) if number % 2 else min(100, len(content))))] = byte
+    path = tmp_path / f"photo{suffix}"
+    path.write_bytes(content[: 1 + int(end * len(content))])
+    with contextlib.suppress(ImageFileError):
+        image = read_image(path)
+        assert image.dtype == np.uint8
+        assert image.shape[2:] == (3,)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (None, "cannot be read: No such file"),
+        (b"", "is not an image"),
+        (b"GIF89a?", "is not an image"),
+        (png(60_000, 60_000), "is too large: images have at most 50 million pixels"),
+        (png(8000, 8000), "is 8000 x 8000 pixels, at most 50 million pixels are read"),
+    ],
+    ids=["none", "empty", "another", "huge", "large"],
+)
+def test_files_that_are_no_images_are_said(
+    content: bytes | None, says: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "photo.png"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ImageFileError, match=says):
+        read_image(path)
+
+
+def test_what_has_no_end_is_not_opened(tmp_path: Path) -> None:
+    """A pipe that nobody writes to would keep its reader waiting for ever."""
+    pipe, device, folder, gaps = (tmp_path / f"{name}.png" for name in ("a", "b", "c", "d"))
+    os.mkfifo(pipe)
+    device.symlink_to("/dev/zero")
+    folder.mkdir()
+    with gaps.open("wb") as file:
+        file.truncate(300 * 1024 * 1024)
+    for path, says in (
+        (pipe, "is a pipe or a device"),
+        (device, "is a pipe or a device"),
+        (folder, "cannot be read: Is a directory"),
+        (gaps, "has 300 MiB, at most 256 MiB are read"),
+    ):
+        with pytest.raises(ImageFileError, match=says):
+            read_image(path)

@@ -1,0 +1,40 @@
+"""What can be measured in a world."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.pose import Pose
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import PoseSpec
+from bt_dualarm.world.world import World
+from tests.world.worlds import arm, box, file_of
+
+
+def test_the_tool_touches_what_lies_against_it() -> None:
+    world = World(file_of({"arm1": arm("ur5")}, {"cube": box((0.5, 0.4, 0.025))}))
+    tool = world.arms["arm1"].tool_pose
+    world.remove_object("cube")
+    world.spawn_object("cube", tool @ Pose.from_rpy((0.0, 0.0, 0.035)))
+    assert world.tool_gap("arm1", "cube") == pytest.approx(0.01, abs=1e-4)
+    assert not world.touches("arm1", "cube")
+    world.remove_object("cube")
+    world.spawn_object("cube", tool @ Pose.from_rpy((0.0, 0.0, 0.0245)))
+    assert world.tool_gap("arm1", "cube") == pytest.approx(-0.0005, abs=1e-4)
+    assert world.touches("arm1", "cube")
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "reach"),
+    [("box", (0.2, 0.4, 0.6), 0.1), ("cylinder", (0.15, 0.6), 0.15), ("sphere", (0.12,), 0.12)],
+)
+def test_a_surface_point_is_on_the_surface(
+    shape: Any, size: tuple[float, ...], reach: float
+) -> None:
+    thing = ObjectSpec(shape=shape, size=size, mass=1.0, pose=PoseSpec(xyz=(0.5, 0.4, 1.0)))
+    world = World(file_of({"arm1": arm("ur5")}, {"thing": thing}))
+    point = world.surface_point("thing", np.array([1.0, 0.0, 0.0]))
+    assert point == pytest.approx([0.5 + reach, 0.4, 1.0])
