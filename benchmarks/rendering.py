@@ -19,8 +19,8 @@ import numpy as np
 from benchmarks.constant_jerk import ConstantJerk
 from bt_dualarm.errors import RendererError
 from bt_dualarm.share import share_dir
+from bt_dualarm.spec.camera import CameraSpec
 from bt_dualarm.spec.color import Color
-from bt_dualarm.spec.document import CameraSpec
 from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.vision.colors import ColorFilter
 from bt_dualarm.vision.detect import detect

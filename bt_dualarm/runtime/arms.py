@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 from bt_dualarm.runtime.arm_runtime import ArmParts, ArmRuntime
-from bt_dualarm.runtime.outcome import Outcome
+from bt_dualarm.runtime.outcome import STRICT, Leniency, Outcome
 from bt_dualarm.runtime.parts import ArmView, SteppedWorld
-from bt_dualarm.runtime.result import ArmResult
+from bt_dualarm.runtime.result import ArmLife, ArmResult
 from bt_dualarm.runtime.schedule import exact
 
 
@@ -20,14 +21,20 @@ class Arms:
             which arms act, whatever the order in which they were spawned.
         equip: Maker of what an arm consists of, once it is in the world.
         world: World that says which arms are in it.
+        leniency: What the file forgives an arm, by its name; nothing unless said otherwise.
     """
 
     def __init__(
-        self, declared: Mapping[str, str], equip: Callable[[str], ArmParts], world: SteppedWorld
+        self,
+        declared: Mapping[str, str],
+        equip: Callable[[str], ArmParts],
+        world: SteppedWorld,
+        leniency: Mapping[str, Leniency] = MappingProxyType({}),
     ) -> None:
         self._declared = declared
         self._equip = equip
         self._world = world
+        self._leniency = leniency
         self._timestep = exact(world.timestep)
         self._lives: dict[str, list[ArmRuntime]] = {name: [] for name in declared}
         self.present: tuple[ArmRuntime, ...] = ()
@@ -115,17 +122,21 @@ class Arms:
     def results(self) -> dict[str, ArmResult]:
         """What all arms of the file did, by name."""
         return {
-            name: _whole([arm.result() for arm in lives])
+            name: _whole([arm.result() for arm in lives], self._leniency.get(name, STRICT))
             if lives
             else ArmResult(name, self._declared[name], Outcome.NOT_SPAWNED)
             for name, lives in self._lives.items()
         }
 
 
-def _whole(lives: list[ArmResult]) -> ArmResult:
-    """An arm that was removed and spawned again has the outcome of its last life."""
+def _whole(lives: list[ArmResult], leniency: Leniency) -> ArmResult:
+    """What an arm did in all its lives."""
     return replace(
         lives[-1],
+        outcome=leniency.outcome_of([life.outcome for life in lives]),
         clipped_setpoints=sum(life.clipped_setpoints for life in lives),
         runs=tuple(run for life in lives for run in life.runs),
+        fault=next((life.fault for life in reversed(lives) if life.fault), ""),
+        lives=tuple(ArmLife(life.outcome, life.ended_s, life.fault) for life in lives),
+        removable=leniency.removable,
     )

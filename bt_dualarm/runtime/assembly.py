@@ -18,6 +18,7 @@ from bt_dualarm.motion.planning.process import PlanningProcess
 from bt_dualarm.motion.safety.reservation import Reservations
 from bt_dualarm.runtime.arm_runtime import ArmParts
 from bt_dualarm.runtime.arms import Arms
+from bt_dualarm.runtime.outcome import Leniency
 from bt_dualarm.runtime.schedule import exact
 from bt_dualarm.runtime.series import SeriesLog
 from bt_dualarm.skill.registry import Registry
@@ -168,7 +169,10 @@ def assemble(
     declared = {
         name: name_of_robot(arm.robot, world.robots[name]) for name, arm in file.arms.items()
     }
-    arms = Arms(declared, parts.equip, world)
+    leniency = {
+        name: Leniency(arm.removable, arm.last_life_counts) for name, arm in file.arms.items()
+    }
+    arms = Arms(declared, parts.equip, world, leniency)
     return Assembly(world, arms, drawing, message, series, planning, seed)
 
 

@@ -41,7 +41,7 @@ class ArmHandle:
 
     @property
     def outcome(self) -> Outcome | None:
-        """How its tree ended, None while it runs or has not begun."""
+        """How its tree ended in its present life, None while it runs or has not begun."""
         return self._arms.view(self.name).outcome
 
     @property

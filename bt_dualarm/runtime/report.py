@@ -66,6 +66,8 @@ class Report:
         line.append(f"  {arm.name}", style="bold").append(f" {self.symbols.dot} {arm.robot}")
         if arm.ended_s is not None:
             line.append(f"  after {arm.ended_s:.1f} s", style="dim")
+        if len(arm.lives) > 1:
+            line.append(f"  lives: {', '.join(life.outcome for life in arm.lives)}", style="dim")
         if arm.clipped_setpoints:
             line.append(f"  {arm.clipped_setpoints} set-points clipped", style="yellow")
         return line

@@ -70,6 +70,21 @@ class LeafResult:
         return f"<LeafResult {self.path}: {self.status}{code}{times}>"
 
 
+@dataclass(frozen=True)
+class ArmLife:
+    """One stay of an arm in the world; whoever is spawned anew begins its tree anew.
+
+    Attributes:
+        outcome: Outcome of its tree in this life.
+        ended_s: Simulated time in seconds at which its tree ended; None if it did not.
+        fault: What broke the tree itself rather than a leaf of it, else empty.
+    """
+
+    outcome: Outcome
+    ended_s: float | None = None
+    fault: str = ""
+
+
 @dataclass(frozen=True, repr=False)
 class ArmResult:
     """What one arm did.
@@ -77,11 +92,14 @@ class ArmResult:
     Attributes:
         name: Name of the arm in the file.
         robot: Name of its robot in the catalogue, or the title of a page beside the tree file.
-        outcome: Outcome of its tree.
-        ended_s: Simulated time in seconds at which its tree ended; None if it did not.
+        outcome: Outcome of its tree; of an arm that was spawned several times the worst one, or
+            the last one where the file says ``last_life_counts``.
+        ended_s: Simulated time in seconds at which its tree ended last; None if it did not.
         clipped_setpoints: Number of set-points that its controller had to clip to its limits.
         runs: Every run of every leaf, in the order in which they began.
         fault: What broke the tree itself rather than a leaf of it, else empty.
+        lives: Each of its stays in the world; none of an arm that was never spawned.
+        removable: Whether the file forgives that it was taken away before its tree had ended.
         guard: Smallest distances while it moved, and what its guard did.
         series: What its leaves measured over time, by the leaf's path and by name.
     """
@@ -93,6 +111,8 @@ class ArmResult:
     clipped_setpoints: int = 0
     runs: tuple[LeafReport, ...] = ()
     fault: str = ""
+    lives: tuple[ArmLife, ...] = ()
+    removable: bool = False
     guard: Mapping[str, Number] = field(default_factory=dict)
     series: Mapping[str, Mapping[str, Series]] = field(default_factory=dict)
 
@@ -145,8 +165,14 @@ class RunResult:
 
     @property
     def outcome(self) -> Outcome:
-        """SUCCESS, FAILURE or UNFINISHED of all trees together."""
-        return combined([arm.outcome for arm in self.arms.values()])
+        """SUCCESS, FAILURE or UNFINISHED of all trees together, in all lives of their arms."""
+        return combined(
+            [
+                arm.outcome
+                for arm in self.arms.values()
+                if not (arm.removable and arm.outcome is Outcome.REMOVED)
+            ]
+        )
 
     @property
     def real_time_factor(self) -> float:

@@ -60,6 +60,7 @@ def _arm(arm: ArmResult) -> dict[str, object]:
         "outcome": arm.outcome,
         "robot": arm.robot,
         "fault": arm.fault,
+        "lives": [vars(life) for life in arm.lives],
         "clipped_setpoints": arm.clipped_setpoints,
         "guard": arm.guard,
         "leaves": [run.as_dict() for run in arm.runs],

@@ -5,7 +5,6 @@ They hold the numbers of the file: metres, seconds, degrees; properties give SI.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self, TypeAlias
@@ -15,24 +14,20 @@ from pydantic import (
     Discriminator,
     Field,
     InstanceOf,
-    StringConstraints,
     Tag,
     WithJsonSchema,
     model_validator,
 )
 
+from bt_dualarm.spec.camera import CameraSpec
+from bt_dualarm.spec.name import Name, written_as
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import port
 from bt_dualarm.spec.values import Duration, PoseSpec, Speed, Value
 from bt_dualarm.spec.wording import one_line
 
-NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_-]{0,47}$"
-"""Names end up in MuJoCo's names (``arm1/wrist``), in file names and in paths of nodes."""
-
 LONGEST_NAME: Final = 100
 """Characters that the name of a task may have."""
-
-Name: TypeAlias = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
 
 NAMED_COLORS: Final[Mapping[str, tuple[float, float, float]]] = {
     "red": (0.80, 0.05, 0.05),
@@ -49,13 +44,8 @@ NAMED_COLORS: Final[Mapping[str, tuple[float, float, float]]] = {
 ColorName: TypeAlias = Literal["red", "orange", "yellow", "green", "blue", "white", "grey", "black"]
 _Part: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
 _Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
-_Pixels: TypeAlias = Annotated[int, Field(ge=16, le=1920)]
 _HalfWidth: TypeAlias = Annotated[float, Field(ge=0.0, le=10.0)]
 _SIZES: Final = {"box": ("x", "y", "z"), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-
-
-def _written_as(value: object) -> str:
-    return "name" if isinstance(value, str) else "value"
 
 
 class WorldSpec(Value):
@@ -99,7 +89,7 @@ class ObjectSpec(Value):
     color: Annotated[
         Annotated[ColorName, Tag("name")]
         | Annotated[tuple[_Part, ...], Field(min_length=3, max_length=4), Tag("value")],
-        Discriminator(_written_as),
+        Discriminator(written_as),
     ] = port("grey", "Colour by name, or as red, green, blue (, opacity) from 0 to 1")
     pose: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its centre in the world")
     noise: NoiseSpec = port(NoiseSpec(), "Bounds within which the seed may move it")
@@ -121,37 +111,6 @@ class ObjectSpec(Value):
             NAMED_COLORS[self.color] if isinstance(self.color, str) else self.color
         )
         return red, green, blue, opacity[0] if opacity else 1.0
-
-
-class CameraSpec(Value):
-    """An arm's camera."""
-
-    mount: Annotated[
-        Annotated[Name, Tag("name")] | Annotated[PoseSpec, Tag("value")],
-        Discriminator(_written_as),
-    ] = port(
-        "wrist",
-        "A mount of the robot's catalogue page, or a pose fixed in the world (OpenCV's frame: "
-        "x right, y down, z forward)",
-    )
-    resolution: tuple[_Pixels, _Pixels] = port((320, 240), "Width and height", unit="px")
-    fov: float = port(50.0, "Vertical field of view", unit="deg", ge=5.0, le=150.0)
-    fps: float = port(30.0, "Frames per simulated second", unit="Hz", ge=0.1, le=1000.0)
-    latency: Duration = port(0.0, "Time from a frame's capture to its delivery", le=10.0)
-    drop: float = port(0.0, "Share of the frames that get lost on their way", ge=0.0, le=0.9)
-    noise: float = port(
-        0.0,
-        "Standard deviation along x and y of a shake that nobody measures: each exposure looks "
-        "past where it believes to look, so all that it sees is shifted",
-        unit="px",
-        ge=0.0,
-        le=20.0,
-    )
-
-    @property
-    def fov_rad(self) -> float:
-        """Vertical field of view in radians."""
-        return math.radians(self.fov)
 
 
 class LimitShares(Value):
@@ -184,6 +143,12 @@ class ArmSpec(Value):
     )
     camera: CameraSpec | None = port(None, "Its camera, if it has one")
     spawned: bool = port(True, "Whether it is there from the start")
+    removable: bool = port(
+        False, "Whether a run succeeds although it was taken away before its tree had ended"
+    )
+    last_life_counts: bool = port(
+        False, "Whether a run succeeds although it had failed before it was spawned anew"
+    )
     tree: Annotated[InstanceOf[NodeSpec], WithJsonSchema({})] = port(
         ..., "One node, with others below it"
     )

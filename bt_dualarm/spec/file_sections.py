@@ -7,10 +7,10 @@ from typing import Final
 
 from pydantic import BaseModel
 
+from bt_dualarm.spec.camera import CameraSpec
 from bt_dualarm.spec.describe import PortDescription, ports_of, summary_of
 from bt_dualarm.spec.document import (
     ArmSpec,
-    CameraSpec,
     LimitShares,
     NoiseSpec,
     ObjectSpec,

@@ -13,10 +13,11 @@ from typing import Final
 
 from pydantic import BaseModel
 
-from bt_dualarm.spec.document import NAME_PATTERN, ArmSpec, ObjectSpec, WorldSpec
+from bt_dualarm.spec.document import ArmSpec, ObjectSpec, WorldSpec
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.library import FORMAT
+from bt_dualarm.spec.name import NAME_PATTERN
 from bt_dualarm.spec.params import ParamSpec
 from bt_dualarm.spec.ports import KEY
 from bt_dualarm.spec.source import Json

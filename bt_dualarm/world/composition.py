@@ -13,7 +13,8 @@ import numpy as np
 from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Pose
 from bt_dualarm.share import share_dir
-from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, WorldSpec
+from bt_dualarm.spec.camera import CameraSpec
+from bt_dualarm.spec.document import ArmSpec, ObjectSpec, WorldSpec
 from bt_dualarm.world.mounting import MountingSurface
 from bt_dualarm.world.robots.geom_groups import OBJECT_GROUP, SCENE_GROUP
 from bt_dualarm.world.robots.mjspec import robot_spec

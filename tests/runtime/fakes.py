@@ -10,6 +10,7 @@ from bt_dualarm.errors import DivergenceError
 from bt_dualarm.runtime.arm_runtime import ArmParts
 from bt_dualarm.runtime.arms import Arms
 from bt_dualarm.runtime.events import Watch
+from bt_dualarm.runtime.outcome import Leniency
 from bt_dualarm.runtime.parts import Observer, RunView
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
@@ -179,6 +180,7 @@ class Stage:
         self.eyes: dict[str, FakeEye] = {}
         self.scripts = scripts
         self.limit = Limit(10.0)
+        self.leniency: dict[str, Leniency] = {}
 
     def equip(self, name: str) -> ArmParts:
         world = self.world
@@ -195,7 +197,8 @@ class Stage:
 
     def run(self) -> RunResult:
         self.watch.observers.extend(self.observers)
-        arms = Arms(dict.fromkeys(self.scripts, "fake"), self.equip, self.world)
+        declared = dict.fromkeys(self.scripts, "fake")
+        arms = Arms(declared, self.equip, self.world, self.leniency)
         clock = iter(range(0, 1000, 2))
         conditions = Conditions(self.limit, lambda: next(clock), self.stop)
         runner = Runner(self.world, arms, self.watch, conditions)

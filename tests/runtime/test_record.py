@@ -181,7 +181,8 @@ def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path)
     assert summary["ending"] == "every tree has ended"
     assert (summary["error"], summary["at_rest"]) == ("", True)
     arm = summary["arms"]["arm1"]
-    assert list(arm) == ["outcome", "robot", "fault", "clipped_setpoints", "guard", "leaves"]
+    fields = ["outcome", "robot", "fault", "lives", "clipped_setpoints", "guard", "leaves"]
+    assert list(arm) == fields
     leaf = summary["arms"]["arm1"]["leaves"][0]
     assert list(leaf) == [
         "path",

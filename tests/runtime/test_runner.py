@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from bt_dualarm.runtime.outcome import Ending, Outcome
+from bt_dualarm.runtime.outcome import Ending, Leniency, Outcome
 from bt_dualarm.runtime.parts import RunView
 from bt_dualarm.runtime.runner import Limit
 from bt_dualarm.tree.report import StatusChange
@@ -178,8 +178,16 @@ def test_an_arm_spawned_by_a_leaf_begins_its_own_tree() -> None:
     ]
 
 
-def test_an_arm_that_is_removed_ends_without_failing_the_run() -> None:
+@pytest.mark.parametrize(
+    ("leniency", "outcome"),
+    [(Leniency(), Outcome.UNFINISHED), (Leniency(removable=True), Outcome.SUCCESS)],
+)
+def test_an_arm_that_is_removed_before_its_tree_has_ended_keeps_the_run_from_success(
+    leniency: Leniency, outcome: Outcome
+) -> None:
+    """Unless the file forgives it."""
     stage = Stage({"arm1": iter(()), "arm2": ticks(1000)})
+    stage.leniency["arm2"] = leniency
 
     def remove() -> Iterator[object]:
         yield None
@@ -189,7 +197,7 @@ def test_an_arm_that_is_removed_ends_without_failing_the_run() -> None:
     stage.scripts["arm1"] = remove()
     result = stage.run()
     assert [arm.outcome for arm in result.arms.values()] == [Outcome.SUCCESS, Outcome.REMOVED]
-    assert result.outcome is Outcome.SUCCESS
+    assert result.outcome is outcome
     assert "0.02 arm2 RUNNING>INVALID" in stage.witness.changes
     assert not [line for line in stage.diary if line == "2 control arm2"]
 
@@ -209,8 +217,41 @@ def test_an_arm_that_comes_back_keeps_what_it_did_before() -> None:
     stage.scripts["arm1"] = replace()
     second = stage.run().arms["arm2"]
     assert second.outcome is Outcome.SUCCESS
+    assert [life.outcome for life in second.lives] == [Outcome.SUCCESS, Outcome.SUCCESS]
     assert len(second.runs) == 2
     assert second.clipped_setpoints == 14
+
+
+@pytest.mark.parametrize("lenient", [False, True])
+@pytest.mark.parametrize("first", ["SUCCESS", "FAILURE", "RUNNING", "raises"])
+def test_a_life_that_went_wrong_is_not_forgotten_when_the_arm_is_spawned_anew(
+    first: str, lenient: bool
+) -> None:
+    """It failed, was cut short or broke: a good end of the next life does not make up for it,
+    unless the file says that the last life counts."""
+    scripts = {"raises": raising(0), "RUNNING": ticks(1000)}
+    script = scripts.get(first) or ticks(0, first)
+    stage = Stage({"arm1": iter(()), "arm2": script})
+    stage.leniency["arm2"] = Leniency(last_life_counts=lenient)
+
+    def replace() -> Iterator[object]:
+        yield None
+        yield None
+        stage.world.remove_arm("arm2")
+        yield None
+        stage.scripts["arm2"] = ticks(1)
+        stage.world.arms["arm2"] = None
+        yield "SUCCESS"
+
+    stage.scripts["arm1"] = replace()
+    result = stage.run()
+    earlier, last = result.arms["arm2"].lives
+    wanted = {"raises": "FAILURE", "RUNNING": "REMOVED"}.get(first, first)
+    assert (earlier.outcome, last.outcome) == (wanted, "SUCCESS")
+    good = lenient or first == "SUCCESS"
+    assert (result.outcome is Outcome.SUCCESS) == good
+    assert result.arms["arm2"].outcome == ("SUCCESS" if good else wanted)
+    assert result.arms["arm2"].fault == ("tree raised RuntimeError: boom" * (first == "raises"))
 
 
 def test_an_arm_that_nobody_spawned_is_no_failure() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.errors import RendererError
-from bt_dualarm.spec.document import CameraSpec
+from bt_dualarm.spec.camera import CameraSpec
 from bt_dualarm.world.cameras.camera import Camera
 from bt_dualarm.world.rendering.choose import choose_renderer
 from bt_dualarm.world.rendering.renderer import Renderer

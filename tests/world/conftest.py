@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from bt_dualarm.spec.document import CameraSpec, ObjectSpec, TreeFile
+from bt_dualarm.spec.camera import CameraSpec
+from bt_dualarm.spec.document import ObjectSpec, TreeFile
 from bt_dualarm.spec.values import PoseSpec
 from tests.world.worlds import arm, box, file_of
 

@@ -11,7 +11,8 @@ import pytest
 
 from bt_dualarm.errors import CatalogueError, DivergenceError, WorldError
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.spec.document import CameraSpec, LimitShares, ObjectSpec, TreeFile
+from bt_dualarm.spec.camera import CameraSpec
+from bt_dualarm.spec.document import LimitShares, ObjectSpec, TreeFile
 from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.world import World

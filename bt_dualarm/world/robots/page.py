@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from bt_dualarm.pose import Pose
-from bt_dualarm.spec.document import LONGEST_NAME, Name
+from bt_dualarm.spec.document import LONGEST_NAME
 from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.name import Name
 from bt_dualarm.spec.problems import Problem, SpecError
 from bt_dualarm.spec.reader import read_file
 from bt_dualarm.spec.source import Path as Place

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_dualarm.errors import WorldError
-from bt_dualarm.spec.document import CameraSpec
+from bt_dualarm.spec.camera import CameraSpec
 from bt_dualarm.world.cameras.camera import Camera
 from bt_dualarm.world.cameras.frame import Frame, Window
 from bt_dualarm.world.rendering.renderer import Exposure, Image, Region
