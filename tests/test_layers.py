@@ -25,6 +25,7 @@ FLOORS = (
     {"spec"},
     {"world.urdf"},
     {"world.robots"},
+    {"world.hardware", "world.nominal"},
     {"world"},
     {"world.rendering"},
     {"world.cameras", "motion.paths", "motion.timing", "motion.kinematics", "motion.collision"},

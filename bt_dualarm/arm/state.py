@@ -58,12 +58,12 @@ class ArmState:
     @property
     def q(self) -> Vector:
         """Measured joint angles, of shape (dof,), rad."""
-        return self.world.arms[self.name].q
+        return self.world.hardware[self.name].q
 
     @property
     def tool_pose(self) -> Pose:
-        """Measured pose of the tool."""
-        return self.world.arms[self.name].tool_pose
+        """Measured pose of the tool, by the encoders."""
+        return self.world.nominal[self.name].tool_pose_at(self.q)
 
     @property
     def commanded_tool_pose(self) -> Pose:

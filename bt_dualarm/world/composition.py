@@ -17,7 +17,7 @@ from bt_dualarm.spec.camera import CameraSpec
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, WorldSpec
 from bt_dualarm.world.mounting import MountingSurface
 from bt_dualarm.world.robots.geom_groups import OBJECT_GROUP, SCENE_GROUP
-from bt_dualarm.world.robots.mjspec import robot_spec
+from bt_dualarm.world.robots.mjspec import chain_spec, robot_spec
 from bt_dualarm.world.robots.primitives import GEOM_TYPES, half_sizes
 from bt_dualarm.world.robots.robot import Robot
 
@@ -120,17 +120,32 @@ def add_arm(
         surface: Surface under the base, if there is one.
         visuals: Load the full visual meshes as well.
     """
+    _attach(spec, name, arm, robot, robot_spec(robot, visuals=visuals))
+    if surface is not None:
+        _mount(spec, name, robot, arm.base.pose, surface)
+
+
+def nominal_model(name: str, arm: ArmSpec, robot: Robot, option: mujoco.MjOption) -> mujoco.MjModel:
+    """An arm alone on its base, as its controller believes it to be; names as in `add_arm`."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity = option.gravity
+    spec.option.timestep = option.timestep
+    _attach(spec, name, arm, robot, chain_spec(robot))
+    return spec.compile()
+
+
+def _attach(
+    spec: mujoco.MjSpec, name: str, arm: ArmSpec, robot: Robot, child: mujoco.MjSpec
+) -> None:
+    """Attach an arm and its camera."""
     base = arm.base.pose
     frame = spec.worldbody.add_frame(name=f"{name}/mount", pos=base.position, quat=base.quaternion)
-    child = robot_spec(robot, visuals=visuals)
     if arm.camera is not None and isinstance(arm.camera.mount, str):
         mount = robot.cameras[arm.camera.mount]
         _add_camera(child.body(mount.link), CAMERA, arm.camera, mount.pose)
     spec.attach(child, prefix=f"{name}/", frame=frame)
     if arm.camera is not None and not isinstance(arm.camera.mount, str):
         _add_camera(spec.worldbody, f"{name}/{CAMERA}", arm.camera, arm.camera.mount.pose)
-    if surface is not None:
-        _mount(spec, name, robot, base, surface)
 
 
 def _mount(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
+from bt_dualarm.errors import OverlapError
 from bt_dualarm.world.names import name_of_geom
 
 MOST_DEPTH = 0.005
@@ -25,3 +26,8 @@ def overlap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> tuple[str,
         if own[0] != own[1] and -distance > max(MOST_DEPTH, worst[1] if worst else 0.0):
             worst = names[own.index(False)], float(-distance)
     return worst
+
+
+def no_room(kind: str, name: str, other: str, depth: float) -> OverlapError:
+    """What is said of an arm or object that would be so many metres deep in another thing."""
+    return OverlapError(name, f"{kind} {name!r} would be {1000 * depth:.0f} mm deep in {other}")

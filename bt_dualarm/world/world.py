@@ -7,15 +7,17 @@ from collections.abc import Callable, Mapping
 
 import mujoco
 
-from bt_dualarm.errors import OverlapError, WorldError
+from bt_dualarm.errors import WorldError
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.world import composition
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.attachments import Attachment, Attachments
+from bt_dualarm.world.declarations import check_declarations
+from bt_dualarm.world.equipment import Equipment
 from bt_dualarm.world.mounting import MountingSurface, surface_below
 from bt_dualarm.world.names import must_be_among
-from bt_dualarm.world.overlap import overlap
+from bt_dualarm.world.overlap import no_room, overlap
 from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.robots.robot import Robot
 from bt_dualarm.world.stepping import advance
@@ -27,6 +29,8 @@ _log = logging.getLogger(__name__)
 class World(WorldView):
     """The composed world: ``model`` and ``data`` change identity when ``generation`` grows.
 
+    They are the plant: who controls an arm reads its `hardware` and `nominal` instead.
+
     Args:
         file: Declares scene, objects and arms.
         seed: Moves objects by their noise.
@@ -34,6 +38,8 @@ class World(WorldView):
 
     Attributes:
         before_removal: Functions that are told the name of an arm that is about to be taken away.
+        hardware: Sensors and drives of the arms that are present, by name.
+        nominal: What is believed of these arms, by name.
 
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
@@ -55,8 +61,10 @@ class World(WorldView):
         self.objects: dict[str, ObjectSpec] = {}
         self.before_removal: list[Callable[[str], None]] = []
         self.generation = 0
+        self._equipment = Equipment()
+        self.hardware, self.nominal = self._equipment.hardware, self._equipment.nominal
         self._spec = composition.scene_spec(file.world, file.root)
-        self._check_declarations()
+        check_declarations(file, self.robots, composition.names_in(self._spec))
         self.attachments = Attachments(self._spec, self._recompile)
         self._compile_first()
 
@@ -72,18 +80,19 @@ class World(WorldView):
             DivergenceError: A torque or the state is not finite, or time did not advance.
         """
         advance(self.model, self.data)
+        self.sense()
+
+    def sense(self) -> None:
+        """Read all sensors; `step` does so at its end."""
+        self._equipment.sense()
 
     def refuse_overlaps(self) -> None:
-        """Look whether everything has a place of its own, as a run must begin.
-
-        Raises:
-            OverlapError: An arm or object is inside another thing.
-        """
+        """Raise an `OverlapError` if an arm or object is inside another thing at the start."""
         for kind, names in (("arm", self.arms), ("object", self.objects)):
             for name in names:
                 inside = overlap(self.model, self.data, name)
                 if inside is not None:
-                    raise _no_room(kind, name, *inside)
+                    raise no_room(kind, name, *inside)
 
     def spawn_arm(self, name: str) -> None:
         """Add a declared arm in its initial posture.
@@ -98,10 +107,11 @@ class World(WorldView):
         self._recompile()
         self._take_posture(name)
         mujoco.mj_step1(self.model, self.data)
+        self.sense()
         inside = overlap(self.model, self.data, name)
         if inside is not None:
             self.remove_arm(name)
-            raise _no_room("arm", name, *inside)
+            raise no_room("arm", name, *inside)
 
     def remove_arm(self, name: str) -> None:
         """Take an arm away; what it held falls.
@@ -117,6 +127,7 @@ class World(WorldView):
         self.attachments.forget(name)
         composition.remove_arm(self._spec, name, self.robots[name])
         del self.arms[name]
+        self._equipment.remove(name)
         self._recompile()
 
     def spawn_object(self, name: str, pose: Pose | None = None) -> None:
@@ -135,7 +146,7 @@ class World(WorldView):
         inside = overlap(self.model, self.data, name)
         if inside is not None:
             self.remove_object(name)
-            raise _no_room("object", name, *inside)
+            raise no_room("object", name, *inside)
 
     def remove_object(self, name: str) -> None:
         """Take an object away, out of any arm's hold.
@@ -167,6 +178,7 @@ class World(WorldView):
         """Go back to a state of the same generation, bit for bit."""
         mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         mujoco.mj_step1(self.model, self.data)
+        self.sense()
 
     def _compile_first(self) -> None:
         """What does not move comes first: the arms' bases may stand on it."""
@@ -185,6 +197,7 @@ class World(WorldView):
         for name in self.arms:
             self._take_posture(name)
         mujoco.mj_step1(self.model, self.data)
+        self.sense()
 
     def _add_objects(self, *, fixed: bool) -> None:
         for name, thing in self._file.objects.items():
@@ -209,20 +222,7 @@ class World(WorldView):
         self.generation += 1
         self._bind()
         mujoco.mj_step1(self.model, self.data)
-
-    def _check_declarations(self) -> None:
-        """Refuse at the start what would fail when a leaf spawns it an hour later."""
-        for name, arm in self._file.arms.items():
-            robot = self.robots[name]
-            owner = f"of robot {robot.name!r} for arm {name!r}"
-            must_be_among(arm.posture, robot.postures, "posture", owner)
-            if arm.camera is not None and isinstance(arm.camera.mount, str):
-                must_be_among(arm.camera.mount, robot.cameras, "camera mount", owner)
-        taken = composition.names_in(self._spec)
-        for name in (*self._file.objects, *self._file.arms):
-            if name in taken:
-                scene = self._file.world.scene
-                raise WorldError(f"{name!r} is the name of a part of the scene {scene!r} already")
+        self.sense()
 
     def _bind(self) -> None:
         self.arms = {
@@ -231,19 +231,17 @@ class World(WorldView):
             )
             for name in self.arms
         }
+        self._equipment.connect(self.arms, self.attachments, self.objects)
 
     def _add_arm(self, name: str) -> None:
         arm = self._file.arms[name]
         robot = self.robots[name]
         surface = self._surfaces[name]
         composition.add_arm(self._spec, name, arm, robot, surface=surface, visuals=self._visuals)
+        self._equipment.add(name, arm, robot, self._spec.option)
         self.arms[name] = None  # type: ignore[assignment]  # bound when the model is compiled
 
     def _take_posture(self, name: str) -> None:
         """Put an arm that has just come into its initial posture: before its first step only."""
         posture = self.robots[name].postures[self._file.arms[name].posture]
         self.data.qpos[self.arms[name].qpos_ids] = posture
-
-
-def _no_room(kind: str, name: str, other: str, depth: float) -> OverlapError:
-    return OverlapError(name, f"{kind} {name!r} would be {1000 * depth:.0f} mm deep in {other}")

@@ -55,7 +55,8 @@ class JointController:
         self._world = world
         self._name = name
         self._robot = world.robots[name]
-        self._limiter = SetPointLimiter(self._robot.limits, period, world.arms[name].q)
+        self._hardware, self._nominal = world.hardware[name], world.nominal[name]
+        self._limiter = SetPointLimiter(self._robot.limits, period, world.hardware[name].q)
         self._motion: SetPointSource | None = None
         self._followed: SetPointSource | None = None
         # An arm may be told to keep to less than its robot can do: that breaks nothing.
@@ -182,8 +183,7 @@ class JointController:
         if motion is None:
             return self._hold
         if isinstance(motion, TrajectorySource):
-            site = self._world.arms[self._name].tool_site
-            motion.executed.append(self._world.data.site_xpos[site].copy())
+            motion.executed.append(self._nominal.tool_pose_at(self._q).position)
         try:
             wanted = motion.next(time)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a skill may raise anything
@@ -233,11 +233,11 @@ class JointController:
 
     @property
     def _q(self) -> Vector:
-        return self._world.arms[self._name].q
+        return self._hardware.q
 
     @property
     def _v(self) -> Vector:
-        return self._world.arms[self._name].v
+        return self._hardware.v
 
     def _go_on(self, motion: Trajectory) -> None:
         """Follow a motion whose first set-point is the one that was sent last."""

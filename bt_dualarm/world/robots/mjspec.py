@@ -35,13 +35,23 @@ def robot_spec(robot: Robot, *, visuals: bool) -> mujoco.MjSpec:
         robot: An arm of the catalogue.
         visuals: Also load the full visual meshes (for pictures; tens of thousands of triangles).
     """
-    text = robot.urdf_text.replace("</robot>", f"{_COMPILER}</robot>")
-    spec = mujoco.MjSpec.from_string(text)
+    spec = chain_spec(robot)
     for link in robot.model.links:
         _add_shapes(spec, robot, link, visuals=visuals)
-    _add_tool(spec, robot)
+    _add_tool_shape(spec, robot)
     _add_motors(spec, robot)
     _add_exclusions(spec, robot)
+    return spec
+
+
+def chain_spec(robot: Robot) -> mujoco.MjSpec:
+    """What moves, and nothing else: chain, inertias, tool site."""
+    text = robot.urdf_text.replace("</robot>", f"{_COMPILER}</robot>")
+    spec = mujoco.MjSpec.from_string(text)
+    link = spec.body(robot.tool_link)
+    link.add_site(name=TOOL_SITE, pos=robot.tool.position, quat=robot.tool.quaternion)
+    for name in robot.joints:  # the URDF's are no published values
+        spec.joint(name).damping, spec.joint(name).frictionloss = np.zeros(3), 0.0
     return spec
 
 
@@ -107,11 +117,10 @@ def _add_visual(spec: mujoco.MjSpec, link: str, name: str, shape: Shape) -> mujo
     return geom
 
 
-def _add_tool(spec: mujoco.MjSpec, robot: Robot) -> None:
-    link = spec.body(robot.tool_link)
-    link.add_site(name=TOOL_SITE, pos=robot.tool.position, quat=robot.tool.quaternion)
+def _add_tool_shape(spec: mujoco.MjSpec, robot: Robot) -> None:
     if robot.tool_shape is None:
         return
+    link = spec.body(robot.tool_link)
     length = robot.tool_shape.length
     middle = robot.tool @ Pose.from_rpy((0, 0, -length / 2))
     link.add_geom(
@@ -129,8 +138,6 @@ def _add_tool(spec: mujoco.MjSpec, robot: Robot) -> None:
 def _add_motors(spec: mujoco.MjSpec, robot: Robot) -> None:
     """One motor a joint, its torque limited to the joint's effort."""
     for name, effort in zip(robot.joints, robot.limits.effort, strict=True):
-        joint = spec.joint(name)
-        joint.damping, joint.frictionloss = np.zeros(3), 0.0
         motor = spec.add_actuator(
             name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, ctrlrange=(-effort, effort)
         )

@@ -261,6 +261,7 @@ def test_torques_that_are_no_numbers_end_the_run() -> None:
     world = world_with("ur5")
     controller = controlled(world)
     world.data.qpos[0] = np.nan
+    world.sense()
     with pytest.raises(DivergenceError, match="arm1"):
         controller.update(0.0)
 
@@ -323,6 +324,7 @@ def test_a_joint_that_is_faster_than_the_robot_allows_fails_what_is_done(
     assert 0.0 < float(controller.guard["fastest_share"]) < share * 1.02
     for times, fails in ((0.99, False), (1.2, True)):
         world.data.qvel[body.dof_ids[-1]] = times * limits.velocity[-1] / share
+        world.sense()
         controller.update(world.time)
         assert isinstance(controller.fault, Failure) == fails
     assert isinstance(controller.fault, Failure)

@@ -1,0 +1,91 @@
+"""One arm as its page describes it: kinematics and dynamics in a model of its own."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.world.nominal.nominal_load import NominalLoad
+from bt_dualarm.world.robots.mjspec import TOOL_SITE
+from bt_dualarm.world.robots.robot import Robot
+
+
+class NominalArm:
+    """The arm that its controller believes in: masses of the URDF, rigid joints without friction.
+
+    Args:
+        name: Name of the arm in the tree file.
+        robot: Robot that it is.
+        base: Pose of its base link in the world.
+        model: Model of this arm alone, on its base: joints in the robot's order, nothing else.
+
+    Attributes:
+        model: The model.
+        data: State of the model, as of the last `update`.
+        loads: What the arm holds; another tuple after every change.
+        tool_site: Id of the tool frame's site in the model.
+        tool_body: Id of the link that carries the tool.
+    """
+
+    def __init__(self, name: str, robot: Robot, base: Pose, model: mujoco.MjModel) -> None:
+        self.name = name
+        self.robot = robot
+        self.base = base
+        self.model = model
+        self.data = mujoco.MjData(model)
+        self.loads: tuple[NominalLoad, ...] = ()
+        self.tool_site = int(model.site(f"{name}/{TOOL_SITE}").id)
+        self.tool_body = int(model.body(f"{name}/{robot.tool_link}").id)
+        self._elsewhere = mujoco.MjData(model)
+        self._product = np.zeros(model.nv)
+
+    def update(self, q: Vector, v: Vector) -> None:
+        """Take up positions in rad and velocities in rad/s, each of shape (dof,).
+
+        Places, the inertia matrix and the bias in ``data`` are then those of ``q`` and ``v``.
+        """
+        model, data = self.model, self.data
+        data.qpos[:], data.qvel[:] = q, v
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_makeM(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, data.qfrc_bias)
+
+    @property
+    def bias(self) -> Vector:
+        """Torques of gravity and of velocity at the last update, of shape (dof,), N m."""
+        bias: Vector = self.data.qfrc_bias
+        return bias
+
+    def inertia_times(self, acceleration: Vector) -> Vector:
+        """Torques, of shape (dof,), N m, that give accelerations of shape (dof,), rad/s²."""
+        product = np.empty_like(self._product)
+        mujoco.mj_mulM(self.model, self.data, product, acceleration)
+        return product
+
+    @property
+    def tool_pose(self) -> Pose:
+        """The tool frame in the world, as of the last update."""
+        return _pose_of_site(self.data, self.tool_site)
+
+    def tool_pose_at(self, q: Vector) -> Pose:
+        """The tool frame in the world at positions of shape (dof,), rad; changes no state."""
+        return _pose_of_site(self._placed(q), self.tool_site)
+
+    def tool_link_pose_at(self, q: Vector) -> Pose:
+        """The link that carries the tool, likewise."""
+        data = self._placed(q)
+        return Pose(data.xpos[self.tool_body].copy(), data.xquat[self.tool_body].copy())
+
+    def _placed(self, q: Vector) -> mujoco.MjData:
+        self._elsewhere.qpos[:] = q
+        mujoco.mj_kinematics(self.model, self._elsewhere)
+        return self._elsewhere
+
+
+def _pose_of_site(data: mujoco.MjData, site: int) -> Pose:
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
+    return Pose(data.site_xpos[site].copy(), quaternion)

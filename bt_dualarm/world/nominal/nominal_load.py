@@ -1,0 +1,43 @@
+"""What an arm holds, as far as the tree file says what it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.spec.document import ObjectSpec
+
+
+@dataclass(frozen=True, eq=False)
+class NominalLoad:
+    """An object at an arm's tool.
+
+    Attributes:
+        object: Name of the object.
+        mass: Mass in kg, None where nobody knows it.
+        inertia: Moments of inertia about the axes of ``pose``, of shape (3,), kg m²; None likewise.
+        pose: Pose of its centre of mass in the tool's link, as it was when it was attached.
+    """
+
+    object: str
+    mass: float | None
+    inertia: Vector | None
+    pose: Pose
+
+    @classmethod
+    def of(cls, name: str, thing: ObjectSpec, pose: Pose) -> NominalLoad:
+        """The load that a declared object is: its mass is spread evenly."""
+        return cls(name, thing.mass, thing.mass * _per_mass(thing), pose)
+
+
+def _per_mass(thing: ObjectSpec) -> Vector:
+    """Moments of inertia of an even body about its axes, for 1 kg, of shape (3,), m²."""
+    if thing.shape == "box":
+        x, y, z = np.square(thing.size)
+        return np.array([y + z, z + x, x + y]) / 12
+    if thing.shape == "cylinder":
+        radius, length = np.square(thing.size)
+        return np.array([3 * radius + length, 3 * radius + length, 6 * radius]) / 12
+    return np.full(3, 0.4 * thing.size[0] ** 2)
