@@ -76,11 +76,13 @@ def _overview(summaries: Iterable[RobotSummary]) -> str:
 
 
 def _robot(summary: RobotSummary) -> Iterator[str]:
+    payload = "" if summary.payload_kg is None else f" It may hold {summary.payload_kg:g} kg."
     yield f"## {summary.name}\n"
     yield (
         f"{summary.title}. Its tool reaches {summary.reach_m:.2f} m from the first joint, which is "
         f"at ({numbers(summary.centre_m)}) m from the base link, `{summary.base_link}`. The tool "
-        f"frame is at ({numbers(summary.tool_m)}) m in the link `{summary.tool_link}`.\n"
+        f"frame is at ({numbers(summary.tool_m)}) m in the link `{summary.tool_link}`."
+        f"{payload}\n"
     )
     yield _table(
         ("joint", "from", "to", "velocity"),

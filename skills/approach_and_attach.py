@@ -100,7 +100,7 @@ class ApproachAndAttach(Skill):
             try:
                 return (yield from self._way_to(target))
             except Failure as failure:
-                if failure.code == "BUSY":
+                if failure.code in ("BUSY", "OVERLOADED"):
                     raise
                 reasons.append(failure)
         last = reasons[0]
@@ -130,6 +130,7 @@ class ApproachAndAttach(Skill):
         arm, ports = self.arm, self.ports
         standoff = surface @ Pose.from_rpy((0, 0, -ports.standoff))
         q_line = arm.line(standoff, surface @ Pose.from_rpy((0, 0, self._depth())))
+        arm.refuse_load(ports.object, q_line[-1])
         touched = frozenset({ports.object})
         arm.refuse_collision_along(q_line, ignore=touched)
         to_standoff = yield from arm.plan([q_line[0]], ports.speed)

@@ -41,8 +41,9 @@ class Arm(ArmState):
         self.camera = None if shared.camera is None else GuardedCamera(shared.camera)
         self._lease = shared.lease.for_leaf(leaf)
         self._patience = shared.patience
+        self._carrying = shared.carrying
         self._executor = Executor(self, self._lease, shared.patience)
-        self._planner = ArmPlanner(self, self._lease, shared.planning, shared.seed)
+        self._planner = ArmPlanner(self, self._lease, shared.planning, shared.carrying, shared.seed)
 
     def attach(self, thing: str) -> None:
         """Weld an object to the tool as it lies now; again changes nothing."""
@@ -136,6 +137,15 @@ class Arm(ArmState):
     def straight_to(self, goal: Vector, speed: float) -> Trajectory:
         """The motion to the configuration ``goal`` in which all joints turn evenly."""
         return self._planner.straight_to(goal, speed)
+
+    def within_efforts(self, motion: Trajectory) -> Trajectory:
+        """The motion, as much slower as what the arm holds asks for; itself where it may be."""
+        return self._carrying.within_efforts(motion)
+
+    def refuse_load(self, thing: str, q: Vector) -> None:
+        """Check an object before the arm takes hold of it in a configuration ``q``, (dof,), rad."""
+        link = self.kinematics.forward(q) @ self.robot.tool.inverse
+        self._carrying.refuse(thing, q, link)
 
     def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
         """Positions of the tool in the world at a motion's set-points, of shape (n, 3), m."""

@@ -6,6 +6,7 @@ from collections.abc import Generator, Iterator, Sequence
 
 import numpy as np
 
+from bt_dualarm.arm.carrying import Carrying
 from bt_dualarm.arm.execution import HALT_S
 from bt_dualarm.arm.lease import Leaseholder
 from bt_dualarm.arm.state import ArmState
@@ -39,16 +40,23 @@ class ArmPlanner:
         arm: State of the arm.
         lease: Lease of the arm, as the leaf holds it: who may not move does not plan.
         process: Process that looks for ways around what is in the way.
+        carrying: What the arm can carry.
         seed: Seed of everything random in a plan.
     """
 
     def __init__(
-        self, arm: ArmState, lease: Leaseholder, process: PlanningProcess, seed: int
+        self,
+        arm: ArmState,
+        lease: Leaseholder,
+        process: PlanningProcess,
+        carrying: Carrying,
+        seed: int,
     ) -> None:
         self._arm = arm
         self._lease = lease
         self._process = process
         self._seed = seed
+        self._carrying = carrying
 
     def think(self) -> Iterator[None]:
         """Let the simulated time of planning pass; plan afterwards, on the world as it is then.
@@ -84,12 +92,13 @@ class ArmPlanner:
 
         Raises:
             Failure: ``IN_COLLISION`` or ``JOINT_LIMIT`` of the start, or of the preferred goal if
-                the arm can stand in none; ``NO_PLAN``; ``BUSY`` when another leaf moves the arm;
-                ``TRACKING_ERROR`` when it does not come to rest.
+                the arm can stand in none; ``NO_PLAN``; ``OVERLOADED``; ``BUSY`` when another leaf
+                moves the arm; ``TRACKING_ERROR`` when it does not come to rest.
         """
         yield from self._come_to_rest()
         for replan in range(REPLANS, -1, -1):
-            motion = yield from self._plan_once(goals, speed, ignore, planner)
+            found = yield from self._plan_once(goals, speed, ignore, planner)
+            motion = self._carrying.within_efforts(found)
             try:
                 refuse_contact(self.checker(ignore), motion.q)
             except Failure:
@@ -192,21 +201,27 @@ class ArmPlanner:
         return self._arm.kinematics.follow(line(start, end).poses, self._arm.setpoint.q)
 
     def time_path(self, q: Matrix, speed: float) -> Trajectory:
-        """The motion through configurations, of shape (n, dof), at a share of the limits."""
-        return time_path(q, self._arm.limits(speed), self._arm.period)
+        """The motion through configurations, of shape (n, dof), at a share of the limits.
+
+        Raises:
+            Failure: ``OVERLOADED``.
+        """
+        return self._carrying.within_efforts(
+            time_path(q, self._arm.limits(speed), self._arm.period)
+        )
 
     def straight_to(self, goal: Vector, speed: float) -> Trajectory:
         """The motion to the configuration ``goal`` in which all joints turn evenly.
 
         Raises:
-            Failure: ``INVALID_TARGET``, ``JOINT_LIMIT`` or ``IN_COLLISION``.
+            Failure: ``INVALID_TARGET``, ``JOINT_LIMIT``, ``OVERLOADED`` or ``IN_COLLISION``.
         """
         refuse_beyond(self._arm.robot.joints, goal, self._arm.robot.limits)
         motion = point_to_point(
             self._arm.setpoint.q, goal, self._arm.limits(speed), self._arm.period
         )
         self.refuse_collision_along(motion.q)
-        return motion
+        return self._carrying.within_efforts(motion)
 
     def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
         """Positions of the tool in the world at a motion's set-points, of shape (n, 3), m."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bt_dualarm.arm.carrying import Carrying
 from bt_dualarm.arm.lease import Lease
 from bt_dualarm.arm.patience import Patience
 from bt_dualarm.motion.control.controller import JointController
@@ -24,6 +25,7 @@ class SharedArm:
 
     Attributes:
         kinematics: Kinematics of the arm on its base.
+        carrying: What it can carry.
         lease: Right to move the arm.
         patience: Time that the arm waits for another one.
     """
@@ -44,5 +46,6 @@ class SharedArm:
         self.seed = seed
         self.planning = planning
         self.kinematics = Kinematics(world.robots[name], world.arms[name].base, seed)
+        self.carrying = Carrying(world, name)
         self.lease = Lease(name, lambda: controller.at_rest)
         self.patience = Patience(name, seed)

@@ -72,6 +72,7 @@ def show_robot(name: str, *, as_json: bool) -> None:
         ),
         f"\ntool: at {tool}",
         f"reach: {summary.reach_m:.2f} m from the first joint, at ({numbers(summary.centre_m)}) m",
+        *(() if summary.payload_kg is None else (f"payload: {summary.payload_kg:g} kg",)),
     )
 
 

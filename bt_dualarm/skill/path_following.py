@@ -52,9 +52,9 @@ def follow_curve(
         on this path, jerk aside (TOPP-RA).
 
     Raises:
-        Failure: ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE`` or ``IN_COLLISION`` before
-            anything moves; ``TRACKING_ERROR`` as soon as the tool is beyond the tolerance;
-            ``INTERRUPTED`` or ``BUSY``.
+        Failure: ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE``, ``IN_COLLISION`` or
+            ``OVERLOADED`` before anything moves; ``TRACKING_ERROR`` as soon as the tool is beyond
+            the tolerance; ``INTERRUPTED`` or ``BUSY``.
     """
     yield from arm.think()
     plan = _Plan.of(arm, path, speed, end)
@@ -88,6 +88,7 @@ class _Plan:
         limits = arm.limits(speed)
         motion, shortest = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
         arm.refuse_collision_along(motion.q)
+        motion = arm.within_efforts(motion)
         return cls(motion, shortest, _to_end(arm, motion.q[-1], path.end, end, speed))
 
     @property

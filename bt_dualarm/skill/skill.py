@@ -31,6 +31,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "IN_COLLISION": "two bodies would touch",
     "INVALID_TARGET": "the target makes no sense",
     "NO_PLAN": "no motion free of collisions was found",
+    "OVERLOADED": "the arm cannot carry what it holds, or is to hold",
     "TRACKING_ERROR": "the arm does not follow what it was sent",
     "TIMED_OUT": "the motion was held up for too long",
     "STALE": "a stream of set-points gave no new one for 0.1 s",

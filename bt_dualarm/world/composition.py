@@ -26,6 +26,10 @@ CAMERA = "camera"
 _PEDESTAL_HALF_WIDTH = 0.11  # m; the footprint of a Panda or UR10 base plate fits
 _PEDESTAL_COLOR = (0.42, 0.45, 0.50, 1.0)
 _WELD_SOLREF = (0.004, 1.0)  # s, damping ratio: as good as rigid at a 2 ms step
+_WELD_SOLIMP = (0.9999, 0.9999, 0.001)
+"""Share of what would pull a weld apart that it takes back at once. With MuJoCo's 0.9 a tenth of a
+wrist's torque turns the wrist alone, and a wide load shakes it: its own inertia is a hundredth."""
+
 _OPENCV_TO_MUJOCO = Pose.from_rpy((0, 0, 0), (np.pi, 0, 0))  # MuJoCo's cameras look along -z, y up
 
 
@@ -210,6 +214,7 @@ def add_weld(spec: mujoco.MjSpec, name: str, body1: str, body2: str, relative: P
         name2=body2,
     )
     weld.solref = _WELD_SOLREF
+    weld.solimp[:3] = _WELD_SOLIMP
     # anchor in body2, relative pose, share of torque against force (mjEQ_WELD's eq_data)
     weld.data[:11] = [0, 0, 0, *relative.position, *relative.quaternion, 1]
     spec.add_exclude(name=name, bodyname1=body1, bodyname2=body2)

@@ -13,7 +13,7 @@ import yaml
 
 from bt_dualarm.spec.problems import SpecError
 from tests.plays import STOPPED, Deed, Stage
-from tests.skills.scenarios import PRESENTING, SCENARIOS, Scenario, Tree
+from tests.skills.scenarios import CUBE, PRESENTING, SCENARIOS, Scenario, Tree
 from tests.skills.trials import BESIDE, HALVES, HAND, MIRRORED, PANDA, SPLIT, knocks
 
 STANDS_RAD = 2e-3
@@ -106,6 +106,13 @@ CASES = {
         "move_linear: {offset: {xyz: [0.5, 0, 0]}}",
         "% of the path, to (",
         {"fraction": SHARE, "condition": (50.0, math.inf)},
+    ),
+    "heavier than the payload": Case(
+        "OVERLOADED",
+        "approach_and_attach: {object: cube}",
+        "arm1 would hold 5.1 kg; the payload of ur5 is 5 kg",
+        {"mass_kg": (5.1, 5.1), "payload_kg": (5.0, 5.0)},
+        scenario=Scenario({"cube": CUBE | {"mass": 5.1, "pose": {"xyz": [0.40, -0.45, 0.425]}}}),
     ),
     "around too much": Case(
         "NO_PLAN",

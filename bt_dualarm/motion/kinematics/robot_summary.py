@@ -57,6 +57,7 @@ class RobotSummary:
         tool_m: Place of the tool frame in that link.
         centre_m: Place of the first joint, seen from the base link.
         reach_m: Largest distance of the tool from there.
+        payload_kg: Largest mass that the arm may hold, None where its page gives none.
     """
 
     name: str
@@ -66,6 +67,7 @@ class RobotSummary:
     tool_m: Triple
     centre_m: Triple
     reach_m: float
+    payload_kg: float | None
     joints: tuple[JointSheet, ...]
     postures: tuple[PostureSheet, ...]
     cameras: tuple[MountSheet, ...]
@@ -85,6 +87,7 @@ def robot_summary(robot: Robot) -> RobotSummary:
         tool_m=_triple(robot.tool.position),
         centre_m=_triple(arm.bounding_ball[0]),
         reach_m=round(arm.farthest(), 2),
+        payload_kg=robot.payload,
         joints=tuple(
             JointSheet(name, *row) for name, row in zip(robot.joints, joints, strict=True)
         ),

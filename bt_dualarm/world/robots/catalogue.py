@@ -47,6 +47,7 @@ def load_robot(name: str, root: Path | None = None) -> Robot:
         tool_shape=entry.tool.shape,
         joints=entry.joints,
         limits=found.limits,
+        payload=None if entry.payload is None else entry.payload.value,
         postures={name: np.deg2rad(angles) for name, angles in entry.postures.items()},
         cameras={name: CameraMount(c.link, c.pose) for name, c in entry.cameras.items()},
         exclusions=found.exclusions,

@@ -118,6 +118,13 @@ class LimitsEntry(Value):
     effort: LimitEntry | None = None
 
 
+class PayloadEntry(Value):
+    """What the maker lets the arm carry, in kg, and who says so."""
+
+    value: Annotated[float, Field(gt=0.0, le=1e4)]
+    source: Annotated[str, Field(min_length=8)]
+
+
 class RobotEntry(Value):
     """A page of the catalogue.
 
@@ -128,6 +135,7 @@ class RobotEntry(Value):
         joints: Joints of the arm, base to tip; all others are locked.
         locked: Where joints are locked if not at zero: metres of a sliding one, degrees of one that
             turns.
+        payload: Largest mass that the arm may hold; without it, what its joints bear.
         postures: Joint angles in degrees; ``home`` is required.
         exclude: Pairs of links whose contacts do not count, beside those of the SRDF.
     """
@@ -140,6 +148,7 @@ class RobotEntry(Value):
     joints: Annotated[tuple[str, ...], Field(min_length=1, max_length=MAX_JOINTS)]
     locked: dict[str, _Held] = Field(default_factory=dict)
     limits: LimitsEntry
+    payload: PayloadEntry | None = None
     postures: Annotated[dict[Name, tuple[float, ...]], Field(max_length=_MOST)]
     cameras: Annotated[dict[Name, CameraEntry], Field(default_factory=dict, max_length=_MOST)]
     exclude: Annotated[tuple[tuple[str, str], ...], Field(max_length=10_000)] = ()

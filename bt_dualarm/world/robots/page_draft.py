@@ -146,7 +146,8 @@ def _robot(arm: Urdf, base: str, tool: str, joints: tuple[str, ...], effort: Vec
     return Robot(
         name="draft", title="draft", model=arm, base_link=base, tool_link=tool,
         tool=Pose.identity(), tool_shape=None, joints=joints, postures={}, cameras={}, colors={},
-        limits=JointLimits(lower, upper, ones, ones, ones, effort), exclusions=frozenset(),
+        limits=JointLimits(lower, upper, ones, ones, ones, effort), payload=None,
+        exclusions=frozenset(),
     )  # fmt: skip
 
 

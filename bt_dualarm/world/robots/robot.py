@@ -55,6 +55,7 @@ class Robot:
     Attributes:
         tool: The tool frame in ``tool_link``; its z axis points out of the tool.
         tool_shape: A cylinder that ends in the tool frame, if the URDF has no tool of its own.
+        payload: Largest mass in kg that it may hold, None where its page gives none.
         exclusions: Pairs of links whose contacts do not count.
         colors: RGBA of links by name; ``default`` is for all others.
     """
@@ -68,6 +69,7 @@ class Robot:
     tool_shape: ToolShape | None
     joints: tuple[str, ...]
     limits: JointLimits
+    payload: float | None
     postures: Mapping[str, Vector]
     cameras: Mapping[str, CameraMount]
     exclusions: frozenset[frozenset[str]]

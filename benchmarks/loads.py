@@ -1,0 +1,157 @@
+"""Loads of every kind at every robot of the catalogue: is each carried, or refused before it moves?
+
+    python -m benchmarks.loads [--count 200] [--seed 1]
+
+Plates, rods, cubes and weights beside the tool, of 0.1 kg to the robot's payload and up to 0.6 m
+wide or away, are attached to the tool. The arm then moves at full speed to a configuration up to
+0.6 rad away in each joint and has half a second to stand still. Carried is a load if the controller
+found no fault, no joint was above 1.05 times its limit, and the arm stands within 0.0005 rad of its
+goal. Loads pass through everything: what they may touch is not asked here.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.arm.carrying import Carrying
+from bt_dualarm.arm.execution import SETTLED_RAD
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.control.controller import OVERSPEED, JointController
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.motion.safety.reservation import Reservations
+from bt_dualarm.motion.timing.point_to_point import point_to_point
+from bt_dualarm.pose import Pose
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from bt_dualarm.world.world import World
+
+KINDS = ("plate", "rod", "cube", "aside")
+PERIOD = 0.004
+BASE = Pose.from_rpy((0.0, 0.0, 0.8))
+_AFTER_S = 0.5
+_SLOWEST = 3.0  # times the motion's own duration: the guard halves the speed near things
+_WIDEST = 0.6
+
+
+@dataclass(frozen=True)
+class Case:
+    """A box at a robot's tool.
+
+    Attributes:
+        robot: Name in the catalogue.
+        kind: One of `KINDS`.
+        mass: kg.
+        size: Edges in m.
+        place: Its centre in the tool frame, m.
+        seed: Seed of the goal.
+    """
+
+    robot: str
+    kind: str
+    mass: float
+    size: tuple[float, float, float]
+    place: tuple[float, float, float]
+    seed: int
+
+
+def cases(count: int, seed: int) -> Iterator[Case]:
+    """Loads over robots and kinds in turn, as the seed draws them."""
+    rng, robots = np.random.default_rng(seed), robot_names()
+    for number in range(count):
+        robot, kind = robots[number % len(robots)], KINDS[number // len(robots) % len(KINDS)]
+        mass = float(np.exp(rng.uniform(np.log(0.1), np.log(load_robot(robot).payload or 1.0))))
+        wide, away = float(rng.uniform(0.1, _WIDEST)), float(rng.uniform(-_WIDEST, _WIDEST))
+        along = bool(rng.integers(2))
+        size, place = {
+            "plate": ((wide, wide, 0.01), (0.0, 0.0, 0.005)),
+            "rod": ((0.02, 0.02, wide), (0.0, 0.0, wide / 2))
+            if along
+            else ((wide, 0.02, 0.02), (0.0, 0.0, 0.01)),
+            "cube": ((wide / 2, wide / 2, wide / 2), (0.0, 0.0, wide / 4)),
+            "aside": ((0.05, 0.05, 0.05), (away, 0.0, 0.03) if along else (0.0, away, 0.03)),
+        }[kind]
+        yield Case(robot, kind, mass, size, place, seed + number)
+
+
+def attached(case: Case, registry: Registry) -> World:
+    """The world with the load at the tool."""
+    robot = load_robot(case.robot)
+    tool = Kinematics(robot, BASE).forward(robot.postures["home"])
+    at = tool @ Pose.from_rpy(case.place)
+    place = {"xyz": at.position.tolist(), "quat": at.quaternion.tolist()}
+    thing = {"shape": "box", "size": list(case.size), "mass": case.mass, "pose": place}
+    base = {"xyz": BASE.position.tolist()}
+    tree = {
+        "bt_dualarm": 1,
+        "name": "loads",
+        "world": {"scene": "empty"},
+        "objects": {"load": thing},
+        "arms": {"arm1": {"robot": case.robot, "base": base, "tree": "succeed"}},
+    }
+    world = World(load_tree_file(tree, registry.kinds))
+    world.attach("arm1", "load")
+    geom = world.object_geom("load")
+    world.model.geom_contype[geom] = world.model.geom_conaffinity[geom] = 0
+    mujoco.mj_step1(world.model, world.data)  # forget what it touches already
+    return world
+
+
+def carry(case: Case, registry: Registry) -> tuple[str, float]:
+    """What became of a load, and how fast a joint was at most as a share of its limit.
+
+    The first is ``carried``, ``refused`` or what went wrong.
+    """
+    world = attached(case, registry)
+    controller = JointController(world, "arm1", PERIOD, Reservations())
+    robot, body = world.robots["arm1"], world.arms["arm1"]
+    here, limits = controller.setpoint.q, robot.limits
+    turn = np.random.default_rng(case.seed).uniform(-0.6, 0.6, robot.dof)
+    goal = np.clip(here + turn, limits.lower, limits.upper)
+    carrying = Carrying(world, "arm1")
+    try:
+        motion = carrying.within_efforts(point_to_point(here, goal, limits, PERIOD))
+    except Failure as refusal:
+        return ("refused" if refusal.code == "OVERLOADED" else str(refusal)), 0.0
+    controller.follow(motion)
+    every, fastest, left, step = round(PERIOD / world.timestep), 0.0, _AFTER_S, 0
+    while left > 0.0 and world.time < _SLOWEST * motion.duration + 1.0:
+        step, left = step + 1, left - world.timestep * (controller.motion is None)
+        if step % every == 1:
+            controller.update(world.time)
+        world.step()
+        fastest = max(fastest, float((np.abs(body.v) / limits.velocity).max()))
+    if fastest > OVERSPEED or controller.fault is not None:
+        return f"fault: {controller.fault}", fastest
+    away = float(np.abs(body.q - goal).max())
+    stands = controller.at_rest and away < SETTLED_RAD
+    return ("carried" if stands else f"{away:.2g} rad from its goal"), fastest
+
+
+def main() -> None:
+    """Print what was not carried, then the counts."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    registry, counts, most = Registry.load(), Counter[str](), 0.0
+    for case in cases(arguments.count, arguments.seed):
+        outcome, fastest = carry(case, registry)
+        most = max(most, fastest)
+        counts[outcome if outcome in ("carried", "refused") else "failed"] += 1
+        if outcome not in ("carried", "refused"):
+            print(case, outcome, f"{fastest:.3f}", flush=True)
+    print(
+        f"{arguments.count} loads: {counts['carried']} carried, {counts['refused']} refused before "
+        f"moving, {counts['failed']} failed; fastest joint {most:.4f} of its limit"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""Inverse dynamics of an arm by itself: the same torques as the world's, loads included."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from bt_dualarm.motion.control.dynamics import ArmDynamics, Load
+from bt_dualarm.pose import Pose
+from bt_dualarm.world.robots.catalogue import load_robot
+from bt_dualarm.world.world import World
+from tests.world.worlds import ROBOTS, arm, box, file_of, world_with
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_an_arm_needs_the_torques_that_the_world_asks_for(robot: str) -> None:
+    """M a + bias of the composed world, at random states."""
+    world = world_with(robot)
+    body, rng = world.arms["arm1"], np.random.default_rng(3)
+    dynamics = ArmDynamics(body.robot, body.base, GRAVITY)
+    for _ in range(5):
+        v, a = rng.uniform(-2.0, 2.0, (2, body.robot.dof))
+        q = body.q + rng.uniform(-0.5, 0.5, body.robot.dof)
+        world.data.qpos[body.qpos_ids], world.data.qvel[body.dof_ids] = q, v
+        mujoco.mj_step1(world.model, world.data)
+        wide, product = np.zeros((2, world.model.nv))
+        wide[body.dof_ids] = a
+        mujoco.mj_mulM(world.model, world.data, product, wide)
+        asked = (product + world.data.qfrc_bias)[body.dof_ids]
+        assert dynamics.moving(q, v, a) == pytest.approx(asked, abs=1e-9)
+
+
+def test_a_tilted_base_feels_gravity_from_aside() -> None:
+    """On a wall the first joint, else free of gravity, bears the arm."""
+    robot = load_robot("ur5")
+    q = robot.postures["home"]
+    upright = ArmDynamics(robot, Pose.identity(), GRAVITY).at_rest(q)
+    wall = ArmDynamics(robot, Pose.from_rpy((0, 0, 0), (np.pi / 2, 0, 0)), GRAVITY).at_rest(q)
+    assert abs(upright[0]) < 1e-9
+    assert abs(wall[0]) > 5.0
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+def test_a_load_adds_its_weight_at_its_lever(robot: str) -> None:
+    """By the principle of virtual work: its weight times the Jacobian of its centre."""
+    thing = box((0.0, 0.0, 0.0), mass=2.0)
+    world = World(file_of({"arm1": arm(robot)}))
+    body = world.arms["arm1"]
+    pose = Pose.from_rpy((0.1, -0.05, 0.2), (0.3, 0.2, 0.1))
+    bare = ArmDynamics(body.robot, body.base, GRAVITY).at_rest(body.q)
+    full = ArmDynamics(body.robot, body.base, GRAVITY, [Load(thing, pose)]).at_rest(body.q)
+    jacobian = np.zeros((3, world.model.nv))
+    centre = (body.tool_link_pose @ pose).position
+    mujoco.mj_jac(world.model, world.data, jacobian, None, centre, body.tool_body)
+    weight = -2.0 * GRAVITY @ jacobian[:, body.dof_ids]
+    assert full - bare == pytest.approx(weight, abs=1e-9)
