@@ -22,10 +22,12 @@ import numpy as np
 from bt_dualarm.arm.carrying import Carrying
 from bt_dualarm.arm.execution import SETTLED_RAD
 from bt_dualarm.errors import Failure
+from bt_dualarm.motion.collision.checker import CollisionChecker
 from bt_dualarm.motion.control.controller import OVERSPEED, JointController
 from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.safety.reservation import Reservations
 from bt_dualarm.motion.timing.point_to_point import point_to_point
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Pose
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
@@ -103,6 +105,17 @@ def attached(case: Case, registry: Registry) -> World:
     return world
 
 
+def free_motion(world: World, controller: JointController, seed: int) -> Trajectory:
+    """A motion to a configuration nearby, on the way to which the arm does not touch itself."""
+    rng, limits = np.random.default_rng(seed), world.robots["arm1"].limits
+    here, checker = controller.setpoint.q, CollisionChecker(world, "arm1")
+    while True:
+        goal = np.clip(here + rng.uniform(-0.6, 0.6, len(here)), limits.lower, limits.upper)
+        motion = point_to_point(here, goal, limits, PERIOD)
+        if all(checker.contact(q) is None for q in motion.q[::10]):
+            return motion
+
+
 def carry(case: Case, registry: Registry) -> tuple[str, float]:
     """What became of a load, and how fast a joint was at most as a share of its limit.
 
@@ -110,13 +123,10 @@ def carry(case: Case, registry: Registry) -> tuple[str, float]:
     """
     world = attached(case, registry)
     controller = JointController(world, "arm1", PERIOD, Reservations())
-    robot, body = world.robots["arm1"], world.arms["arm1"]
-    here, limits = controller.setpoint.q, robot.limits
-    turn = np.random.default_rng(case.seed).uniform(-0.6, 0.6, robot.dof)
-    goal = np.clip(here + turn, limits.lower, limits.upper)
-    carrying = Carrying(world, "arm1")
+    body, limits = world.arms["arm1"], world.robots["arm1"].limits
+    motion = free_motion(world, controller, case.seed)
     try:
-        motion = carrying.within_efforts(point_to_point(here, goal, limits, PERIOD))
+        motion = Carrying(world, "arm1").within_efforts(motion)
     except Failure as refusal:
         return ("refused" if refusal.code == "OVERLOADED" else str(refusal)), 0.0
     controller.follow(motion)
@@ -129,7 +139,7 @@ def carry(case: Case, registry: Registry) -> tuple[str, float]:
         fastest = max(fastest, float((np.abs(body.v) / limits.velocity).max()))
     if fastest > OVERSPEED or controller.fault is not None:
         return f"fault: {controller.fault}", fastest
-    away = float(np.abs(body.q - goal).max())
+    away = float(np.abs(body.q - motion.q[-1]).max())
     stands = controller.at_rest and away < SETTLED_RAD
     return ("carried" if stands else f"{away:.2g} rad from its goal"), fastest
 

@@ -1,61 +1,38 @@
-"""The equations of motion of one arm and of what it holds, as one chain of rigid bodies."""
+"""The equations of motion of an arm and of what it holds, as one chain of rigid bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import copy
+from collections.abc import Iterable
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
 
-from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.spec.document import ObjectSpec
-from bt_dualarm.world.robots.primitives import GEOM_TYPES, half_sizes
-from bt_dualarm.world.robots.robot import Robot
-
-
-@dataclass(frozen=True, eq=False)
-class Load:
-    """A thing that an arm holds.
-
-    Attributes:
-        thing: What the file declares of it: shape, size and mass.
-        pose: Pose of its centre in the tool's link.
-    """
-
-    thing: ObjectSpec
-    pose: Pose
+from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.world.nominal.nominal_arm import NominalArm
+from bt_dualarm.world.nominal.nominal_load import NominalLoad
 
 
 class ArmDynamics:
-    """Torques that an arm's joints need, by the masses that its URDF and the file declare.
+    """Torques that an arm's joints need, as far as its page and the tree file say.
 
     Args:
-        robot: Arm of the catalogue.
-        base: Pose of its base in the world.
-        gravity: Acceleration of gravity in the world, of shape (3,), m/s².
-        loads: Things that it holds, rigidly.
+        nominal: What is believed of the arm; its own state is left alone.
+        loads: Things that it holds, rigidly; those of unknown mass count for nothing.
     """
 
-    def __init__(
-        self, robot: Robot, base: Pose, gravity: Vector, loads: Sequence[Load] = ()
-    ) -> None:
-        spec = mujoco.MjSpec.from_string(robot.urdf_text)
-        spec.option.gravity = gravity @ base.rotation_matrix
-        for load in loads:
-            body = spec.body(robot.tool_link).add_body(
-                pos=load.pose.position, quat=load.pose.quaternion
-            )
-            thing = load.thing
-            size = half_sizes(thing.shape, thing.size)
-            body.add_geom(type=GEOM_TYPES[thing.shape], size=size, mass=thing.mass)
-        self._model = spec.compile()
-        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-        self._model.dof_damping[:] = 0.0
-        self._data = mujoco.MjData(self._model)
-        joints = [self._model.joint(name) for name in robot.joints]
-        self._q = np.array([int(joint.qposadr[0]) for joint in joints])
-        self._v = np.array([int(joint.dofadr[0]) for joint in joints])
+    def __init__(self, nominal: NominalArm, loads: Iterable[NominalLoad] = ()) -> None:
+        self.model = copy.copy(nominal.model)
+        self.data = mujoco.MjData(self.model)
+        known = [
+            (load.mass, np.diag(load.inertia), load.pose)
+            for load in loads
+            if load.mass is not None and load.inertia is not None
+        ]
+        if known:
+            _load(self.model, nominal.tool_body, known)
+            mujoco.mj_setConst(self.model, self.data)
 
     def at_rest(self, q: Vector) -> Vector:
         """Torques, of shape (dof,), N m, that hold a configuration ``q``, of shape (dof,), rad."""
@@ -70,8 +47,36 @@ class ArmDynamics:
             v: Velocity, of shape (dof,), rad/s.
             a: Acceleration, of shape (dof,), rad/s².
         """
-        model, data = self._model, self._data
-        data.qpos[self._q], data.qvel[self._v], data.qacc[self._v] = q, v, a
-        mujoco.mj_inverse(model, data)
-        torques: Vector = data.qfrc_inverse[self._v]
+        model, data = self.model, self.data
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        torques = np.empty(model.nv)
+        mujoco.mj_rne(model, data, 1, torques)
         return torques
+
+
+_Body: TypeAlias = tuple[float, Matrix, Pose]
+"""Mass in kg, inertia of shape (3, 3) along the axes of the pose of its centre in a link."""
+
+
+def _load(model: mujoco.MjModel, link: int, loads: Iterable[_Body]) -> None:
+    """Make what is held a part of a link: mass, centre and inertia of both together."""
+    own = Pose(model.body_ipos[link].copy(), model.body_iquat[link].copy())
+    bodies = [(float(model.body_mass[link]), np.diag(model.body_inertia[link]), own), *loads]
+    mass = sum(body[0] for body in bodies)
+    centre: Vector = sum((body[0] * body[2].position for body in bodies), np.zeros(3)) / mass
+    tensor = sum((_about(centre, *body) for body in bodies), np.zeros((3, 3)))
+    moments, axes = np.linalg.eigh(tensor)
+    axes *= np.sign(np.linalg.det(axes))  # a rotation, no reflection
+    model.body_mass[link], model.body_ipos[link] = mass, centre
+    model.body_inertia[link] = moments
+    mujoco.mju_mat2Quat(model.body_iquat[link], axes.ravel())
+
+
+def _about(centre: Vector, mass: float, inertia: Matrix, pose: Pose) -> Matrix:
+    """Inertia of a body about a point, both in a link, along its axes (parallel-axis theorem)."""
+    turn, away = pose.rotation_matrix, pose.position - centre
+    own: Matrix = turn @ inertia @ turn.T
+    return own + mass * (float(away @ away) * np.eye(3) - np.outer(away, away))

@@ -6,13 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from bt_dualarm.motion.control.dynamics import ArmDynamics, Load
+from bt_dualarm.motion.control.dynamics import ArmDynamics
 from bt_dualarm.pose import Pose
-from bt_dualarm.world.robots.catalogue import load_robot
+from bt_dualarm.world.nominal.nominal_load import NominalLoad
 from bt_dualarm.world.world import World
 from tests.world.worlds import ROBOTS, arm, box, file_of, world_with
-
-GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -20,7 +18,7 @@ def test_an_arm_needs_the_torques_that_the_world_asks_for(robot: str) -> None:
     """M a + bias of the composed world, at random states."""
     world = world_with(robot)
     body, rng = world.arms["arm1"], np.random.default_rng(3)
-    dynamics = ArmDynamics(body.robot, body.base, GRAVITY)
+    dynamics = ArmDynamics(world.nominal["arm1"])
     for _ in range(5):
         v, a = rng.uniform(-2.0, 2.0, (2, body.robot.dof))
         q = body.q + rng.uniform(-0.5, 0.5, body.robot.dof)
@@ -33,14 +31,19 @@ def test_an_arm_needs_the_torques_that_the_world_asks_for(robot: str) -> None:
         assert dynamics.moving(q, v, a) == pytest.approx(asked, abs=1e-9)
 
 
-def test_a_tilted_base_feels_gravity_from_aside() -> None:
-    """On a wall the first joint, else free of gravity, bears the arm."""
-    robot = load_robot("ur5")
-    q = robot.postures["home"]
-    upright = ArmDynamics(robot, Pose.identity(), GRAVITY).at_rest(q)
-    wall = ArmDynamics(robot, Pose.from_rpy((0, 0, 0), (np.pi / 2, 0, 0)), GRAVITY).at_rest(q)
-    assert abs(upright[0]) < 1e-9
-    assert abs(wall[0]) > 5.0
+def test_several_loads_are_one_body_with_the_tool() -> None:
+    """Torques are linear in the loads: those of two together are the sum of each alone."""
+    nominal, rng = world_with("panda").nominal["arm1"], np.random.default_rng(5)
+    q, v, a = rng.uniform(-1.0, 1.0, (3, 7))
+    plate = box((0, 0, 0), mass=1.5).model_copy(update={"size": (0.3, 0.2, 0.01)})
+    loads = [
+        NominalLoad.of("plate", plate, Pose.from_rpy((0.1, -0.05, 0.2), (0.3, 0.2, 0.1))),
+        NominalLoad.of("cube", box((0, 0, 0), mass=0.4), Pose.from_rpy((0.0, 0.3, 0.0))),
+    ]
+    bare = ArmDynamics(nominal).moving(q, v, a)
+    alone = [ArmDynamics(nominal, [load]).moving(q, v, a) - bare for load in loads]
+    together = ArmDynamics(nominal, loads).moving(q, v, a)
+    assert together - bare == pytest.approx(sum(alone), abs=1e-9)
 
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
@@ -48,12 +51,12 @@ def test_a_load_adds_its_weight_at_its_lever(robot: str) -> None:
     """By the principle of virtual work: its weight times the Jacobian of its centre."""
     thing = box((0.0, 0.0, 0.0), mass=2.0)
     world = World(file_of({"arm1": arm(robot)}))
-    body = world.arms["arm1"]
+    body, nominal = world.arms["arm1"], world.nominal["arm1"]
     pose = Pose.from_rpy((0.1, -0.05, 0.2), (0.3, 0.2, 0.1))
-    bare = ArmDynamics(body.robot, body.base, GRAVITY).at_rest(body.q)
-    full = ArmDynamics(body.robot, body.base, GRAVITY, [Load(thing, pose)]).at_rest(body.q)
+    bare = ArmDynamics(nominal).at_rest(body.q)
+    full = ArmDynamics(nominal, [NominalLoad.of("load", thing, pose)]).at_rest(body.q)
     jacobian = np.zeros((3, world.model.nv))
     centre = (body.tool_link_pose @ pose).position
     mujoco.mj_jac(world.model, world.data, jacobian, None, centre, body.tool_body)
-    weight = -2.0 * GRAVITY @ jacobian[:, body.dof_ids]
+    weight = -2.0 * world.model.opt.gravity @ jacobian[:, body.dof_ids]
     assert full - bare == pytest.approx(weight, abs=1e-9)

@@ -6,17 +6,22 @@ import numpy as np
 import pytest
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.motion.control.dynamics import ArmDynamics, Load
+from bt_dualarm.motion.control.dynamics import ArmDynamics
 from bt_dualarm.motion.control.effort import EFFORT_SHARE, within_efforts
 from bt_dualarm.motion.timing.point_to_point import point_to_point
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Pose
+from bt_dualarm.world.nominal.nominal_load import NominalLoad
 from bt_dualarm.world.robots.catalogue import load_robot, robot_names
 from bt_dualarm.world.robots.robot import Robot
-from tests.world.worlds import box
+from tests.world.worlds import box, world_with
 
-GRAVITY = np.array([0.0, 0.0, -9.81])
-BASE = Pose.identity()
+
+def loaded(name: str, mass: float, xyz: tuple[float, float, float]) -> ArmDynamics:
+    """Dynamics of a robot with a cube at a place in its tool's link."""
+    nominal = world_with(name).nominal["arm1"]
+    thing = box((0, 0, 0), mass=mass)
+    return ArmDynamics(nominal, [NominalLoad.of("load", thing, Pose.from_rpy(xyz))])
 
 
 def swing(robot: Robot, seed: int) -> Trajectory:
@@ -45,8 +50,7 @@ def test_a_motion_is_as_fast_as_its_load_allows(name: str) -> None:
     for seed in range(8):
         motion = swing(robot, seed)
         mass = (robot.payload or 0.0) * (0.5 + seed / 2)
-        load = Load(box((0, 0, 0), mass=mass), Pose.from_rpy((0.1, 0.0, 0.2)))
-        dynamics = ArmDynamics(robot, BASE, GRAVITY, [load])
+        dynamics = loaded(name, mass, (0.1, 0.0, 0.2))
         slower = carried(motion, robot, dynamics)
         if slower is None:
             refused += 1
@@ -68,7 +72,7 @@ def test_a_motion_is_as_fast_as_its_load_allows(name: str) -> None:
 def test_without_a_load_nothing_is_slowed(name: str) -> None:
     """What the catalogue allows, the joints bear."""
     robot = load_robot(name)
-    dynamics = ArmDynamics(robot, BASE, GRAVITY)
+    dynamics = ArmDynamics(world_with(name).nominal["arm1"])
     for seed in range(10):
         motion = swing(robot, seed)
         assert within_efforts(motion, robot, dynamics) is motion
@@ -76,8 +80,7 @@ def test_without_a_load_nothing_is_slowed(name: str) -> None:
 
 def test_what_a_joint_cannot_bear_is_refused_with_the_joint() -> None:
     robot = load_robot("panda")
-    load = Load(box((0, 0, 0), mass=3.0), Pose.from_rpy((0.6, 0.0, 0.0)))
-    dynamics = ArmDynamics(robot, BASE, GRAVITY, [load])
+    dynamics = loaded("panda", 3.0, (0.6, 0.0, 0.0))
     with pytest.raises(Failure, match="would have to bear") as refusal:
         within_efforts(Trajectory.rest(robot.postures["home"], 0.004), robot, dynamics)
     assert refusal.value.code == "OVERLOADED"
