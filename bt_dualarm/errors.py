@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Self, TypeAlias
+from typing import Final, Self, TypeAlias
 
 Number: TypeAlias = float | int | bool | str
 """What may stand among the numbers of a failure: JSON scalars only."""
@@ -55,6 +55,24 @@ class RendererError(DualArmError):
 
 class SkillError(DualArmError):
     """A skill breaks a rule for skills; the sentence is for its author."""
+
+
+class Interruption(BaseException):
+    """Somebody outside ends the run where it stands: Ctrl-C. No skill is to catch it."""
+
+
+class Overrun(BaseException):
+    """Code of a skill has not returned in time, and is left where it stands.
+
+    Not an `Exception`: code that guards itself against errors would go on.
+    """
+
+
+RAISED_BY_SKILLS: Final = (Exception, SystemExit, GeneratorExit, KeyboardInterrupt, Overrun)
+"""What code of a skill may raise, so that it becomes the failure of one leaf and ends no run.
+
+What somebody outside wants is not among it: that is an `Interruption`.
+"""
 
 
 class Failure(DualArmError):

@@ -103,7 +103,7 @@ class Arm(ArmState):
         if anew and self.camera is not None:
             self.camera.fault = None
 
-    def trouble(self) -> Exception | SystemExit | None:
+    def trouble(self) -> BaseException | None:
         """What this leaf's motion, stream or camera callback has raised since last asked."""
         if self.camera is not None and self.camera.fault is not None:
             fault, self.camera.fault = self.camera.fault, None

@@ -9,7 +9,7 @@ import numpy as np
 from bt_dualarm.arm.lease import Leaseholder
 from bt_dualarm.arm.patience import Patience
 from bt_dualarm.arm.state import ArmState
-from bt_dualarm.errors import BlockedFailure, Failure, SkillError
+from bt_dualarm.errors import RAISED_BY_SKILLS, BlockedFailure, Failure, SkillError
 from bt_dualarm.motion.safety.plan_monitor import PlanMonitor
 from bt_dualarm.motion.setpoints.set_point import SetPointSource
 from bt_dualarm.motion.setpoints.stream_source import Stream
@@ -185,7 +185,7 @@ class Executor:
                 **({"progress": begun.progress} if isinstance(begun, TrajectorySource) else {}),
             )
 
-    def trouble(self) -> Exception | SystemExit | None:
+    def trouble(self) -> BaseException | None:
         """What has gone wrong with this leaf's motion or stream since last asked."""
         if self._lease.intrusion:
             error, self._lease.intrusion = SkillError(self._lease.intrusion), ""
@@ -194,7 +194,7 @@ class Executor:
             return None
         try:
             self.check()
-        except (Exception, SystemExit) as trouble:  # noqa: BLE001 - a stream may raise anything
+        except RAISED_BY_SKILLS as trouble:
             self._controller.fault = None
             return trouble
         return None

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bt_dualarm.cli.early_signals import early
 from bt_dualarm.cli.entry import FAILED, SUCCEEDED, UNUSABLE, complain
 from bt_dualarm.cli.run_arguments import command_line
 from bt_dualarm.errors import DualArmError
@@ -30,13 +31,13 @@ def main(argv: Sequence[str] | None) -> int:
     Args:
         argv: Arguments without the program's name; those of the process by default.
     """
-    with stop_on_signals(StopRequest()) as stop:
-        try:
-            code = _command(argv, stop)
-        except DualArmError as error:
-            complain("bt-run", error)
-            code = UNUSABLE
-        return stop.exit_code or code
+    stop = StopRequest()
+    try:
+        code = _command(argv, stop)
+    except DualArmError as error:
+        complain("bt-run", error)
+        code = UNUSABLE
+    return stop.exit_code or code
 
 
 def _command(argv: Sequence[str] | None, stop: StopRequest) -> int:
@@ -76,7 +77,12 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
                 print(warning, file=sys.stderr)
         if arguments.dry_run:
             return _show_trees(arguments, opened)
-        return _show(arguments, opened)
+        with stop_on_signals(stop):
+            for number in early.numbers:  # one that was lost on its way through the imports
+                stop.receive(number)
+            code = _show(arguments, opened)
+            opened.close()
+            return code
 
 
 def _opened(arguments: argparse.Namespace, stop: StopRequest) -> Run:

@@ -8,12 +8,14 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
-from types import FrameType
 from typing import TYPE_CHECKING, Final
 
+from bt_dualarm.cli.early_signals import early_signals
 from bt_dualarm.cli.outlet import outlets
 
 if TYPE_CHECKING:
@@ -22,8 +24,11 @@ if TYPE_CHECKING:
 SUCCEEDED: Final = 0
 FAILED: Final = 1
 UNUSABLE: Final = 2
-INTERRUPTED: Final = 128 + signal.SIGINT
-"""What a shell says of a program that Ctrl-C ended."""
+OVERRUN: Final = 128 + signal.SIGVTALRM
+"""What a shell says of a program that the alarm of its virtual time ended: code did not return."""
+
+_LEAVING_S: Final = 1.0
+"""Seconds that threads get which somebody has started and which keep Python from ending."""
 
 
 def entered(program: str, argv: Sequence[str] | None) -> int:
@@ -38,21 +43,26 @@ def entered(program: str, argv: Sequence[str] | None) -> int:
     """
     _occupy_standard_streams()
     prepare_imports()
-    with _interrupts(leaving=argv is None) as interrupts, outlets(program) as output:
+    with early_signals(leaving=argv is None) as signals, outlets(program) as output:
         try:
-            code = _ended(program, argv)
+            with signals.interrupting():
+                code = _ended(program, argv)
         except SystemExit as ended:
             if output.failed() and not ended.code:
                 raise SystemExit(FAILED) from None
             raise
         except BaseException:
             # Libraries make other errors of a KeyboardInterrupt that meets them in an import.
-            if not interrupts:
+            if not signals:
                 raise
-            code = INTERRUPTED
-        if interrupts and code == UNUSABLE:
-            return INTERRUPTED  # what could not be used was what Ctrl-C met
-        return FAILED if output.failed() and code == SUCCEEDED else code
+            code = UNUSABLE
+        if signals and (code == UNUSABLE or signals.numbers[0] != signal.SIGINT):
+            code = signals.exit_code(code)  # what could not be used was what the signal met
+        if output.failed() and code == SUCCEEDED:
+            code = FAILED
+    if argv is None:
+        _leave_threads(program, code)
+    return code
 
 
 def _ended(program: str, argv: Sequence[str] | None) -> int:
@@ -65,6 +75,20 @@ def _ended(program: str, argv: Sequence[str] | None) -> int:
     except DualArmError as error:
         complain(program, error)
         return UNUSABLE
+
+
+def _leave_threads(program: str, code: int) -> None:
+    """End the process where Python would wait for a thread that does not end."""
+    me, latest = threading.current_thread(), time.monotonic() + _LEAVING_S
+    others = [one for one in threading.enumerate() if one is not me and not one.daemon]
+    for thread in others:
+        thread.join(max(0.0, latest - time.monotonic()))
+    names = ", ".join(repr(thread.name) for thread in others if thread.is_alive())
+    if names:
+        with suppress(OSError):
+            print(f"{program}: still running, and left behind: {names}", file=sys.stderr)
+            sys.stdout.flush()
+        os._exit(code)
 
 
 def complain(program: str, error: DualArmError) -> None:
@@ -101,32 +125,3 @@ def _occupy_standard_streams() -> None:
             os.fstat(descriptor)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest that is free: this one
-
-
-@contextmanager
-def _interrupts(*, leaving: bool) -> Iterator[list[int]]:
-    """Note Ctrl-C, beside raising KeyboardInterrupt; nothing where it is ignored or handled.
-
-    Args:
-        leaving: Whether the process ends with the command. Ctrl-C is ignored from then on: Python
-            takes its handlers away long before it is gone, and the exit code would be lost.
-    """
-    noted: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        noted.append(number)
-        sys.unraisablehook = lambda _: None  # a clean-up that it met has nothing to tell
-        signal.default_int_handler(number, frame)
-
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield noted
-        return
-    hook = sys.unraisablehook
-    with suppress(ValueError):  # in a thread: there no signals come
-        signal.signal(signal.SIGINT, note)
-    try:
-        yield noted
-    finally:
-        sys.unraisablehook = hook
-        with suppress(ValueError):
-            signal.signal(signal.SIGINT, signal.SIG_IGN if leaving else signal.default_int_handler)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
+from bt_dualarm.errors import RAISED_BY_SKILLS
 from bt_dualarm.runtime.outcome import Outcome
 from bt_dualarm.runtime.parts import ArmView, Controller, Eye, Tree
 from bt_dualarm.runtime.result import ArmResult
@@ -152,7 +153,7 @@ class ArmRuntime:
     def _guarded(self, what: str, act: Callable[[], object], time: float) -> None:
         try:
             act()
-        except Exception as error:  # noqa: BLE001 - whatever a skill raises is this arm's alone
+        except RAISED_BY_SKILLS as error:
             self.fault = f"{what} raised {type(error).__name__}: {error}"
             _log.exception("%s: the %s raised an exception at %.3f s", self.name, what, time)
             self._controller.stop()

@@ -12,6 +12,7 @@ import numpy as np
 
 from bt_dualarm.runtime.atomic_write import write_atomically, write_text
 from bt_dualarm.runtime.holding import Holdings, HoldingWorld
+from bt_dualarm.runtime.journal import Journal
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.runtime.parts import IdleObserver, RunView
 from bt_dualarm.runtime.record_folder import (
@@ -43,7 +44,9 @@ class RecordedWorld(SampledWorld, HashedWorld, HoldingWorld, PicturedWorld, Prot
 class Recorder(IdleObserver):
     """An observer that keeps everything in memory and writes it when the run is over.
 
-    The world is pictured as it is when the recorder is made, and when the record is written.
+    Events and log are on the disk before, for the case that the process does not live to the end:
+    line by line, until the whole file takes their place. The world is pictured as it is when the
+    recorder is made, and when the record is written.
 
     Args:
         folder: Folder to write to, from `RecordFolder`.
@@ -62,15 +65,25 @@ class Recorder(IdleObserver):
         self._start = Still.of(world)
         self._tracks = Tracks(world)
         self._holdings = Holdings(world)
-        self._changes: list[StatusChange] = []
+        self._events: list[str] = []
+        self._noted = {"events": 0, "log": 0}
+        self._journals = {"events": Journal(folder / EVENTS), "log": Journal(folder / LOG)}
 
     def on_event(self, change: StatusChange) -> None:
         """Keep it."""
-        self._changes.append(change)
+        self._events.append(_line(change))
 
     def after_ticks(self, run: RunView) -> None:
-        """See what has been attached or released."""
+        """See what has been attached or released; note what has happened."""
         self._holdings.after_ticks(run.time)
+        self._note("events", self._events)
+        self._note("log", self._log)
+
+    def _note(self, name: str, lines: Sequence[str]) -> None:
+        if len(lines) == self._noted[name]:
+            return
+        new, self._noted[name] = lines[self._noted[name] :], len(lines)
+        self._journals[name].add("".join(f"{line}\n" for line in new))
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - the parts read the world's clock
         """Sample what is due."""
@@ -88,6 +101,8 @@ class Recorder(IdleObserver):
         Raises:
             RecordError: The disk is full, the folder is gone, or a file could not be made.
         """
+        for journal in self._journals.values():
+            journal.close()
         written: list[Path] = []
         problems: list[str] = []
         for name, write in self._files(result, stop):
@@ -106,7 +121,7 @@ class Recorder(IdleObserver):
 
     def _files(self, result: RunResult, stop: StopRequest) -> Iterator[tuple[str, WriteFile]]:
         """Names of the files, and what writes each; made when they are asked for."""
-        yield EVENTS, lambda path: write_text(path, "".join(map(_line, self._changes)))
+        yield EVENTS, lambda path: write_text(path, "".join(f"{line}\n" for line in self._events))
         if self._log:
             yield LOG, lambda path: write_text(path, "\n".join(self._log) + "\n")
         yield SAMPLES, self._write_samples
@@ -138,4 +153,4 @@ def _as_json(summary: dict[str, object]) -> str:
 def _line(change: StatusChange) -> str:
     """One status change as a line of JSON."""
     fields = {("time_s" if key == "time" else key): item for key, item in vars(change).items()}
-    return json.dumps(json_ready(fields), allow_nan=False) + "\n"
+    return json.dumps(json_ready(fields), allow_nan=False)

@@ -6,6 +6,7 @@ import errno
 import fcntl
 import json
 import os
+import stat
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
@@ -84,6 +85,8 @@ class RecordFolder:
             RecordError: Something of these names is there, and not of a run.
         """
         try:
+            for name in names:
+                _refuse_other_kinds(self.path / name)
             earlier = _arms_of_earlier_run(self.path / SUMMARY)
             if earlier is None and not was_left:
                 self._refuse_foreign(names)
@@ -101,6 +104,33 @@ class RecordFolder:
                 )
 
 
+def _refuse_other_kinds(path: Path) -> None:
+    """Let nobody read or write pipes, devices, folders: opening some of them does not return.
+
+    Raises:
+        RecordError: Something is there that is no regular file.
+    """
+    try:
+        mode = path.lstat().st_mode
+    except FileNotFoundError:
+        return
+    if not stat.S_ISREG(mode):
+        raise RecordError(
+            f"cannot record to {path.parent}: {path.name} is there and is {_kind(mode)}, "
+            "not a regular file"
+        )
+
+
+def _kind(mode: int) -> str:
+    kinds = (
+        (stat.S_ISFIFO, "a pipe"),
+        (stat.S_ISSOCK, "a socket"),
+        (stat.S_ISDIR, "a folder"),
+        (stat.S_ISLNK, "a symbolic link"),
+    )
+    return next((words for is_such, words in kinds if is_such(mode)), "a device")
+
+
 def _cannot(path: Path, error: OSError) -> RecordError:
     return RecordError(f"cannot record to {path}: {error.strerror or error}")
 
@@ -113,6 +143,7 @@ def _locked(path: Path) -> int:
         OSError: The file cannot be made.
     """
     while True:
+        _refuse_other_kinds(path)
         lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -15,7 +15,7 @@ from bt_dualarm.runtime.parts import ArmView, Observer
 from bt_dualarm.runtime.prepared import prepare
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.schedule import exact
-from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.runtime.signals import StopRequest, ctrl_c_ends
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.problems import Problem
@@ -192,7 +192,7 @@ class Run:
         Raises:
             RecordError: The disk is full, or the folder is gone.
         """
-        with self._parts.resources, self._parts.log.during():
+        with self._parts.resources, self._parts.log.during(), ctrl_c_ends():
             if self._result is None:
                 self._parts.runner.break_off()
                 self._take_result()
@@ -223,7 +223,7 @@ class Run:
             raise RunError("the run is being advanced already: its own parts cannot do that")
         self._is_busy = True
         try:
-            with self._parts.log.during():
+            with self._parts.log.during(), ctrl_c_ends():
                 self._parts.runner.advance(until)
         finally:
             self._is_busy = False

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
+
+from bt_dualarm.errors import Interruption
 
 
 @dataclass
@@ -45,6 +48,32 @@ class StopRequest:
         if self.signal_number is None:
             self.signal_number = number
         self.count += 1
+
+
+@contextmanager
+def ctrl_c_ends() -> Iterator[None]:
+    """Let Ctrl-C end the block and nothing less, where Python's own handler would see to it.
+
+    A KeyboardInterrupt that Python raises inside of a skill would pass for the skill's own.
+
+    Raises:
+        KeyboardInterrupt: Somebody has pressed Ctrl-C.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    except Interruption as interruption:
+        raise KeyboardInterrupt().with_traceback(interruption.__traceback__) from None
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise Interruption
 
 
 @contextmanager

@@ -28,6 +28,9 @@ from bt_dualarm.spec.values import Refers
 ENTRY_POINTS: Final = "bt_dualarm.skills"
 """Group in which an installed package names its skills: a class or a module each."""
 
+_FOREIGN: Final = (Exception, SystemExit, GeneratorExit)
+"""What the import of somebody's file may raise; Ctrl-C may come meanwhile."""
+
 _CODE: Final = re.compile(r"[A-Z][A-Z0-9_]*")
 _SKILL_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,47}")
 _RESERVED: Final = frozenset({"name", "child", "children"})
@@ -184,7 +187,7 @@ def _installed() -> Iterator[tuple[str, type[Skill] | Exception]]:
         origin = f"entry point '{entry.name}' ({entry.value})"
         try:
             loaded = entry.load()
-        except Exception as error:  # noqa: BLE001 - foreign code; reported with its place
+        except _FOREIGN as error:
             yield origin, _import_error(error)
             continue
         if isinstance(loaded, ModuleType):
@@ -204,7 +207,7 @@ def _in_folder(folder: Path) -> Iterator[tuple[str, type[Skill] | Exception]]:
             continue
         try:
             skills = list(_skills_in(_imported(file)))
-        except Exception as error:  # noqa: BLE001 - foreign code; reported with its file
+        except _FOREIGN as error:
             yield str(file), _import_error(error)
             continue
         if not skills:
@@ -242,6 +245,6 @@ def _skills_in(module: ModuleType) -> Iterator[type[Skill]]:
             yield item
 
 
-def _import_error(error: Exception) -> ImportError:
+def _import_error(error: BaseException) -> ImportError:
     line = " ".join(str(error).split())
     return ImportError(f"cannot be imported: {type(error).__name__}: {line}")

@@ -38,6 +38,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "INTERRUPTED": "something else has stopped the motion",
     "BUSY": "another leaf is moving the arm",
     "NO_VALUE": "a key of the blackboard was read that has no value of the right type",
+    "OVERRUN": "code of the skill did not return in time, and was interrupted where it stood",
     "EXCEPTION": "the skill has a bug: see the traceback in the log",
 }
 """Codes that any skill may fail with; a skill declares only those of its own."""

@@ -10,7 +10,7 @@ from typing import Protocol
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
-from bt_dualarm.errors import Failure, Number, SkillError
+from bt_dualarm.errors import RAISED_BY_SKILLS, Failure, Number, Overrun, SkillError
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.wording import one_line
 from bt_dualarm.tree.report import LeafReport
@@ -19,8 +19,8 @@ from bt_dualarm.tree.watched import NAMES, Teller
 
 _log = logging.getLogger(__name__)
 
-# A skill that calls sys.exit must not end the run; a keyboard interrupt is not the skill's.
-_ANY = (Exception, SystemExit)
+_OF_OTHERS = (SystemExit, KeyboardInterrupt, GeneratorExit)
+"""What Python raises to end programs and generators, and no skill has a use for."""
 
 
 class HeldArm(Protocol):
@@ -29,7 +29,7 @@ class HeldArm(Protocol):
     def enter(self, *, anew: bool) -> None:
         """Note that this thread ticks or halts the leaf, and whether a new run of it begins."""
 
-    def trouble(self) -> Exception | SystemExit | None:
+    def trouble(self) -> BaseException | None:
         """What has gone wrong between ticks with what the leaf has begun.
 
         It is raised in the skill where it waits, so that no skill has to ask.
@@ -95,7 +95,9 @@ class Leaf(Behaviour):
             cause = error.__cause__
             numbers = cause.numbers if isinstance(cause, Failure) else {}
             self._fail("EXCEPTION", str(error), numbers)
-        except _ANY as error:
+        except Overrun as overrun:
+            self._fail("OVERRUN", str(overrun), {})
+        except RAISED_BY_SKILLS as error:
             self._log_exception("in its run")
             self._fail("EXCEPTION", _one_line(error), {})
         else:
@@ -142,7 +144,7 @@ class Leaf(Behaviour):
         try:
             if self._run is not None:
                 self._run.close()
-        except _ANY as error:
+        except RAISED_BY_SKILLS as error:
             self._log_exception("in its clean-up")
             return f"its clean-up raised {_one_line(error)}"
         finally:
@@ -152,7 +154,7 @@ class Leaf(Behaviour):
     def _let_go(self) -> None:
         try:
             self._held_arm.release()
-        except _ANY:
+        except RAISED_BY_SKILLS:
             self._log_exception("while its arm was released")
 
     def _fail(self, code: str, reason: str, numbers: Mapping[str, Number]) -> None:
@@ -200,5 +202,8 @@ class Leaf(Behaviour):
 
 
 def _one_line(error: BaseException) -> str:
-    text = one_line(str(error))
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+    name, text = type(error).__name__, one_line(str(error))
+    sentence = f"{name}: {text}" if text else name
+    if isinstance(error, _OF_OTHERS):
+        sentence += ' (a skill ends no program: it returns, or raises Failure("CODE", "why"))'
+    return sentence

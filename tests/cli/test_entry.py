@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-PROGRAM = "import sys; import bt_dualarm.cli as cli; print('begun', flush=True); "
+from tests.listening import STOPPING, wait_until, wait_until_it_listens
+
+PROGRAM = "import sys; import bt_dualarm.cli as cli; "
 COMMANDS = {
     "bt-run": ("run", "circle", "--display", "log", "--duration", "0.5"),
     "bt-check": ("check", "circle"),
@@ -25,7 +27,8 @@ CODES = {"bt-run": 1, "bt-check": 0, "bt-skills": 0, "bt-robot": 0, "bt-tune-col
 """1: the duration is over before the circle is, and nothing of the colour is seen at the start."""
 
 MOMENTS = np.random.default_rng(7).uniform(0.0, 1.0, (2, len(COMMANDS)))
-"""Seconds after the begin of a program: while it imports, computes, prints."""
+"""Seconds from when a program listens: while it imports, computes, prints. What it does then hangs
+on the machine, what is to come of it does not."""
 
 
 def command(name: str) -> list[str]:
@@ -40,23 +43,87 @@ def in_shell(name: str, redirection: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
 
 
+SIGNALLED = [
+    (name, STOPPING[number % len(STOPPING)], float(moment))
+    for number, (name, moment) in enumerate(
+        (name, at) for row in MOMENTS for name, at in zip(COMMANDS, row, strict=True)
+    )
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "moment"),
-    [(name, float(at)) for row in MOMENTS for name, at in zip(COMMANDS, row, strict=True)],
-)
-def test_ctrl_c_ends_a_command_without_a_traceback(name: str, moment: float) -> None:
+@pytest.mark.parametrize(("name", "number", "moment"), SIGNALLED)
+def test_a_signal_ends_a_command_without_a_traceback(
+    name: str, number: signal.Signals, moment: float
+) -> None:
     with subprocess.Popen(
         command(name), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "begun\n"
+        wait_until_it_listens(process)
         time.sleep(moment)
-        process.send_signal(signal.SIGINT)
-        said, complaint = process.communicate(timeout=60)
+        process.send_signal(number)
+        said, complaint = process.communicate()
     assert "Traceback" not in said + complaint
     assert "Exception ignored" not in complaint
-    assert process.returncode in (130, 0, 1), complaint  # 0, 1: it had done its work
+    assert process.returncode in (128 + number, CODES[name]), complaint  # the latter: it was done
+
+
+@pytest.mark.parametrize("number", STOPPING)
+def test_a_signal_that_comes_first_of_all(number: signal.Signals) -> None:
+    """While nothing is imported; one that is ignored, as ``nohup`` and ``&`` have it, stays so."""
+    with subprocess.Popen(
+        command("bt-skills"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        wait_until_it_listens(process)
+        process.send_signal(number)
+        said, complaint = process.communicate()
+    assert (process.returncode, said, complaint) == (128 + number, "", "")
+    ignoring = f"import signal; signal.signal({int(number)}, signal.SIG_IGN); {PROGRAM}"
+    code = f"{ignoring}import os; os.kill(os.getpid(), {int(number)}); sys.exit(cli.skills())"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "circle"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0
+
+
+def test_a_second_signal_ends_a_command_that_takes_no_notice_of_the_first(tmp_path: Path) -> None:
+    """A file of skills that never gets imported, and keeps what would end it to itself."""
+    (tmp_path / "hung.py").write_text(
+        "import pathlib, time\n"
+        "pathlib.Path(__file__).with_name('reached').touch()\n"
+        "while True:\n"
+        "    try:\n"
+        "        time.sleep(1000)\n"
+        "    except BaseException:\n"
+        "        pathlib.Path(__file__).with_name('noticed').touch()\n"
+    )
+    with subprocess.Popen([*command("bt-check"), "--skills", str(tmp_path)]) as process:
+        for name in ("reached", "noticed"):
+            wait_until(process, (tmp_path / name).exists)
+            process.send_signal(signal.SIGTERM)
+        assert process.wait() == 143
+
+
+def test_threads_of_skills_do_not_keep_a_command_alive(tmp_path: Path) -> None:
+    (tmp_path / "threaded.py").write_text(
+        "import threading\n"
+        "threading.Thread(target=threading.Event().wait, name='endless').start()\n"
+        "from bt_dualarm import Skill\n"
+        "class Threaded(Skill):\n"
+        '    """Leaves a thread behind."""\n'
+        "    example = 'threaded'\n"
+        "    def run(self):\n"
+        "        yield\n"
+    )
+    done = subprocess.run(
+        [*command("bt-check"), "--skills", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "bt-check: still running, and left behind: 'endless'" in done.stderr
+    assert "circle" in done.stdout
+    assert done.returncode == 0
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -99,12 +166,10 @@ def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display
         start_new_session=True,
     ) as process:
         os.close(theirs)
-        while not (tmp_path / "out").exists():  # made when the run is ready
-            assert process.poll() is None
-            time.sleep(0.01)
+        wait_until(process, (tmp_path / "out" / "events.jsonl").exists)  # the run has begun
         os.close(ours)
         process.send_signal(signal.SIGHUP)
-        assert process.wait(60) == 129
+        assert process.wait() == 129
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["ending"], summary["at_rest"]) == ("it was asked to stop", True)
 
@@ -115,10 +180,8 @@ def test_where_hanging_up_is_ignored_it_stays_ignored(tmp_path: Path) -> None:
     command = ["nohup", sys.executable, "-c", program]
     arguments = ("circle", "--duration", "0.5", "--real-time", "--record", str(tmp_path / "out"))
     with subprocess.Popen([*command, *arguments], stdout=subprocess.DEVNULL) as process:
-        while not (tmp_path / "out").exists():
-            assert process.poll() is None
-            time.sleep(0.01)
+        wait_until(process, (tmp_path / "out" / "events.jsonl").exists)
         process.send_signal(signal.SIGHUP)
-        assert process.wait(60) == 1
+        assert process.wait() == 1
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["ending"] == "the given duration is over"

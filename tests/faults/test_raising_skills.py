@@ -18,6 +18,9 @@ HERE = Path(__file__).parent
 PHASES = ("constructor", "before", "after", "ending", "stream", "camera", "aim")
 """Of `Raiser`; in ``ending`` the clean-up of a skill raises that has come to its own end."""
 
+ENDINGS = ("SystemExit", "StopIteration", "GeneratorExit", "KeyboardInterrupt")
+"""What ends programs and generators elsewhere."""
+
 TWO_ARMS = """
     world: {{scene: empty, time_limit: 20}}
     arms:
@@ -43,7 +46,7 @@ def check_other_arm(play: Play) -> None:
     assert (play.arm("other").ended_s or 0.0) > (play.arm("faulty").ended_s or 0.0)
 
 
-@pytest.mark.parametrize("error", ["ValueError", "SystemExit", "StopIteration"])
+@pytest.mark.parametrize("error", ["ValueError", *ENDINGS])
 @pytest.mark.parametrize("phase", PHASES)
 def test_leaf_fails_and_the_other_arm_goes_on(
     phase: str, error: str, stage: Stage, caplog: pytest.LogCaptureFixture

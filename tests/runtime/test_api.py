@@ -504,6 +504,42 @@ def test_an_exception_in_the_block_closes_everything(
     assert not list(tmp_path.glob(".*"))
 
 
+class Pressed(bt.Skill):
+    """Stands for somebody who presses Ctrl-C while a skill computes, or cleans up."""
+
+    class Ports(bt.PortModel):
+        """When."""
+
+        late: bool = bt.port(default=False, description="only when it is halted")
+
+    example = "pressed"
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Wait for the end."""
+        try:
+            yield
+            if not self.ports.late:
+                os.kill(os.getpid(), signal.SIGINT)
+            yield
+        finally:
+            if self.ports.late:
+                os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_ctrl_c_in_the_middle_of_a_skill_is_not_the_skills(late: bool) -> None:
+    """It leaves as KeyboardInterrupt, not as a failure of the leaf, and the handler is Python's."""
+    tree = {**ONE, "arms": {"arm1": {"robot": "ur5", "tree": {"pressed": {"late": late}}}}}
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            bt.run(tree, duration=0.1, skills=[Pressed])
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def test_ctrl_c_in_the_middle_of_a_run_leaves_no_process() -> None:
     """Python raises KeyboardInterrupt wherever it is; the run is closed on its way out."""
     program = (
@@ -512,13 +548,13 @@ def test_ctrl_c_in_the_middle_of_a_run_leaves_no_process() -> None:
         "import bt_dualarm as bt\n"
         f"tree = {AROUND!r}\n"
         "from bt_dualarm.motion.planning import process\n"
-        "spawn = process._spawn\n"
+        "spawn = process.spawn\n"
         "def spawning():\n"
         "    made = spawn()\n"
         "    print(made[0].pid, flush=True)\n"
         "    threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
         "    return made\n"
-        "process._spawn = spawning\n"
+        "process.spawn = spawning\n"
         "bt.run(tree, real_time=True)\n"
     )
     done = subprocess.run(

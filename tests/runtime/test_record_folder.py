@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -55,6 +57,25 @@ def test_what_is_of_no_run_is_not_overwritten(name: str, text: str, tmp_path: Pa
         RecordFolder(tmp_path, ["arm1"])
     assert names(tmp_path) == {name}
     assert (tmp_path / name).read_text(encoding="latin-1") == text
+
+
+OTHER_KINDS: dict[str, tuple[Callable[[Path], object], str]] = {
+    "fifo": (os.mkfifo, "a pipe"),
+    "folder": (Path.mkdir, "a folder"),
+    "link to a device": (lambda path: path.symlink_to("/dev/zero"), "a symbolic link"),
+    "link to nothing": (lambda path: path.symlink_to("nothing"), "a symbolic link"),
+}
+
+
+@pytest.mark.parametrize("kind", OTHER_KINDS)
+@pytest.mark.parametrize("name", [LOCK, *OF_A_RECORD])
+def test_what_is_no_file_is_refused_and_not_opened(name: str, kind: str, tmp_path: Path) -> None:
+    """To open a pipe that nobody writes to does not return."""
+    make, words = OTHER_KINDS[kind]
+    make(tmp_path / name)
+    with pytest.raises(RecordError, match=f"{name} is there and is {words}, not a regular file"):
+        RecordFolder(tmp_path, ["arm1"])
+    assert names(tmp_path) == {name}
 
 
 @given(st.text(max_size=20))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from bt_dualarm.errors import Failure
+from bt_dualarm.errors import Failure, Interruption
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.ports import PortModel, port
 from tests.tree.ticking import Stage
@@ -107,30 +107,40 @@ def test_a_skill_that_refuses_to_be_halted_is_halted(
 
 
 class Quitter(Skill):
-    """Calls sys.exit."""
+    """Raises what ends programs and generators elsewhere."""
+
+    error: ClassVar[BaseException]
 
     def run(self) -> Iterator[None]:
         yield
-        sys.exit(0)
+        raise self.error
 
 
-def test_sys_exit_in_a_skill_does_not_end_the_run(tmp_path: Path) -> None:
+@pytest.mark.parametrize("error", [SystemExit(0), KeyboardInterrupt(), GeneratorExit("so")])
+def test_what_would_end_a_program_ends_the_leaf(
+    error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And tells its author what a skill does instead."""
+    monkeypatch.setattr(Quitter, "error", error, raising=False)
     stage = Stage(tmp_path, "quitter", Quitter)
     stage.table(2)
-    assert stage.tree.view().reason == "EXCEPTION: SystemExit: 0"
+    said = f"{type(error).__name__}: {error}".removesuffix(": ")
+    assert stage.tree.view().reason == (
+        f'EXCEPTION: {said} (a skill ends no program: it returns, or raises Failure("CODE", "why"))'
+    )
 
 
 class Interrupted(Skill):
     """Stands for Ctrl-C that arrives during a tick."""
 
     def run(self) -> Iterator[None]:
-        raise KeyboardInterrupt
+        raise Interruption
         yield
 
 
 def test_ctrl_c_is_not_the_skills(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "interrupted", Interrupted)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(Interruption):
         stage.tick()
 
 

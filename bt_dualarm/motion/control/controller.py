@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bt_dualarm.errors import Failure, Number, TouchFailure
+from bt_dualarm.errors import RAISED_BY_SKILLS, Failure, Number, TouchFailure
 from bt_dualarm.motion.control.computed_torque import ComputedTorque
 from bt_dualarm.motion.safety.guard import ArmGuard
 from bt_dualarm.motion.safety.reservation import Reservations
@@ -51,7 +51,7 @@ class JointController:
     def __init__(self, world: World, name: str, period: float, reservations: Reservations) -> None:
         reservations.withdraw(name)
         self.period = period
-        self.fault: Exception | SystemExit | None = None
+        self.fault: BaseException | None = None
         self._world = world
         self._name = name
         self._robot = world.robots[name]
@@ -186,7 +186,7 @@ class JointController:
             motion.executed.append(self._nominal.tool_pose_at(self._q).position)
         try:
             wanted = motion.next(time)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - a skill may raise anything
+        except RAISED_BY_SKILLS as error:
             self.fault = error
             self.stop()
             return self._wanted(time)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import itertools
-import os
 import pickle
 import queue
 import subprocess
-import sys
 import threading
+import time
 import weakref
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from bt_dualarm.errors import Failure
+from bt_dualarm.motion.planning.child import spawn, stopping_signal
 from bt_dualarm.motion.planning.messages import Answer, Refusal, Request
 from bt_dualarm.motion.planning.problem import PlanningProblem
 from bt_dualarm.motion.timing.trajectory import Trajectory
@@ -21,10 +20,12 @@ from bt_dualarm.motion.timing.trajectory import Trajectory
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-_PROGRAM = "from bt_dualarm.motion.planning.worker import serve; serve()"
+LONGEST_S: Final = 120.0
+"""Seconds on the wall that are waited for an answer; a search that finds
+nothing takes one and a half."""
 
-_ROOT = str(Path(__file__).parents[3])
-"""Where the package lies that the process shall import: this one."""
+_LOOK_S = 0.5
+"""Seconds on the wall from one look at the process that is waited for to the next."""
 
 _DYING_S = 5.0
 """Seconds on the wall that a process gets to end once it has closed its pipe."""
@@ -76,15 +77,18 @@ class PendingMotion:
         self._line, self._number, self._problem = line, number, problem
 
     def result(self) -> Trajectory:
-        """The motion; waits for it, however long that takes on the wall.
+        """The motion; waits for it, for at most `LONGEST_S` on the wall.
 
         Raises:
-            Failure: ``NO_PLAN``, also when the process died of it.
+            Failure: ``NO_PLAN``, also when the process died of it, was stopped, or is lost in it.
         """
         try:
             outcome = self._line.outcome(self._number)
         except EOFError:
             raise self._died() from None
+        except TimeoutError as error:
+            self._line.end()
+            raise self._given_up(str(error)) from None
         if isinstance(outcome, Refusal):
             raise Failure(outcome.code, outcome.reason, **outcome.numbers)
         return outcome
@@ -96,12 +100,14 @@ class PendingMotion:
     def _died(self) -> Failure:
         code = self._line.exit_code()
         how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        return self._given_up(how).noting(exit_code=code)
+
+    def _given_up(self, how: str) -> Failure:
         planner = self._problem.planner
         return Failure(
             "NO_PLAN",
             f"the planning process {how} while it had this problem for {planner}",
             planner=planner,
-            exit_code=code,
         )
 
 
@@ -115,7 +121,7 @@ class _Line:
     def __init__(self) -> None:
         from multiprocessing.connection import Connection
 
-        self.process, writing, reading = _spawn()
+        self.process, writing, reading = spawn()
         self._answers = Connection(reading, writable=False)
         self._outbox: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self._dropped: set[int] = set()
@@ -139,17 +145,41 @@ class _Line:
 
         Raises:
             EOFError: The process has ended.
+            TimeoutError: It has been stopped, or finds no end; the message says which.
         """
+        latest = time.monotonic() + LONGEST_S
         while number not in self._found:
-            try:
-                answer: Answer = self._answers.recv()
-            except OSError:
-                raise EOFError from None
-            if answer.number in self._dropped:
-                self._dropped.remove(answer.number)
-            else:
-                self._found[answer.number] = answer.outcome
+            if self._is_answering(latest):
+                self._take()
         return self._found.pop(number)
+
+    def _is_answering(self, latest: float) -> bool:
+        """Whether there is something to read, or the end; waits for some time.
+
+        Raises:
+            TimeoutError: Nothing more is to be expected.
+        """
+        was_stopped = stopping_signal(self.process.pid)
+        try:
+            if self._answers.poll(_LOOK_S):
+                return True
+        except OSError:
+            raise EOFError from None
+        if was_stopped and stopping_signal(self.process.pid):
+            raise TimeoutError(f"was stopped by signal {was_stopped}")
+        if time.monotonic() > latest:
+            raise TimeoutError(f"gave no answer for {LONGEST_S:g} s")
+        return False
+
+    def _take(self) -> None:
+        try:
+            answer: Answer = self._answers.recv()
+        except OSError:
+            raise EOFError from None
+        if answer.number in self._dropped:
+            self._dropped.remove(answer.number)
+        else:
+            self._found[answer.number] = answer.outcome
 
     def exit_code(self) -> int:
         """Of a process that has closed its pipe."""
@@ -167,34 +197,6 @@ def _started(problem: PlanningProblem) -> _Line:
         raise Failure(
             "NO_PLAN", f"no planning process can be started: {error}", planner=problem.planner
         ) from error
-
-
-def _spawn() -> tuple[subprocess.Popen[bytes], int, int]:
-    """A process, the descriptor to write to it, and the one to read from it.
-
-    In a process group of its own: Ctrl-C in a terminal is for the run alone.
-    """
-    child_in, writing = os.pipe()
-    reading, child_out = os.pipe()
-    paths = [_ROOT, os.environ.get("PYTHONPATH", "")]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
-    try:
-        process = subprocess.Popen(  # noqa: S603 - this interpreter, a fixed program
-            [sys.executable, "-P", "-c", _PROGRAM],
-            stdin=child_in,
-            stdout=child_out,
-            stderr=subprocess.DEVNULL,
-            env=environment,
-            process_group=0,
-        )
-    except OSError:
-        os.close(writing)
-        os.close(reading)
-        raise
-    finally:
-        os.close(child_in)
-        os.close(child_out)
-    return process, writing, reading
 
 
 def _write(outbox: queue.SimpleQueue[Request | None], requests: Connection) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from bt_dualarm.errors import RAISED_BY_SKILLS
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.cameras.camera import Camera, FrameCallback, WindowRequest
 from bt_dualarm.world.cameras.frame import Frame, Window
@@ -20,7 +21,7 @@ class GuardedCamera:
     """
 
     def __init__(self, camera: Camera) -> None:
-        self.fault: Exception | SystemExit | None = None
+        self.fault: BaseException | None = None
         self._camera = camera
         self._aim: WindowRequest | None = None
 
@@ -63,7 +64,7 @@ class GuardedCamera:
         def guarded(frame: Frame) -> None:
             try:
                 callback(frame)
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - the leaf's, see `fault`
+            except RAISED_BY_SKILLS as error:
                 self.fault = error
                 unsubscribe()
 
@@ -73,7 +74,7 @@ class GuardedCamera:
     def _guarded_aim(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
         try:
             return self._aim(stamp, camera, width, height) if self._aim else Window()
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
+        except RAISED_BY_SKILLS as error:
             self.fault = error
             self.aim = None
             return Window()

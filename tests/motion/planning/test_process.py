@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.errors import Failure
+from bt_dualarm.motion.planning import process
 from bt_dualarm.motion.planning.joint_motion import motion_around
 from bt_dualarm.motion.planning.process import PlanningProcess
 from bt_dualarm.motion.timing.trajectory import Trajectory
@@ -159,3 +160,38 @@ def test_it_starts_with_the_first_problem_and_ends_when_closed(
     planning.close()
     with pytest.raises(ProcessLookupError):  # not even a zombie
         os.kill(pid, 0)
+
+
+def test_a_process_that_is_stopped_is_not_waited_for(
+    planning: PlanningProcess, world: World
+) -> None:
+    """In the middle of a search, and idle as well; each time the next problem gets another."""
+    problem = problem_in(world, RIGHT, LEFT)
+    endless = problem_in(locked_world(), RIGHT, LEFT, checks=ENDLESS)
+    for busy in (True, False):
+        planning.solve(problem).result()
+        pending = planning.solve(endless) if busy else None
+        stopped = planning.pid
+        assert stopped is not None
+        os.kill(stopped, signal.SIGSTOP)
+        with pytest.raises(Failure, match="was stopped by signal 19") as caught:
+            (pending or planning.solve(problem)).result()
+        assert caught.value.code == "NO_PLAN"
+        assert len(planning.solve(problem).result()) > 1
+        assert planning.pid != stopped
+
+
+def test_a_search_without_an_end_is_given_up(
+    planning: PlanningProcess, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Were it waited for, this test would not end; its process goes with it."""
+    pending = planning.solve(problem_in(locked_world(), RIGHT, LEFT, checks=ENDLESS))
+    lost = planning.pid
+    with monkeypatch.context() as hurry:
+        hurry.setattr(process, "LONGEST_S", 0.1)
+        with pytest.raises(Failure, match=r"gave no answer for 0\.1 s") as caught:
+            pending.result()
+    assert caught.value.code == "NO_PLAN"
+    pending.abandon()
+    assert len(planning.solve(problem_in(world, RIGHT, LEFT)).result()) > 1
+    assert planning.pid != lost
