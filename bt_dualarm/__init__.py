@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from bt_dualarm.runtime.run import Run as Run
     from bt_dualarm.runtime.series import Series as Series
     from bt_dualarm.skill.arrival import check_arrival as check_arrival
+    from bt_dualarm.skill.following_error import FollowingError as FollowingError
     from bt_dualarm.skill.path_following import follow_curve as follow_curve
     from bt_dualarm.skill.path_skill import PathSkill as PathSkill
     from bt_dualarm.skill.scoring import TrackingScore as TrackingScore
@@ -150,6 +151,7 @@ _CONTENTS: Final = {
     "turned_path": "motion.paths.rotation:turned_about",
     "follow_curve": "skill.path_following:follow_curve",
     "check_arrival": "skill.arrival:check_arrival",
+    "FollowingError": "skill.following_error:FollowingError",
     "PlaneTracking": "skill.visual_servoing:PlaneTracking",
     "TrackingGains": "skill.tracking_reference:TrackingGains",
     "TrackingScore": "skill.scoring:TrackingScore",
@@ -166,6 +168,7 @@ __all__ = [
     "Duration",
     "Ending",
     "Failure",
+    "FollowingError",
     "JointAngles",
     "LeafResult",
     "Matrix",

@@ -9,6 +9,7 @@ from bt_dualarm import (
     Color,
     Duration,
     Failure,
+    FollowingError,
     ObjectName,
     Plane,
     PlaneTracking,
@@ -67,6 +68,14 @@ class Track(Skill):
         )
         wait: Duration = port(60.0, "longest wait for the target to come into view", gt=0)
         lost_timeout: Duration = port(3.0, "longest time without the target", gt=0)
+        max_error: float = port(
+            0.05,
+            "largest distance of the target from the middle of the image as the camera sees it, "
+            "root mean square over a second, once the tool has arrived",
+            unit="m",
+            ge=1e-4,
+            le=2,
+        )
         search_radius: float = port(
             0.05, "how far the search goes from where the target should be", unit="m", ge=0, le=0.5
         )
@@ -78,6 +87,7 @@ class Track(Skill):
         "NO_CAMERA": "the arm has no camera of its own, or it does not face the plane",
         "NOT_SEEN": "the target did not come into view in time",
         "LOST": "the target was out of view for longer than lost_timeout",
+        "NOT_FOLLOWING": "the camera saw the target farther off its middle than max_error",
         "UNREACHABLE": "the target stayed farther away than the arm may follow",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
@@ -101,12 +111,14 @@ class Track(Skill):
             else None,
             reach=ports.reach,
             search_radius=ports.search_radius,
+            error=FollowingError(ports.max_error, ports.lost_timeout),
         )
         score = TrackingScore(self.arm, ports.plane, ports.score)
         try:
             yield from self._wait_for_target(tracking)
             yield from self._follow(tracking, score)
             yield from self.arm.halt()
+            yield from self._see_it_again(tracking)
         finally:
             tracking.close()
             self.metrics |= {**score.metrics(tracking), **tracking.metrics()}
@@ -131,11 +143,7 @@ class Track(Skill):
             self.arm.check()
             tracking.watch()
             score.sample(tracking)
-            unseen = tracking.unseen_for
-            if unseen > ports.lost_timeout:
-                raise Failure(
-                    "LOST", f"the target was last seen {unseen:.1f} s ago", unseen_s=unseen
-                )
+            self._must_not_be_lost(tracking)
             if tracking.beyond_for > ports.lost_timeout:
                 raise Failure(
                     "UNREACHABLE",
@@ -143,9 +151,21 @@ class Track(Skill):
                     f"began to follow for {tracking.beyond_for:.1f} s",
                     beyond_s=tracking.beyond_for,
                 )
-            if not tracking.follows:
+            if not tracking.arrived:
                 continue
             if ports.duration is not None and self.time - began >= ports.duration:
                 return
             if ports.until_still is not None and tracking.still_for >= ports.until_still:
                 return
+
+    def _see_it_again(self, tracking: PlaneTracking) -> Iterator[None]:
+        """Success is not said of a target that went while the arm came to rest."""
+        rest = self.time
+        while tracking.seen_at < rest:
+            self._must_not_be_lost(tracking)
+            yield
+
+    def _must_not_be_lost(self, tracking: PlaneTracking) -> None:
+        unseen = tracking.unseen_for
+        if unseen > self.ports.lost_timeout:
+            raise Failure("LOST", f"the target was last seen {unseen:.1f} s ago", unseen_s=unseen)

@@ -8,6 +8,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.setpoints.planar_servo import PlanarServo
 from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.skill.following_error import FollowingError
 from bt_dualarm.skill.tracking_reference import (
     PlaneView,
     TrackingGains,
@@ -18,7 +19,7 @@ from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.vision.localise import Localiser, OnPlane
 from bt_dualarm.vision.plane_of_size import OnPlaneOfSize
-from bt_dualarm.vision.stillness import Stillness
+from bt_dualarm.vision.stillness import Stillness, look
 from bt_dualarm.vision.tracker import TargetTracker
 from bt_dualarm.world.cameras.camera import camera_pose
 from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
@@ -26,6 +27,7 @@ from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
 _FACING = 0.5  # cosine between the camera's axis and the plane's normal
 _BANDWIDTH = (30.0, 150.0)  # rad/s, least and most
 _BANDWIDTH_PER_FPS = 4.0  # above it the noise of the estimate is followed, below it the target lags
+_GIVEN_DEPTH, _MEASURED_DEPTH = 3.0, 1.3  # factors by which a target's depth may be wrong
 _OLD_S = 0.1  # latency that halves the bandwidth
 
 
@@ -43,6 +45,7 @@ class PlaneTracking:
         gains: Gains of proportional control; None to predict the target.
         reach: Farthest that the tool leaves its start, in m.
         search_radius: How far the search goes from where the target should be, in m.
+        error: Judges how far off the middle of the image the target is seen.
 
     Raises:
         Failure: ``NO_CAMERA``.
@@ -60,6 +63,7 @@ class PlaneTracking:
         gains: TrackingGains | None,
         reach: float,
         search_radius: float,
+        error: FollowingError,
     ) -> None:
         self._arm = arm
         self._axes = np.array(plane.axes)
@@ -83,7 +87,9 @@ class PlaneTracking:
         )
         self._latency = camera.latency
         self._bandwidth = _bandwidth(camera)
-        self._stillness = Stillness()
+        self._middle = np.array((0.0, 0.0, distance))
+        self._error = error
+        self._stillness = Stillness(_MEASURED_DEPTH if target_size else _GIVEN_DEPTH)
         self._watched = 0
 
     @property
@@ -100,6 +106,16 @@ class PlaneTracking:
     def follows(self) -> bool:
         """Whether the target is in view and where the tool may go."""
         return self.in_view and self._reference.beyond_since is None
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the target is where it should be in the image, within the bound on the error."""
+        return self.follows and self._error.arrived
+
+    @property
+    def seen_at(self) -> float:
+        """When the newest image that shows the locked target was exposed, in simulated s."""
+        return self._tracker.last_stamp
 
     @property
     def unseen_for(self) -> float:
@@ -137,16 +153,26 @@ class PlaneTracking:
         self._arm.stream(servo)
 
     def watch(self) -> None:
-        """Note whether the target moves; call it once a tick."""
+        """Note whether the target moves and how well it is followed; call it once a tick.
+
+        Raises:
+            Failure: ``NOT_FOLLOWING``.
+        """
         new = self._tracker.sightings[self._watched :]
         self._watched += len(new)
         # Frames that got lost are no absence, though a late camera is `in_view` no more meanwhile.
         if not self._tracker.locked:
             self._stillness.interrupt()
+        may_follow = self._tracker.locked and self._reference.beyond_since is None
+        if not may_follow:
+            self._error.interrupt()
+        if not self._tracker.locked:
             return
         for seen in new:
-            sigma = float(np.sqrt((np.square(self._axes) @ np.square(seen.sigma)).max()))
-            self._stillness.take(seen.stamp, self._axes @ seen.point, sigma)
+            self._stillness.take(look(seen, self._axes))
+            if may_follow:
+                off = seen.point - seen.camera.apply(self._middle)
+                self._error.take(seen.stamp, self._axes @ off)
 
     def close(self) -> None:
         """Let go of the camera."""
@@ -161,6 +187,8 @@ class PlaneTracking:
     def metrics(self) -> dict[str, Number]:
         """Frames looked at, how often the target was lost, and motion towards old data.
 
+        Beside them what `FollowingError` has measured.
+
         ``old_data_steps`` counts the control steps that moved towards a target whose newest
         sighting was older than ``STALE_S`` (``tracking_reference``) at that step.
         """
@@ -168,6 +196,7 @@ class PlaneTracking:
             "frames": self._tracker.frames,
             "lost_count": self._tracker.lost_count,
             "old_data_steps": self._reference.old_data_steps,
+            **self._error.metrics(),
         }
 
 

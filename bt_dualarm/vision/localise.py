@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bt_dualarm.errors import DualArmError
-from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.vision.detect import Detection
 from bt_dualarm.vision.front_face import square_corners
 from bt_dualarm.world.cameras.frame import Frame
@@ -39,12 +39,14 @@ class Sighting:
         point: Place in the world, of shape (3,), in m.
         sigma: Standard deviation along x, y, z, of shape (3,), in m.
         side: Root of the visible area, in m.
+        camera: Pose of the camera at the exposure.
     """
 
     stamp: float
     point: Vector
     sigma: Vector
     side: float
+    camera: Pose
 
 
 class Localiser(ABC):
@@ -113,6 +115,7 @@ class OnPlane(Localiser):
             frame.pose.position + depth * ray,
             np.maximum(sigma, _HELD_SIGMA_M),
             math.sqrt(detection.area_px) * across,
+            frame.pose,
         )
 
     def corners(self, point: Vector, frame: Frame) -> Matrix:  # noqa: ARG002 - see ``Localiser``
@@ -140,7 +143,7 @@ class OfSize(Localiser):
         view = frame.pose.turn(np.array((0.0, 0.0, 1.0)))
         sigma = np.sqrt(across**2 + (along**2 - across**2) * np.square(view))
         point = frame.pose.position + depth * frame.ray(detection.centroid_px)
-        return Sighting(detection.stamp, point, sigma, self.side)
+        return Sighting(detection.stamp, point, sigma, self.side, frame.pose)
 
     def corners(self, point: Vector, frame: Frame) -> Matrix:
         """Those of a square that faces the camera."""

@@ -318,3 +318,40 @@ def test_a_camera_that_looks_along_the_plane_cannot_lead_the_arm(stage: Stage) -
     play = stage.run(scenario().file({"track": TRACK["track"] | {"plane": "xz"}}))
     assert play.leaf("track").code == "NO_CAMERA"
     assert "normal" in play.leaf("track").reason
+
+
+@pytest.mark.parametrize(("limits", "bound"), [(1.0, 0.05), (1.0, 0.004), (0.02, 0.02)])
+def test_who_cannot_keep_up_says_by_how_much(limits: float, bound: float, stage: Stage) -> None:
+    """A circle that grows ever faster, while the target stays in view."""
+
+    def faster(time: float) -> Vector:
+        angle = 0.8 * time**2
+        return 0.06 * min(1.0, time / 2.0) * np.array((0.0, np.cos(angle), np.sin(angle)))
+
+    node: Tree = {"track": {"duration": 20.0, "max_error": bound, "speed": limits}}
+    leaf = follow(stage, node, scenario({"fps": 30}), faster).leaf("track")
+    assert leaf.code == "NOT_FOLLOWING", leaf.reason
+    assert f"max_error allows {1000 * bound:.1f} mm" in (leaf.reason or "")
+    assert float(leaf.metrics["seen_rms_m"]) > bound
+    assert float(leaf.metrics["max_error_m"]) == bound
+
+
+def test_what_the_camera_saw_agrees_with_the_truth(stage: Stage) -> None:
+    """Half as large again at most: an offset and the camera's own noise are in it, too."""
+    node: Tree = {"track": TRACK["track"] | {"max_error": 0.01}}
+    leaf = follow(stage, node, scenario({"fps": 60}), swaying).leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["seen_rms_m"]) < 1.5 * float(leaf.metrics["plane_rms_m"]) + 5e-4
+
+
+@pytest.mark.parametrize("later", [0.02, 0.06, 0.1])
+def test_a_target_that_goes_while_the_arm_brakes_was_not_followed(
+    later: float, stage: Stage
+) -> None:
+    """The duration is over at 2 s; then the tool comes to rest, and looks once more."""
+    node: Tree = {"track": TRACK["track"] | {"duration": 2.0, "lost_timeout": 0.5}}
+    play = stage.play(scenario().file(node), deeds=lost_at(2.0 + later))
+    play.watchers.append(carried(circling))
+    play.run()
+    leaf = play.leaf("track")
+    assert leaf.code == "LOST", leaf.reason

@@ -272,6 +272,11 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("track", "NO_CAMERA"): Trial(TRACK, {"arm": BLIND}),
     ("track", "NOT_SEEN"): Trial({"track": TRACK["track"] | {"color": "red"}}),
     ("track", "LOST"): Trial(TRACK, deeds=((1.0, hides("cube")),), moves=True),
+    ("track", "NOT_FOLLOWING"): Trial(
+        {"track": TRACK["track"] | {"max_error": 0.001}},
+        deeds=((1.0, shifts("cube", 0.05)),),
+        moves=True,
+    ),
     ("track", "UNREACHABLE"): Trial(TRACK, deeds=((1.0, shifts("cube", 0.14)),), moves=True),
     **moving("track", TRACK, 1.0, "arm1/panda_hand"),
 }

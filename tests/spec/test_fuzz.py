@@ -56,10 +56,15 @@ def build(path: Path, registry: Registry) -> None:
         ).view()
 
 
+LONGEST_S = 5.0
+"""Seconds of the processor for one file: none needs one of them where nothing else runs, and what
+grows without bound needs all of them anywhere."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_mutated_files(chunk: int, tmp_path: Path) -> None:
-    """No other exception, none over a second, none that is accepted and then not built."""
+    """No other exception, none that takes long, none that is accepted and then not built."""
     dice, data, registry = random.Random(chunk), seeds(), Registry.load()  # noqa: S311 - no secret
     for module in {module for skill in registry.skills.values() for module in skill.needs}:
         importlib.import_module(module)  # takes a second by itself, once
@@ -76,5 +81,5 @@ def test_mutated_files(chunk: int, tmp_path: Path) -> None:
                 build(path, registry)
         except Exception as error:
             raise AssertionError(f"file {number} of seed {chunk}:\n{text}") from error
-        assert time.process_time() - began < 1.0, text
+        assert time.process_time() - began < LONGEST_S, text
     assert accepted > 0

@@ -8,11 +8,22 @@ import numpy as np
 import pytest
 
 from bt_dualarm.pose import Vector
-from bt_dualarm.vision.stillness import Stillness
+from bt_dualarm.vision.stillness import Look, Stillness
 
 FPS = 60
 GOOD_M, SHAKY_M = 1e-4, 2.7e-3
 """Standard deviation of a sighting 0.35 m away: of pixels alone, and with 2 px of shake."""
+
+
+DEPTH_M = 0.35
+DOUBT = 3.0
+"""Believed depth, and the factor by which it may be wrong."""
+
+
+def seen(stamp: float, place: Vector, sigma: float, eye: Vector | None = None) -> Look:
+    """A sighting from a camera that by default hangs before the origin of the plane."""
+    eye = np.zeros(2) if eye is None else eye
+    return Look(stamp, eye, (place - eye) / DEPTH_M, DEPTH_M, sigma)
 
 
 def watched(
@@ -24,13 +35,36 @@ def watched(
     fps: int = FPS,
     seed: int = 0,
 ) -> tuple[Stillness, Vector]:
-    """Where the target is along one axis by time; also for how long it was still at each frame."""
-    rng, stillness, still = np.random.default_rng(seed), Stillness(), []
+    """Where the target is along one axis by time; also for how long it was still at each frame.
+
+    The camera follows with a lag of a tenth of a second.
+    """
+    rng, stillness, still = np.random.default_rng(seed), Stillness(DOUBT), []
     for stamp in np.arange(0.0, seconds, 1.0 / fps).tolist():
-        seen = np.array((place(stamp), 0.0)) + rng.normal(0.0, noise, 2)
-        stillness.take(stamp, seen, noise if expected is None else expected)
+        at = np.array((place(stamp), 0.0)) + rng.normal(0.0, noise, 2)
+        eye = np.array((place(max(0.0, stamp - 0.1)), 0.0))
+        stillness.take(seen(stamp, at, noise if expected is None else expected, eye))
         still.append(stillness.still_for)
     return stillness, np.array(still)
+
+
+def approached(
+    start: Vector, depth: float, noise: float, place: Callable[[float], float], *, seed: int
+) -> Stillness:
+    """A target off the middle of the image, which the camera comes to, believed at ``DEPTH_M``.
+
+    The camera's way is that of a critically damped loop of 8 rad/s at 30 Hz.
+    """
+    rng, stillness = np.random.default_rng(seed), Stillness(DOUBT)
+    eye, speed = np.zeros(2), rng.normal(0.0, 0.05, 2)
+    for stamp in np.arange(0.0, 8.0, 1.0 / 30).tolist():
+        target = start + np.array((place(stamp), 0.0))
+        slope = (target - eye) / depth + rng.normal(0.0, noise / DEPTH_M, 2)
+        stillness.take(Look(stamp, eye.copy(), slope, DEPTH_M, noise))
+        seen_at = eye + DEPTH_M * slope
+        speed = speed + (64.0 * (seen_at - eye) - 16.0 * speed) / 30
+        eye = eye + speed / 30
+    return stillness
 
 
 def step(size: float, begin: float, length: float = 0.2) -> Callable[[float], float]:
@@ -61,11 +95,11 @@ def test_nor_is_a_shake_that_nobody_expects() -> None:
 
 def test_nor_are_two_sightings_far_off() -> None:
     """Of a target that is half covered for a moment, say."""
-    stillness = Stillness()
+    stillness = Stillness(DOUBT)
     rng = np.random.default_rng(0)
     for frame in range(300):
         off = 0.05 if frame % 50 in (20, 21) else 0.0
-        stillness.take(frame / FPS, rng.normal(off, GOOD_M, 2), GOOD_M)
+        stillness.take(seen(frame / FPS, rng.normal(off, GOOD_M, 2), GOOD_M))
     assert stillness.still_for == 0.0
 
 
@@ -79,7 +113,7 @@ def test_a_movement_is_seen_to_end(fps: int) -> None:
 
 @pytest.mark.parametrize("fps", [15, 60])
 def test_three_millimetres_end_a_rest(fps: int) -> None:
-    """But are no first movement: a depth that is learnt moves what is seen as far."""
+    """But are no first movement."""
     first, then = step(0.02, 1.0), step(0.003, 3.0)
     stillness, _ = watched(lambda time: first(time) + then(time), 5.0, GOOD_M, fps=fps)
     assert stillness.still_for == pytest.approx(1.8, abs=0.1 + 12 / fps)
@@ -92,7 +126,7 @@ def test_time_out_of_view_is_no_rest() -> None:
     stillness.interrupt()
     assert stillness.still_for == 0.0
     for stamp in np.arange(4.0, 4.5, 1 / FPS).tolist():
-        stillness.take(stamp, np.array((0.1, 0.0)), GOOD_M)
+        stillness.take(seen(stamp, np.array((0.1, 0.0)), GOOD_M))
         assert stillness.still_for <= stamp - 4.0
     assert stillness.still_for > 0.4
 
@@ -101,7 +135,7 @@ def test_a_movement_out_of_view_counts() -> None:
     stillness, still = watched(resting, 1.0, GOOD_M)
     stillness.interrupt()
     for stamp in np.arange(2.0, 3.0, 1 / FPS).tolist():
-        stillness.take(stamp, np.array((0.4, 0.0)), GOOD_M)
+        stillness.take(seen(stamp, np.array((0.4, 0.0)), GOOD_M, np.array((0.3, 0.0))))
     assert not still.any()
     assert stillness.still_for == pytest.approx(1.0, abs=0.1)
 
@@ -128,3 +162,32 @@ def test_a_moment_is_not_enough_to_be_called_still() -> None:
     """Between two sightings at 0.5 m/s it does not stand."""
     _, still = watched(lambda time: 0.5 * time, 2.0, GOOD_M)
     assert not still.any()
+
+
+CASES = [
+    (np.array(start), depth, noise, seed)
+    for seed, (start, depth, noise) in enumerate(
+        zip(
+            np.random.default_rng(3).uniform(-0.12, 0.12, (40, 2)).tolist(),
+            np.random.default_rng(4).uniform(0.2, 1.0, 40).tolist(),
+            np.random.default_rng(5).choice([GOOD_M, 0.5 * SHAKY_M, SHAKY_M], 40).tolist(),
+            strict=True,
+        )
+    )
+]
+"""Off the middle by up to 12 cm, 0.2 to 1 m away where 0.35 m are believed, with up to 2 px."""
+
+
+def test_a_depth_that_is_not_the_believed_one_is_no_movement() -> None:
+    for start, depth, noise, seed in CASES:
+        stillness = approached(start, depth, noise, resting, seed=seed)
+        assert stillness.still_for == 0.0, (start, depth, noise)
+
+
+def test_fifteen_millimetres_are_a_movement_whatever_the_depth() -> None:
+    """It ends at 3.2 s, and somewhat later where a wrong depth makes the camera slow to follow."""
+    for start, depth, noise, seed in CASES:
+        if noise < SHAKY_M:
+            way = step(0.015, 3.0)
+            stillness = approached(start, depth, noise, way, seed=seed)
+            assert 2.8 < stillness.still_for < 5.2, (start, depth, noise)

@@ -1,0 +1,131 @@
+"""Whether ``until_still`` waits for a movement: targets that never move, and ones that do.
+
+Usage: python -m benchmarks.until_still [RUNS] [SEED]
+
+A Panda looks at a cube that is off the middle of its image, nearer or farther than it believes, by
+cameras of all rates, latencies and shakes, with and without knowing the cube's size. In half of the
+runs the cube never moves: until the end of the given time `track` must not end. In the others it
+moves by 15 mm, in some direction, and `track` must end once it rests.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import bt_dualarm as bt
+from bt_dualarm.runtime.outcome import Outcome
+
+CENTER = np.array((0.68, 0.11, 0.70))  # in the middle of the image, 0.35 m before the camera
+MOVED_M = 0.015
+FAILED = "it failed"
+MOVES_S, LASTS_S, GIVEN_S = 4.0, 0.3, 12.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run.
+
+    Attributes:
+        place: Of the cube at the start, of shape (3,), in m.
+        way: What it moves by, of shape (3,), in m.
+        camera: What its camera has, as in a tree file.
+        known: Whether the cube's size is known.
+        seed: Of the run.
+    """
+
+    place: np.ndarray[Any, np.dtype[np.float64]]
+    way: np.ndarray[Any, np.dtype[np.float64]]
+    camera: dict[str, Any]
+    known: bool
+    seed: int
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves at all."""
+        return bool(self.way.any())
+
+
+def draw(rng: np.random.Generator, *, moves: bool) -> Case:
+    """A case at random."""
+    place = CENTER + rng.uniform((-0.15, -0.07, -0.07), (0.12, 0.07, 0.07))
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    way = MOVED_M * np.array((0.0, np.cos(angle), np.sin(angle))) if moves else np.zeros(3)
+    camera = {
+        "mount": "wrist",
+        "resolution": [320, 240],
+        "fov": 50,
+        "fps": int(rng.choice((15, 30, 60))),
+        "latency": float(rng.choice((0.0, 0.02, 0.06))),
+        "noise": float(rng.choice((0.0, 0.5, 1.0))),
+    }
+    return Case(place, way, camera, bool(rng.integers(2)), int(rng.integers(1, 1000)))
+
+
+def tree(case: Case) -> dict[str, Any]:
+    """The case as a tree file."""
+    track: dict[str, Any] = {"until_still": 1.0}
+    if case.known:
+        track["target_size"] = 0.05
+    return {
+        "bt_dualarm": 1,
+        "name": "until_still",
+        "world": {"scene": "empty"},
+        "objects": {
+            "cube": {
+                "shape": "box",
+                "size": [0.05, 0.05, 0.05],
+                "mass": 0.1,
+                "color": "yellow",
+                "fixed": True,
+                "pose": {"xyz": case.place.tolist()},
+            }
+        },
+        "arms": {
+            "arm1": {
+                "robot": "panda",
+                "base": {"xyz": [1.60, 0.11, 0.28], "rpy": [0, 0, 180]},
+                "posture": "look_out",
+                "camera": case.camera,
+                "tree": {"track": track},
+            }
+        },
+    }
+
+
+def ends_well(case: Case) -> str:
+    """What is wrong with the run of a case; empty if nothing is."""
+    with bt.open(tree(case), seed=case.seed, renderer="ray") as run:
+        while not run.done and run.time < GIVEN_S:
+            share = min(max((run.time - MOVES_S) / LASTS_S, 0.0), 1.0)
+            place = case.place + share * case.way
+            run.assembly.world.model.body_pos[run.assembly.world.object_body("cube")] = place
+            run.step(0.02)
+        if not run.done:
+            return "it did not end" if case.moves else ""
+        if run.result.outcome is not Outcome.SUCCESS:
+            return f"{FAILED}: {run.result.arms['arm1'].leaves['track'].reason}"
+        early = not case.moves or run.time < MOVES_S + 1.0
+        return f"it ended at {run.time:.1f} s" if early else ""
+
+
+def main(runs: int = 40, seed: int = 0) -> None:
+    """Print how many of each half ended as they should, and each that did not."""
+    rng = np.random.default_rng(seed)
+    wrong, failed = {False: 0, True: 0}, {False: 0, True: 0}
+    for number in range(runs):
+        case = draw(rng, moves=bool(number % 2))
+        if said := ends_well(case):
+            counts = failed if said.startswith(FAILED) else wrong
+            counts[case.moves] += 1
+            print(f"{'moves' if case.moves else 'rests'}: {said}; {case}")
+    print(f"never moved: {wrong[False]} of {runs - runs // 2} ended, {failed[False]} failed")
+    ended = runs // 2 - wrong[True] - failed[True]
+    print(f"moved by 15 mm: {ended} of {runs // 2} ended once it rested, {failed[True]} failed")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
