@@ -54,7 +54,7 @@ class FollowingError:
 
         Args:
             stamp: When it was exposed, in s; later than all before.
-            error: From the middle of the image to the target, in the plane, of shape (2,), in m.
+            error: Way from the middle of the image to the target, in the plane, shape (2,), in m.
 
         Raises:
             Failure: ``NOT_FOLLOWING``.

@@ -27,8 +27,8 @@ class Look:
     Attributes:
         stamp: When it was exposed, in s.
         eye: Place of the camera along the plane, of shape (2,), in m.
-        slope: How far along the plane the line of sight goes for each metre into it, of shape (2,).
-        depth: How far in front of the camera the target is believed to be, in m.
+        slope: Way along the plane of the line of sight for each metre into it, of shape (2,).
+        depth: Distance in front of the camera at which the target is believed to be, in m.
         sigma: Standard deviation of the target's place along an axis that is expected, in m.
     """
 
@@ -43,7 +43,7 @@ def look(sighting: Sighting, axes: Matrix) -> Look:
     """A sighting as seen along a plane.
 
     Args:
-        sighting: In the world.
+        sighting: Where it was seen in the world.
         axes: Unit vectors of the plane in the world, of shape (2, 3).
     """
     line = sighting.point - sighting.camera.position
