@@ -16,10 +16,10 @@ from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.paths.cartesian_path import Axes, CartesianPath
 from bt_dualarm.motion.paths.curves import circle, lissajous
 from bt_dualarm.motion.planning.tool_path import joint_path
+from bt_dualarm.motion.timing.limit_use import shares_of_limits
 from bt_dualarm.motion.timing.path_timing import spline_through
 from bt_dualarm.motion.timing.point_to_point import time_path
 from bt_dualarm.motion.timing.time_optimal import fastest_profile
-from bt_dualarm.motion.timing.trajectory import shares_of_limits
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.robots.catalogue import load_robot
 

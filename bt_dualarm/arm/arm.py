@@ -159,9 +159,11 @@ class Arm(ArmState):
         """Check a configuration, of shape (dof,), rad, before anything moves."""
         self._planner.refuse_collision(q, ignore)
 
-    def refuse_collision_along(self, q: Matrix, ignore: frozenset[str] = _NOTHING) -> None:
-        """Check configurations, of shape (n, dof), rad, before anything moves."""
-        self._planner.refuse_collision_along(q, ignore)
+    def refuse_collision_along(
+        self, way: Matrix | Trajectory, ignore: frozenset[str] = _NOTHING
+    ) -> None:
+        """Check a motion, or configurations of shape (n, dof), rad, before anything moves."""
+        self._planner.refuse_collision_along(way, ignore)
 
     # Both together
 

@@ -100,7 +100,7 @@ class ArmPlanner:
             found = yield from self._plan_once(goals, speed, ignore, planner)
             motion = self._carrying.within_efforts(found)
             try:
-                refuse_contact(self.checker(ignore), motion.q)
+                refuse_contact(self.checker(ignore), motion)
             except Failure:
                 if not replan:
                     raise
@@ -184,13 +184,15 @@ class ArmPlanner:
         if contact is not None:
             raise contact.failure()
 
-    def refuse_collision_along(self, q: Matrix, ignore: frozenset[str] = frozenset()) -> None:
-        """Check configurations, of shape (n, dof), before anything moves.
+    def refuse_collision_along(
+        self, way: Matrix | Trajectory, ignore: frozenset[str] = frozenset()
+    ) -> None:
+        """Check a motion, or configurations of shape (n, dof), rad, before anything moves.
 
         Raises:
             Failure: ``IN_COLLISION`` at the first one that touches something.
         """
-        refuse_contact(self.checker(ignore), q)
+        refuse_contact(self.checker(ignore), way)
 
     def line(self, start: Pose, end: Pose) -> Matrix:
         """Configurations, of shape (n, dof), rad, along a straight line of the tool.
@@ -220,7 +222,7 @@ class ArmPlanner:
         motion = point_to_point(
             self._arm.setpoint.q, goal, self._arm.limits(speed), self._arm.period
         )
-        self.refuse_collision_along(motion.q)
+        self.refuse_collision_along(motion)
         return self._carrying.within_efforts(motion)
 
     def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:

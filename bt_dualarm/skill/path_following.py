@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +13,8 @@ from bt_dualarm.motion.paths.cartesian_path import CartesianPath, line
 from bt_dualarm.motion.planning.tool_path import trace
 from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
 from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Matrix, Pose, Vector
-from bt_dualarm.skill.scoring import path_error
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.skill.path_deviation import PathDeviation
 from bt_dualarm.skill.skill import Record, nowhere
 
 TOLERANCE_M = 0.005
@@ -59,10 +59,10 @@ def follow_curve(
     yield from arm.think()
     plan = _Plan.of(arm, path, speed, end)
     yield from _enter(arm, path, plan.motion, speed)
-    run = _PathRun.begun(arm, plan.motion)
+    run = _PathRun.begun(arm, plan.motion, record)
     for progress in run.watched(tolerance):
         yield _ENTRY_SHARE + plan.share * progress
-    rms, worst = run.compared(record, tolerance)
+    rms, worst = run.deviation.rms_m, run.deviation.worst_m
     if plan.leaving is not None:
         yield from _leave(arm, plan.leaving)
     times = {"duration_s": plan.motion.duration, "shortest_s": plan.shortest_s}
@@ -87,9 +87,9 @@ class _Plan:
     def of(cls, arm: Arm, path: CartesianPath, speed: float, end: Pose | None) -> _Plan:
         limits = arm.limits(speed)
         motion, shortest = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
-        arm.refuse_collision_along(motion.q)
+        arm.refuse_collision_along(motion)
         motion = arm.within_efforts(motion)
-        return cls(motion, shortest, _to_end(arm, motion.q[-1], path.end, end, speed))
+        return cls(motion, shortest, _to_end(arm, motion.end, path.end, end, speed))
 
     @property
     def share(self) -> float:
@@ -104,83 +104,55 @@ class _PathRun:
     Attributes:
         arm: Arm that moves.
         source: Motion as it is executed.
-        planned: Positions of the tool at the motion's set-points, of shape (n, 3), m, in the world.
-        began_s: Simulated time at its first set-point.
+        deviation: How far the tool is from where it was planned to be.
     """
 
     arm: Arm
     source: TrajectorySource
-    planned: Matrix
-    began_s: float
+    deviation: PathDeviation
 
     @classmethod
-    def begun(cls, arm: Arm, motion: Trajectory) -> _PathRun:
-        planned = arm.planned_tool_positions(motion)
-        return cls(arm, arm.begin(motion, along_path=True), planned, arm.time)
+    def begun(cls, arm: Arm, motion: Trajectory, record: Record) -> _PathRun:
+        source = arm.begin(motion, along_path=True)
+        return cls(arm, source, PathDeviation(arm, source, record))
 
     def watched(self, tolerance: float) -> Iterator[float]:
-        """Its progress, once a tick, until the arm stands at its end."""
-        arm, source = self.arm, self.source
-        watch = arm.watch(source)
-        while not source.done:
-            yield source.progress
-            arm.check()
-            watch.look(arm.time)
-            arm.refuse_when_held_up(source)
-            self._refuse_beyond(tolerance)
-        yield from arm.settle()
-
-    def compared(self, record: Record, tolerance: float) -> tuple[float, float]:
-        """Root mean square and maximum in m of how far the tool was from where it was to be.
+        """Its progress, once a tick, until the arm stands at its end.
 
         Raises:
-            Failure: ``TRACKING_ERROR`` if that was beyond the tolerance at any time.
+            Failure: ``TRACKING_ERROR`` as soon as the tool was beyond the tolerance.
         """
-        executed = np.array(self.source.executed)
-        times = self.began_s + self.arm.period * np.arange(len(executed))
-        planned = self._planned_at(self.source.parameters)
-        record("planned", times, planned)
-        record("executed", times, executed)
-        rms, worst = path_error(planned, executed)
-        if worst > tolerance:
-            raise Failure(
-                "TRACKING_ERROR",
-                f"the tool was up to {1e3 * worst:.1f} mm from where it was planned to be",
-                path_max_m=worst,
-            )
-        return rms, worst
+        arm, source = self.arm, self.source
+        watch = arm.watch(source)
+        try:
+            while not source.done:
+                yield source.progress
+                arm.check()
+                watch.look(arm.time)
+                arm.refuse_when_held_up(source)
+                self._refuse_beyond(tolerance)
+            yield from arm.settle()
+            self._refuse_beyond(tolerance)
+        finally:
+            self.deviation.flush()
 
     def _refuse_beyond(self, tolerance: float) -> None:
-        """Compare the last position of the tool that was measured with that planned for then."""
-        source = self.source
-        if not source.executed:
-            return
-        last = self._planned_at(source.parameters[-1:])
-        away = float(np.linalg.norm(source.executed[-1] - last[0]))
+        """Compare what was measured of the tool with what was planned for then."""
+        away = self.deviation.look()
         if away > tolerance:
             raise Failure(
                 "TRACKING_ERROR",
                 f"the tool is {1e3 * away:.1f} mm from where it was planned to be",
                 path_error_m=away,
-                progress=source.progress,
+                progress=self.source.progress,
             )
-
-    def _planned_at(self, parameters: Sequence[float]) -> Matrix:
-        """Tool positions, of shape (n, 3), m, planned for path parameters in s."""
-        planned = self.planned
-        index = np.array(parameters) / self.source.trajectory.dt
-        low = np.clip(index.astype(int), 0, max(len(planned) - 2, 0))
-        high = np.minimum(low + 1, len(planned) - 1)
-        u = np.clip(index - low, 0.0, 1.0)[:, None]
-        between: Matrix = planned[low] + u * (planned[high] - planned[low])
-        return between
 
 
 def _enter(
     arm: Arm, path: CartesianPath, motion: Trajectory, speed: float
 ) -> Iterator[float | None]:
     """Go to the first configuration of a motion: straight with the tool where it is near."""
-    start, checked = motion.q[0], arm.time
+    start, checked = motion.start, arm.time
     away = float(np.abs(start - arm.setpoint.q).max())
     if away >= 1e-9:
         if away < _SAME_BRANCH:
@@ -192,7 +164,7 @@ def _enter(
         for progress in arm.follow(entry):
             yield _ENTRY_SHARE * progress
     if arm.time > checked:  # the world has gone on meanwhile
-        arm.refuse_collision_along(motion.q)
+        arm.refuse_collision_along(motion)
 
 
 def _to_end(
@@ -206,7 +178,7 @@ def _to_end(
 
 def _leave(arm: Arm, motion: Trajectory) -> Iterator[float]:
     """Go on from the end of a path; the world has gone on since that was planned."""
-    arm.refuse_collision_along(motion.q)
+    arm.refuse_collision_along(motion)
     for progress in arm.follow(motion):
         yield 1.0 - _EXIT_SHARE * (1.0 - progress)
 

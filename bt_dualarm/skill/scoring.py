@@ -20,17 +20,6 @@ _STILL_M = 2e-4  # who moves less has no lag
 _MIN_SAMPLES = 8
 
 
-def path_error(planned: Matrix, executed: Matrix) -> tuple[float, float]:
-    """Root mean square and maximum of the distance at equal times, in m.
-
-    Args:
-        planned: Positions in the world, of shape (n, 3), m.
-        executed: Positions at the same times, of shape (n, 3), m.
-    """
-    away = np.linalg.norm(executed - planned, axis=1)
-    return float(np.sqrt(np.mean(away**2))), float(away.max())
-
-
 class TrackingScore:
     """Compares the tool's path with the true path of the target, in the plane of tracking.
 

@@ -24,7 +24,8 @@ from bt_dualarm.motion.paths.cartesian_path import Axes, CartesianPath
 from bt_dualarm.motion.paths.curves import lissajous
 from bt_dualarm.motion.planning.tool_path import trace
 from bt_dualarm.motion.safety.reservation import Reservations
-from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.timing.limit_use import use_of_limits
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.runtime.assembly import CONTROL_PERIOD
 from bt_dualarm.runtime.plots import COLORS
@@ -122,7 +123,7 @@ def follow(
         for _ in range(round(motion.dt / world.timestep)):
             world.step()
     q, v, a = (np.array([getattr(point, name) for point in sent]) for name in "qva")
-    return Trajectory(motion.dt, q, v, a), np.array(running.executed)
+    return Trajectory(motion.dt, q, v, a), running.take_measured()[0]
 
 
 def draw(run: Run) -> Figure:

@@ -7,7 +7,8 @@ import pytest
 
 from bt_dualarm.motion.control.controller import JointController
 from bt_dualarm.motion.setpoints.set_point import SetPoint
-from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.timing.limit_use import use_of_limits
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from tests.plays import Stage
 from tests.skills.scenarios import LOOKING, PRESENTING, TARGET, Scenario, Tree
 

@@ -111,7 +111,7 @@ class JointController:
         Raises:
             Failure: ``TRACKING_ERROR`` if it starts elsewhere.
         """
-        away = float(np.abs(trajectory.q[0] - self.setpoint.q).max())
+        away = float(np.abs(trajectory.start - self.setpoint.q).max())
         if away > 1e-6:
             raise Failure(
                 "TRACKING_ERROR",
@@ -182,8 +182,8 @@ class JointController:
         motion = self._motion
         if motion is None:
             return self._hold
-        if isinstance(motion, TrajectorySource):
-            motion.executed.append(self._nominal.tool_pose_at(self._q).position)
+        if isinstance(motion, TrajectorySource) and motion.along_path:
+            motion.measure(self._nominal.tool_pose_at(self._q).position)
         try:
             wanted = motion.next(time)
         except RAISED_BY_SKILLS as error:

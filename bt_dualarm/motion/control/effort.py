@@ -6,7 +6,7 @@ import numpy as np
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.control.dynamics import ArmDynamics
-from bt_dualarm.motion.setpoints.time_scaling import PathParameter, keep_scale, sampled_at
+from bt_dualarm.motion.setpoints.time_scaling import at_scale
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import Robot
@@ -38,9 +38,10 @@ def within_efforts(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> T
     """
     looks = min(int(motion.duration / _LOOK_S) + 2, _MOST_LOOKS)
     rows = np.unique(np.linspace(0, len(motion) - 1, looks).round().astype(int))
-    rest = np.array([dynamics.at_rest(motion.q[i]) for i in rows])
+    looked_at = motion.rows(rows)
+    rest = np.array([dynamics.at_rest(q) for q in looked_at[0]])
     refuse_overload(rest, robot)
-    whole = np.array([dynamics.moving(motion.q[i], motion.v[i], motion.a[i]) for i in rows])
+    whole = np.array([dynamics.moving(*row) for row in zip(*looked_at, strict=True)])
     most = EFFORT_SHARE * robot.limits.effort
     if (np.abs(whole) <= most).all():
         return motion
@@ -51,8 +52,7 @@ def within_efforts(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> T
     if scale < SLOWEST:
         joint = int(scales.min(axis=0).argmin())
         raise _overload(robot, joint, float(np.abs(rest[:, joint]).max()))
-    count = int(np.ceil(motion.duration / (scale * motion.dt)))
-    return sampled_at(motion, keep_scale(motion, PathParameter(0.0, scale), count))
+    return at_scale(motion, scale)
 
 
 def refuse_overload(torques: Matrix, robot: Robot) -> None:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 
+import numpy as np
+
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.collision.checker import CollisionChecker
 from bt_dualarm.motion.collision.sweep import FINE
 from bt_dualarm.motion.planning.corner_rounding import rounded
 from bt_dualarm.motion.planning.problem import PlanningProblem, is_free, path_around
 from bt_dualarm.motion.timing.point_to_point import point_to_point, time_path
-from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.motion.timing.trajectory import LONG, Trajectory
 from bt_dualarm.pose import Matrix, Vector
 
 
@@ -37,7 +39,7 @@ def motion_around(
     corners = path_around(problem, abandoned)
     motion = _rounded_motion(problem, corners)
     try:
-        refuse_contact(problem.checker, motion.q)
+        refuse_contact(problem.checker, motion)
     except Failure:  # a spline that leaves its samples by more than there is room
         return _motion_by_corners(problem, corners)
     return motion
@@ -59,22 +61,50 @@ def _motion_by_corners(problem: PlanningProblem, corners: Matrix) -> Trajectory:
     return motion
 
 
-def refuse_contact(checker: CollisionChecker, rows: Matrix) -> None:
-    """Check configurations, of shape (n, dof), as they will be sent, every ``FINE`` metres.
+def refuse_contact(checker: CollisionChecker, way: Matrix | Trajectory) -> None:
+    """Check configurations as they will be sent, every ``FINE`` metres.
+
+    Args:
+        checker: Test of configurations.
+        way: The configurations, of shape (n, dof), rad, or a motion.
 
     Raises:
         Failure: ``IN_COLLISION`` at the first one that touches something.
     """
     radii = checker.radii
+    rows = outline(way, radii, FINE) if isinstance(way, Trajectory) else way
     last = rows[0]
     for i, q in enumerate(rows):
-        way = abs(q - last) @ radii
-        if 0 < i < len(rows) - 1 and way + _step(rows, i, radii) <= FINE:
+        moved = abs(q - last) @ radii
+        if 0 < i < len(rows) - 1 and moved + _step(rows, i, radii) <= FINE:
             continue
         last = q
         contact = checker.contact(q)
         if contact is not None:
             raise contact.failure()
+
+
+def outline(motion: Trajectory, radii: Vector, most: float) -> Matrix:
+    """Configurations of a motion, of shape (n, dof): all of them, unless it takes long.
+
+    Then so many that no point of the arm moves more than half of ``most`` metres between two.
+
+    Args:
+        motion: The motion.
+        radii: Metres that a point of the arm moves at most, by joint and radian, of shape (dof,).
+        most: Metres.
+    """
+    if len(motion) <= LONG:
+        return motion.q
+    index = np.linspace(0, len(motion) - 1, LONG).astype(int)
+    while True:
+        rows = motion.rows(index)[0]
+        wide = np.abs(np.diff(rows, axis=0)) @ radii > 0.5 * most
+        wide &= np.diff(index) > 1
+        if not wide.any():
+            return rows
+        middle = (index[:-1][wide] + index[1:][wide]) // 2
+        index = np.sort(np.concatenate((index, middle)))
 
 
 def _step(rows: Matrix, i: int, radii: Vector) -> float:

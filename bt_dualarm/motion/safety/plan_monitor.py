@@ -91,7 +91,8 @@ class PlanMonitor:
 
     def _rows(self, first: int, end: int, radii: Vector) -> Matrix:
         """Configurations of a part of the motion, of shape (n, dof), not too close together."""
-        rows = self._motion.trajectory.q[first:end]
+        motion = self._motion.trajectory
+        rows = motion.piece(first, min(end, len(motion))).q
         moved = np.concatenate(((0.0,), np.cumsum(np.abs(np.diff(rows, axis=0)) @ radii)))
         _, kept = np.unique((moved / _STEP).astype(int), return_index=True)
         picked: Matrix = rows[kept[1:]]

@@ -13,9 +13,10 @@ import numpy as np
 import ruckig
 
 from bt_dualarm.errors import Failure
+from bt_dualarm.motion.timing.law import Rows, SetPoints
 from bt_dualarm.motion.timing.point_to_point import stop
 from bt_dualarm.motion.timing.ruckig_solver import answer
-from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.motion.timing.trajectory import Trajectory, joined
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.robots.robot import JointLimits
 
@@ -87,7 +88,8 @@ def change_scale(
 def _bounds(motion: Trajectory, begin: PathParameter, limits: JointLimits) -> tuple[float, float]:
     """How quickly the joints' speeds let the time scale change, in 1/s and 1/s²."""
     first = min(int(begin.s / motion.dt), len(motion) - 1)
-    speed = np.abs(motion.v[first : first + round(_AHEAD_S / motion.dt)]).max(axis=0) + 1e-9
+    end = min(first + round(_AHEAD_S / motion.dt), len(motion))
+    speed = np.abs(motion.piece(first, end).v).max(axis=0) + 1e-9
     rate = min(float((limits.acceleration / speed).min()), _QUICKEST)
     jerk = min(float((_JERK_SHARE * limits.jerk / speed).min()), _SUDDEN)
     return rate, jerk
@@ -163,6 +165,29 @@ def sampled_at(motion: Trajectory, parameters: Matrix) -> Trajectory:
     v = np.where(over, 0.0, scale * rate)
     a = np.where(over, 0.0, scale**2 * curve + change * rate)
     return Trajectory(motion.dt, q, v, a)
+
+
+def at_scale(motion: Trajectory, scale: float) -> Trajectory:
+    """The whole motion at an even time scale, above 0 to 1."""
+    return joined(motion.dt, (_AtScale(motion, scale),))
+
+
+@dataclass(frozen=True, eq=False)
+class _AtScale:
+    """The law of a motion at an even time scale."""
+
+    motion: Trajectory
+    scale: float
+
+    def __len__(self) -> int:
+        return int(np.ceil(self.motion.duration / (self.scale * self.motion.dt))) + 1
+
+    def rows(self, index: Rows) -> SetPoints:
+        """Positions, velocities and accelerations of some set-points, each of shape (n, dof)."""
+        parameters = np.tile((0.0, self.scale, 0.0), (len(index), 1))
+        parameters[:, 0] += index * (self.scale * self.motion.dt)
+        slower = sampled_at(self.motion, parameters)
+        return slower.q, slower.v, slower.a
 
 
 def _profile(begin: PathParameter, scale: float, bounds: tuple[float, float], dt: float) -> Matrix:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
+
+import numpy as np
+
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.time_scaling import (
     PathParameter,
@@ -14,22 +18,23 @@ from bt_dualarm.motion.setpoints.time_scaling import (
     stop_after,
 )
 from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Vector
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
 _PIECE = 25  # set-points at an even scale that are worked out at a time
 
 
+_KEPT = 8192  # measured positions that nobody has asked for
+
+
 class TrajectorySource:
-    """Follows a trajectory set-point by set-point and records where the tool really was.
+    """Follows a trajectory set-point by set-point; keeps where the tool was, if that matters.
 
     Args:
         trajectory: Trajectory from rest to rest.
         along_path: Whether the tool's path matters, not only its end.
 
     Attributes:
-        executed: Measured tool positions at each set-point's time, each of shape (3,), m.
-        parameters: Path parameters at the same times: seconds on the trajectory.
         goal_scale: Time scale that it has, or is changing to.
         held_since: Simulated time in s since which it is stopped, None while it goes on.
         held_up: Reason for which it is stopped.
@@ -41,10 +46,10 @@ class TrajectorySource:
         self.along_path = along_path
         self.goal_scale = 1.0
         self.held_since: float | None = None
-        self.executed: list[Vector] = []
-        self.parameters: list[float] = []
         self.held_up = ""
         self.leaves_path = False
+        self._measured: deque[tuple[Vector, float]] = deque(maxlen=_KEPT)
+        self._position: Vector | None = None
         self._next = 0
         self._ahead: ScaledPiece | None = None
         self._row = 0
@@ -84,14 +89,30 @@ class TrajectorySource:
         rows, i = self._ahead.motion, self._row
         return Trajectory(rows.dt, rows.q[i:], rows.v[i:], rows.a[i:])
 
+    def measure(self, position: Vector) -> None:
+        """Note where the tool is, of shape (3,), m, at the time of the set-point to come."""
+        self._position = position
+
+    def take_measured(self) -> tuple[Matrix, Vector]:
+        """What was measured since it was last asked, or the last half minute of that.
+
+        Returns:
+            Positions of the tool at set-points' times, of shape (n, 3), m, and path parameters at
+            the same times, of shape (n,): seconds on the trajectory.
+        """
+        taken = list(self._measured)
+        self._measured.clear()
+        positions = np.array([position for position, _ in taken]).reshape(-1, 3)
+        return positions, np.array([parameter for _, parameter in taken])
+
     def next(self, time: float) -> SetPoint:  # noqa: ARG002 - a trajectory counts its own time
         """The next set-point."""
         if self._ahead is not None:
             return self._next_ahead(self._ahead)
         i = min(self._next, len(self.trajectory) - 1)
         self._next += 1
-        self.parameters.append(i * self.trajectory.dt)
-        return SetPoint(self.trajectory.q[i], self.trajectory.v[i], self.trajectory.a[i])
+        self._note(i * self.trajectory.dt)
+        return SetPoint(*self.trajectory.set_point(i))
 
     def change_scale(self, scale: float, limits: JointLimits) -> bool:
         """Begin to change the time scale; whether the limits allow it.
@@ -143,8 +164,11 @@ class TrajectorySource:
     def configuration(self, s: float) -> Vector:
         """Joint angles, of shape (dof,), rad, at a path parameter in s, on the grid."""
         row = min(round(s / self.trajectory.dt), len(self.trajectory) - 1)
-        q: Vector = self.trajectory.q[row]
-        return q
+        return self.trajectory.set_point(row)[0]
+
+    def _note(self, parameter: float) -> None:
+        if self._position is not None:
+            self._measured.append((self._position, parameter))
 
     def _next_ahead(self, ahead: ScaledPiece) -> SetPoint:
         self._row += 1
@@ -154,6 +178,6 @@ class TrajectorySource:
             rows = sampled_at(self.trajectory, parameters)
             ahead = ScaledPiece(parameters, rows, last.scale)
             self._ahead, self._row = ahead, 1
-        self.parameters.append(float(ahead.parameters[self._row, 0]))
+        self._note(float(ahead.parameters[self._row, 0]))
         rows, i = ahead.motion, self._row
         return SetPoint(rows.q[i], rows.v[i], rows.a[i])

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from bt_dualarm.motion.timing.law import Rows, SetPoints
+from bt_dualarm.motion.timing.limit_use import SharesOfLimits, shares_at, shares_of_limits
 from bt_dualarm.motion.timing.profile import Profile
 from bt_dualarm.motion.timing.time_optimal import fastest_profile, grid_of
-from bt_dualarm.motion.timing.trajectory import Trajectory, shares_of_limits
+from bt_dualarm.motion.timing.trajectory import LONG, Trajectory
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
@@ -23,6 +25,13 @@ the acceleration changes sides, but it gives little away where a motion begins a
 _NODES = 4000
 """Most places in time at which a motion is judged; else there are two for each set-point, as the
 set-points will fall elsewhere once time is stretched."""
+
+_JUDGED = 30_000
+"""Set-points of a long motion that are judged once its stretch is known."""
+
+_NARROWEST = 2.0 / _NODES
+"""Least width of the average over a long motion, as a share of its duration: places at which it is
+judged must not step over what happens within a width."""
 
 _ROUNDS = 10
 """Most times that the acceleration is redistributed along a path."""
@@ -54,27 +63,66 @@ class AveragedMotion:
         """Duration before time is stretched, in seconds."""
         return self.profile.duration + self.width
 
-    def sampled(self, dt: float, stretch: float = 1.0) -> Trajectory:
-        """Its set-points, slower by ``stretch``."""
-        count = max(int(np.ceil(self.unstretched * stretch / dt - 1e-9)), 1)
-        times = np.minimum(np.arange(count + 1) * dt / stretch, self.unstretched)
-        s, rate, bend = self.profile.smoothed(times, self.width)
-        rate, bend = rate[:, None] / stretch, bend[:, None] / stretch**2
-        rate[[0, -1]] = bend[[0, -1]] = 0.0  # rounding of the average
-        q1, q2 = self.path(s, 1), self.path(s, 2)
-        return Trajectory(dt, self.path(s), q1 * rate, q1 * bend + q2 * rate**2)
-
     def judged(self, dt: float) -> tuple[Vector, Vector]:
         """Places along the path, and by how much time there must be stretched: (n,) each."""
         step = min(max(0.5 * dt, self.unstretched / _NODES), self.width)
-        motion = self.sampled(step)
+        motion = StretchedMotion(self, step, 1.0).whole()
         times = np.minimum(np.arange(len(motion)) * step, self.unstretched)
         return self.profile.smoothed(times, self.width)[0], stretches(motion, self.limits)
 
 
+@dataclass(frozen=True, eq=False)
+class StretchedMotion:
+    """The law of an averaged motion on a grid.
+
+    Attributes:
+        motion: The motion.
+        dt: Time between set-points, in seconds.
+        stretch: By how much it is slower.
+    """
+
+    motion: AveragedMotion
+    dt: float
+    stretch: float
+
+    def __len__(self) -> int:
+        duration = self.motion.unstretched * self.stretch
+        return max(int(np.ceil(duration / self.dt - 1e-9)), 1) + 1
+
+    def rows(self, index: Rows) -> SetPoints:
+        """Positions, velocities and accelerations of some set-points, each of shape (n, dof)."""
+        path, motion, stretch = self.motion.path, self.motion, self.stretch
+        times = np.minimum(index * self.dt / stretch, motion.unstretched)
+        s, rate, bend = motion.profile.smoothed(times, motion.width)
+        rate, bend = rate[:, None] / stretch, bend[:, None] / stretch**2
+        ends = (index == 0) | (index == len(self) - 1)
+        rate[ends] = bend[ends] = 0.0  # rounding of the average
+        q1, q2 = path(s, 1), path(s, 2)
+        return path(s), q1 * rate, q1 * bend + q2 * rate**2
+
+    def whole(self) -> Trajectory:
+        """All set-points at once."""
+        return Trajectory(self.dt, *self.rows(np.arange(len(self))))
+
+
+def stretch_of(motion: StretchedMotion, limits: JointLimits) -> float:
+    """By how much time must be stretched once more to keep the limits; at most 1 if it keeps them.
+
+    Of a long motion so many set-points are judged, each with the next: it is smooth between them.
+    """
+    if len(motion) <= LONG:
+        return float(stretches(motion.whole(), limits).max())
+    index = np.linspace(0, len(motion) - 1, _JUDGED).astype(int)
+    return float(_needed(shares_at(motion, index, motion.dt, limits)).max())
+
+
 def stretches(motion: Trajectory, limits: JointLimits) -> Vector:
     """By how much time must be stretched at each set-point to keep the limits, of shape (n,)."""
-    velocity, acceleration, jerk = shares_of_limits(motion, limits)
+    return _needed(shares_of_limits(motion, limits))
+
+
+def _needed(shares: SharesOfLimits) -> Vector:
+    velocity, acceleration, jerk = shares
     needed: Vector = np.maximum(np.maximum(velocity, np.sqrt(acceleration)), np.cbrt(jerk))
     return needed
 
@@ -91,7 +139,7 @@ def shortest_motion(
     fastest = fastest_profile(path, limits)
     best, stretch = _best_width(path, fastest, limits, dt)
     ramp = float((limits.acceleration / limits.jerk).max())
-    for width in (max(_RAMP * ramp, dt), best.width):
+    for width in (max(_RAMP * ramp, _narrowest(fastest, dt)), best.width):
         if best.unstretched * stretch < _SHORT * fastest.duration:
             break
         tried, needed = _redistributed(AveragedMotion(path, fastest, width, limits), dt)
@@ -122,7 +170,7 @@ def _best_width(
     path: scipy.interpolate.CubicSpline, profile: Profile, limits: JointLimits, dt: float
 ) -> tuple[AveragedMotion, float]:
     """The width whose motion is the shortest, and the stretch of time that it needs."""
-    low, high = min(dt, 0.1 * profile.duration), 2.0 * profile.duration
+    low, high = min(_narrowest(profile, dt), 0.1 * profile.duration), 2.0 * profile.duration
     tried: list[tuple[float, AveragedMotion, float]] = []
     for count in _WIDTHS:
         for width in np.geomspace(low, high, count).tolist():
@@ -133,6 +181,12 @@ def _best_width(
         reach = (high / low) ** (1.0 / (count - 1))
         low, high = best.width / reach, best.width * reach
     return best, stretch
+
+
+def _narrowest(profile: Profile, dt: float) -> float:
+    """Least width of the average in seconds: a step between set-points, more on long motions."""
+    duration = profile.duration
+    return dt if duration <= LONG * dt else max(dt, _NARROWEST * duration)
 
 
 def _shares_needed(motion: AveragedMotion, places: Vector, needed: Vector) -> Vector:

@@ -13,9 +13,10 @@ import itertools
 import numpy as np
 import scipy
 
-from bt_dualarm.motion.timing.jerk_limited import shortest_motion, stretches
+from bt_dualarm.motion.timing.jerk_limited import StretchedMotion, shortest_motion, stretch_of
+from bt_dualarm.motion.timing.law import Law
 from bt_dualarm.motion.timing.time_optimal import fastest_profile
-from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.motion.timing.trajectory import LONG, Trajectory, joined
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.robots.robot import JointLimits
 
@@ -24,6 +25,9 @@ _NOWHERE = 1e-9
 
 _MARGIN = 1.0 + 1e-4
 """Stretched a little more than is needed, as the grid falls on other points then."""
+
+_LONG_MARGIN = 1.0 + 1e-3
+"""Stretch of a long motion, of which not every set-point is judged."""
 
 
 def time_path(
@@ -46,10 +50,8 @@ def time_path(
         ValueError: The samples are not finite or leave the position limits.
     """
     samples = _distinct(_checked(q_samples, limits))
-    motion = Trajectory.rest(samples[0], dt)
-    for path in _pieces(samples, limits, closed):
-        motion = motion.then(_timed(path, limits, dt))
-    return motion
+    pieces = [_timed(path, limits, dt) for path in _pieces(samples, limits, closed)]
+    return joined(dt, (Trajectory.rest(samples[0], dt), *pieces))
 
 
 def shortest_time(q_samples: Matrix, limits: JointLimits, closed: bool = False) -> float:
@@ -80,14 +82,16 @@ def _pieces(
     ]
 
 
-def _timed(path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float) -> Trajectory:
+def _timed(path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float) -> Law:
     average, stretch = shortest_motion(path, limits, dt)
+    motion = StretchedMotion(average, dt, stretch)
+    if len(motion) > LONG:
+        motion = StretchedMotion(average, dt, stretch * _LONG_MARGIN)
     while True:
-        motion = average.sampled(dt, stretch)
-        excess = float(stretches(motion, limits).max())
+        excess = stretch_of(motion, limits)
         if excess <= 1.0:
             return motion
-        stretch *= excess * _MARGIN
+        motion = StretchedMotion(average, dt, motion.stretch * (excess * _MARGIN))
 
 
 def _reversals(samples: Matrix, limits: JointLimits) -> list[int]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import ruckig
 
+from bt_dualarm.motion.timing.law import Rows, SetPoints
 from bt_dualarm.motion.timing.path_timing import shortest_time, time_path
 from bt_dualarm.motion.timing.ruckig_solver import answer
-from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.motion.timing.trajectory import Trajectory, joined
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
@@ -40,18 +41,58 @@ def point_to_point(
     length = float(np.abs(way).max())
     if length < _NOWHERE:
         return Trajectory.rest(q1, dt)
-    # One motion along the line: Ruckig's phase synchronisation leaves the line, without a word,
-    # where one joint bounds the velocity and another one the acceleration.
-    velocity, acceleration, jerk = _limits_along(way, limits)
-    request = _request(np.zeros(1), np.zeros(1), np.zeros(1), velocity, acceleration)
-    request.target_position = [1.0]
-    if min_duration > 0.0:
-        request.minimum_duration = min_duration
-    place, rate, bend = _sampled(request, jerk, dt)
-    place[-1], rate[-1], bend[-1] = 1.0, 0.0, 0.0
-    q = q0 + place * way
-    q[-1] = q1
-    return Trajectory(dt, q, rate * way, bend * way)
+    line = _Straight(q0, q1, _limits_along(way, limits), min_duration, dt)
+    return joined(dt, (line,))
+
+
+class _Straight:
+    """The law of a straight motion in joint space, from rest to rest.
+
+    One motion along the line: Ruckig's phase synchronisation leaves the line, without a word,
+    where one joint bounds the velocity and another one the acceleration.
+
+    Args:
+        q0: Start, of shape (dof,), rad.
+        q1: Goal, of shape (dof,), rad.
+        limits: Velocity, acceleration and jerk of the share of the line, each of shape (1,).
+        min_duration: Least duration in seconds.
+        dt: Time between set-points, in seconds.
+
+    Raises:
+        Failure: ``NO_PLAN`` where Ruckig finds no motion.
+    """
+
+    def __init__(
+        self,
+        q0: Vector,
+        q1: Vector,
+        limits: tuple[Vector, Vector, Vector],
+        min_duration: float,
+        dt: float,
+    ) -> None:
+        velocity, acceleration, jerk = limits
+        request = _request(np.zeros(1), np.zeros(1), np.zeros(1), velocity, acceleration)
+        request.target_position = [1.0]
+        if min_duration > 0.0:
+            request.minimum_duration = min_duration
+        self._given = (q0, q1, limits, min_duration, dt)
+        self._ends, self._share, self._dt = (q0, q1), answer(request, jerk), dt
+
+    def __reduce__(self) -> tuple[type[_Straight], tuple[object, ...]]:
+        """Pickled as what it was made from: Ruckig's trajectories do not pickle."""
+        return _Straight, self._given
+
+    def __len__(self) -> int:
+        return _count(self._share, self._dt) + 1
+
+    def rows(self, index: Rows) -> SetPoints:
+        """Positions, velocities and accelerations of some set-points, each of shape (n, dof)."""
+        (q0, q1), last = self._ends, index == len(self) - 1
+        place, rate, bend = _at(self._share, index, self._dt)
+        place[last], rate[last], bend[last] = 1.0, 0.0, 0.0
+        q = q0 + place * (q1 - q0)
+        q[last] = q1
+        return q, rate * (q1 - q0), bend * (q1 - q0)
 
 
 def stop(q: Vector, v: Vector, a: Vector, limits: JointLimits, dt: float) -> Trajectory:
@@ -117,7 +158,15 @@ def _sampled(
 ) -> tuple[Matrix, Matrix, Matrix]:
     """Ruckig's answer on the grid ``dt``, to its end or less than ``dt`` later: (n, dof) each."""
     motion = answer(request, jerk)
-    count = int(np.ceil(motion.duration / dt - 1e-9))
-    times = np.minimum(np.arange(count + 1) * dt, motion.duration).tolist()
+    return _at(motion, np.arange(_count(motion, dt) + 1), dt)
+
+
+def _count(motion: ruckig.Trajectory, dt: float) -> int:
+    """Steps of ``dt`` that a motion takes, the last one begun."""
+    return int(np.ceil(motion.duration / dt - 1e-9))
+
+
+def _at(motion: ruckig.Trajectory, index: Rows, dt: float) -> SetPoints:
+    times = np.minimum(index * dt, motion.duration).tolist()
     rows = np.array([motion.at_time(time) for time in times])
     return rows[:, 0], rows[:, 1], rows[:, 2]

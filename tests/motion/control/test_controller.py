@@ -12,8 +12,9 @@ from bt_dualarm.motion.control.controller import JointController
 from bt_dualarm.motion.safety.reservation import Reservations
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.stream_source import Stream
+from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.world import World
 from tests.world.worlds import PAGES, ROBOTS, arm, box, file_of, world_with
@@ -104,7 +105,8 @@ def test_it_follows_a_fast_motion_to_its_end(robot: str, every: int) -> None:
     start = controller.setpoint.q
     goal = start + 0.3
     limits = world.robots["arm1"].limits
-    motion = controller.follow(point_to_point(start, goal, limits, controller.period))
+    way = point_to_point(start, goal, limits, controller.period)
+    motion = controller.follow(way, along_path=True)
     worst, steps = 0.0, 0
     while not controller.at_rest:
         if steps % every == 0:
@@ -116,7 +118,8 @@ def test_it_follows_a_fast_motion_to_its_end(robot: str, every: int) -> None:
         assert steps < 2000
     assert worst < 2.0 * MRAD
     assert motion.done
-    assert len(motion.executed) == len(motion.trajectory)
+    positions, parameters = motion.take_measured()
+    assert len(positions) == len(parameters) == len(motion.trajectory)
     assert world.arms["arm1"].q == pytest.approx(goal, abs=0.5 * MRAD)
     assert controller.clipped == 0
 

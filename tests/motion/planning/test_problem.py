@@ -13,7 +13,7 @@ from bt_dualarm.motion.planning.corner_rounding import rounded
 from bt_dualarm.motion.planning.joint_motion import motion_around, refuse_contact, straight_motion
 from bt_dualarm.motion.planning.planners import PLANNERS, Planner
 from bt_dualarm.motion.planning.problem import admitted, is_free, path_around
-from bt_dualarm.motion.timing.trajectory import use_of_limits
+from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.world.world import World
 from tests.motion.walls import ABOVE, LEFT, RIGHT, locked_world, problem_in, walled_world
 

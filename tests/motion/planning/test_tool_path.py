@@ -8,7 +8,7 @@ from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.paths.cartesian_path import Axes, line
 from bt_dualarm.motion.paths.curves import circle
 from bt_dualarm.motion.planning.tool_path import joint_path, trace
-from bt_dualarm.motion.timing.trajectory import use_of_limits
+from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.robots.catalogue import load_robot, robot_names
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from bt_dualarm.motion.setpoints.limiter import SetPointLimiter
 from bt_dualarm.motion.setpoints.set_point import SetPoint
+from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.motion.timing.point_to_point import point_to_point, time_path
-from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.robots.robot import JointLimits

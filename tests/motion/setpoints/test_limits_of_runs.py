@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bt_dualarm.motion.setpoints.set_point import SetPoint
-from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.timing.limit_use import use_of_limits
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.world.world import World
 from tests.plays import Stage
 

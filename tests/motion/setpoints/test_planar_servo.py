@@ -14,7 +14,8 @@ from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.setpoints.limiter import SetPointLimiter
 from bt_dualarm.motion.setpoints.planar_servo import PlanarServo, PlaneTarget
 from bt_dualarm.motion.setpoints.set_point import SetPoint
-from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.timing.limit_use import use_of_limits
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.robots.catalogue import load_robot
 

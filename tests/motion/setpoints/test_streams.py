@@ -16,8 +16,9 @@ from bt_dualarm.motion.safety.separation_rule import CLEAR_M
 from bt_dualarm.motion.setpoints.planar_servo import PlanarServo, PlaneTarget
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.stream_source import STALE_S, Stream
+from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.world.world import World
 from tests.world.worlds import arm, box, file_of, world_with
 

@@ -9,8 +9,9 @@ from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.paths.curves import circle
 from bt_dualarm.motion.planning.tool_path import trace
 from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
+from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose
 from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.robots.robot import Robot
@@ -82,7 +83,8 @@ def test_a_motion_slows_down_stands_and_goes_on(name: str) -> None:
 
 def test_a_motion_at_its_own_pace_is_sent_as_planned() -> None:
     whole = drawn(load_robot("ur5"), 1.0)
-    motion = TrajectorySource(whole)
+    motion = TrajectorySource(whole, along_path=True)
+    motion.measure(np.zeros(3))
     assert np.array_equal(sent(motion, len(whole)).q, whole.q)
     assert motion.done
-    assert motion.parameters == pytest.approx(np.arange(len(whole)) * DT)
+    assert motion.take_measured()[1] == pytest.approx(np.arange(len(whole)) * DT)

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.motion.timing.trajectory import Trajectory, use_of_limits
+from bt_dualarm.motion.timing.limit_use import use_of_limits
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.world.robots.catalogue import load_robot
 
 DT = 0.01
