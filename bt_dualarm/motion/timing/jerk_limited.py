@@ -78,7 +78,7 @@ class StretchedMotion:
     Attributes:
         motion: The motion.
         dt: Time between set-points, in seconds.
-        stretch: By how much it is slower.
+        stretch: Factor by which it is slower.
     """
 
     motion: AveragedMotion
