@@ -51,8 +51,8 @@ def command_line() -> argparse.ArgumentParser:
     add("--duration", metavar="S", type=_seconds, help="end after so many simulated seconds")
     add(
         "--renderer",
-        choices=("auto", "gl", "ray"),
-        help="of the cameras: OpenGL, ray casting, or OpenGL where it works (default: the file's)",
+        choices=("ray", "gl", "auto"),
+        help="of the cameras: ray casting, OpenGL, or OpenGL where it works (default: the file's)",
     )
     add("--real-time", action="store_true", help="run no faster than the clock on the wall")
     add("--dry-run", action="store_true", help="build everything, move nothing, print the trees")

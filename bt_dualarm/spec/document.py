@@ -55,7 +55,9 @@ class WorldSpec(Value):
     seed: int = port(0, "Seed of everything random", ge=0, lt=2**32)
     timestep: float = port(0.002, "Step of the physics", unit="s", ge=1e-4, le=0.004)
     renderer: Literal["auto", "gl", "ray"] = port(
-        "auto", "Renderer of the cameras' pictures; `auto` takes OpenGL where it works"
+        "ray",
+        "Renderer of the cameras' pictures; by rays they are the same on every machine, `auto` "
+        "takes OpenGL where it works",
     )
     time_limit: Duration = port(
         600.0, "Simulated time after which the run ends as failed", ge=0.001, le=86400.0

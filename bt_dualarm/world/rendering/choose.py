@@ -1,7 +1,8 @@
 """Which renderer this machine has.
 
-OpenGL is used where it works. The ray caster needs no system library and looks the same to a
-colour filter, so that nothing else in the product has to know which of the two is at work.
+The ray caster needs no system library, and its pictures are the same everywhere: it is what files
+have that do not say otherwise. OpenGL, for those who ask for it, looks the same to a colour filter, so
+that nothing else in the product has to know which of the two is at work.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class RendererChoice(NamedTuple):
 
 
 def choose_renderer(
-    kind: RendererKind = "auto", find_context: Callable[[], GlContext] = open_context
+    kind: RendererKind = "ray", find_context: Callable[[], GlContext] = open_context
 ) -> RendererChoice:
     """Choose the renderer for this machine.
 
@@ -43,7 +44,9 @@ def choose_renderer(
     if kind not in get_args(RendererKind):
         raise RendererError(f"no renderer {kind!r}; there are 'auto', 'gl' and 'ray'")
     if kind == "ray":
-        return RendererChoice(RayRenderer, "Camera images are made by ray casting, as asked.")
+        return RendererChoice(
+            RayRenderer, "Camera images are made by ray casting, as on every machine."
+        )
     try:
         context = find_context()
     except RendererError as error:
