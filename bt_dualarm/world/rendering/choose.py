@@ -1,8 +1,8 @@
 """Which renderer this machine has.
 
 The ray caster needs no system library, and its pictures are the same everywhere: it is what files
-have that do not say otherwise. OpenGL, for those who ask for it, looks the same to a colour filter, so
-that nothing else in the product has to know which of the two is at work.
+have that do not say otherwise. OpenGL, for those who ask for it, looks the same to a colour filter,
+so that nothing else in the product has to know which of the two is at work.
 """
 
 from __future__ import annotations
