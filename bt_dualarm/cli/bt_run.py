@@ -98,6 +98,7 @@ def _opened(arguments: argparse.Namespace, stop: StopRequest) -> Run:
         seed=arguments.seed,
         duration=arguments.duration,
         renderer=arguments.renderer,
+        reality=arguments.reality,
         record=None if arguments.dry_run else arguments.record,
         real_time=arguments.real_time,
         skills=arguments.skills,

@@ -54,6 +54,11 @@ def command_line() -> argparse.ArgumentParser:
         choices=("ray", "gl", "auto"),
         help="of the cameras: ray casting, OpenGL, or OpenGL where it works (default: the file's)",
     )
+    add(
+        "--reality",
+        choices=("ideal", "lab", "rough"),
+        help="how far all arms are from what is believed of them (default: the file's)",
+    )
     add("--real-time", action="store_true", help="run no faster than the clock on the wall")
     add("--dry-run", action="store_true", help="build everything, move nothing, print the trees")
     add_skills(parser)

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from bt_dualarm.errors import RunError
 from bt_dualarm.preflight.check import check as check_tree
-from bt_dualarm.runtime.options import RunOptions, checked_folder
+from bt_dualarm.runtime.options import RunOptions, checked_folder, checked_reality
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.shipped import find_tree
@@ -17,6 +17,7 @@ from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.problems import Problem
+from bt_dualarm.spec.reality import Reality
 from bt_dualarm.spec.tree_input import TreeInput, is_yaml
 from bt_dualarm.world.rendering.renderer import RendererKind
 
@@ -39,6 +40,7 @@ def run(
     seed: int | None = None,
     duration: float | None = None,
     renderer: RendererKind | None = None,
+    reality: Reality | Mapping[str, object] | None = None,
     record: str | os.PathLike[str] | None = None,
     real_time: bool = False,
     skills: Skills = (),
@@ -51,6 +53,7 @@ def run(
         seed: Seed of everything random; by default the tree's.
         duration: Simulated seconds after which the run ends at the latest.
         renderer: Renderer of the cameras: ``gl``, ``ray`` or ``auto``; by default the tree's.
+        reality: ``ideal``, ``lab``, ``rough``, or a mapping as in a tree; by default the tree's.
         record: Folder to write summary, events, samples and plots to; by default none.
         real_time: Whether to run no faster than the clock on the wall.
         skills: Skills of one's own: classes, or folders of files.
@@ -69,6 +72,7 @@ def run(
         seed=seed,
         duration=duration,
         renderer=renderer,
+        reality=reality,
         record=record,
         real_time=real_time,
         skills=skills,
@@ -84,6 +88,7 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
     duration: float | None = None,
     stop: StopRequest | None = None,
     renderer: RendererKind | None = None,
+    reality: Reality | Mapping[str, object] | None = None,
     record: str | os.PathLike[str] | None = None,
     real_time: bool = False,
     skills: Skills = (),
@@ -97,6 +102,7 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
         duration: Simulated seconds at most.
         stop: Request to end early that somebody else may make, such as a handler of signals.
         renderer: Renderer of the cameras.
+        reality: How far the arms are from what is believed of them.
         record: Folder of the record, which is written when the run is closed.
         real_time: Whether steps take their time on the wall.
         skills: Skills of one's own.
@@ -105,7 +111,8 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
         DualArmError: Whatever `run` raises.
     """
     folder = None if record is None else checked_folder(record)
-    options = RunOptions(seed, duration, renderer, folder, real_time)
+    realistic = None if reality is None else checked_reality(reality)
+    options = RunOptions(seed, duration, renderer, realistic, folder, real_time)
     registry = registry_of(skills)
     # The run composes the world itself, and says the same of what cannot be composed.
     checked = check_tree(_input(tree), registry.kinds, params, build=False)

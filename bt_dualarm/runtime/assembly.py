@@ -26,6 +26,7 @@ from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.tree.build import build_tree
 from bt_dualarm.tree.report import StatusChange
+from bt_dualarm.world.cameras.calibration import calibration_of
 from bt_dualarm.world.cameras.camera import Camera
 from bt_dualarm.world.rendering.choose import choose_renderer
 from bt_dualarm.world.rendering.renderer import Renderer, RendererKind
@@ -86,8 +87,8 @@ class _Parts:
         spec = self.file.arms[name]
         camera = None
         if spec.camera is not None and self.renderer is not None:
-            camera_name = f"{name}/camera"
-            camera = Camera(camera_name, spec.camera, self.renderer, self._rng(camera_name))
+            eye_name, known = f"{name}/camera", calibration_of(self.world, name, self.seed)
+            camera = Camera(eye_name, spec.camera, self.renderer, self._rng(eye_name), known)
         period = control_period(self.world.timestep)
         controller = JointController(self.world, name, float(period), self.reservations)
         arm = SharedArm(self.world, name, controller, camera, self.seed, self.planning)

@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 import operator
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
 from typing import Final, get_args
 
+from pydantic import ValidationError
+
 from bt_dualarm.errors import RunError
+from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.problems import suggestion
+from bt_dualarm.spec.reality import REALITY_NAMES, Reality, RealitySpec
 from bt_dualarm.world.rendering.renderer import RendererKind
 
 MOST_SEED: Final = 2**32 - 1
@@ -26,6 +31,7 @@ class RunOptions:
         seed: Seed of everything random; None takes the file's.
         duration: Simulated seconds after which the run ends; None for no end of its own.
         renderer: Renderer of the cameras; None takes the file's.
+        reality: Name of a set, or what a tree file says below ``reality``; None takes the file's.
         record: Folder that the record of the run is written to; None for no record.
         real_time: Whether the run is held back to the pace of the clock on the wall.
 
@@ -36,6 +42,7 @@ class RunOptions:
     seed: int | None = None
     duration: float | None = None
     renderer: RendererKind | None = None
+    reality: Reality | None = None
     record: Path | None = None
     real_time: bool = False
 
@@ -48,6 +55,8 @@ class RunOptions:
         if self.renderer is not None and self.renderer not in kinds:
             hint = suggestion(str(self.renderer), kinds, "renderer")
             raise RunError(f"there is no renderer {self.renderer!r}; {hint}")
+        if self.reality is not None:
+            object.__setattr__(self, "reality", checked_reality(self.reality))
 
 
 def checked_seed(seed: object) -> int:
@@ -86,3 +95,28 @@ def checked_seconds(seconds: object, what: str) -> float:
     if not (real and math.isfinite(seconds) and seconds > 0):  # type: ignore[arg-type,operator]  # real
         raise RunError(f"{what}: {seconds!r} is not a number of seconds above 0")
     return float(seconds)  # type: ignore[arg-type]  # real
+
+
+def checked_reality(reality: object) -> Reality:
+    """A reality as a tree file may have it.
+
+    Raises:
+        RunError: There is no such set, or a field is wrong.
+    """
+    if isinstance(reality, RealitySpec):
+        return reality
+    if isinstance(reality, str):
+        for name in REALITY_NAMES:
+            if reality == name:
+                return name
+        hint = suggestion(reality, REALITY_NAMES, "reality")
+        raise RunError(f"there is no reality {reality!r}; {hint}")
+    if not isinstance(reality, Mapping):
+        raise RunError(f"a reality is a name or a mapping, not {type(reality).__name__}")
+    data = dict(reality)
+    try:
+        return RealitySpec.model_validate(data)
+    except ValidationError as error:
+        found = next(explain(error, RealitySpec, data, "field"))
+        place = ".".join(map(str, ("reality", *found.path)))
+        raise RunError(f"{place}: {found.message} {found.hint}".rstrip()) from error

@@ -85,6 +85,8 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
     """
     log, watch = LogCapture(), Watch()
     with log.during(), ExitStack() as resources:
+        if options.reality is not None:
+            file = file.in_reality(options.reality)
         assembly = assemble(
             file, registry, watch.note, seed=options.seed, renderer=options.renderer
         )

@@ -21,7 +21,6 @@ from bt_dualarm.vision.localise import Localiser, OnPlane
 from bt_dualarm.vision.plane_of_size import OnPlaneOfSize
 from bt_dualarm.vision.stillness import Stillness, look
 from bt_dualarm.vision.tracker import TargetTracker
-from bt_dualarm.world.cameras.camera import camera_pose
 from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
 
 _FACING = 0.5  # cosine between the camera's axis and the plane's normal
@@ -211,7 +210,7 @@ def _facing_camera(arm: Arm, plane: Plane) -> tuple[GuardedCamera, Pose]:
     """The camera that moves with the arm, and its pose."""
     if arm.camera is None or not arm.world.declared_arms[arm.name].carries_camera:
         raise Failure("NO_CAMERA", f"{arm.name} has no camera that moves with it")
-    view = camera_pose(arm.world.data, arm.world.arms[arm.name].camera_id)
+    view = arm.world.nominal[arm.name].camera_pose_at(arm.q)
     facing = abs(float(np.cross(*plane.axes) @ view.turn(np.array((0.0, 0.0, 1.0)))))
     if facing < _FACING:
         raise Failure(

@@ -23,6 +23,7 @@ from bt_dualarm.spec.camera import CameraSpec
 from bt_dualarm.spec.name import Name, written_as
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import port
+from bt_dualarm.spec.reality import Reality
 from bt_dualarm.spec.values import Duration, PoseSpec, Speed, Value
 from bt_dualarm.spec.wording import one_line
 
@@ -61,6 +62,9 @@ class WorldSpec(Value):
     )
     time_limit: Duration = port(
         600.0, "Simulated time after which the run ends as failed", ge=0.001, le=86400.0
+    )
+    reality: Reality = port(
+        "ideal", "How far the simulated arms are from what their controllers believe of them"
     )
 
 
@@ -140,6 +144,9 @@ class ArmSpec(Value):
     limits: LimitShares = port(
         LimitShares(), "Shares of the robot's limits that everything the arm does keeps to"
     )
+    reality: Reality | None = port(
+        None, "How far this arm is from what is believed of it; by default as the world says"
+    )
     tick_hz: float = port(
         50.0, "Ticks of its tree per simulated second", unit="Hz", ge=0.1, le=1000.0
     )
@@ -193,6 +200,12 @@ class TreeFile(TreeContent):
     """
 
     path: InstanceOf[Path] = Path()
+
+    def in_reality(self, reality: Reality) -> TreeFile:
+        """The same file, whose arms all are as far from what is believed of them as given."""
+        arms = {name: arm.model_copy(update={"reality": None}) for name, arm in self.arms.items()}
+        world = self.world.model_copy(update={"reality": reality})
+        return self.model_copy(update={"world": world, "arms": arms})
 
     @property
     def root(self) -> Path:

@@ -18,8 +18,28 @@ from bt_dualarm.spec.document import (
 )
 from bt_dualarm.spec.notation import model_name
 from bt_dualarm.spec.params import ParamSpec
+from bt_dualarm.spec.reality import (
+    CameraErrors,
+    DriveErrors,
+    EncoderErrors,
+    FrictionErrors,
+    LinkErrors,
+    PayloadErrors,
+    RealitySpec,
+)
 
-_NESTED: Final[tuple[type[BaseModel], ...]] = (NoiseSpec, LimitShares, CameraSpec)
+_NESTED: Final[tuple[type[BaseModel], ...]] = (
+    NoiseSpec,
+    LimitShares,
+    CameraSpec,
+    RealitySpec,
+    LinkErrors,
+    PayloadErrors,
+    FrictionErrors,
+    EncoderErrors,
+    DriveErrors,
+    CameraErrors,
+)
 _MODELS: Final[tuple[type[BaseModel], ...]] = (ParamSpec, WorldSpec, ObjectSpec, ArmSpec, *_NESTED)
 FILE_NAMES: Final = tuple(map(model_name, _MODELS))
 """The parts of a file, as the reference calls them."""

@@ -13,10 +13,18 @@ from bt_dualarm.spec.notation import model_name, names_of, notation_of, range_of
 from bt_dualarm.spec.offset import Offset
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.spec.ports import unit_of
+from bt_dualarm.spec.spread import Spread
 from bt_dualarm.spec.unit import Unit
 from bt_dualarm.spec.values import Angle, Duration, PoseSpec
 
-_MODELS: Final[tuple[type[BaseModel], ...]] = (PoseSpec, Offset, Plane, Color, HsvRange)
+_MODELS: Final[tuple[type[BaseModel], ...]] = (
+    PoseSpec,
+    Offset,
+    Plane,
+    Color,
+    HsvRange,
+    Spread,
+)
 _QUANTITIES: Final = {
     "duration": ("Simulated time", Duration, "500 ms"),
     "angle": ("A turn", Angle, "90 deg"),

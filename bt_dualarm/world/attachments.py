@@ -16,7 +16,8 @@ class Attachment:
     """An object held by an arm.
 
     Attributes:
-        relative: Pose of the object in the arm's tool link at the moment of attaching.
+        relative: Pose of the object in the arm's tool link at the moment of attaching, by the
+            arm's encoders.
         since: Simulated time in seconds.
     """
 
@@ -58,16 +59,21 @@ class Attachments:
         """The attachment of this pair, if there is one."""
         return self._held.get((arm, thing))
 
-    def attach(self, arm: str, link: str, thing: str, relative: Pose, time: float) -> Attachment:
-        """Weld an object to an arm's link where it is now; a second time changes nothing."""
-        held = self._held.get((arm, thing))
+    def attach(self, new: Attachment, link: str, relative: Pose) -> Attachment:
+        """Weld an object to an arm's link; a second time changes nothing.
+
+        Args:
+            new: What is to be held.
+            link: Name of the arm's tool link.
+            relative: Pose of the object in it, as it truly is.
+        """
+        held = self._held.get((new.arm, new.object))
         if held is not None:
             return held
-        held = Attachment(arm, thing, relative, time)
-        composition.add_weld(self._spec, held.name, link, thing, relative)
-        self._held[arm, thing] = held
+        composition.add_weld(self._spec, new.name, link, new.object, relative)
+        self._held[new.arm, new.object] = new
         self._recompile()
-        return held
+        return new
 
     def detach(self, arm: str, thing: str) -> bool:
         """Release an object; returns whether it was held."""

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import difflib
 import math
-import zlib
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from bt_dualarm.errors import CatalogueError
-from bt_dualarm.pose import Pose
+from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.share import share_dir
 from bt_dualarm.spec.camera import CameraSpec
-from bt_dualarm.spec.document import ArmSpec, ObjectSpec, WorldSpec
+from bt_dualarm.spec.document import ArmSpec, WorldSpec
+from bt_dualarm.world.hardware.drawn_arm import DrawnArm, LinkFactors
 from bt_dualarm.world.mounting import MountingSurface
-from bt_dualarm.world.robots.geom_groups import OBJECT_GROUP, SCENE_GROUP
+from bt_dualarm.world.robots.geom_groups import SCENE_GROUP
 from bt_dualarm.world.robots.mjspec import chain_spec, robot_spec
-from bt_dualarm.world.robots.primitives import GEOM_TYPES, half_sizes
 from bt_dualarm.world.robots.robot import Robot
 
 CAMERA = "camera"
@@ -79,37 +78,12 @@ def names_in(spec: mujoco.MjSpec) -> frozenset[str]:
     return frozenset(element.name for element in (*spec.bodies, *spec.joints, *spec.geoms))
 
 
-def add_object(spec: mujoco.MjSpec, name: str, thing: ObjectSpec, pose: Pose) -> None:
-    """Add an object; body, joint and geom bear its name."""
-    body = spec.worldbody.add_body(name=name, pos=pose.position, quat=pose.quaternion)
-    if not thing.fixed:
-        body.add_freejoint(name=name)
-    body.add_geom(
-        name=name,
-        type=GEOM_TYPES[thing.shape],
-        size=half_sizes(thing.shape, thing.size),
-        mass=thing.mass,
-        rgba=thing.rgba,
-        friction=(thing.friction, 0.005, 0.0001),
-        group=OBJECT_GROUP,
-    )
-
-
-def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:
-    """The declared pose, moved by the object's noise; independent of all other objects."""
-    rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    shift = rng.uniform(-1, 1, 3) * np.asarray(thing.noise.xyz)
-    turn = rng.uniform(-1, 1) * math.radians(thing.noise.yaw)
-    declared = thing.pose.pose
-    moved = Pose.from_rpy(declared.position + shift, (0, 0, turn))
-    return Pose(moved.position, (moved @ Pose(np.zeros(3), declared.quaternion)).quaternion)
-
-
 def add_arm(
     spec: mujoco.MjSpec,
     name: str,
     arm: ArmSpec,
     robot: Robot,
+    drawn: DrawnArm,
     *,
     surface: MountingSurface | None,
     visuals: bool,
@@ -121,35 +95,71 @@ def add_arm(
         name: Name of the arm in the tree file.
         arm: Part of the tree file about it.
         robot: Robot of the catalogue that it is.
+        drawn: What the seed has made of it.
         surface: Surface under the base, if there is one.
         visuals: Load the full visual meshes as well.
     """
-    _attach(spec, name, arm, robot, robot_spec(robot, visuals=visuals))
+    child = robot_spec(robot, visuals=visuals)
+    for link, factors in drawn.links.items():
+        _make_heavier(child.body(link), factors)
+    _add_rotors(child, robot, drawn.rotor)
+    _attach(spec, name, arm, robot, child, drawn)
     if surface is not None:
         _mount(spec, name, robot, arm.base.pose, surface)
 
 
-def nominal_model(name: str, arm: ArmSpec, robot: Robot, option: mujoco.MjOption) -> mujoco.MjModel:
-    """An arm alone on its base, as its controller believes it to be; names as in `add_arm`."""
+def nominal_model(
+    name: str, arm: ArmSpec, robot: Robot, option: mujoco.MjOption, *, rotors: bool
+) -> mujoco.MjModel:
+    """An arm alone on its base, as its controller believes it to be; names as in `add_arm`.
+
+    Args:
+        name: Name of the arm in the tree file.
+        arm: Part of the tree file about it.
+        robot: Robot of the catalogue that it is.
+        option: Options of the world, of which gravity and time step are taken.
+        rotors: Whether its joints have rotors that weigh something.
+    """
     spec = mujoco.MjSpec()
     spec.option.gravity = option.gravity
     spec.option.timestep = option.timestep
-    _attach(spec, name, arm, robot, chain_spec(robot))
+    child = chain_spec(robot)
+    if rotors:
+        _add_rotors(child, robot, robot.rotor_inertia)
+    _attach(spec, name, arm, robot, child)
     return spec.compile()
 
 
+def _add_rotors(child: mujoco.MjSpec, robot: Robot, inertia: Vector) -> None:
+    for joint, rotor in zip(robot.joints, inertia.tolist(), strict=True):
+        child.joint(joint).armature = rotor
+
+
+def _make_heavier(body: mujoco.MjsBody, factors: LinkFactors) -> None:
+    if body.mass > 0:
+        body.mass *= factors.mass
+        body.inertia = body.inertia * factors.inertia
+        body.fullinertia = body.fullinertia * factors.inertia
+        body.ipos = body.ipos + factors.shift
+
+
 def _attach(
-    spec: mujoco.MjSpec, name: str, arm: ArmSpec, robot: Robot, child: mujoco.MjSpec
+    spec: mujoco.MjSpec,
+    name: str,
+    arm: ArmSpec,
+    robot: Robot,
+    child: mujoco.MjSpec,
+    drawn: DrawnArm | None = None,
 ) -> None:
-    """Attach an arm and its camera."""
+    """Attach an arm and its camera, where it truly is if that was drawn."""
     base = arm.base.pose
     frame = spec.worldbody.add_frame(name=f"{name}/mount", pos=base.position, quat=base.quaternion)
     if arm.camera is not None and isinstance(arm.camera.mount, str):
         mount = robot.cameras[arm.camera.mount]
-        _add_camera(child.body(mount.link), CAMERA, arm.camera, mount.pose)
+        _add_camera(child.body(mount.link), CAMERA, arm.camera, mount.pose, drawn)
     spec.attach(child, prefix=f"{name}/", frame=frame)
     if arm.camera is not None and not isinstance(arm.camera.mount, str):
-        _add_camera(spec.worldbody, f"{name}/{CAMERA}", arm.camera, arm.camera.mount.pose)
+        _add_camera(spec.worldbody, f"{name}/{CAMERA}", arm.camera, arm.camera.mount.pose, drawn)
 
 
 def _mount(
@@ -167,15 +177,21 @@ def _mount(
         spec.add_exclude(bodyname1=pedestal.name, bodyname2=first)
 
 
-def _add_camera(body: mujoco.MjsBody, name: str, camera: CameraSpec, pose: Pose) -> None:
+def _add_camera(
+    body: mujoco.MjsBody, name: str, camera: CameraSpec, pose: Pose, drawn: DrawnArm | None
+) -> None:
     """``pose`` has x right, y down, z forward."""
+    fovy = camera.fov
+    if drawn is not None and drawn.camera is not None:
+        pose = pose @ drawn.camera
+        fovy = math.degrees(2 * math.atan(math.tan(math.radians(fovy) / 2) / drawn.focal))
     turned = pose @ _OPENCV_TO_MUJOCO
     width, height = camera.resolution
     body.add_camera(
         name=name,
         pos=turned.position,
         quat=turned.quaternion,
-        fovy=camera.fov,
+        fovy=fovy,
         resolution=(width, height),
     )
 

@@ -3,36 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import mujoco
 
-from bt_dualarm.spec.document import ArmSpec, ObjectSpec
+from bt_dualarm.spec.document import ObjectSpec, TreeFile
+from bt_dualarm.spec.reality import RealityErrors, resolved
+from bt_dualarm.spec.reality_sets import REALITY_SETS
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.attachments import Attachment
 from bt_dualarm.world.composition import nominal_model
 from bt_dualarm.world.hardware.arm_hardware import ArmHardware
+from bt_dualarm.world.hardware.drawn_arm import DrawnArm, LinkFactors, draw_arm, draw_object
 from bt_dualarm.world.nominal.nominal_arm import NominalArm
 from bt_dualarm.world.nominal.nominal_load import NominalLoad
+from bt_dualarm.world.robots.friction import JointFriction
 from bt_dualarm.world.robots.robot import Robot
 
 
 class Equipment:
     """Hardware and nominal model of each arm that is present.
 
+    Args:
+        file: Declares the arms, and how far they are from what is believed of them.
+        robots: Robot of each of them.
+        seed: Seed that draws how far.
+
     Attributes:
         hardware: Sensors and drives by arm.
         nominal: What is believed of each arm.
+        errors: How far each declared arm may be from that.
+        drawn: What the seed has made of each declared arm.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, file: TreeFile, robots: Mapping[str, Robot], seed: int) -> None:
+        self._file, self._robots, self._seed = file, robots, seed
         self.hardware: dict[str, ArmHardware] = {}
         self.nominal: dict[str, NominalArm] = {}
+        self.errors: dict[str, RealityErrors] = {
+            name: resolved(file.world.reality, arm.reality, REALITY_SETS)
+            for name, arm in file.arms.items()
+        }
+        self.drawn: dict[str, DrawnArm] = {
+            name: draw_arm(errors, robots[name], seed, name) for name, errors in self.errors.items()
+        }
 
-    def add(self, name: str, arm: ArmSpec, robot: Robot, option: mujoco.MjOption) -> None:
-        """Equip an arm that comes."""
-        model = nominal_model(name, arm, robot, option)
-        self.nominal[name] = NominalArm(name, robot, arm.base.pose, model)
-        self.hardware[name] = ArmHardware(robot.dof)
+    def add(self, name: str, option: mujoco.MjOption) -> None:
+        """Equip an arm that comes into a world with these options."""
+        arm, robot, errors = self._file.arms[name], self._robots[name], self.errors[name]
+        friction = JointFriction.none(robot.dof)
+        if errors.friction.present:
+            friction = replace(robot.friction, uncertainty=errors.friction.coulomb.most)
+        model = nominal_model(name, arm, robot, option, rotors=errors.links.rotor)
+        self.nominal[name] = NominalArm(name, robot, arm.base.pose, model, friction)
+        self.hardware[name] = ArmHardware(
+            errors,
+            self.drawn[name],
+            robot.limits.effort,
+            option.timestep,
+            (self._seed, name),
+        )
+
+    def drawn_object(self, name: str) -> LinkFactors:
+        """What the seed has made of an object's mass: the world's reality has the spread."""
+        errors = resolved(self._file.world.reality, None, REALITY_SETS)
+        return draw_object(errors.payload, self._seed, name)
 
     def remove(self, name: str) -> None:
         """Forget an arm that goes."""
@@ -47,7 +82,9 @@ class Equipment:
         """Belong to what was recompiled: the plant's arms, and what they hold now."""
         loads: dict[str, list[NominalLoad]] = {name: [] for name in arms}
         for one in held:
-            loads[one.arm].append(NominalLoad.of(one.object, objects[one.object], one.relative))
+            known = self.errors[one.arm].payload.known
+            load = NominalLoad.of(one.object, objects[one.object], one.relative, known=known)
+            loads[one.arm].append(load)
         for name, body in arms.items():
             self.hardware[name].connect(body)
             self.nominal[name].loads = tuple(loads[name])
@@ -56,3 +93,13 @@ class Equipment:
         """Read the sensors of all arms."""
         for hardware in self.hardware.values():
             hardware.sense()
+
+    def drive(self) -> None:
+        """Let all drives act during the next step."""
+        for hardware in self.hardware.values():
+            hardware.drive()
+
+    def rub(self) -> None:
+        """Set the friction of all arms for the velocities of now."""
+        for hardware in self.hardware.values():
+            hardware.rub()

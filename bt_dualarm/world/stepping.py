@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -12,11 +13,18 @@ from bt_dualarm.errors import DivergenceError
 _ABSURD_SPEED = 1e4  # rad/s or m/s: nothing on a table moves like this
 
 
-def advance(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+def advance(
+    model: mujoco.MjModel, data: mujoco.MjData, between: Callable[[], None] = lambda: None
+) -> None:
     """Advance by one step; positions, contacts and inertias are then those of now.
 
     ``mj_step`` would leave them as they were before the step, 2 ms old: its two halves are called
     in the other order.
+
+    Args:
+        model: Compiled world.
+        data: State of it.
+        between: Called when velocities are those of now, and forces that hang on them are not.
 
     Raises:
         DivergenceError: A torque or the state is not finite, or time did not advance.
@@ -29,6 +37,7 @@ def advance(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     # Squares, because one product of vectors costs a tenth of looking at each element.
     if not (speed.dot(speed) < _ABSURD_SPEED**2 and math.isfinite(place.dot(place))):
         raise DivergenceError(_diagnosis(model, data, "moves absurdly fast or is not a number"))
+    between()
     mujoco.mj_step1(model, data)
     if data.time <= before:
         raise DivergenceError(f"simulated time went from {before} s back to {data.time} s")

@@ -17,6 +17,7 @@ from bt_dualarm.world.declarations import check_declarations
 from bt_dualarm.world.equipment import Equipment
 from bt_dualarm.world.mounting import MountingSurface, surface_below
 from bt_dualarm.world.names import must_be_among
+from bt_dualarm.world.object_bodies import add_object, noisy_pose
 from bt_dualarm.world.overlap import no_room, overlap
 from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.robots.robot import Robot
@@ -38,8 +39,8 @@ class World(WorldView):
 
     Attributes:
         before_removal: Functions that are told the name of an arm that is about to be taken away.
-        hardware: Sensors and drives of the arms that are present, by name.
-        nominal: What is believed of these arms, by name.
+        equipment: All that arms are controlled through: of those that are present, by name,
+            `hardware`, sensors and drives, and `nominal`, what is believed of them.
 
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
@@ -50,9 +51,7 @@ class World(WorldView):
         mujoco.set_mju_user_warning(_log.warning)  # else it writes a file where the user stands
         self._file = file
         self._visuals = visuals
-        self._poses = {
-            name: composition.noisy_pose(name, thing, seed) for name, thing in file.objects.items()
-        }
+        self._poses = {name: noisy_pose(name, thing, seed) for name, thing in file.objects.items()}
         self.robots: dict[str, Robot] = {
             name: load_robot(arm.robot, file.root).derated(arm.limits)
             for name, arm in file.arms.items()
@@ -61,8 +60,8 @@ class World(WorldView):
         self.objects: dict[str, ObjectSpec] = {}
         self.before_removal: list[Callable[[str], None]] = []
         self.generation = 0
-        self._equipment = Equipment()
-        self.hardware, self.nominal = self._equipment.hardware, self._equipment.nominal
+        self.equipment = Equipment(file, self.robots, seed)
+        self.hardware, self.nominal = self.equipment.hardware, self.equipment.nominal
         self._spec = composition.scene_spec(file.world, file.root)
         check_declarations(file, self.robots, composition.names_in(self._spec))
         self.attachments = Attachments(self._spec, self._recompile)
@@ -79,12 +78,13 @@ class World(WorldView):
         Raises:
             DivergenceError: A torque or the state is not finite, or time did not advance.
         """
-        advance(self.model, self.data)
+        self.equipment.drive()
+        advance(self.model, self.data, self.equipment.rub)
         self.sense()
 
     def sense(self) -> None:
         """Read all sensors; `step` does so at its end."""
-        self._equipment.sense()
+        self.equipment.sense()
 
     def refuse_overlaps(self) -> None:
         """Raise an `OverlapError` if an arm or object is inside another thing at the start."""
@@ -106,8 +106,7 @@ class World(WorldView):
         self._add_arm(name)
         self._recompile()
         self._take_posture(name)
-        mujoco.mj_step1(self.model, self.data)
-        self.sense()
+        self._look_again()
         inside = overlap(self.model, self.data, name)
         if inside is not None:
             self.remove_arm(name)
@@ -127,7 +126,7 @@ class World(WorldView):
         self.attachments.forget(name)
         composition.remove_arm(self._spec, name, self.robots[name])
         del self.arms[name]
-        self._equipment.remove(name)
+        self.equipment.remove(name)
         self._recompile()
 
     def spawn_object(self, name: str, pose: Pose | None = None) -> None:
@@ -139,9 +138,7 @@ class World(WorldView):
         must_be_among(name, self._file.objects, "object", "declared")
         if name in self.objects:
             raise WorldError(f"object {name!r} is present already")
-        thing = self._file.objects[name]
-        composition.add_object(self._spec, name, thing, pose or self._poses[name])
-        self.objects[name] = thing
+        self._put_object(name, pose or self._poses[name])
         self._recompile()
         inside = overlap(self.model, self.data, name)
         if inside is not None:
@@ -170,15 +167,15 @@ class World(WorldView):
         must_be_among(thing, self.objects, "object", "in the world")
         if self.objects[thing].fixed:
             raise WorldError(f"object {thing!r} is fixed: no arm can carry it")
-        relative = self.arms[arm].tool_link_pose.inverse @ self.object_pose(thing)
-        link = f"{arm}/{self.robots[arm].tool_link}"
-        return self.attachments.attach(arm, link, thing, relative, self.time)
+        pose, link = self.object_pose(thing), f"{arm}/{self.robots[arm].tool_link}"
+        believed = self.nominal[arm].tool_link_pose_at(self.hardware[arm].q)
+        held = Attachment(arm, thing, believed.inverse @ pose, self.time)
+        return self.attachments.attach(held, link, self.arms[arm].tool_link_pose.inverse @ pose)
 
     def restore(self, state: Vector) -> None:
-        """Go back to a state of the same generation, bit for bit."""
+        """Go back to a state of the same generation, bit for bit; drives keep theirs."""
         mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-        mujoco.mj_step1(self.model, self.data)
-        self.sense()
+        self._look_again()
 
     def _compile_first(self) -> None:
         """What does not move comes first: the arms' bases may stand on it."""
@@ -196,14 +193,16 @@ class World(WorldView):
         self._bind()
         for name in self.arms:
             self._take_posture(name)
-        mujoco.mj_step1(self.model, self.data)
-        self.sense()
+        self._look_again()
 
     def _add_objects(self, *, fixed: bool) -> None:
         for name, thing in self._file.objects.items():
             if thing.spawned and thing.fixed == fixed:
-                composition.add_object(self._spec, name, thing, self._poses[name])
-                self.objects[name] = thing
+                self._put_object(name, self._poses[name])
+
+    def _put_object(self, name: str, pose: Pose) -> None:
+        self.objects[name] = thing = self._file.objects[name]
+        add_object(self._spec, name, thing, pose, self.equipment.drawn_object(name))
 
     def _compile(self) -> None:
         try:
@@ -221,6 +220,11 @@ class World(WorldView):
             raise WorldError(f"MuJoCo cannot recompile the world: {error}") from error
         self.generation += 1
         self._bind()
+        self._look_again()
+
+    def _look_again(self) -> None:
+        """Bring up to date what hangs on the state, and read the sensors."""
+        self.equipment.rub()
         mujoco.mj_step1(self.model, self.data)
         self.sense()
 
@@ -231,14 +235,13 @@ class World(WorldView):
             )
             for name in self.arms
         }
-        self._equipment.connect(self.arms, self.attachments, self.objects)
+        self.equipment.connect(self.arms, self.attachments, self.objects)
 
     def _add_arm(self, name: str) -> None:
-        arm = self._file.arms[name]
-        robot = self.robots[name]
-        surface = self._surfaces[name]
-        composition.add_arm(self._spec, name, arm, robot, surface=surface, visuals=self._visuals)
-        self._equipment.add(name, arm, robot, self._spec.option)
+        arm, robot, drawn = self._file.arms[name], self.robots[name], self.equipment.drawn[name]
+        surface, visuals = self._surfaces[name], self._visuals
+        composition.add_arm(self._spec, name, arm, robot, drawn, surface=surface, visuals=visuals)
+        self.equipment.add(name, self._spec.option)
         self.arms[name] = None  # type: ignore[assignment]  # bound when the model is compiled
 
     def _take_posture(self, name: str) -> None:

@@ -27,6 +27,7 @@ EXAMPLE_PAGES = (
     "docs/motion.md",
     "docs/colors.md",
     "docs/tracking.md",
+    "docs/reality.md",
 )
 
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

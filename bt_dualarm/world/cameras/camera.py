@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Protocol, TypeAlias
 
 import mujoco
@@ -14,7 +15,9 @@ import scipy
 
 from bt_dualarm.errors import WorldError
 from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.world.cameras.calibration import Calibration
 from bt_dualarm.world.cameras.frame import Frame, Window, focal_length_px
+from bt_dualarm.world.nominal.camera_pose import camera_pose
 from bt_dualarm.world.rendering.renderer import Exposure, Region, Renderer, clip_region
 
 _CLOCK_TOLERANCE_S = 1e-9
@@ -71,6 +74,7 @@ class Camera:
         spec: Resolution, frame rate, latency and faults; the field of view is the model's.
         renderer: Renderer of the images; may serve several cameras.
         rng: Source of its faults; seed 0 by default.
+        calibration: What is believed of it; by default what is true.
     """
 
     def __init__(
@@ -79,6 +83,7 @@ class Camera:
         spec: CameraTiming,
         renderer: Renderer,
         rng: np.random.Generator | None = None,
+        calibration: Calibration | None = None,
     ) -> None:
         self.name = name
         self.latency = float(spec.latency)
@@ -89,6 +94,7 @@ class Camera:
         self.latest: Frame | None = None
         self.frames = 0
         self._renderer = renderer
+        self._calibration = calibration
         self._rng = rng or np.random.default_rng(0)
         self._next_index = 0
         self._pending: deque[Frame] = deque()
@@ -124,15 +130,19 @@ class Camera:
         # else a camera at 2 ms a step would see everything 2 ms late.
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
-        time, pose = float(data.time), camera_pose(data, camera_id)
-        window = self.aim(time, pose, self.width, self.height) if self.aim else Window()
-        region = self._exposed(window)
         fov_rad = math.radians(float(model.cam_fovy[camera_id]))
+        time = float(data.time)
+        known = self._calibration or Calibration(lambda _: camera_pose(data, camera_id), fov_rad)
+        stamp = time + known.stamp_s
+        pose = known.pose_at(stamp)
+        window = self.aim(stamp, pose, self.width, self.height) if self.aim else Window()
+        region = self._exposed(window)
         shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
         with _turned(data, camera_id, shake):
             exposure = Exposure(camera_id, self.width, self.height, region, window.stride)
             image = self._renderer.render(model, data, exposure)
-        frame = Frame(time, image, pose, fov_rad, region, window.stride, self.noise)
+        image = known.suffered(image, region)
+        frame = Frame(stamp, image, pose, known.fov_rad, region, window.stride, self.noise)
         if self._rng.random() >= self.drop:
             self._pending.append(frame)
         self._next_index = math.floor((time + _CLOCK_TOLERANCE_S) / self.period) + 1
@@ -149,6 +159,9 @@ class Camera:
         ready = []
         while self._pending and self._pending[0].stamp + self.latency <= time + _CLOCK_TOLERANCE_S:
             frame = self._pending.popleft()
+            if self._calibration is not None and self._calibration.stamp_s > 0:
+                # Where the arm is at the time of the stamp was not known at the exposure.
+                frame = replace(frame, pose=self._calibration.pose_at(frame.stamp))
             self.latest = frame
             ready.append(frame)
             for callback in tuple(self._callbacks):
@@ -169,11 +182,3 @@ def _turned(data: mujoco.MjData, camera_id: int, angles: Vector) -> Iterator[Non
         yield
     finally:
         data.cam_xmat[camera_id] = straight
-
-
-def camera_pose(data: mujoco.MjData, camera_id: int) -> Pose:
-    """The camera in the world, x right, y down, z forward; MuJoCo's own looks along -z, y up."""
-    axes = data.cam_xmat[camera_id].reshape(3, 3) * np.array([1.0, -1.0, -1.0])
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = axes, data.cam_xpos[camera_id]
-    return Pose.from_matrix(transform)

@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections import deque
+from typing import Final, Protocol
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.pose import Vector
+from bt_dualarm.spec.reality import RealityErrors
+from bt_dualarm.world.hardware.drawn_arm import DrawnArm, stream
+from bt_dualarm.world.hardware.drives import Drives
+from bt_dualarm.world.hardware.encoders import Encoders
+from bt_dualarm.world.hardware.rubbing import Rubbing
+
+KEPT_S: Final = 0.25
+"""Seconds for which readings are kept, for pictures whose stamp is late or early."""
 
 
 class PlantArm(Protocol):
     """Where an arm lies in the arrays of the plant."""
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The plant."""
 
     @property
     def data(self) -> mujoco.MjData:
@@ -38,7 +51,11 @@ class ArmHardware:
     to anybody who reads here.
 
     Args:
-        dof: Number of joints.
+        errors: What sensors and drives do to what goes through them.
+        drawn: The robot of the batch that it is.
+        effort: Effort limits of its joints, of shape (dof,), N m.
+        timestep: Seconds of one physics step.
+        seed: Seed of the run, and the arm's name: source of the sensors' noise.
 
     Attributes:
         q: Positions of the joints by their encoders, base to tip, of shape (dof,), rad.
@@ -47,11 +64,23 @@ class ArmHardware:
         commanded: Torques that were commanded last, of shape (dof,), N m.
     """
 
-    def __init__(self, dof: int) -> None:
-        self.q: Vector = np.zeros(dof)
-        self.v: Vector = np.zeros(dof)
+    def __init__(
+        self,
+        errors: RealityErrors,
+        drawn: DrawnArm,
+        effort: Vector,
+        timestep: float,
+        seed: tuple[int, str],
+    ) -> None:
+        number, name = seed
+        self.q: Vector = np.zeros_like(effort)
+        self.v: Vector = np.zeros_like(effort)
         self.stamp = 0.0
-        self.commanded: Vector = np.zeros(dof)
+        self.commanded: Vector = np.zeros_like(effort)
+        self._encoders = Encoders(errors.encoder, timestep, stream(number, f"{name}:encoders"))
+        self._drives = Drives(errors.drive, drawn.gain, effort, timestep)
+        self._rubbing = Rubbing(drawn.friction)
+        self._past: deque[tuple[float, Vector]] = deque(maxlen=round(KEPT_S / timestep))
         self._plant: PlantArm | None = None
 
     def connect(self, plant: PlantArm) -> None:
@@ -59,19 +88,50 @@ class ArmHardware:
         self._plant = plant
 
     def sense(self) -> None:
-        """Read the sensors."""
-        if self._plant is not None:
-            data = self._plant.data
-            self.q = data.qpos[self._plant.qpos_ids]
-            self.v = data.qvel[self._plant.dof_ids]
-            self.stamp = float(data.time)
+        """Read the sensors; a second time at the same moment changes nothing."""
+        plant = self._plant
+        if plant is None:
+            return
+        data = plant.data
+        self.stamp = float(data.time)
+        self._encoders.read(data.qpos[plant.qpos_ids], data.qvel[plant.dof_ids], self.stamp)
+        self.q, self.v = self._encoders.q, self._encoders.v
+        while self._past and self._past[-1][0] >= self.stamp:
+            self._past.pop()
+        self._past.append((self.stamp, self.q))
+
+    def q_at(self, time: float) -> Vector:
+        """Positions by the encoders at a time in s, between readings on a line, of shape (dof,).
+
+        Before the first that is kept, and after the last, that one.
+        """
+        later = (self.stamp, self.q)
+        for stamp, q in reversed(self._past):
+            if stamp <= time:
+                span = later[0] - stamp
+                share = min(max((time - stamp) / span, 0.0), 1.0) if span > 0 else 0.0
+                between: Vector = q + share * (later[1] - q) if share else q
+                return between
+            later = stamp, q
+        return later[1]
 
     def command(self, torque: Vector) -> None:
-        """Give the motors torques that hold until the next command.
+        """Give the drives torques that hold until the next command.
 
         Args:
             torque: Torques of the joints, of shape (dof,), N m, within their efforts.
         """
         self.commanded = torque
-        if self._plant is not None:
+        if self._plant is not None and self._drives.is_ideal:
             self._plant.data.ctrl[self._plant.actuator_ids] = torque
+
+    def drive(self) -> None:
+        """Let the drives act during the next step of physics."""
+        if self._plant is not None and not self._drives.is_ideal:
+            torque = self._drives.torque(self.commanded)
+            self._plant.data.ctrl[self._plant.actuator_ids] = torque
+
+    def rub(self) -> None:
+        """Set the joints' friction for the velocities that the plant has now."""
+        if self._plant is not None:
+            self._rubbing.act(self._plant.model, self._plant.data, self._plant.dof_ids)

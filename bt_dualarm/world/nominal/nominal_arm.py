@@ -6,33 +6,45 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.world.nominal.camera_pose import camera_pose
 from bt_dualarm.world.nominal.nominal_load import NominalLoad
+from bt_dualarm.world.robots.friction import JointFriction
 from bt_dualarm.world.robots.mjspec import TOOL_SITE
 from bt_dualarm.world.robots.robot import Robot
 
 
 class NominalArm:
-    """The arm that its controller believes in: masses of the URDF, rigid joints without friction.
+    """The arm that its controller believes in: masses of the URDF, rigid joints.
 
     Args:
         name: Name of the arm in the tree file.
         robot: Robot that it is.
         base: Pose of its base link in the world.
         model: Model of this arm alone, on its base: joints in the robot's order, nothing else.
+        friction: Friction of its joints, as far as that is known.
 
     Attributes:
         model: The model.
         data: State of the model, as of the last `update`.
         loads: What the arm holds; another tuple after every change.
+        friction: Friction of its joints as the page has it, and how well that is known.
         tool_site: Id of the tool frame's site in the model.
         tool_body: Id of the link that carries the tool.
     """
 
-    def __init__(self, name: str, robot: Robot, base: Pose, model: mujoco.MjModel) -> None:
+    def __init__(
+        self,
+        name: str,
+        robot: Robot,
+        base: Pose,
+        model: mujoco.MjModel,
+        friction: JointFriction,
+    ) -> None:
         self.name = name
         self.robot = robot
         self.base = base
         self.model = model
+        self.friction = friction
         self.data = mujoco.MjData(model)
         self.loads: tuple[NominalLoad, ...] = ()
         self.tool_site = int(model.site(f"{name}/{TOOL_SITE}").id)
@@ -78,6 +90,12 @@ class NominalArm:
         """The link that carries the tool, likewise."""
         data = self._placed(q)
         return Pose(data.xpos[self.tool_body].copy(), data.xquat[self.tool_body].copy())
+
+    def camera_pose_at(self, q: Vector) -> Pose:
+        """The arm's camera (x right, y down, z forward) by its calibration, likewise."""
+        data = self._placed(q)
+        mujoco.mj_camlight(self.model, data)
+        return camera_pose(data, 0)
 
     def _placed(self, q: Vector) -> mujoco.MjData:
         self._elsewhere.qpos[:] = q

@@ -27,12 +27,14 @@ class NominalLoad:
     pose: Pose
 
     @classmethod
-    def of(cls, name: str, thing: ObjectSpec, pose: Pose) -> NominalLoad:
-        """The load that a declared object is: its mass is spread evenly."""
-        return cls(name, thing.mass, thing.mass * _per_mass(thing), pose)
+    def of(cls, name: str, thing: ObjectSpec, pose: Pose, *, known: bool = True) -> NominalLoad:
+        """The load that a declared object is: its mass is spread evenly, and known or not."""
+        if not known:
+            return cls(name, None, None, pose)
+        return cls(name, thing.mass, thing.mass * inertia_per_mass(thing), pose)
 
 
-def _per_mass(thing: ObjectSpec) -> Vector:
+def inertia_per_mass(thing: ObjectSpec) -> Vector:
     """Moments of inertia of an even body about its axes, for 1 kg, of shape (3,), m²."""
     if thing.shape == "box":
         x, y, z = np.square(thing.size)

@@ -10,6 +10,8 @@ import numpy as np
 from bt_dualarm.spec.problems import Problem
 from bt_dualarm.world.robots import page_check
 from bt_dualarm.world.robots.example_robot_data import robot_data_dir
+from bt_dualarm.world.robots.friction import JointFriction
+from bt_dualarm.world.robots.friction_check import friction_of
 from bt_dualarm.world.robots.joint_limits import limits_of
 from bt_dualarm.world.robots.mesh_check import mesh_problems
 from bt_dualarm.world.robots.page import RobotFile
@@ -34,6 +36,7 @@ class ArmDescription:
 
     urdf: Urdf
     limits: JointLimits
+    friction: JointFriction
     exclusions: frozenset[frozenset[str]]
 
 
@@ -61,9 +64,10 @@ def description_of(file: RobotFile) -> ArmDescription:
     problems += mesh_problems(arm)
     problems += page_check.posture_problems(file, arm.stops)
     limits = limits_of(file, arm.stops, problems)
+    friction = friction_of(file, limits.effort, problems)
     if problems:
         raise DescriptionError(problems)
-    return ArmDescription(arm, limits, _known(pairs | _given(file), arm))
+    return ArmDescription(arm, limits, friction, _known(pairs | _given(file), arm))
 
 
 def _disabled(srdf: Path | None, problems: list[Problem]) -> set[frozenset[str]]:

@@ -21,12 +21,16 @@ from bt_dualarm.spec.values import Value
 from bt_dualarm.world.urdf.xml_source import DescriptionError
 
 _Positive: TypeAlias = Annotated[float, Field(gt=0.0)]
+_NotNegative: TypeAlias = Annotated[float, Field(ge=0.0, le=1e4)]
 _Metres: TypeAlias = Annotated[float, Field(ge=-10.0, le=10.0)]
 _Near: TypeAlias = tuple[_Metres, _Metres, _Metres]
 _Turn: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 _Held: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 _Share: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
 _MOST: Final = 200
+
+TYPICAL_ROTOR: Final = 0.1
+"""Rotor inertia in kg m² that MuJoCo Menagerie gives the joints of UR5e, Panda and xArm7 alike."""
 
 MAX_JOINTS: Final = 24
 """Joints of one arm; a torso and an arm of a humanoid have ten."""
@@ -125,6 +129,18 @@ class PayloadEntry(Value):
     source: Annotated[str, Field(min_length=8)]
 
 
+class FrictionEntry(Value):
+    """Friction of the joints, base to tip, as `JointFriction` has it, and who says so."""
+
+    coulomb: tuple[_NotNegative, ...]
+    viscous: tuple[_NotNegative, ...] | None = None
+    static: tuple[_NotNegative, ...] | None = None
+    stribeck_velocity: _Positive = 0.1
+    rise: tuple[_Positive, ...] | None = None
+    offset: tuple[float, ...] | None = None
+    source: Annotated[str, Field(min_length=8)]
+
+
 class RobotEntry(Value):
     """A page of the catalogue.
 
@@ -136,6 +152,8 @@ class RobotEntry(Value):
         locked: Where joints are locked if not at zero: metres of a sliding one, degrees of one that
             turns.
         payload: Largest mass that the arm may hold; without it, what its joints bear.
+        friction: What is published of the joints' friction; without it, what is typical is taken.
+        rotor_inertia: Inertia of a motor's rotor behind its gear in kg m².
         postures: Joint angles in degrees; ``home`` is required.
         exclude: Pairs of links whose contacts do not count, beside those of the SRDF.
     """
@@ -149,6 +167,8 @@ class RobotEntry(Value):
     locked: dict[str, _Held] = Field(default_factory=dict)
     limits: LimitsEntry
     payload: PayloadEntry | None = None
+    friction: FrictionEntry | None = None
+    rotor_inertia: Annotated[float, Field(ge=0.0, le=100.0)] = TYPICAL_ROTOR
     postures: Annotated[dict[Name, tuple[float, ...]], Field(max_length=_MOST)]
     cameras: Annotated[dict[Name, CameraEntry], Field(default_factory=dict, max_length=_MOST)]
     exclude: Annotated[tuple[tuple[str, str], ...], Field(max_length=10_000)] = ()

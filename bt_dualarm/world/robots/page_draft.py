@@ -16,6 +16,7 @@ import numpy as np
 from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.robots.example_robot_data import robot_data_dir
+from bt_dualarm.world.robots.friction import JointFriction
 from bt_dualarm.world.robots.joint_limits import RANGES
 from bt_dualarm.world.robots.mesh_check import mesh_problems
 from bt_dualarm.world.robots.posture_search import PostureSurvey, survey_of
@@ -148,6 +149,8 @@ def _robot(arm: Urdf, base: str, tool: str, joints: tuple[str, ...], effort: Vec
         tool=Pose.identity(), tool_shape=None, joints=joints, postures={}, cameras={}, colors={},
         limits=JointLimits(lower, upper, ones, ones, ones, effort), payload=None,
         exclusions=frozenset(),
+        friction=JointFriction.none(len(joints)),
+        rotor_inertia=np.zeros(len(joints)),
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from functools import cached_property
 
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.spec.document import LimitShares
+from bt_dualarm.world.robots.friction import JointFriction
 from bt_dualarm.world.robots.page import ToolShape
 from bt_dualarm.world.robots.urdf import Urdf
 
@@ -54,6 +55,8 @@ class Robot:
 
     Attributes:
         tool: The tool frame in ``tool_link``; its z axis points out of the tool.
+        friction: Friction of the joints.
+        rotor_inertia: Inertia of the motors' rotors behind the gears, of shape (dof,), kg m².
         tool_shape: A cylinder that ends in the tool frame, if the URDF has no tool of its own.
         payload: Largest mass in kg that it may hold, None where its page gives none.
         exclusions: Pairs of links whose contacts do not count.
@@ -70,6 +73,8 @@ class Robot:
     joints: tuple[str, ...]
     limits: JointLimits
     payload: float | None
+    friction: JointFriction
+    rotor_inertia: Vector
     postures: Mapping[str, Vector]
     cameras: Mapping[str, CameraMount]
     exclusions: frozenset[frozenset[str]]

@@ -1,0 +1,117 @@
+"""What a tree file may say of reality, and what holds for an arm of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bt_dualarm.errors import RunError
+from bt_dualarm.runtime.options import checked_reality
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.spec.problems import SpecError
+from bt_dualarm.spec.reality import REALITY_NAMES, RealityErrors, RealitySpec, resolved
+from bt_dualarm.spec.reality_sets import REALITY_SETS
+from bt_dualarm.spec.spread import Spread
+
+FILE = """\
+bt_dualarm: 1
+world: {{scene: empty, reality: {world}}}
+arms:
+  arm1: {{robot: ur5, reality: {arm}, tree: succeed}}
+  arm2: {{robot: ur5, base: {{xyz: [2, 0, 0]}}, tree: succeed}}
+"""
+
+
+def held(world: str, arm: str = "ideal") -> tuple[RealityErrors, RealityErrors]:
+    """What holds for an arm that says something, and for one that does not."""
+    file = load_tree_file(FILE.format(world=world, arm=arm), folder=Path())
+    one, other = (
+        resolved(file.world.reality, each.reality, REALITY_SETS) for each in file.arms.values()
+    )
+    return one, other
+
+
+def complaint(reality: str) -> str:
+    with pytest.raises(SpecError) as caught:
+        load_tree_file(FILE.format(world=reality, arm="ideal"), folder=Path())
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", REALITY_NAMES)
+def test_a_set_holds_for_arms_that_say_nothing(name: str) -> None:
+    assert held(name) == (REALITY_SETS["ideal"], REALITY_SETS[name])
+
+
+def test_fields_not_given_are_those_of_the_set() -> None:
+    one, other = held("lab", "{set: rough, drive: {delay: 2 ms}}")
+    assert other == REALITY_SETS["lab"]
+    assert one.drive.delay == 0.002
+    assert one.drive.bandwidth == REALITY_SETS["rough"].drive.bandwidth
+    assert one.links == REALITY_SETS["rough"].links
+
+
+def test_an_arm_without_a_set_changes_what_the_world_says() -> None:
+    one, _ = held("{set: lab, encoder: {noise: 0.01}}", "{friction: {present: false}}")
+    assert not one.friction.present
+    assert one.encoder.noise == 0.01
+    assert one.links == REALITY_SETS["lab"].links
+
+
+def test_a_number_is_uniform_and_a_mapping_says_which() -> None:
+    one, _ = held("ideal", "{links: {mass: 0.1, inertia: {normal: 0.02}}}")
+    assert one.links.mass == Spread(uniform=0.1)
+    assert one.links.inertia == Spread(normal=0.02)
+
+
+@pytest.mark.parametrize(
+    ("reality", "words"),
+    [
+        ("labb", "lab"),
+        ("{drive: {dealy: 1 ms}}", "delay"),
+        ("{drive: {delay: 100 ms}}", "at most 0.05"),
+        ("{links: {mass: 1.5}}", "at most 0.9"),
+        ("{links: {mass: {normal: 0.5}}}", "at most 0.9"),
+        ("{links: {mass: {uniform: 0.1, normal: 0.1}}}", "not both"),
+        ("{links: {mass: -0.1}}", "at least 0"),
+        ("{camera: {rotation: 30}}", "at most 20 deg"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_where_it_stands(reality: str, words: str) -> None:
+    message = complaint(reality)
+    assert ":2:" in message
+    assert words in message
+
+
+@pytest.mark.parametrize("spread", [Spread(uniform=0.2), Spread(normal=0.2)])
+def test_a_spread_is_about_zero_and_keeps_to_its_bound(spread: Spread) -> None:
+    drawn = spread.draw(np.random.default_rng(0), 20_000)
+    assert abs(drawn.mean()) < 0.005
+    assert 0.95 * spread.most < np.abs(drawn).max() <= spread.most
+    deviation = 0.2 / np.sqrt(3) if spread.uniform else 0.2
+    assert drawn.std() == pytest.approx(deviation, rel=0.03)
+
+
+def test_each_set_is_farther_from_the_model_than_the_one_before() -> None:
+    """Numbers of the sets may be changed; not that rough is rougher."""
+    lab, rough = (REALITY_SETS[name] for name in ("lab", "rough"))
+    assert REALITY_SETS["ideal"] == RealityErrors()
+    for group in RealityErrors.model_fields:
+        for name in type(getattr(lab, group)).model_fields:
+            less, more = (getattr(getattr(one, group), name) for one in (lab, rough))
+            if isinstance(less, Spread):
+                assert 0 < less.most <= more.most, name
+    assert 0 < lab.drive.delay < rough.drive.delay
+    assert lab.drive.bandwidth > rough.drive.bandwidth > 0
+
+
+def test_python_is_told_what_is_wrong_with_a_reality() -> None:
+    assert checked_reality("lab") == "lab"
+    assert checked_reality({"set": "lab"}) == RealitySpec(set="lab")
+    with pytest.raises(RunError, match="no reality 'lob'; did you mean 'lab'"):
+        checked_reality("lob")
+    with pytest.raises(RunError, match=r"reality\.drive\.delay.*at most 0\.05"):
+        checked_reality({"drive": {"delay": 1.0}})
+    with pytest.raises(RunError, match="not int"):
+        checked_reality(3)

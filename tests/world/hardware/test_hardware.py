@@ -1,0 +1,149 @@
+"""Sensors and drives do to readings and torques what the file says, and nothing else."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.pose import Vector
+from bt_dualarm.spec.reality import DriveErrors, EncoderErrors
+from bt_dualarm.world.hardware.drives import Drives
+from bt_dualarm.world.hardware.encoders import Encoders
+from bt_dualarm.world.world import World
+from tests.world.worlds import arm, file_of
+
+STEP = 0.002
+EFFORT = np.array([150.0, 28.0])
+
+
+def encoders(**errors: float) -> Encoders:
+    return Encoders(EncoderErrors(**errors), STEP, np.random.default_rng(0))
+
+
+def drives(gain: tuple[float, float] = (1.0, 1.0), **errors: Any) -> Drives:
+    return Drives(DriveErrors(**errors), np.array(gain), EFFORT, STEP)
+
+
+def response(drive: Drives, torques: list[Vector]) -> Vector:
+    """What the first joint gets of torques for it, one a step."""
+    return np.array([drive.torque(torque)[0] for torque in torques])
+
+
+def impulse(steps: int) -> list[Vector]:
+    return [np.array([10.0 * (k == 0), 0.0]) for k in range(steps)]
+
+
+def test_an_exact_encoder_says_what_is_so() -> None:
+    exact, q, v = encoders(), np.array([0.1, -2.0]), np.array([1.0, 2.0])
+    exact.read(q, v, 0.0)
+    assert (exact.q == q).all()
+    assert (exact.v == v).all()
+
+
+def test_readings_are_whole_steps() -> None:
+    coarse, step = encoders(resolution=0.1), math.radians(0.1)
+    for q in np.linspace(-1, 1, 50):
+        coarse.read(np.array([q]), np.zeros(1), 0.0)
+        assert coarse.q[0] / step == pytest.approx(round(coarse.q[0] / step), abs=1e-9)
+        assert abs(coarse.q[0] - q) <= 0.5 * step + 1e-12
+
+
+def test_noise_has_the_deviation_that_is_given() -> None:
+    noisy = encoders(noise=0.01)
+    read = []
+    for k in range(5000):
+        noisy.read(np.zeros(2), np.zeros(2), k * STEP)
+        read.append(noisy.q)
+    assert np.std(read) == pytest.approx(math.radians(0.01), rel=0.03)
+    assert abs(np.mean(read)) < math.radians(0.001)
+
+
+@pytest.mark.parametrize("window", [0.002, 0.004, 0.01])
+@pytest.mark.parametrize("cutoff", [0.0, 50.0])
+def test_the_velocity_of_a_ramp_is_found(window: float, cutoff: float) -> None:
+    """Exactly, once the window and five time constants of the filter are over."""
+    one = encoders(window=window, cutoff=cutoff)
+    for k in range(100):
+        one.read(np.array([0.3 * k * STEP]), np.array([99.0]), k * STEP)
+    assert one.v[0] == pytest.approx(0.3, rel=1e-6)
+
+
+def test_a_differenced_velocity_lags_by_half_its_window() -> None:
+    """On a parabola the difference is the velocity of half a window ago: no encoder does better."""
+    one = encoders(window=0.004)
+    for k in range(20):
+        one.read(np.array([(k * STEP) ** 2]), np.zeros(1), k * STEP)
+    assert one.v[0] == pytest.approx(2 * (19 * STEP - 0.002))
+
+
+def test_a_second_reading_of_one_moment_replaces_the_first() -> None:
+    once, twice = encoders(window=0.004, cutoff=50.0), encoders(window=0.004, cutoff=50.0)
+    for k in range(10):
+        q = np.array([math.sin(k)])
+        once.read(q, np.zeros(1), k * STEP)
+        twice.read(q + 1.0, np.zeros(1), k * STEP)
+        twice.read(q, np.zeros(1), k * STEP)
+        assert twice.v == pytest.approx(once.v)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.001, 0.002, 0.003, 0.007])
+def test_a_torque_comes_after_its_delay(delay: float) -> None:
+    """Its impulse is whole, and its centre as late as is said."""
+    got = response(drives(delay=delay, gain=(1.0, 1.0)), [np.zeros(2), *impulse(20)])
+    times = np.arange(-1, 20) * STEP
+    assert got.sum() == pytest.approx(10.0)
+    assert got @ times / got.sum() == pytest.approx(delay)
+
+
+def test_a_slow_drive_follows_as_a_first_order_lag() -> None:
+    got = response(drives(bandwidth=20.0), [np.zeros(2), *[np.array([10.0, 0.0])] * 50])
+    times = np.arange(51) * STEP
+    assert got == pytest.approx(10 * (1 - np.exp(-2 * math.pi * 20.0 * times)))
+
+
+def test_torques_are_whole_quanta_of_the_effort() -> None:
+    drive = drives(quantum=0.01)
+    for torque in np.linspace(-20, 20, 37):
+        got = drive.torque(np.array([torque, 0.0]))[0]
+        assert got / 1.5 == pytest.approx(round(got / 1.5), abs=1e-9)
+        assert abs(got - torque) <= 0.75 + 1e-9
+
+
+def test_a_gain_is_the_joint_s_own_and_no_motor_gives_more_than_its_effort() -> None:
+    drive = drives(gain=(1.1, 0.8))
+    assert drive.torque(np.array([10.0, 10.0])) == pytest.approx([11.0, 8.0])
+    assert drive.torque(np.array([149.0, -28.0])) == pytest.approx([150.0, -22.4])
+
+
+def test_ideal_drives_let_a_torque_through_at_once() -> None:
+    world = World(file_of({"arm1": arm("ur5")}))
+    torque: Vector = np.linspace(0.0, 5.0, 6)
+    world.hardware["arm1"].command(torque)
+    assert (world.data.ctrl == torque).all()
+
+
+def test_readings_are_those_of_the_moment_they_were_taken_at() -> None:
+    """Between two of them they lie on a line; before and after what is kept, at its ends."""
+    world = World(file_of({"arm1": arm("ur5")}))
+    hardware, body = world.hardware["arm1"], world.arms["arm1"]
+    seen = {}
+    for _ in range(10):
+        world.step()
+        seen[world.time] = body.q
+    times = list(seen)
+    for time, q in seen.items():
+        assert hardware.q_at(time) == pytest.approx(q)
+    middle = 0.5 * (times[3] + times[4])
+    assert hardware.q_at(middle) == pytest.approx(0.5 * (seen[times[3]] + seen[times[4]]))
+    assert hardware.q_at(times[-1] + 1.0) == pytest.approx(body.q)
+
+
+def test_two_arms_of_one_seed_are_two_robots() -> None:
+    arms = {"arm1": arm("ur5"), "arm2": arm("ur5", (2.0, 0.0, 0.4))}
+    world = World(file_of(arms, reality="lab"))
+    one, other = (world.equipment.drawn[name] for name in arms)
+    assert (one.gain != other.gain).all()
+    assert (one.friction.viscous != other.friction.viscous).all()
