@@ -142,6 +142,7 @@ class ArmRuntime:
             clipped_setpoints=self._controller.clipped,
             guard=self._controller.guard,
             runs=tuple(self._tree.leaves),
+            runs_left_out=self._tree.leaves.left_out,
             fault=self.fault,
         )
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from types import MappingProxyType
 
 from bt_dualarm.runtime.arm_runtime import ArmParts, ArmRuntime
+from bt_dualarm.runtime.lives import Lives
 from bt_dualarm.runtime.outcome import STRICT, Leniency, Outcome
 from bt_dualarm.runtime.parts import ArmView, SteppedWorld
-from bt_dualarm.runtime.result import ArmLife, ArmResult
+from bt_dualarm.runtime.result import ArmResult
 from bt_dualarm.runtime.schedule import exact
 
 
@@ -34,9 +34,10 @@ class Arms:
         self._declared = declared
         self._equip = equip
         self._world = world
-        self._leniency = leniency
         self._timestep = exact(world.timestep)
-        self._lives: dict[str, list[ArmRuntime]] = {name: [] for name in declared}
+        self._lives = {
+            name: Lives(name, robot, leniency.get(name, STRICT)) for name, robot in declared.items()
+        }
         self.present: tuple[ArmRuntime, ...] = ()
         world.before_removal.append(self._part_with)
 
@@ -69,7 +70,7 @@ class Arms:
                     held_from=step,
                     ticked_from=ticked_from,
                 )
-                self._lives[name].append(here[name])
+                self._lives[name].begin(here[name])
         self.present = tuple(here[name] for name in self._declared if name in here)
 
     def _part_with(self, name: str) -> None:
@@ -116,27 +117,8 @@ class Arms:
 
     def view(self, name: str) -> ArmView:
         """One arm of the file as it stands now; of one that is gone, its last moment."""
-        lives = self._lives[name]
-        return lives[-1].view() if lives else ArmView(name, self._declared[name], None, None)
+        return self._lives[name].view()
 
     def results(self) -> dict[str, ArmResult]:
         """What all arms of the file did, by name."""
-        return {
-            name: _whole([arm.result() for arm in lives], self._leniency.get(name, STRICT))
-            if lives
-            else ArmResult(name, self._declared[name], Outcome.NOT_SPAWNED)
-            for name, lives in self._lives.items()
-        }
-
-
-def _whole(lives: list[ArmResult], leniency: Leniency) -> ArmResult:
-    """What an arm did in all its lives."""
-    return replace(
-        lives[-1],
-        outcome=leniency.outcome_of([life.outcome for life in lives]),
-        clipped_setpoints=sum(life.clipped_setpoints for life in lives),
-        runs=tuple(run for life in lives for run in life.runs),
-        fault=next((life.fault for life in reversed(lives) if life.fault), ""),
-        lives=tuple(ArmLife(life.outcome, life.ended_s, life.fault) for life in lives),
-        removable=leniency.removable,
-    )
+        return {name: lives.result() for name, lives in self._lives.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -14,6 +15,9 @@ LOGGER: Final = logging.getLogger("bt_dualarm")
 
 LOGGER.addHandler(logging.NullHandler())  # a library prints nothing of its own accord
 
+MOST_LINES: Final = 10_000
+"""Lines that wait for somebody to take them; nobody does where there is no record."""
+
 _of_now: ContextVar[LogCapture | None] = ContextVar("capture", default=None)
 
 
@@ -22,14 +26,17 @@ class LogCapture(logging.Handler):
 
     Several runs may be open at once, in several threads too: each keeps its own lines only, and
     the logger is left as it was whenever none of them is being advanced.
-
-    Attributes:
-        lines: What was logged, in order.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self.lines: list[str] = []
+        self._lines: deque[str] = deque(maxlen=MOST_LINES)
+
+    def take(self) -> list[str]:
+        """Lines that were logged since they were last taken, in order."""
+        lines = list(self._lines)
+        self._lines.clear()
+        return lines
 
     @contextmanager
     def during(self) -> Iterator[None]:
@@ -47,7 +54,7 @@ class LogCapture(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Keep it, formatted, if it is of the run's own."""
         if _of_now.get() is self:
-            self.lines.append(self.format(record))
+            self._lines.append(self.format(record))
 
 
 class _Openness:

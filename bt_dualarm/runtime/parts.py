@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -73,6 +73,17 @@ class Eye(Protocol):
         """Hand the pictures whose latency is over to those who listen."""
 
 
+class Reports(Protocol):
+    """Runs of leaves, in the order in which they began."""
+
+    @property
+    def left_out(self) -> int:
+        """Number of runs that were dropped, of leaves that run over and over."""
+
+    def __iter__(self) -> Iterator[LeafReport]:
+        """Those that are kept."""
+
+
 class Tree(Protocol):
     """One arm's behaviour tree."""
 
@@ -81,7 +92,7 @@ class Tree(Protocol):
         """Of its root."""
 
     @property
-    def leaves(self) -> Sequence[LeafReport]:
+    def leaves(self) -> Reports:
         """Every run of every leaf so far."""
 
     def tick(self) -> object:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -16,9 +17,13 @@ from bt_dualarm.runtime.atomic_write import write_atomically
 from bt_dualarm.runtime.holding import Holding, Holdings
 from bt_dualarm.runtime.plots import OBJECT, PICTURE, in_plane, over_time, overview, scene
 from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.series import Series
 from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.runtime.tracks import Tracks
 from bt_dualarm.world.rendering.still import Still, best_viewpoint
+
+MOST_DRAWN = 8192
+"""Points of a line that are drawn: several for each column of the picture."""
 
 
 @dataclass(frozen=True)
@@ -64,19 +69,35 @@ def _write(draw: Callable[[], Figure], path: Path) -> None:
 
 
 def _drawings(result: RunResult, observed: Observed) -> Iterator[tuple[str, Callable[[], Figure]]]:
-    time, paths = observed.tracks.time, observed.tracks.positions()
+    time = observed.tracks.time
+    shown = _drawn(len(time))
+    time = time[shown]
+    paths = {name: path[shown] for name, path in observed.tracks.positions().items()}
     yield "overview", partial(overview, paths, observed.tracks.bases)
     stills = [still for still in observed.stills if still.is_sound]
     viewpoint = best_viewpoint(stills, PICTURE[0] / PICTURE[1])
     if viewpoint is not None:
         yield "scene", partial(scene, stills, viewpoint)
     for arm in result.arms.values():
-        leaves = {leaf.partition("/")[2] or leaf: series for leaf, series in arm.series.items()}
+        leaves = {
+            leaf.partition("/")[2] or leaf: {name: _thinned(one) for name, one in series.items()}
+            for leaf, series in arm.series.items()
+        }
         if leaves:
             title = f"{arm.name} ({arm.robot})"
             carried = _carried(observed.holdings.of(arm.name), time, paths)
             yield f"{arm.name}_plane", partial(in_plane, leaves, time, carried, title)
             yield f"{arm.name}_time", partial(over_time, leaves, title)
+
+
+def _thinned(series: Series) -> Series:
+    shown = _drawn(len(series.time))
+    return replace(series, time=series.time[shown], values=series.values[shown])
+
+
+def _drawn(count: int) -> npt.NDArray[np.int_]:
+    """Which of so many points are drawn: all, or `MOST_DRAWN` of them, the ends included."""
+    return np.linspace(0, count - 1, min(count, MOST_DRAWN)).round().astype(int)
 
 
 def _carried(

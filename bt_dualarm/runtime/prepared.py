@@ -97,7 +97,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
         recorder = None
         if options.record is not None:
             folder = resources.enter_context(RecordFolder(options.record, file.arms))
-            recorder = Recorder(folder.path, world, states, log.lines)
+            recorder = Recorder(folder.path, world, states, log.take)
             watch.observers.append(recorder)
         pacer = RealTime(time.perf_counter, time.sleep) if options.real_time else Unpaced()
         limit = _limit(file.world.time_limit, options.duration)

@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
-import numpy as np
-
 from bt_dualarm.runtime.atomic_write import write_atomically, write_text
 from bt_dualarm.runtime.holding import Holdings, HoldingWorld
 from bt_dualarm.runtime.journal import Journal
@@ -19,11 +17,13 @@ from bt_dualarm.runtime.record_folder import (
     DIVERGENCE,
     EVENTS,
     LOG,
+    PARTS,
     SAMPLES,
     SUMMARY,
     RecordError,
 )
 from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.sample_files import SampleFiles
 from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.runtime.state_log import HashedWorld, StateLog
 from bt_dualarm.runtime.summary import json_ready, summary_of
@@ -42,21 +42,25 @@ class RecordedWorld(SampledWorld, HashedWorld, HoldingWorld, PicturedWorld, Prot
 
 
 class Recorder(IdleObserver):
-    """An observer that keeps everything in memory and writes it when the run is over.
+    """An observer that writes events, log and samples while the run goes on, the rest at its end.
 
-    Events and log are on the disk before, for the case that the process does not live to the end:
-    line by line, until the whole file takes their place. The world is pictured as it is when the
-    recorder is made, and when the record is written.
+    So what it keeps in memory does not grow with the run, and what is on the disk can be read if
+    the process does not live to the end. The world is pictured as it is when the recorder is made,
+    and when the record is written.
 
     Args:
         folder: Folder to write to, from `RecordFolder`.
         world: The world.
         states: The last states of the world, for the case that it diverges.
-        log: Lines that are logged while the run goes on.
+        log: Function that gives the lines that were logged since it was last asked.
     """
 
     def __init__(
-        self, folder: Path, world: RecordedWorld, states: StateLog, log: Sequence[str]
+        self,
+        folder: Path,
+        world: RecordedWorld,
+        states: StateLog,
+        log: Callable[[], Sequence[str]],
     ) -> None:
         self._folder = folder
         self._world = world
@@ -65,29 +69,34 @@ class Recorder(IdleObserver):
         self._start = Still.of(world)
         self._tracks = Tracks(world)
         self._holdings = Holdings(world)
+        self._samples = SampleFiles(folder / PARTS)
         self._events: list[str] = []
-        self._noted = {"events": 0, "log": 0}
-        self._journals = {"events": Journal(folder / EVENTS), "log": Journal(folder / LOG)}
+        self._has_logged = False
+        self._journals = {name: Journal(folder / name) for name in (EVENTS, LOG)}
 
     def on_event(self, change: StatusChange) -> None:
-        """Keep it."""
+        """Take it up, to be written after the tick."""
         self._events.append(_line(change))
 
     def after_ticks(self, run: RunView) -> None:
         """See what has been attached or released; note what has happened."""
         self._holdings.after_ticks(run.time)
-        self._note("events", self._events)
-        self._note("log", self._log)
+        self._note()
 
-    def _note(self, name: str, lines: Sequence[str]) -> None:
-        if len(lines) == self._noted[name]:
-            return
-        new, self._noted[name] = lines[self._noted[name] :], len(lines)
-        self._journals[name].add("".join(f"{line}\n" for line in new))
+    def _note(self) -> None:
+        """Write events and log lines that are new."""
+        events, self._events = self._events, []
+        lines = self._log()
+        self._has_logged = self._has_logged or bool(lines)
+        for name, new in ((EVENTS, events), (LOG, lines)):
+            self._journals[name].add("".join(f"{line}\n" for line in new))
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - the parts read the world's clock
         """Sample what is due."""
-        self._tracks.after_step()
+        sample = self._tracks.after_step()
+        if sample is not None:
+            self._holdings.sampled(sample)
+            self._samples.add(sample)
 
     def write(self, result: RunResult, stop: StopRequest) -> tuple[Path, ...]:
         """Write every file; the summary comes last of those that a program reads.
@@ -101,8 +110,7 @@ class Recorder(IdleObserver):
         Raises:
             RecordError: The disk is full, the folder is gone, or a file could not be made.
         """
-        for journal in self._journals.values():
-            journal.close()
+        self._note()
         written: list[Path] = []
         problems: list[str] = []
         for name, write in self._files(result, stop):
@@ -115,15 +123,17 @@ class Recorder(IdleObserver):
                 problems.append(f"{name} could not be made: {type(error).__name__}: {error}")
             else:
                 written.append(self._folder / name)
+        for journal in self._journals.values():
+            journal.close()
         if problems:
             raise self._incomplete("; ".join(problems))
         return tuple(written)
 
     def _files(self, result: RunResult, stop: StopRequest) -> Iterator[tuple[str, WriteFile]]:
         """Names of the files, and what writes each; made when they are asked for."""
-        yield EVENTS, lambda path: write_text(path, "".join(f"{line}\n" for line in self._events))
-        if self._log:
-            yield LOG, lambda path: write_text(path, "\n".join(self._log) + "\n")
+        yield EVENTS, lambda _: self._journals[EVENTS].finish()
+        if self._has_logged:
+            yield LOG, lambda _: self._journals[LOG].finish()
         yield SAMPLES, self._write_samples
         if result.ending is Ending.DIVERGED:
             yield DIVERGENCE, lambda path: write_atomically(path, self._states.write_last)
@@ -139,11 +149,11 @@ class Recorder(IdleObserver):
         return RecordError(f"the record in {self._folder} is not complete: {why}")
 
     def _summary(self, result: RunResult) -> dict[str, object]:
-        return summary_of(result, self._holdings.as_dicts(self._tracks))
+        return summary_of(result, self._holdings.as_dicts(), self._holdings.left_out)
 
     def _write_samples(self, path: Path) -> None:
-        arrays = {"time": self._tracks.time, **self._tracks.positions()}
-        write_atomically(path, lambda file: np.savez_compressed(file, allow_pickle=False, **arrays))
+        write_atomically(path, self._samples.write_archive)
+        self._samples.remove()
 
 
 def _as_json(summary: dict[str, object]) -> str:

@@ -17,6 +17,9 @@ SUMMARY, EVENTS, SAMPLES = "summary.json", "events.jsonl", "samples.npz"
 LOG, DIVERGENCE = "run.log", "divergence.npz"
 OVERVIEW, SCENE = "overview.png", "scene.png"
 
+PARTS: Final = "samples.parts"
+"""Folder of samples on their way; a run that was killed leaves it behind."""
+
 LOCK: Final = ".recording"
 """Held by the run that records to a folder; one that was killed leaves it behind."""
 
@@ -89,7 +92,8 @@ class RecordFolder:
                 _refuse_other_kinds(self.path / name)
             earlier = _arms_of_earlier_run(self.path / SUMMARY)
             if earlier is None and not was_left:
-                self._refuse_foreign(names)
+                self._refuse_foreign([*names, PARTS])
+            _remove_parts(self.path / PARTS)
             for name in (*names, *_plots_of(earlier or ())):
                 (self.path / name).unlink(missing_ok=True)
         except OSError as error:
@@ -119,6 +123,24 @@ def _refuse_other_kinds(path: Path) -> None:
             f"cannot record to {path.parent}: {path.name} is there and is {_kind(mode)}, "
             "not a regular file"
         )
+
+
+def _remove_parts(folder: Path) -> None:
+    """Take away the samples of a run that was killed.
+
+    Raises:
+        RecordError: Something else is there.
+        OSError: Something else is in it.
+    """
+    try:
+        mode = folder.lstat().st_mode
+    except FileNotFoundError:
+        return
+    if not stat.S_ISDIR(mode):
+        raise RecordError(f"cannot record to {folder.parent}: {folder.name} is there, no folder")
+    for part in folder.glob("*.npy"):
+        part.unlink()
+    folder.rmdir()
 
 
 def _kind(mode: int) -> str:

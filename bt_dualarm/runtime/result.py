@@ -17,7 +17,8 @@ class LeafResult:
     """What one leaf did. A leaf that ran several times speaks of its last run.
 
     Attributes:
-        runs: Every run of the leaf, in the order in which they began; at least one.
+        runs: Every run of the leaf, as in `ArmResult`, in the order in which they began; at least
+            one.
         series: What the leaf measured over time in all its runs, by name.
     """
 
@@ -96,9 +97,13 @@ class ArmResult:
             the last one where the file says ``last_life_counts``.
         ended_s: Simulated time in seconds at which its tree ended last; None if it did not.
         clipped_setpoints: Number of set-points that its controller had to clip to its limits.
-        runs: Every run of every leaf, in the order in which they began.
+        runs: Every run of every leaf, in the order in which they began; of a leaf that runs over
+            and over the first 200 and the last 200.
+        runs_left_out: Number of runs in between that were dropped.
         fault: What broke the tree itself rather than a leaf of it, else empty.
-        lives: Each of its stays in the world; none of an arm that was never spawned.
+        lives: Each of its stays in the world, or the first 50 and the last 51; none of an arm that
+            was never spawned.
+        lives_left_out: Number of lives in between that were dropped.
         removable: Whether the file forgives that it was taken away before its tree had ended.
         guard: Smallest distances while it moved, and what its guard did.
         series: What its leaves measured over time, by the leaf's path and by name.
@@ -110,8 +115,10 @@ class ArmResult:
     ended_s: float | None = None
     clipped_setpoints: int = 0
     runs: tuple[LeafReport, ...] = ()
+    runs_left_out: int = 0
     fault: str = ""
     lives: tuple[ArmLife, ...] = ()
+    lives_left_out: int = 0
     removable: bool = False
     guard: Mapping[str, Number] = field(default_factory=dict)
     series: Mapping[str, Mapping[str, Series]] = field(default_factory=dict)

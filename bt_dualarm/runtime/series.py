@@ -11,10 +11,13 @@ import numpy.typing as npt
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.skill.samples import Samples
 
+MOST_SAMPLES = 1 << 15
+"""Samples of one series that are kept: two minutes at 250 Hz."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Series:
-    """One quantity of one leaf over time.
+    """One quantity of one leaf over time; of more than 32,768 samples every second, fourth, ….
 
     Attributes:
         arm: Name of the arm.
@@ -83,7 +86,7 @@ class SeriesLog:
 
 
 class _Samples:
-    """A series that grows.
+    """A series that grows; a long one is thinned.
 
     Args:
         name: Name of the series.
@@ -91,8 +94,9 @@ class _Samples:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._time: list[npt.NDArray[np.float64]] = []
-        self._values: list[npt.NDArray[np.float64]] = []
+        self._rows = np.empty((0, 0))
+        self._kept, self._seen, self._stride = 0, 0, 1
+        self._last = 0.0
 
     def add(self, samples: Samples) -> None:
         """Take samples up that go with those before.
@@ -100,10 +104,28 @@ class _Samples:
         Raises:
             SkillError: They do not.
         """
-        if self._time:
-            samples.refuse_after(self._name, self._time[-1][-1], self._values[0].shape[1])
-        self._time.append(samples.time)
-        self._values.append(samples.values)
+        if self._seen:
+            samples.refuse_after(self._name, self._last, self._rows.shape[1] - 1)
+        self._last = float(samples.time[-1])
+        rows = np.column_stack((samples.time, samples.values))
+        first = -self._seen % self._stride
+        self._seen += len(rows)
+        self._append(rows[first :: self._stride])
 
     def arrays(self) -> tuple[Vector, Matrix]:
-        return np.concatenate(self._time), np.concatenate(self._values)
+        rows = self._rows[: self._kept]
+        return rows[:, 0].copy(), rows[:, 1:].copy()
+
+    def _append(self, rows: Matrix) -> None:
+        needed = self._kept + len(rows)
+        if needed > len(self._rows):
+            grown = np.empty((max(needed, 2 * len(self._rows)), rows.shape[1]))
+            if self._kept:
+                grown[: self._kept] = self._rows[: self._kept]
+            self._rows = grown
+        self._rows[self._kept : needed] = rows
+        self._kept = needed
+        while self._kept > MOST_SAMPLES:
+            self._rows = self._rows[: self._kept : 2].copy()
+            self._kept = len(self._rows)
+            self._stride *= 2

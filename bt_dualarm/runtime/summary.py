@@ -29,12 +29,15 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
 
 
-def summary_of(result: RunResult, attachments: Sequence[Mapping[str, object]]) -> dict[str, object]:
+def summary_of(
+    result: RunResult, attachments: Sequence[Mapping[str, object]], attachments_left_out: int
+) -> dict[str, object]:
     """The content of ``summary.json``; names carry their units.
 
     Args:
         result: What the run did.
-        attachments: Every attachment that there was.
+        attachments: Every attachment, or the first and the last ones if there were many.
+        attachments_left_out: Number of attachments in between.
     """
     summary = {
         "outcome": result.outcome,
@@ -50,6 +53,7 @@ def summary_of(result: RunResult, attachments: Sequence[Mapping[str, object]]) -
         "versions": versions(),
         "renderer": result.renderer,
         "attachments": attachments,
+        "attachments_left_out": attachments_left_out,
         "arms": {arm.name: _arm(arm) for arm in result.arms.values()},
     }
     return {name: json_ready(value) for name, value in summary.items()}
@@ -61,8 +65,10 @@ def _arm(arm: ArmResult) -> dict[str, object]:
         "robot": arm.robot,
         "fault": arm.fault,
         "lives": [vars(life) for life in arm.lives],
+        "lives_left_out": arm.lives_left_out,
         "clipped_setpoints": arm.clipped_setpoints,
         "guard": arm.guard,
+        "runs_left_out": arm.runs_left_out,
         "leaves": [run.as_dict() for run in arm.runs],
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
 
@@ -14,6 +15,12 @@ from bt_dualarm.runtime.schedule import Periodic, exact
 
 SAMPLE_PERIOD = Fraction(1, 100)
 """Seconds between two samples."""
+
+MOST_POINTS = 1 << 17
+"""Positions that are kept for pictures: four minutes of eight things, or less."""
+
+_FEWEST = 4
+"""Things for which each sample counts, however few there are."""
 
 
 class TrackedArm(Protocol):
@@ -57,8 +64,29 @@ class SampledWorld(Protocol):
         """Id of an object's body."""
 
 
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Where all things were at one time.
+
+    Attributes:
+        time: Simulated time in seconds.
+        names: ``tool_<arm>`` and ``object_<name>`` of the things in the world.
+        points: Their positions in the world, of shape (n, 3), m.
+    """
+
+    time: float
+    names: tuple[str, ...]
+    points: Matrix
+
+    def point(self, name: str) -> Vector | None:
+        """Position of one thing, of shape (3,), m; None if it was not in the world."""
+        return self.points[self.names.index(name)] if name in self.names else None
+
+
 class Tracks:
-    """World positions of tools and objects at 100 Hz of simulated time.
+    """World positions of tools and objects at 100 Hz of simulated time, thinned for pictures.
+
+    What it keeps is bounded: of a long run every second sample, every fourth, and so on.
 
     Args:
         world: The world, whose things may come and go.
@@ -75,26 +103,29 @@ class Tracks:
         self._names: tuple[str, ...] = ()
         self._sites: list[int] = []
         self._bodies: list[int] = []
-        self._samples: list[tuple[float, tuple[str, ...], Matrix]] = []
+        self._kept: list[Sample] = []
+        self._seen, self._stride = 0, 1
         self.bases: dict[str, Vector] = {}
 
-    def after_step(self) -> None:
+    def after_step(self) -> Sample | None:
         """Take a sample if one is due."""
         due = self._due.due(self._steps)
         self._steps += 1
         if not due:
-            return
+            return None
         if self._bound_to != self._world.generation:
             self._bind()
         data = self._world.data
         points = np.concatenate([data.site_xpos[self._sites], data.xpos[self._bodies]])
         # After a step the positions are those that the step began with.
-        self._samples.append((self._world.time - self._world.timestep, self._names, points))
+        sample = Sample(self._world.time - self._world.timestep, self._names, points)
+        self._keep(sample)
+        return sample
 
     @property
     def time(self) -> Vector:
-        """Simulated seconds of the samples, of shape (n,)."""
-        return np.array([time for time, _, _ in self._samples])
+        """Simulated seconds of the samples that are kept, of shape (n,)."""
+        return np.array([sample.time for sample in self._kept])
 
     def positions(self) -> dict[str, Matrix]:
         """Metres in the world, each of shape (n, 3), NaN where a thing was not in the world.
@@ -102,12 +133,20 @@ class Tracks:
         Keys are ``tool_<arm>`` and ``object_<name>``, in the order in which they were first seen.
         """
         found: dict[str, Matrix] = {}
-        for row, (_, names, points) in enumerate(self._samples):
-            for name, point in zip(names, points, strict=True):
+        for row, sample in enumerate(self._kept):
+            for name, point in zip(sample.names, sample.points, strict=True):
                 if name not in found:
-                    found[name] = np.full((len(self._samples), 3), np.nan)
+                    found[name] = np.full((len(self._kept), 3), np.nan)
                 found[name][row] = point
         return found
+
+    def _keep(self, sample: Sample) -> None:
+        if self._seen % self._stride == 0:
+            self._kept.append(sample)
+        self._seen += 1
+        if len(self._kept) * max(len(sample.names), _FEWEST) > MOST_POINTS:
+            self._kept = self._kept[::2]
+            self._stride *= 2
 
     def _bind(self) -> None:
         world = self._world

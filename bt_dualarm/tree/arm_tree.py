@@ -7,7 +7,8 @@ from typing import TypeAlias, cast
 from py_trees.common import Status
 
 from bt_dualarm.tree.leaf import Leaf
-from bt_dualarm.tree.report import LeafReport, NodeView, StatusName
+from bt_dualarm.tree.leaf_reports import LeafReports
+from bt_dualarm.tree.report import NodeView, StatusName
 from bt_dualarm.tree.watched import NAMES, Watched
 
 TreeNode: TypeAlias = Leaf | Watched
@@ -19,13 +20,13 @@ class ArmTree:
 
     Args:
         root: Top node; all nodes have their places.
-        leaves: List that the leaves fill.
+        leaves: Reports that the leaves fill.
 
     Attributes:
         leaves: Report of each run of a leaf, in the order of their starts.
     """
 
-    def __init__(self, root: TreeNode, leaves: list[LeafReport]) -> None:
+    def __init__(self, root: TreeNode, leaves: LeafReports) -> None:
         self._root = root
         self.leaves = leaves
 

@@ -18,8 +18,9 @@ from bt_dualarm.tree.arm_tree import ArmTree, TreeNode
 from bt_dualarm.tree.binding import BoundPorts, Outputs
 from bt_dualarm.tree.board import Board
 from bt_dualarm.tree.leaf import Leaf
+from bt_dualarm.tree.leaf_reports import LeafReports
 from bt_dualarm.tree.parts import Parts
-from bt_dualarm.tree.report import LeafReport, StatusChange
+from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.tree.watched import Teller, Watched
 from bt_dualarm.tree.words import WordSkill
 
@@ -76,7 +77,7 @@ class _Builder:
         self._make_context = make_context
         self._teller = teller
         self._board = Board()
-        self.reports: list[LeafReport] = []
+        self.reports = LeafReports()
 
     def node(self, spec: NodeSpec, path: str) -> TreeNode:
         children = tuple(

@@ -13,6 +13,7 @@ from py_trees.common import Status
 from bt_dualarm.errors import RAISED_BY_SKILLS, Failure, Number, Overrun, SkillError
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.wording import one_line
+from bt_dualarm.tree.leaf_reports import LeafReports
 from bt_dualarm.tree.report import LeafReport
 from bt_dualarm.tree.skill_run import SkillRun
 from bt_dualarm.tree.watched import NAMES, Teller
@@ -49,7 +50,7 @@ class Leaf(Behaviour):
         name: Name that people are shown.
         begin: Maker of a new skill for a new run; may raise, as every call into a skill may.
         arm: Arm in the hands of this leaf.
-        reports: List that takes a report of each run.
+        reports: Taker of a report of each run.
     """
 
     def __init__(
@@ -57,7 +58,7 @@ class Leaf(Behaviour):
         name: str,
         begin: Callable[[], Skill],
         arm: HeldArm,
-        reports: list[LeafReport],
+        reports: LeafReports,
     ) -> None:
         self.path = name
         self.kind = name
@@ -136,7 +137,7 @@ class Leaf(Behaviour):
         self.code = self.reason = ""
         time = self._teller.clock() if self._teller else 0.0
         self._report = LeafReport(self.path, self.kind, "RUNNING", time)
-        self._reports.append(self._report)
+        self._reports.add(self._report)
         return SkillRun(self._begin)
 
     def _close(self) -> str:

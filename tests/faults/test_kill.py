@@ -129,3 +129,8 @@ def test_killed_outright_it_leaves_what_has_happened(tmp_path: Path) -> None:
     assert len(events) >= 10, "what it had said is there; a line of the display is one of these"
     assert {event["arm"] for event in events} == {"arm1"}
     assert not (tmp_path / "out" / "summary.json").exists()
+    parts = tmp_path / "out" / "samples.parts"
+    time, tool = np.load(parts / "time.npy"), np.load(parts / "tool_arm1.npy")
+    assert len(time) >= 200, "all but the last two seconds"
+    assert tool.shape == (len(time), 3)
+    assert not np.isnan(tool).any()

@@ -15,6 +15,7 @@ from bt_dualarm.runtime.parts import Observer, RunView
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
 from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.tree.leaf_reports import LeafReports
 from bt_dualarm.tree.report import LeafReport, NodeView, StatusChange, StatusName
 
 Diary = list[str]
@@ -84,7 +85,8 @@ class FakeTree:
     def __init__(self, name: str, world: FakeWorld, watch: Watch, script: Iterator[object]) -> None:
         self.name = name
         self.status: StatusName = "INVALID"
-        self.leaves: list[LeafReport] = []
+        self.leaves = LeafReports()
+        self._leaf: LeafReport | None = None
         self.halts = 0
         self._world = world
         self._watch = watch
@@ -92,8 +94,9 @@ class FakeTree:
 
     def tick(self) -> None:
         self._world.write(f"tick {self.name}")
-        if not self.leaves:
-            self.leaves.append(LeafReport("work", "work", "RUNNING", self._world.time))
+        if self._leaf is None:
+            self._leaf = LeafReport("work", "work", "RUNNING", self._world.time)
+            self.leaves.add(self._leaf)
         verdict = next(self._script, "SUCCESS")
         self._become("FAILURE" if verdict == "FAILURE" else "RUNNING" if not verdict else "SUCCESS")
 
@@ -112,9 +115,11 @@ class FakeTree:
             self._world.time, self.name, "work", "work", self.status, status, code
         )
         self._watch.note(change)
-        self.status = self.leaves[0].status = status
-        if status != "RUNNING":
-            self.leaves[0].ended_s = self._world.time
+        self.status = status
+        if self._leaf is not None:
+            self._leaf.status = status
+            if status != "RUNNING":
+                self._leaf.ended_s = self._world.time
 
 
 class FakeEye:

@@ -135,7 +135,7 @@ def record(
     series = SeriesLog()
     states = StateLog(world)
     taken = RecordFolder(folder, ["arm1"])
-    recorder = Recorder(folder, world, states, [])
+    recorder = Recorder(folder, world, states, list)
     for step in range(300):
         if step == 100:
             world.attachments.append(Held("arm1", "cube", world.time))
@@ -173,6 +173,7 @@ def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path)
         "versions",
         "renderer",
         "attachments",
+        "attachments_left_out",
         "arms",
     ]
     assert (summary["outcome"], summary["seed"], summary["renderer"]) == ("SUCCESS", 5, "ray")
@@ -181,7 +182,8 @@ def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path)
     assert summary["ending"] == "every tree has ended"
     assert (summary["error"], summary["at_rest"]) == ("", True)
     arm = summary["arms"]["arm1"]
-    fields = ["outcome", "robot", "fault", "lives", "clipped_setpoints", "guard", "leaves"]
+    fields = ["outcome", "robot", "fault", "lives", "lives_left_out"]
+    fields += ["clipped_setpoints", "guard", "runs_left_out", "leaves"]
     assert list(arm) == fields
     leaf = summary["arms"]["arm1"]["leaves"][0]
     assert list(leaf) == [
@@ -413,7 +415,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
 
 def test_the_log_keeps_tracebacks(tmp_path: Path) -> None:
     logger, world, log = logging.getLogger("bt_dualarm.test"), FallingWorld(), LogCapture()
-    recorder = Recorder(tmp_path, world, StateLog(world), log.lines)
+    recorder = Recorder(tmp_path, world, StateLog(world), log.take)
     with log.during():
         try:
             raise RuntimeError("boom")
@@ -429,7 +431,7 @@ def test_the_log_keeps_tracebacks(tmp_path: Path) -> None:
 
 def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     world = FallingWorld()
-    recorder = Recorder(tmp_path, world, StateLog(world), [])
+    recorder = Recorder(tmp_path, world, StateLog(world), list)
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")

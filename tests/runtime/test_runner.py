@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from bt_dualarm.runtime.lives import MOST_LIVES
 from bt_dualarm.runtime.outcome import Ending, Leniency, Outcome
 from bt_dualarm.runtime.parts import RunView
 from bt_dualarm.runtime.runner import Limit
@@ -252,6 +253,33 @@ def test_a_life_that_went_wrong_is_not_forgotten_when_the_arm_is_spawned_anew(
     assert (result.outcome is Outcome.SUCCESS) == good
     assert result.arms["arm2"].outcome == ("SUCCESS" if good else wanted)
     assert result.arms["arm2"].fault == ("tree raised RuntimeError: boom" * (first == "raises"))
+
+
+@pytest.mark.parametrize("bad", [None, 3, 60])
+def test_no_life_is_forgotten_however_many_there_are(bad: int | None) -> None:
+    """Of those in the middle only the outcome counts; nothing else is kept of them."""
+    count = 2 * MOST_LIVES + 30
+    stage = Stage({"arm1": iter(()), "arm2": ticks(0)})
+
+    def replace() -> Iterator[object]:
+        for life in range(count):
+            stage.scripts["arm2"] = ticks(0, "FAILURE" if life == bad else "SUCCESS")
+            stage.world.arms["arm2"] = None
+            yield None
+            yield None
+            stage.world.remove_arm("arm2")
+            yield None
+        stage.world.arms["arm2"] = None
+        stage.scripts["arm2"] = ticks(0)
+        yield "SUCCESS"
+
+    stage.scripts["arm1"] = replace()
+    arm = stage.run().arms["arm2"]
+    assert arm.outcome == ("SUCCESS" if bad is None else "FAILURE")
+    assert len(arm.lives) == 2 * MOST_LIVES + 1
+    assert len(arm.lives) + arm.lives_left_out >= count
+    assert len(arm.runs) == len(arm.lives)
+    assert arm.runs_left_out == arm.lives_left_out
 
 
 def test_an_arm_that_nobody_spawned_is_no_failure() -> None:

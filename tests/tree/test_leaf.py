@@ -295,4 +295,4 @@ def test_a_reason_is_one_line_that_can_be_shown(raises: str, tmp_path: Path) -> 
     reason = stage.tree.view().reason
     assert reason.endswith("red \ufffd[31m, bell \ufffd, \ufffdback")
     assert reason.isprintable()
-    assert stage.tree.leaves[0].reason in reason
+    assert next(iter(stage.tree.leaves)).reason in reason
