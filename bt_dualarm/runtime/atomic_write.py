@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from secrets import token_hex
@@ -29,6 +30,12 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def leftovers(path: Path) -> list[Path]:
+    """Files beside that place which a process left there when it was killed while it wrote."""
+    ending = re.compile(re.escape(f".{path.name}.") + r"\d+\.[0-9a-f]{8}")
+    return [beside for beside in path.parent.iterdir() if ending.fullmatch(beside.name)]
 
 
 def write_text(path: Path, text: str) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from bt_dualarm.errors import DualArmError
+from bt_dualarm.runtime.atomic_write import leftovers
 
 SUMMARY, EVENTS, SAMPLES = "summary.json", "events.jsonl", "samples.npz"
 LOG, DIVERGENCE = "run.log", "divergence.npz"
@@ -96,6 +97,8 @@ class RecordFolder:
             _remove_parts(self.path / PARTS)
             for name in (*names, *_plots_of(earlier or ())):
                 (self.path / name).unlink(missing_ok=True)
+                for half in leftovers(self.path / name):
+                    half.unlink(missing_ok=True)
         except OSError as error:
             raise _cannot(self.path, error) from error
 

@@ -104,6 +104,22 @@ def test_a_folder_that_a_killed_run_has_left_is_free(tmp_path: Path) -> None:
         assert names(tmp_path) == {LOCK}
 
 
+def test_files_that_a_killed_run_was_writing_are_taken_away(tmp_path: Path) -> None:
+    """Its own only: they are hidden, and nobody else would find them."""
+    program = (
+        "import os, sys; from pathlib import Path; "
+        "from bt_dualarm.runtime.atomic_write import write_atomically; "
+        "write_atomically(Path(sys.argv[1]), lambda file: os.kill(os.getpid(), 9))"
+    )
+    for name in ("arm1_time.png", "mine.png"):
+        subprocess.run([sys.executable, "-c", program, str(tmp_path / name)], check=False)
+    (tmp_path / ".arm1_time.png").touch()
+    assert len(names(tmp_path)) == 3
+    with RecordFolder(tmp_path, ["arm1"]):
+        left = names(tmp_path) - {LOCK, ".arm1_time.png"}
+    assert [name.partition(".png")[0] for name in left] == [".mine"]
+
+
 def test_a_second_run_is_kept_out_until_the_first_is_over(tmp_path: Path) -> None:
     """Of two runs into one folder, one was lost without a word."""
     with RecordFolder(tmp_path, ["arm1"]):
