@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import mujoco
+import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.spec.document import ObjectSpec, TreeFile
 from bt_dualarm.spec.reality import RealityErrors, resolved
@@ -40,6 +42,7 @@ class Equipment:
         self._file, self._robots, self._seed = file, robots, seed
         self.hardware: dict[str, ArmHardware] = {}
         self.nominal: dict[str, NominalArm] = {}
+        self._addresses: dict[str, npt.NDArray[np.int64]] = {}
         self.errors: dict[str, RealityErrors] = {
             name: resolved(file.world.reality, arm.reality, REALITY_SETS)
             for name, arm in file.arms.items()
@@ -75,11 +78,13 @@ class Equipment:
 
     def connect(
         self,
+        model: mujoco.MjModel,
         arms: Mapping[str, ArmBody],
         held: Iterable[Attachment],
         objects: Mapping[str, ObjectSpec],
     ) -> None:
         """Belong to what was recompiled: the plant's arms, and what they hold now."""
+        self._model, self._sensed, self._addresses = model, mujoco.MjData(model), {}
         loads: dict[str, list[NominalLoad]] = {name: [] for name in arms}
         for one in held:
             known = self.errors[one.arm].payload.known
@@ -87,12 +92,20 @@ class Equipment:
             loads[one.arm].append(load)
         for name, body in arms.items():
             self.hardware[name].connect(body)
+            self._addresses[name] = body.qpos_ids
             self.nominal[name].loads = tuple(loads[name])
 
-    def sense(self) -> None:
-        """Read the sensors of all arms."""
-        for hardware in self.hardware.values():
+    def sense(self, plant: mujoco.MjData) -> mujoco.MjData:
+        """Read the sensors of all arms; returns where everything is by them, for planning.
+
+        Arms are where their encoders say, objects where they are.
+        """
+        self._sensed.qpos[:] = plant.qpos
+        for name, hardware in self.hardware.items():
             hardware.sense()
+            self._sensed.qpos[self._addresses[name]] = hardware.q
+        mujoco.mj_kinematics(self._model, self._sensed)
+        return self._sensed
 
     def drive(self) -> None:
         """Let all drives act during the next step."""

@@ -17,12 +17,14 @@ class WorldView:
     Attributes:
         model: Compiled model; a new object after every change of the world's parts.
         data: State of the model; likewise.
+        sensed: Positions by the sensors, and where all bodies are by them; likewise.
         arms: Arms that are present, by name.
         objects: Objects that are present, by name.
     """
 
     model: mujoco.MjModel
     data: mujoco.MjData
+    sensed: mujoco.MjData
     arms: dict[str, ArmBody]
     objects: dict[str, ObjectSpec]
 

@@ -84,7 +84,7 @@ class World(WorldView):
 
     def sense(self) -> None:
         """Read all sensors; `step` does so at its end."""
-        self.equipment.sense()
+        self.sensed = self.equipment.sense(self.data)
 
     def refuse_overlaps(self) -> None:
         """Raise an `OverlapError` if an arm or object is inside another thing at the start."""
@@ -235,7 +235,7 @@ class World(WorldView):
             )
             for name in self.arms
         }
-        self.equipment.connect(self.arms, self.attachments, self.objects)
+        self.equipment.connect(self.model, self.arms, self.attachments, self.objects)
 
     def _add_arm(self, name: str) -> None:
         arm, robot, drawn = self._file.arms[name], self.robots[name], self.equipment.drawn[name]

@@ -91,7 +91,7 @@ class ArmDistance:
         """
         world, data = self._world, self.data
         self._look_as_far_as(horizons)
-        data.qpos[:] = world.data.qpos
+        data.qpos[:] = world.sensed.qpos
         for name, q in configurations.items():
             data.qpos[world.arms[name].qpos_ids] = q
         self._scratch.settle()

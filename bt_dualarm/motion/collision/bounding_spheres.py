@@ -42,7 +42,7 @@ class BoundingSpheres:
         self._of_sphere = np.repeat(self._shapes, repeats)
         self._moved = np.repeat(self._turned, repeats, axis=0)
         self._placed = np.vstack(pieces)
-        data = world.data
+        data = world.sensed
         # Views: looking a field up costs as much as a product of matrices.
         self._places, self._frames = data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)
         self._anchors, self._axes = data.xanchor, data.xaxis

@@ -72,7 +72,7 @@ class CollisionChecker:
     ) -> None:
         body = world.arms[arm]
         self.joints = body.robot.joints
-        self.present = body.q
+        self.present = world.hardware[arm].q
         self._addresses = body.qpos_ids
         self._joint_ids = world.model.dof_jntid[body.dof_ids]
         self._scratch = scratch = ScratchModel(world, (arm,))

@@ -58,7 +58,7 @@ class Clearance:
     def _gaps(self) -> dict[tuple[int, int], float]:
         """Of the pairs of a link and another thing that are near, in metres."""
         data = self._scratch.data
-        data.qpos[:] = self._world.data.qpos
+        data.qpos[:] = self._world.sensed.qpos
         self._scratch.settle()
         gaps: dict[tuple[int, int], float] = {}
         if data.ncon:

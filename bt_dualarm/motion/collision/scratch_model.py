@@ -69,7 +69,7 @@ class ScratchModel:
     def __init__(self, world: World, holders: Collection[str] = ()) -> None:
         self.model = copy.copy(world.model)
         self.model.opt.disableflags |= _ONE_CONTACT
-        self._positions: Vector = world.data.qpos.copy()
+        self._positions: Vector = world.sensed.qpos.copy()
         self._carried = tuple(
             Carried(world.pose_address(held.object), world.arms[held.arm].tool_body, held.relative)
             for held in world.attachments

@@ -25,7 +25,7 @@ class Posture:
     """
 
     def __init__(self, world: World, arm: str) -> None:
-        self._model, self._data = world.model, world.data
+        self._model, self._data = world.model, world.sensed
         self._body = world.arms[arm]
         self._limits = world.robots[arm].limits
         self._jacobian = np.zeros((6, world.model.nv))
@@ -34,8 +34,10 @@ class Posture:
 
     def look(self) -> None:
         """Measure both."""
-        q, limits, body = self._body.q, self._limits, self._body
+        limits, body = self._limits, self._body
+        q = self._data.qpos[body.qpos_ids]
         self.room = float(min((q - limits.lower).min(), (limits.upper - q).min()))
+        mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_jacSite(
             self._model, self._data, self._jacobian[:3], self._jacobian[3:], body.tool_site
         )

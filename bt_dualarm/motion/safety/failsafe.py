@@ -101,7 +101,7 @@ class FailSafeCheck:
             keep: Distances to keep in metres, by other arm.
         """
         away = self._hulls[self._arm].reach(
-            self._here(time).levers, np.abs(q - self._world.arms[self._arm].q).max(axis=0)
+            self._here(time).levers, np.abs(q - self._world.hardware[self._arm].q).max(axis=0)
         )
         near = {
             name: one
@@ -204,7 +204,7 @@ class FailSafeCheck:
             return one
         spheres = self._hulls[name].spheres()
         if one is None:  # its controller has not sent anything yet
-            q = self._world.arms[name].q[None]
+            q = self._world.hardware[name].q[None]
             return Reservation(0.0, self._period, q, 0.0, 0.0, spheres, self._generation)
         return replace(one, spheres=spheres, spread=2.0 * one.spread, generation=self._generation)
 

@@ -99,7 +99,7 @@ class PlanMonitor:
         return picked
 
     def _is_moving(self, body: str) -> bool:
-        arm = self._world.arms.get(body.partition("/")[0])
+        arm = self._world.hardware.get(body.partition("/")[0])
         return arm is not None and float(np.abs(arm.v).max()) > _RESTING
 
     def _others(self) -> dict[str, Vector]:
@@ -109,13 +109,13 @@ class PlanMonitor:
         """
         world = self._world
         held = world.attachments.attached_to(self._arm)
-        places = {name: body.q for name, body in world.arms.items() if name != self._arm}
+        places = {name: arm.q for name, arm in world.hardware.items() if name != self._arm}
         for name in world.objects.keys() - held:
             if world.objects[name].fixed:
                 places[name] = np.zeros(7)
             else:
                 start = world.pose_address(name)
-                places[name] = world.data.qpos[start : start + 7].copy()
+                places[name] = world.sensed.qpos[start : start + 7].copy()
         return places
 
     def _failure(self, contact: Contact) -> BlockedFailure:

@@ -79,6 +79,7 @@ def test_what_is_held_moves_with_the_arm() -> None:
     grasp = above(world, 0.0)
     world.data.qpos[body.qpos_ids] = grasp
     mujoco.mj_forward(world.model, world.data)
+    world.sense()
     low = kinematics.solve(Pose.from_rpy((0.45, 0.1, 0.03), DOWN), grasp)
     assert CollisionChecker(world, "arm1").free(low)
     world.attach("arm1", "cube")
@@ -113,8 +114,10 @@ def test_what_is_held_may_stay_as_deep_as_it_is_in_what_it_stands_on() -> None:
 
     world.data.qpos[body.qpos_ids] = grasp
     mujoco.mj_forward(world.model, world.data)
+    world.sense()
     world.attach("arm1", "cube")
     world.data.qpos[world.arms["arm1"].qpos_ids] = at(0.049)  # the cube is 1 mm in the floor
+    world.sense()
     checker = CollisionChecker(world, "arm1")
     assert checker.free(at(0.049))
     assert checker.free(at(0.1))

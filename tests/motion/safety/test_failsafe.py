@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -137,7 +136,7 @@ def test_no_posture_leads_farther_than_what_is_decided_once() -> None:
         for name, hull in hulls.items():
             limits = world.robots[name].limits
             world.data.qpos[world.arms[name].qpos_ids] = rng.uniform(limits.lower, limits.upper)
-            mujoco.mj_kinematics(world.model, world.data)
+            world.sense()
             spheres = hull.spheres()
             away = np.linalg.norm(spheres[:, :3] - hull.ball[0, :3], axis=1) + spheres[:, 3]
             assert away.max() <= hull.ball[0, 3] + 1e-9
@@ -161,7 +160,7 @@ def test_spheres_hold_the_arm_and_what_it_holds(seed: int) -> None:
     before = hulls[0].spheres()
     bound = hulls[0].reach(hulls[0].levers(before), np.abs(turn))
     world.data.qpos[world.arms["arm1"].qpos_ids] += turn
-    mujoco.mj_kinematics(world.model, world.data)
+    world.sense()
     arm1 = np.arange(len(before))[:-1]  # the cube is not moved with the arm here
     moved = np.linalg.norm(hulls[0].spheres()[arm1, :3] - before[arm1, :3], axis=1)
     assert moved.max() <= bound
@@ -171,7 +170,7 @@ def test_spheres_hold_the_arm_and_what_it_holds(seed: int) -> None:
     for name in world.arms:
         body = world.arms[name]
         world.data.qpos[body.qpos_ids] += rng.uniform(-0.5, 0.5, len(body.qpos_ids))
-    mujoco.mj_kinematics(world.model, world.data)
+    world.sense()
     true = separation.gap({}, 2.0).metres
     assert apart(hulls[0].spheres(), hulls[1].spheres()) <= true + 1e-6
 

@@ -40,6 +40,7 @@ class Scene:
         self.world = World(file_of(arms, things))
         body = self.world.arms["arm1"]
         body.data.qpos[body.qpos_ids] = RIGHT
+        self.world.sense()
         limits = body.robot.limits.scaled(speed)
         self.motion = TrajectorySource(point_to_point(RIGHT, LEFT, limits, DT))
         self.watch = PlanMonitor(self.world, "arm1", self.motion, frozenset())
@@ -57,6 +58,7 @@ class Scene:
         model = self.world.model
         start = int(model.jnt_qposadr[model.body_jntadr[self.world.object_body(thing)]])
         self.world.data.qpos[start : start + 3] = place
+        self.world.sense()
 
 
 def test_what_stood_there_when_the_motion_was_planned_is_no_matter() -> None:
@@ -115,8 +117,10 @@ def test_an_arm_that_passes_by_does_not_matter_but_one_that_stays_does() -> None
     scene.pass_by(0.3)
     other.data.qpos[other.qpos_ids[0]] += np.pi  # towards the first arm
     other.data.qvel[other.dof_ids[0]] = 1.0
+    scene.world.sense()
     scene.pass_by(0.5)
     other.data.qvel[other.dof_ids[0]] = 0.0
+    scene.world.sense()
     with pytest.raises(Failure, match="arm2/"):
         scene.pass_by(0.5)
 
