@@ -17,7 +17,7 @@ from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.problems import Problem
-from bt_dualarm.spec.reality import Reality
+from bt_dualarm.spec.reality import RealitySpec
 from bt_dualarm.spec.tree_input import TreeInput, is_yaml
 from bt_dualarm.world.rendering.renderer import RendererKind
 
@@ -40,7 +40,7 @@ def run(
     seed: int | None = None,
     duration: float | None = None,
     renderer: RendererKind | None = None,
-    reality: Reality | Mapping[str, object] | None = None,
+    reality: str | RealitySpec | Mapping[str, object] | None = None,
     record: str | os.PathLike[str] | None = None,
     real_time: bool = False,
     skills: Skills = (),
@@ -88,7 +88,7 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
     duration: float | None = None,
     stop: StopRequest | None = None,
     renderer: RendererKind | None = None,
-    reality: Reality | Mapping[str, object] | None = None,
+    reality: str | RealitySpec | Mapping[str, object] | None = None,
     record: str | os.PathLike[str] | None = None,
     real_time: bool = False,
     skills: Skills = (),

@@ -86,6 +86,7 @@ class ArmHardware:
     def connect(self, plant: PlantArm) -> None:
         """Belong to an arm of the plant; anew after each recompilation."""
         self._plant = plant
+        self._rubbing.connect(plant.model, plant.data, plant.dof_ids)
 
     def sense(self) -> None:
         """Read the sensors; a second time at the same moment changes nothing."""
@@ -93,12 +94,12 @@ class ArmHardware:
         if plant is None:
             return
         data = plant.data
-        self.stamp = float(data.time)
-        self._encoders.read(data.qpos[plant.qpos_ids], data.qvel[plant.dof_ids], self.stamp)
+        self.stamp = stamp = data.time
+        self._encoders.read(data.qpos[plant.qpos_ids], data.qvel[plant.dof_ids], stamp)
         self.q, self.v = self._encoders.q, self._encoders.v
-        while self._past and self._past[-1][0] >= self.stamp:
+        while self._past and self._past[-1][0] >= stamp:
             self._past.pop()
-        self._past.append((self.stamp, self.q))
+        self._past.append((stamp, self.q))
 
     def q_at(self, time: float) -> Vector:
         """Positions by the encoders at a time in s, between readings on a line, of shape (dof,).
@@ -122,16 +123,15 @@ class ArmHardware:
             torque: Torques of the joints, of shape (dof,), N m, within their efforts.
         """
         self.commanded = torque
+        self._drives.command(torque)
         if self._plant is not None and self._drives.is_ideal:
             self._plant.data.ctrl[self._plant.actuator_ids] = torque
 
     def drive(self) -> None:
         """Let the drives act during the next step of physics."""
         if self._plant is not None and not self._drives.is_ideal:
-            torque = self._drives.torque(self.commanded)
-            self._plant.data.ctrl[self._plant.actuator_ids] = torque
+            self._plant.data.ctrl[self._plant.actuator_ids] = self._drives.torque()
 
     def rub(self) -> None:
         """Set the joints' friction for the velocities that the plant has now."""
-        if self._plant is not None:
-            self._rubbing.act(self._plant.model, self._plant.data, self._plant.dof_ids)
+        self._rubbing.act()

@@ -31,19 +31,27 @@ class Drives:
         corner = 2 * math.pi * errors.bandwidth * timestep
         self._share = -math.expm1(-corner) if corner else 1.0
         self._sent: deque[Vector] = deque(maxlen=int(whole) + 2)
+        self._wanted = np.zeros_like(effort)
         self._torque: Vector | None = None
         self.is_ideal = not (errors.delay or corner or errors.quantum) and bool((gain == 1).all())
 
-    def torque(self, commanded: Vector) -> Vector:
-        """Torque at the joints during the next step, of shape (dof,), N m."""
-        wanted = commanded
+    def command(self, torque: Vector) -> None:
+        """Take up torques of shape (dof,), N m, that hold until the next."""
         if self._quantum.any():
-            wanted = np.round(wanted / self._quantum) * self._quantum
+            torque = np.rint(torque / self._quantum) * self._quantum
+        self._wanted = self._gain * torque
+
+    def torque(self) -> Vector:
+        """Torque at the joints during the next step, of shape (dof,), N m."""
+        sent, wanted = self._sent, self._wanted
         if self._torque is None:  # an arm comes as if its drives had held it for long
-            self._sent.extend([wanted] * (self._sent.maxlen or 0))
-            self._torque = self._gain * wanted
-        self._sent.append(wanted)
-        old, young = self._sent[0], self._sent[1]
-        wanted = self._gain * (young + self._rest * (old - young))
+            sent.extend([wanted] * (sent.maxlen or 0))
+            self._torque = wanted
+        sent.append(wanted)
+        if sent[0] is not sent[1] and self._rest:
+            wanted = sent[1] + self._rest * (sent[0] - sent[1])
+        else:
+            wanted = sent[1]
         self._torque = self._torque + self._share * (wanted - self._torque)
-        return np.clip(self._torque, -self._effort, self._effort)
+        within: Vector = np.minimum(np.maximum(self._torque, -self._effort), self._effort)
+        return within

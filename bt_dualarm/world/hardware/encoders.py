@@ -43,9 +43,9 @@ class Encoders:
         A second reading of one moment takes the place of the first.
         """
         if self._noise:
-            q = q + self._rng.normal(0.0, self._noise, q.shape)
+            q = q + self._noise * self._rng.standard_normal(len(q))
         if self._resolution:
-            q = np.round(q / self._resolution) * self._resolution
+            q = np.rint(q * (1.0 / self._resolution)) * self._resolution
         self.q = q
         if self._steps:
             self._forget(stamp)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.pose import Vector
 
@@ -68,17 +70,31 @@ class JointFriction:
 
     def level(self, v: Vector) -> Vector:
         """Dry friction at velocities, of shape (dof,), N m."""
+        if not self._drop.any():
+            return self.coulomb
         fall = np.exp(-np.square(v / self.stribeck_velocity))
-        level: Vector = self.coulomb + (self.static - self.coulomb) * fall
+        level: Vector = self.coulomb + self._drop * fall
         return level
+
+    @cached_property
+    def _drop(self) -> Vector:
+        """How much dry friction falls once a joint moves, of shape (dof,), N m."""
+        drop: Vector = self.static - self.coulomb
+        return drop
 
     def build_up(self, v: Vector) -> Vector:
         """Share of the dry friction that acts at velocities, of shape (dof,), from -1 to 1."""
+        gentle, rise, start = self._rising
+        smooth = np.tanh((v + self.offset) / rise) - start
+        share: Vector = smooth if gentle.all() else np.where(gentle, smooth, np.sign(v))
+        return share
+
+    @cached_property
+    def _rising(self) -> tuple[npt.NDArray[np.bool_], Vector, Vector]:
+        """Which joints' friction builds up, over which speed, and the sigmoid where they stand."""
         gentle = self.rise > 0
         rise = np.where(gentle, self.rise, 1.0)
-        smooth = np.tanh((v + self.offset) / rise) - np.tanh(self.offset / rise)
-        share: Vector = np.where(gentle, smooth, np.sign(v))
-        return share
+        return gentle, rise, np.tanh(self.offset / rise)
 
     def scaled(self, dry: Vector, viscous: Vector, most: Vector) -> JointFriction:
         """Another robot of the batch.
