@@ -19,6 +19,7 @@ from bt_dualarm.experiments.cases import (
     CurveName,
     RendererName,
 )
+from bt_dualarm.spec.reality import REALITY_NAMES
 
 _EXAMPLES: Final = """\
 examples:
@@ -63,6 +64,8 @@ def command_line() -> argparse.ArgumentParser:
     add("--latency", type=float, metavar="S", help="of a frame (default: the time of one frame)")
     add("--drop", type=float, default=0.0, help="share of the frames that get lost, 0 to 0.9")
     add("--noise", type=float, default=0.0, metavar="PX", help="shake of the camera")
+    told = "how far both arms are from what is believed of them (default: ideal)"
+    add("--reality", choices=REALITY_NAMES, default="ideal", help=told)
     add(
         "--jerk",
         type=float,
@@ -110,6 +113,7 @@ def cells_of(arguments: argparse.Namespace) -> Iterator[Cell]:
         "drop": arguments.drop,
         "noise": arguments.noise,
         "jerk": arguments.jerk,
+        "reality": arguments.reality,
     }
     curves = _curves(arguments)
     single = len(curves) == 1 and arguments.controller

@@ -12,6 +12,7 @@ import numpy as np
 from bt_dualarm.pose import Matrix
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.spec.reader import read_text
+from bt_dualarm.spec.reality import RealityName
 from bt_dualarm.spec.source import with_tuples
 
 CurveName: TypeAlias = Literal["circle", "lissajous", "drawn"]
@@ -71,6 +72,7 @@ class Cell:
         drop: Share of the frames that get lost.
         noise: Shake of the camera in px.
         jerk: Share of the leading arm's limit of jerk that it uses.
+        reality: How far both arms are from what is believed of them.
         more: Further parameters of the tree file.
         label: Name in tables; by default curve and speed.
     """
@@ -84,6 +86,7 @@ class Cell:
     drop: float = 0.0
     noise: float = 0.0
     jerk: float = JERK
+    reality: RealityName = "ideal"
     more: Mapping[str, str] = field(default_factory=dict)
     label: str = ""
 
@@ -130,7 +133,8 @@ class Cell:
         """What to type to see this run again."""
         settings = (f"{name}={value}" for name, value in self.params.items())
         params = " ".join(f"--param {shlex.quote(setting)}" for setting in settings)
-        return f"bt-run {TREE} --renderer {self.renderer} --seed {seed} {params}"
+        options = f"--renderer {self.renderer} --reality {self.reality} --seed {seed}"
+        return f"bt-run {TREE} {options} {params}"
 
 
 def best_gain(case: CurveName, speed: float, fps: float) -> float:

@@ -57,7 +57,7 @@ def _conditions(result: Result) -> str:
     cell, seeds = result.cell, len(result.trials)
     camera = f"{cell.fps:g} Hz, {1e3 * cell.latency_s:.0f} ms late"
     faults = f"{cell.drop:.0%} lost, {cell.noise:g} px of shake"
-    runs = f"{cell.renderer}, {seeds} seed" + "s" * (seeds > 1)
+    runs = f"{cell.reality}, {cell.renderer}, {seeds} seed" + "s" * (seeds > 1)
     return f"{cell.name}: {runs}\n{camera}, {faults}"
 
 

@@ -126,7 +126,8 @@ def run_trial(
     """
     file = tree_file(cell, registry)
     file = file.model_copy(update={"objects": {**file.objects, **(objects or {})}})
-    with Run(file, registry, RunOptions(seed=seed, renderer=cell.renderer), stop=stop) as run:
+    options = RunOptions(seed=seed, renderer=cell.renderer, reality=cell.reality)
+    with Run(file, registry, options, stop=stop) as run:
         watch = MarginWatch(run.world, FOLLOWER)
         run.watch(watch)
         if meddler is not None:

@@ -64,6 +64,10 @@ class Prepared:
             name=self.name,
             seed=self.assembly.seed,
             renderer=self.renderer,
+            reality={
+                name: errors.model_dump(exclude_defaults=True)
+                for name, errors in self.assembly.world.equipment.errors.items()
+            },
             state_sha256=self.states.sha256,
         )
 

@@ -155,6 +155,8 @@ class RunResult:
         name: Name of the tree file.
         seed: Seed of everything random.
         renderer: ``gl``, ``ray``, or None where no arm has a camera.
+        reality: How far each arm was from what was believed of it, by the arm's name: what differs
+            from the ideal, as a file has it below ``reality``.
         state_sha256: Hash of the states that the simulation went through, in hexadecimal: equal
             for runs that are equal to the last bit.
     """
@@ -168,6 +170,7 @@ class RunResult:
     name: str = ""
     seed: int = 0
     renderer: str | None = None
+    reality: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     state_sha256: str = ""
 
     @property

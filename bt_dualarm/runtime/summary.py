@@ -48,6 +48,7 @@ def summary_of(
         "wall_time_s": result.wall_time_s,
         "real_time_factor": result.real_time_factor,
         "seed": result.seed,
+        "reality": result.reality,
         "state_sha256": result.state_sha256,
         "processor": processor(),
         "versions": versions(),

@@ -56,7 +56,7 @@ class TrackingScore:
         if self._target not in world.objects or self._arm.time < self._from:
             return
         self.times.append(self._arm.time)
-        self._tool.append(self._arm.tool_pose.position)
+        self._tool.append(world.arms[self._arm.name].tool_pose.position)
         self._truth.append(world.object_pose(self._target).position)
 
     def metrics(self, tracking: PlaneTracking) -> dict[str, Number]:

@@ -24,6 +24,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bt_dualarm as bt
+from bt_dualarm.errors import RunError
 from bt_dualarm.runtime.options import MOST_SEED
 
 REACH = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}}}
@@ -592,3 +593,18 @@ def test_the_module_is_bt_run() -> None:
     done = subprocess.run([*command, "--help"], capture_output=True, text=True, check=True)
     assert "Run the behaviour trees of a file" in done.stdout
     subprocess.run([*command, "circle", "--display", "quiet"], check=True)
+
+
+def test_a_run_says_which_robots_of_the_batch_it_had() -> None:
+    """An argument holds for all arms, a file for those it names; ideal is nothing to tell."""
+    tree = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty", "reality": "rough"},
+        "arms": {"arm1": {"robot": "ur5", "reality": "ideal", "tree": {"wait": 0.01}}},
+    }
+    assert bt.run(tree).reality == {"arm1": {}}
+    told = bt.run(tree, reality={"drive": {"delay": 0.002}, "links": {"mass": 0.1}}).reality
+    assert told == {"arm1": {"drive": {"delay": 0.002}, "links": {"mass": {"uniform": 0.1}}}}
+    assert bt.run(tree, reality="lab").reality["arm1"].keys() >= {"links", "friction", "camera"}
+    with pytest.raises(RunError, match="no reality 'lap'; did you mean 'lab'"):
+        bt.run(tree, reality="lap")

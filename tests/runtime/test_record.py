@@ -168,6 +168,7 @@ def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path)
         "wall_time_s",
         "real_time_factor",
         "seed",
+        "reality",
         "state_sha256",
         "processor",
         "versions",
