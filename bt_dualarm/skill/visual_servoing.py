@@ -7,7 +7,9 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.setpoints.planar_servo import PlanarServo
+from bt_dualarm.motion.setpoints.plane_reach import plane_reach
 from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.skill.briskness import briskness
 from bt_dualarm.skill.following_error import FollowingError
 from bt_dualarm.skill.tracking_reference import (
     PlaneView,
@@ -17,6 +19,7 @@ from bt_dualarm.skill.tracking_reference import (
 )
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.plane import Plane
+from bt_dualarm.vision.calm_estimate import CalmEstimate
 from bt_dualarm.vision.guessed_plane import OnGuessedPlane
 from bt_dualarm.vision.localise import Localiser
 from bt_dualarm.vision.plane_of_size import OnPlaneOfSize
@@ -25,10 +28,7 @@ from bt_dualarm.vision.tracker import TargetTracker
 from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
 
 _FACING = 0.5  # cosine between the camera's axis and the plane's normal
-_BANDWIDTH = (30.0, 150.0)  # rad/s, least and most
-_BANDWIDTH_PER_FPS = 4.0  # above it the noise of the estimate is followed, below it the target lags
 _GIVEN_DEPTH, _MEASURED_DEPTH = 3.0, 1.3  # factors by which a target's depth may be wrong
-_OLD_S = 0.1  # latency that halves the bandwidth
 
 
 class PlaneTracking:
@@ -76,7 +76,10 @@ class PlaneTracking:
             if target_size is None
             else OnPlaneOfSize(normal, target_size, cube=True)
         )
-        self._tracker = TargetTracker(camera, color, localiser)
+        allowed = plane_reach(arm.kinematics, self._limits, arm.setpoint.q, self._axes)
+        self._briskness = briskness(camera, allowed.jerk)
+        estimate = CalmEstimate(self._briskness.calmness)
+        self._tracker = TargetTracker(camera, color, localiser, estimate)
         self._reference = TrackingReference(
             self._tracker,
             PlaneView(self._axes, self._axes @ ahead, self._axes @ view.rotation_matrix[:, :2]),
@@ -86,7 +89,6 @@ class PlaneTracking:
             stale_after=stale_after(camera.latency, camera.period),
         )
         self._latency = camera.latency
-        self._bandwidth = _bandwidth(camera)
         self._middle = np.array((0.0, 0.0, distance))
         self._error = error
         self._stillness = Stillness(_MEASURED_DEPTH if target_size else _GIVEN_DEPTH)
@@ -148,7 +150,8 @@ class PlaneTracking:
             self._arm.setpoint,
             self._axes,
             self._reference,
-            self._bandwidth,
+            self._briskness.bandwidth,
+            self._briskness.slack,
         )
         self._arm.stream(servo)
 
@@ -198,13 +201,6 @@ class PlaneTracking:
             "old_data_steps": self._reference.old_data_steps,
             **self._error.metrics(),
         }
-
-
-def _bandwidth(camera: GuardedCamera) -> float:
-    """Of the servo, in rad/s: the less, the rarer, the older and the shakier the images are."""
-    doubt = 1.0 + camera.noise + camera.latency / _OLD_S
-    least, most = _BANDWIDTH
-    return max(least, min(most, _BANDWIDTH_PER_FPS / camera.period) / doubt)
 
 
 def _facing_camera(arm: Arm, plane: Plane) -> tuple[GuardedCamera, Pose]:

@@ -3,6 +3,6 @@
 In: frames of a camera, the colour to look for, what is known of the target's shape and plane.
 Out: a motion of the target, position, velocity and doubt, predicted to any time.
 Open first: `tracker` (puts it together); others: `detect` (image to pixels), `localise` (pixels to
-a point of the world), `outline` (parts that are covered), `estimate` (the filter), `motion_model`
-(how it moves), `stillness`.
+a point of the world), `outline` (parts that are covered), `estimate` (the filter), `calm_estimate`
+(a second one beside it), `motion_model` (how it moves), `stillness`.
 """

@@ -50,6 +50,11 @@ class TargetEstimate:
         self._measurements: list[_Measurement] = []
 
     @property
+    def seen(self) -> bool:
+        """Whether there has been a measurement."""
+        return bool(self._beliefs)
+
+    @property
     def stamp(self) -> float:
         """Time of the newest measurement in s.
 
@@ -109,9 +114,18 @@ class TargetEstimate:
         Raises:
             ValueError: There has been no measurement.
         """
+        return float(np.sum(np.square(self.innovation(stamp, position, sigma))))
+
+    def innovation(self, stamp: float, position: Vector, sigma: float | Vector) -> Vector:
+        """A measurement less its prediction, (n,), each axis in its standard deviations.
+
+        Raises:
+            ValueError: There has been no measurement.
+        """
         belief = self._moved(self._last, stamp)
-        innovation = position - belief.state[:, 0]
-        return float(np.sum(innovation**2 / (belief.covariance[:, 0, 0] + np.square(sigma))))
+        variance = belief.covariance[:, 0, 0] + np.square(sigma)
+        innovation: Vector = (position - belief.state[:, 0]) / np.sqrt(variance)
+        return innovation
 
     @property
     def _last(self) -> _Belief:

@@ -1,12 +1,10 @@
 """Following a moving target in a plane, at the control rate, within the arm's limits.
 
-The tool's acceleration is ``a = â + 2w(v̂ + u - v)``, where (p̂, v̂, â) is the target's motion and
-``u`` points to the target: ``w/2`` times the distance near it, and farther away no faster than the
-arm can brake. Near the target that is ``e'' + 2we' + w²e = 0``. The third axis and the orientation
-are held, and come first where the joints' accelerations do not suffice for both. Joint
-accelerations follow by ``q'' = J⁺(x'' - J'q')`` and are integrated, so that positions, velocities
-and accelerations always belong together (closed-loop inverse kinematics, Siciliano et al.,
-Robotics, 3.7.1 and 8.6.1).
+What the tool does in the plane says the following law, from what the joints allow there. The third
+axis and the orientation are held: they come first where the joints' accelerations, or the change of
+them in a period, do not suffice for both. Joint accelerations follow by ``q'' = J⁺(x'' - J'q')``
+and are integrated, so that positions, velocities and accelerations always belong together
+(closed-loop inverse kinematics, Siciliano et al., Robotics, 3.7.1 and 8.6.1).
 """
 
 from __future__ import annotations
@@ -18,7 +16,13 @@ import numpy as np
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.motion.setpoints.following_law import (
+    closing_velocity,
+    fading_acceleration,
+    following_gains,
+)
 from bt_dualarm.motion.setpoints.online_step import OnlineStep
+from bt_dualarm.motion.setpoints.plane_reach import pseudo_inverse, reach_by_rates
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.stopping_distance import StoppingFeasibility
 from bt_dualarm.pose import Matrix, Vector
@@ -39,9 +43,12 @@ LOST_RAD = 0.1
 BRAKING_BANDWIDTH = 8.0
 """With which the tool comes to rest when there is no target, rad/s."""
 
+SLACK_M = 1.5e-4
+"""Jump of a target in m that takes all of the jerk: a few times the noise of an estimate."""
+
+_BRAKING_SHARE = 0.3  # of the way to the acceleration that brakes, a period
 _BRAKE_SHARE = 0.5  # of the acceleration is planned for slowing down before the target
 _TOP_SHARE = 0.95  # of the velocity limits is planned for
-_DAMPING = 1e-6  # of the pseudo-inverse: keeps it finite at a singularity
 
 
 class PlaneTarget(NamedTuple):
@@ -69,7 +76,8 @@ class PlanarServo:
         start: The last set-point that was sent.
         axes: Unit vectors of the plane in the world, of shape (2, 3).
         target: Says where to go.
-        bandwidth: ``w`` in rad/s.
+        bandwidth: The most in rad/s with which it follows; the jerk of the joints may allow less.
+        slack: Jump of the target in m for which it may take all of the jerk.
 
     Attributes:
         time_scale: Share, from 0 to 1, of the velocity that it would have: the guard's to set.
@@ -84,6 +92,7 @@ class PlanarServo:
         axes: Matrix,
         target: TargetOf,
         bandwidth: float,
+        slack: float = SLACK_M,
     ) -> None:
         self._kinematics = kinematics
         self._limits = limits
@@ -91,6 +100,7 @@ class PlanarServo:
         self._axes = axes
         self._target = target
         self._bandwidth = bandwidth
+        self._slack = slack
         self._sent = self._now = start
         self._foresight = StoppingFeasibility(limits)
         self._pursuer = OnlineStep(limits, period)
@@ -113,15 +123,16 @@ class PlanarServo:
         twist = jacobian @ v
         self.displacement = self._axes @ (tool[:3, 3] - self._origin[:3, 3])
         self.velocity = self._axes @ twist[:3]
-        inverse = _pseudo_inverse(jacobian)
+        inverse = pseudo_inverse(jacobian)
+        rates = inverse[:, :3] @ self._axes.T
         drift = (jacobian - self._last_jacobian) @ v / self._period
         self._last_jacobian = jacobian
         hold = inverse @ (self._held(tool, twist) - drift)
         if len(q) > 6:
             rest = POSTURE_BANDWIDTH**2 * (self._posture - q) - 2 * POSTURE_BANDWIDTH * v
             hold += rest - inverse @ (jacobian @ rest)
-        move = inverse[:, :3] @ (self._pursuit(time, inverse) @ self._axes)
-        a = self._within(hold, move)
+        now = self._axes @ (jacobian @ self._now.a + drift)[:3]
+        a = self._within(hold, rates, now, *self._pursuit(time, rates))
         self._sent = self._feasible(SetPoint(q, v, a))
         self._now = self._after(self._sent)
         return self._sent
@@ -147,44 +158,52 @@ class PlanarServo:
             ((w * w * off - 2 * w * speed) * self._normal, w * w * turn - 2 * w * twist[3:])
         )
 
-    def _pursuit(self, time: float, inverse: Matrix) -> Vector:
-        """Acceleration in the plane, of shape (2,)."""
+    def _pursuit(self, time: float, rates: Matrix) -> tuple[Vector, float]:
+        """Acceleration wanted in the plane, (2,), and the share of the way to it in a period."""
+        reach = reach_by_rates(self._limits, rates)
         target = self._target(time, self.displacement)
         if target is None:
-            return -2 * BRAKING_BANDWIDTH * self.velocity
+            wanted = fading_acceleration(-self.velocity, 2 * BRAKING_BANDWIDTH, reach.jerk)
+            return wanted, _BRAKING_SHARE
+        gains = following_gains(self._bandwidth, self._slack, reach.jerk, self._period)
         away = target.position - self.displacement
-        distance = float(np.hypot(*away)) + 1e-12
-        braking = 2 * _BRAKE_SHARE * self._reachable_acceleration(inverse) * distance
-        closing = min(0.5 * self._bandwidth * distance, float(np.sqrt(braking)))
-        goal = target.velocity + away * (closing / distance)
-        share = self._passable_share(inverse, goal)
+        goal = target.velocity + closing_velocity(away, gains, reach)
+        share = self._passable_share(rates, goal)
         ahead = target.acceleration if share == 1.0 else 0.0
-        return ahead + 2 * self._bandwidth * (share * goal - self.velocity)
+        lack = share * goal - self.velocity
+        return ahead + fading_acceleration(lack, gains.b, reach.jerk), gains.f
 
-    def _passable_share(self, inverse: Matrix, velocity: Vector) -> float:
+    def _passable_share(self, rates: Matrix, velocity: Vector) -> float:
         """Share of a plane velocity that `time_scale` allows and the joints can stop from."""
         limits, q = self._limits, self._now.q
-        rates = inverse[:, :3] @ (velocity @ self._axes)
-        room = np.maximum(np.where(rates > 0, limits.upper - q, q - limits.lower), 0.0)
+        turning = rates @ velocity
+        room = np.maximum(np.where(turning > 0, limits.upper - q, q - limits.lower), 0.0)
         braking = np.sqrt(2 * _BRAKE_SHARE * limits.acceleration * room)
         most = np.minimum(braking, _TOP_SHARE * limits.velocity)
-        return float(min(self.time_scale, *(most / np.maximum(np.abs(rates), 1e-9)).tolist()))
+        return float(min(self.time_scale, *(most / np.maximum(np.abs(turning), 1e-9)).tolist()))
 
-    def _reachable_acceleration(self, inverse: Matrix) -> float:
-        """What the joints allow in the worse of the two directions, m/s²."""
-        per_unit = np.abs(inverse[:, :3] @ self._axes.T).max(axis=1)
-        return float(min((self._limits.acceleration / np.maximum(per_unit, 1e-6)).tolist()))
+    def _within(
+        self, hold: Vector, rates: Matrix, now: Vector, wanted: Vector, share: float
+    ) -> Vector:
+        """Joint accelerations, of shape (dof,), that hold, and move as far as the limits allow.
 
-    def _within(self, hold: Vector, move: Vector) -> Vector:
-        """Both accelerations, as much of the second as the limits leave, then less of both."""
-        limits, dt = self._limits, self._period
-        left = limits.acceleration - hold * np.sign(move)
-        share = min((left / np.maximum(np.abs(move), 1e-9)).tolist())
-        a = hold + min(max(share, 0.0), 1.0) * move
-        a *= min(1.0, 1.0 / max(1e-9, *(np.abs(a) / limits.acceleration).tolist()))
-        change = a - self._now.a
-        change *= min(1.0, 1.0 / max(1e-9, *(np.abs(change) / (limits.jerk * dt)).tolist()))
-        within: Vector = self._now.a + change
+        Args:
+            hold: Joint accelerations, of shape (dof,), that keep what is held.
+            rates: Joint accelerations by those in the plane, of shape (dof, 2).
+            now: Acceleration in the plane that was sent last, of shape (2,).
+            wanted: The one that is wanted.
+            share: Part of the way from one to the other that is to be gone.
+        """
+        top, last = self._limits.acceleration, self._now.a
+        change = self._limits.jerk * self._period
+        wanted = wanted * _passable(hold, rates @ wanted, -top, top)
+        step = share * (wanted - now)
+        kept = hold + rates @ now
+        a = kept + _passable(kept, rates @ step, last - change, last + change) * (rates @ step)
+        a *= min(1.0, 1.0 / max(1e-9, *(np.abs(a) / top).tolist()))
+        turn = a - last
+        turn *= min(1.0, 1.0 / max(1e-9, *(np.abs(turn) / change).tolist()))
+        within: Vector = last + turn
         return within
 
     def _feasible(self, wanted: SetPoint) -> SetPoint:
@@ -199,9 +218,8 @@ class PlanarServo:
         return SetPoint(sent.q + sent.v * dt + 0.5 * sent.a * dt * dt, sent.v + sent.a * dt, sent.a)
 
 
-def _pseudo_inverse(jacobian: Matrix) -> Matrix:
-    """The damped right inverse, of shape (dof, 6)."""
-    square = jacobian @ jacobian.T
-    square.flat[::7] += _DAMPING
-    inverse: Matrix = np.linalg.solve(square, jacobian).T.astype(float, copy=False)
-    return inverse
+def _passable(start: Vector, way: Vector, low: Vector, high: Vector) -> float:
+    """Largest share, from 0 to 1, of a way of shape (dof,) on which no joint leaves its bounds."""
+    room = np.where(way > 0.0, high - start, start - low)
+    share = float(min((room / np.maximum(np.abs(way), 1e-9)).tolist()))
+    return min(max(share, 0.0), 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -17,7 +17,7 @@ from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose, Vector
-from bt_dualarm.world.robots.catalogue import load_robot
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
 
 PERIOD = 0.002  # s
 MM = 1e-3
@@ -39,12 +39,13 @@ class Follower:
 
     robot: str
     speed: float = 1.0
+    axes: Matrix = field(default_factory=lambda: YZ)
 
     def __post_init__(self) -> None:
         robot = load_robot(self.robot)
         self.kinematics = Kinematics(robot, Pose.identity())
         self.limits = robot.limits.scaled(self.speed)
-        self.start = POSTURES[self.robot]
+        self.start = POSTURES.get(self.robot, robot.postures["home"])
         self.origin = self.kinematics.matrix(self.start)
 
     def follow(self, place: PlaceOf, seconds: float, bandwidth: float = BANDWIDTH) -> Trajectory:
@@ -55,7 +56,9 @@ class Follower:
         def target(time: float, _: Vector) -> PlaneTarget | None:
             return place(time)
 
-        servo = PlanarServo(self.kinematics, self.limits, PERIOD, start, YZ, target, bandwidth)
+        servo = PlanarServo(
+            self.kinematics, self.limits, PERIOD, start, self.axes, target, bandwidth
+        )
         self.gate = SetPointLimiter(self.limits, PERIOD, self.start)
         sent = [self.gate.send(servo(i * PERIOD)) for i in range(round(seconds / PERIOD))]
         q, v, a = (np.array([getattr(point, name) for point in sent]) for name in ("q", "v", "a"))
@@ -75,7 +78,8 @@ class Follower:
     ) -> None:
         """The third axis and the orientation did not move."""
         poses = self.poses(motion)
-        assert np.abs(poses[:, 0, 3] - self.origin[0, 3]).max() < distance
+        normal = np.cross(*self.axes)
+        assert np.abs((poses[:, :3, 3] - self.origin[:3, 3]) @ normal).max() < distance
         turns = poses[:, :3, :3] @ self.origin[:3, :3].T
         cosines = 0.5 * (np.trace(turns, axis1=1, axis2=2) - 1)
         assert np.arccos(np.clip(cosines, -1, 1)).max() < angle
@@ -186,6 +190,31 @@ def test_a_noisy_target_does_not_break_the_limits(robot: str) -> None:
     motion = follower.follow(noisy, 3.0)
     follower.assert_kept(motion)
     follower.assert_held(motion, 3 * MM, 0.02)
+
+
+@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("speed", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("axes", [YZ, np.eye(3)[:2], np.eye(3)[[0, 2]]], ids=["yz", "xy", "xz"])
+def test_no_arm_swings_before_a_target_that_rests(robot: str, speed: float, axes: Matrix) -> None:
+    """10 mm away, with the noise of an estimate, however little of its limits it may use.
+
+    Who brakes by acceleration alone goes from side to side for ever with little jerk.
+    """
+    rng = np.random.default_rng(5)
+    follower = Follower(robot, speed, axes)
+    place = np.array([0.008, -0.006])
+
+    def seen(_: float) -> PlaneTarget:
+        return PlaneTarget(
+            place + rng.normal(0, 5e-5, 2), rng.normal(0, 1e-3, 2), rng.normal(0, 1e-2, 2)
+        )
+
+    motion = follower.follow(seen, 5.0, 200.0)
+    error = follower.displacement(motion) @ axes.T - place
+    assert np.abs(error[round(4.0 / PERIOD) :]).max() < 0.2 * MM
+    assert (error @ place).max() / np.linalg.norm(place) < 0.3 * MM, "it passed the target"
+    follower.assert_held(motion)
+    follower.assert_kept(motion)
 
 
 def test_a_redundant_arm_stays_near_its_posture() -> None:

@@ -1,0 +1,161 @@
+"""Where an arm's wrist camera looks squarely at a plane: a page of the robot that starts there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import yaml
+
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.collision.checker import CollisionChecker
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.share import share_dir
+from bt_dualarm.spec.document import ArmSpec, TreeFile, WorldSpec
+from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.values import PoseSpec
+from bt_dualarm.world.robots.catalogue import load_robot
+from bt_dualarm.world.world import World
+
+BASE = ((0.0, 0.0, 1.5), (0.0, 10.0, 0.0))
+"""Of the arm, xyz in m and rpy in degrees: above the floor, and leaning, so without a pedestal."""
+
+POSTURE = "vantage"
+"""Name of the posture on the page that is written."""
+
+_TRIES = 40
+_ROOM = 0.3  # rad that joints are away from their limits
+_REACH = (0.35, 0.75)  # shares of the largest distance from the first joint
+_AROUND_M = 0.12  # to every side of it nothing is in the way, either
+_CLEAR_M = 0.5  # ahead of the camera there is nothing
+_VIEW = tuple((x, y) for x in (-0.08, 0.0, 0.08) for y in (-0.08, 0.0, 0.08))  # m, at that depth
+_ARM, _MOUNT = "arm1", "wrist"
+
+
+@dataclass(frozen=True, eq=False)
+class Vantage:
+    """A posture in which an arm's wrist camera looks along a direction.
+
+    Attributes:
+        robot: Name of the robot in the catalogue.
+        q: Joint angles, of shape (dof,), rad.
+        camera: Pose of the camera in the world.
+        condition: Largest condition number of the Jacobian there and to every side of it.
+    """
+
+    robot: str
+    q: Vector
+    camera: Pose
+    condition: float
+
+    def ahead(self, distance: float) -> Vector:
+        """The point in the middle of the image, of shape (3,), in m."""
+        return self.camera.position + distance * self.camera.turn(np.array((0.0, 0.0, 1.0)))
+
+    def write_page(self, folder: Path) -> str:
+        """Write the robot's page with this posture into a folder; the page's name."""
+        shipped = share_dir("assets") / "robots" / f"{self.robot}.yaml"
+        page = yaml.safe_load(shipped.read_text(encoding="utf-8"))
+        page["postures"][POSTURE] = np.degrees(self.q).tolist()
+        name = f"{self.robot}_{POSTURE}.yaml"
+        (folder / name).write_text(yaml.safe_dump(page), encoding="utf-8")
+        return name
+
+
+@lru_cache(maxsize=64)
+def vantage(robot: str, normal: tuple[float, float, float], seed: int = 0) -> Vantage:
+    """The best conditioned of some random places from which an arm looks along a unit vector.
+
+    Raises:
+        ValueError: None of them is free and within reach.
+    """
+    rng = np.random.default_rng(seed)
+    stand = _Stand(robot)
+    found = (stand.try_one(np.array(normal), rng) for _ in range(_TRIES))
+    fit = [one for one in found if one is not None]
+    if not fit:
+        raise ValueError(f"{robot} looks along {normal} from nowhere")
+    return min(fit, key=lambda one: one.condition)
+
+
+class _Stand:
+    """One arm alone in the world."""
+
+    def __init__(self, robot: str) -> None:
+        xyz, rpy = BASE
+        tree = NodeSpec(kind="succeed", name="succeed", ports={})
+        arm = ArmSpec(robot=robot, base=PoseSpec(xyz=xyz, rpy=rpy), tree=tree)
+        self.robot = load_robot(robot)
+        file = TreeFile(
+            name=robot,
+            world=WorldSpec(scene="empty"),
+            objects={},
+            arms={_ARM: arm},
+            path=Path(f"{robot}.yaml"),
+        )
+        world = World(file)
+        self.kinematics = Kinematics(self.robot, world.arms[_ARM].base)
+        self.checker = CollisionChecker(world, _ARM)
+        self.home = self.robot.postures["home"]
+        mount = self.robot.cameras[_MOUNT]
+        tool = self.kinematics.matrix(self.home)
+        camera = self.kinematics.frame(mount.link) @ mount.pose.matrix
+        self.camera_in_tool = np.linalg.inv(tool) @ camera
+
+    def try_one(self, normal: Vector, rng: np.random.Generator) -> Vantage | None:
+        """A random place and turn of the camera; None where the arm cannot work around it."""
+        centre, reach = self.kinematics.bounding_ball
+        away = rng.normal(size=3)
+        away *= rng.uniform(*_REACH) * reach / np.linalg.norm(away)
+        camera = _looking(centre + away, normal, rng.uniform(-np.pi, np.pi))
+        q = self._configuration(camera, self.home)
+        if q is None:
+            return None
+        worst = self.kinematics.condition(q)
+        for side in (camera[:3, 0], -camera[:3, 0], camera[:3, 1], -camera[:3, 1]):
+            moved = camera.copy()
+            moved[:3, 3] += _AROUND_M * side
+            beside = self._configuration(moved, q)
+            if beside is None or np.abs(beside - q).max() > 1.0:
+                return None
+            worst = max(worst, self.kinematics.condition(beside))
+        return Vantage(self.robot.name, q, Pose.from_matrix(camera), worst)
+
+    def _configuration(self, camera: Matrix, near: Vector) -> Vector | None:
+        target = Pose.from_matrix(camera @ np.linalg.inv(self.camera_in_tool))
+        try:
+            q = self.kinematics.solve(target, near)
+        except Failure:
+            return None
+        fits = self.kinematics.room(q) > _ROOM and self.checker.free(q) and self._sees(camera)
+        return q if fits else None
+
+    def _sees(self, camera: Matrix) -> bool:
+        """Whether the arm, as the checker has placed it, leaves the view ahead free."""
+        hit = np.full(1, -1, np.int32)
+        for x, y in _VIEW:
+            way = camera[:3, :3] @ np.array((x, y, _CLEAR_M))
+            share = mujoco.mj_ray(
+                *(self.checker.model, self.checker.data, camera[:3, 3], way, None, 1, -1, hit)
+            )
+            if 0.0 <= share <= 1.0:
+                return False
+        return True
+
+
+def _looking(position: Vector, along: Vector, roll: float) -> Matrix:
+    """Pose, of shape (4, 4), of a camera that looks along a unit vector."""
+    aside = np.eye(3)[int(np.argmin(np.abs(along)))]
+    right = np.cross(along, aside)
+    right /= np.linalg.norm(right)
+    down = np.cross(along, right)
+    pose = np.eye(4)
+    pose[:3, 0] = np.cos(roll) * right + np.sin(roll) * down
+    pose[:3, 1] = np.cross(along, pose[:3, 0])
+    pose[:3, 2] = along
+    pose[:3, 3] = position
+    return pose

@@ -1,0 +1,44 @@
+"""How briskly an arm follows what its camera shows: as images, and its own jerk, allow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bt_dualarm.motion.setpoints.following_law import jerk_bandwidth
+from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
+
+_BANDWIDTH = (40.0, 230.0)  # rad/s, least and most
+_BANDWIDTH_PER_FPS = 5.0  # above it the noise of the estimate is followed, below it the target lags
+_OLD_S = 0.1  # latency that halves the bandwidth
+_SLACK_M = 1.5e-4  # with a perfect camera
+_CALM = (0.2, 1.0)  # where there is jerk enough, and where there is half of what is wanted
+
+
+@dataclass(frozen=True)
+class Briskness:
+    """What servo and estimate are told.
+
+    Attributes:
+        bandwidth: The most with which the servo follows, in rad/s.
+        slack: Jump of the estimate in m for which it may take all of the arm's jerk.
+        calmness: How easily a target is taken to be calm, from 0 to 1.
+    """
+
+    bandwidth: float
+    slack: float
+    calmness: float
+
+
+def briskness(camera: GuardedCamera, jerk: float) -> Briskness:
+    """The less, the rarer, the older and the shakier the images are.
+
+    Args:
+        camera: Camera of the arm.
+        jerk: What the joints allow in the plane, in m/s³.
+    """
+    doubt = 1.0 + camera.noise + camera.latency / _OLD_S
+    (least, most), (lively, calm) = _BANDWIDTH, _CALM
+    bandwidth = max(least, min(most, _BANDWIDTH_PER_FPS / camera.period) / doubt)
+    slack = _SLACK_M * doubt**3
+    lack = bandwidth / jerk_bandwidth(jerk, slack) - 1.0
+    return Briskness(bandwidth, slack, min(max(lack, lively), calm))

@@ -1,0 +1,85 @@
+"""Where a target is, by two filters: a lively one, and a calm one for as long as it is right.
+
+A filter that keeps up with a leading arm at full speed takes the noise of sightings for
+acceleration, and an arm that follows it trembles before a target at rest. A calm one does not, but
+it is late where the target turns. Its own innovations tell: as long as the target moves as it
+assumes they come from both sides, and their mean over a while is next to nothing (Bar-Shalom, Li,
+Kirubarajan, Estimation with Applications to Tracking and Navigation, 5.4).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from bt_dualarm.pose import Vector
+from bt_dualarm.vision.estimate import Motion, TargetEstimate
+from bt_dualarm.vision.motion_model import Oscillator
+
+CALM_JERK = 0.01
+"""Density of the jerk of a target that rests or goes on evenly, m²/s⁵."""
+
+_BELIEVED = (1.0, 3.0)  # mean squared distance: calm up to the one, lively from the other on
+_MOST = 10.0  # what is more counts as so much
+_MEAN_S = 0.3  # of innovations
+_FADES_S = 0.5  # in which a doubt does
+
+
+class CalmEstimate(TargetEstimate):
+    """The lively filter's estimate, or the calm one's where it has been right for a while.
+
+    Args:
+        calmness: How easily the calm one is believed, from 0 (never) to 1.
+        model: How targets move at their liveliest; an oscillator by default.
+    """
+
+    def __init__(self, calmness: float = 1.0, model: Oscillator | None = None) -> None:
+        lively = model or Oscillator()
+        super().__init__(lively)
+        self._lively, self._calmness = lively, calmness
+        self._calm = TargetEstimate(replace(lively, jerk_density=CALM_JERK))
+        self._mean: Vector = np.zeros(1)
+        self._doubt = 0.0
+
+    @property
+    def calm_share(self) -> float:
+        """Weight of the calm filter, from 0 to 1."""
+        if self._calmness == 0.0:
+            return 0.0
+        low, high = (self._calmness * bound for bound in _BELIEVED)
+        return min(max((high - self._doubt) / (high - low), 0.0), 1.0)
+
+    def anew(self) -> CalmEstimate:
+        """One for another target, of the same models, that has not seen anything yet."""
+        return CalmEstimate(self._calmness, self._lively)
+
+    def update(self, stamp: float, position: Vector, sigma: float | Vector) -> None:
+        """Take in a measurement, as `TargetEstimate` does."""
+        if self.seen and self.stamp < stamp:
+            self._judge(stamp - self.stamp, self._calm.innovation(stamp, position, sigma))
+        self._calm.update(stamp, position, sigma)
+        super().update(stamp, position, sigma)
+
+    def predict(self, time: float) -> Motion:
+        """The target at any time, of the past too.
+
+        Raises:
+            ValueError: There has been no measurement.
+        """
+        lively, share = super().predict(time), self.calm_share
+        if share == 0.0:
+            return lively
+        calm = self._calm.predict(time)
+        return Motion(
+            *(one + share * (other - one) for one, other in zip(lively, calm, strict=True))
+        )
+
+    def _judge(self, passed: float, innovation: Vector) -> None:
+        """Take the calm filter's newest innovation, of shape (n,), into account."""
+        kept = math.exp(-passed / _MEAN_S)
+        self._mean = kept * self._mean + (1.0 - kept) * innovation
+        count = (1.0 + kept) / (1.0 - kept)  # of independent numbers with a mean as sure as this
+        doubt = min(count * float(self._mean @ self._mean), _MOST)
+        self._doubt = max(doubt, self._doubt * math.exp(-passed / _FADES_S))
