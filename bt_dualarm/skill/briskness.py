@@ -9,9 +9,10 @@ from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
 
 _BANDWIDTH = (40.0, 230.0)  # rad/s, least and most
 _BANDWIDTH_PER_FPS = 5.0  # above it the noise of the estimate is followed, below it the target lags
-_OLD_S = 0.1  # latency that halves the bandwidth
+_OLD_S = 0.06  # latency that halves the bandwidth
+_SHAKY_PX = 0.7  # shake that does
 _SLACK_M = 1.5e-4  # with a perfect camera
-_CALM = (0.2, 1.0)  # where there is jerk enough, and where there is half of what is wanted
+_CALM = 0.2  # with a perfect camera and jerk enough
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,9 @@ def briskness(camera: GuardedCamera, jerk: float) -> Briskness:
         camera: Camera of the arm.
         jerk: What the joints allow in the plane, in m/s³.
     """
-    doubt = 1.0 + camera.noise + camera.latency / _OLD_S
-    (least, most), (lively, calm) = _BANDWIDTH, _CALM
+    doubt = 1.0 + camera.noise / _SHAKY_PX + (camera.latency / _OLD_S) ** 2
+    least, most = _BANDWIDTH
     bandwidth = max(least, min(most, _BANDWIDTH_PER_FPS / camera.period) / doubt)
     slack = _SLACK_M * doubt**3
     lack = bandwidth / jerk_bandwidth(jerk, slack) - 1.0
-    return Briskness(bandwidth, slack, min(max(lack, lively), calm))
+    return Briskness(bandwidth, slack, min(max(lack, _CALM * doubt**3), 1.0))
