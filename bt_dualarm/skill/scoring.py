@@ -41,6 +41,8 @@ class TrackingScore:
         self._is_yz = not np.any(self._axes[:, 0])
         self._target = target
         self._from: float | None = None
+        self._sampled: float | None = None
+        self._gone_s = 0.0
         self.times: list[float] = []
         self._tool: list[Vector] = []
         self._truth: list[Vector] = []
@@ -53,6 +55,9 @@ class TrackingScore:
                 return
             self._from = self._arm.time + SETTLE_S
             self._target = self._target or self._nearest(tracking.target)
+        since, self._sampled = self._sampled, self._arm.time
+        if self._target is not None and self._target not in world.objects:
+            self._gone_s += 0.0 if since is None else self._arm.time - since
         if self._target not in world.objects or self._arm.time < self._from:
             return
         self.times.append(self._arm.time)
@@ -62,16 +67,20 @@ class TrackingScore:
     def metrics(self, tracking: PlaneTracking) -> dict[str, Number]:
         """Metrics of the samples; none when nothing was followed long enough.
 
+        ``score_gone_s``, above zero only, is how long what the skill is scored against was not in
+        the world; the others are of the rest of the time. They are
         ``plane_rms_m`` and ``plane_max_m`` in the plane, as ``yz_rms_m`` and ``yz_max_m``, too,
         where that is the world's; ``lag_s``; and ``sighting_sd_m``: how far a single sighting is
         off along an axis of the plane, as standard deviation.
         """
+        gone: dict[str, Number] = {"score_gone_s": self._gone_s} if self._gone_s > 0.0 else {}
         if len(self.times) < 2:
-            return {}
+            return gone
         tool, truth = np.array(self._tool) @ self._axes.T, np.array(self._truth) @ self._axes.T
         away = self.errors()
         rms, most = float(np.sqrt(np.mean(away**2))), float(away.max())
         return {
+            **gone,
             **({"yz_rms_m": rms, "yz_max_m": most} if self._is_yz else {}),
             "plane_rms_m": rms,
             "plane_max_m": most,

@@ -10,6 +10,9 @@ from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.names import must_be_among
 
+_FARTHEST = 1e3
+"""Metres to which a distance is measured: larger than any world that can be reached across."""
+
 
 class WorldView:
     """The measurable side of a world; what a camera is meant to see is not taken from here.
@@ -101,7 +104,7 @@ class WorldView:
         must_be_among(arm, self.arms, "arm", "in the world")
         geom = self.object_geom(thing)
         return min(
-            float(mujoco.mj_geomDistance(self.model, self.data, tool, geom, 1.0, None))
+            float(mujoco.mj_geomDistance(self.model, self.data, tool, geom, _FARTHEST, None))
             for tool in self.arms[arm].tool_geom_ids
         )
 

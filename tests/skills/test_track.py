@@ -79,6 +79,7 @@ def test_prediction_makes_up_for_rate_and_latency(
     assert leaf.metrics["lost_count"] == 0
     assert float(leaf.metrics["yz_rms_m"]) < rms
     assert leaf.metrics["plane_rms_m"] == leaf.metrics["yz_rms_m"]
+    assert "score_gone_s" not in leaf.metrics, "it was there all the time"
     assert abs(float(leaf.metrics["lag_s"])) < 0.01
     assert play.arm().clipped_setpoints == 0
     (errors,) = (one for one in play.opened.assembly.series if one.name == "error_in_plane_m")
@@ -143,6 +144,7 @@ def test_a_lost_target_means_hold_then_search_then_failure(controller: str, stag
     assert leaf.code == "LOST", leaf.reason
     assert leaf.metrics["old_data_steps"] == 0
     assert leaf.ended_s == pytest.approx(gone + timeout, abs=0.1)
+    assert leaf.metrics["score_gone_s"] == pytest.approx((leaf.ended_s or 0.0) - gone, abs=0.05)
     still = (gone + STALE_S + BRAKING_S, gone - PERIOD_S + STALE_S + HOLD_S)
     assert max(v for at, v in play.speeds["arm1"] if still[0] < at < still[1]) < STOPPED
     held = next(tool for at, tool in tools if at > still[0])

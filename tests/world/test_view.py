@@ -27,6 +27,17 @@ def test_the_tool_touches_what_lies_against_it() -> None:
     assert world.touches("arm1", "cube")
 
 
+def test_a_gap_is_measured_however_wide() -> None:
+    """It grows as the object goes away, and does not stop at a metre."""
+    world = World(file_of({"arm1": arm("ur5")}, {"cube": box((0.5, 0.4, 0.025))}))
+    tool, gaps = world.arms["arm1"].tool_pose, []
+    for away in (0.7, 2.7, 12.7, 80.7):
+        world.remove_object("cube")
+        world.spawn_object("cube", Pose.from_rpy((away, 0.0, 0.0), (0, 0, 0)) @ tool)
+        gaps.append(world.tool_gap("arm1", "cube"))
+    assert np.diff(gaps) == pytest.approx([2.0, 10.0, 68.0], rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("shape", "size", "reach"),
     [("box", (0.2, 0.4, 0.6), 0.1), ("cylinder", (0.15, 0.6), 0.15), ("sphere", (0.12,), 0.12)],

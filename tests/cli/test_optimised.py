@@ -1,0 +1,38 @@
+"""Python with its optimisations on: no assertions, no docstrings; trees run all the same."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+TREE = """
+bt_dualarm: 1
+world: {scene: empty, seed: 3}
+arms:
+  arm1:
+    robot: ur5
+    base: {xyz: [0, 0, 0.4]}
+    tree:
+      sequence:
+        - reach_to_pose: {offset: {xyz: [0.02, 0, 0.02]}}
+        - circle: {radius: 0.03, speed: 1.0}
+"""
+
+
+def test_python_without_docstrings_runs_the_same(tmp_path: Path) -> None:
+    """The same bits, and no skill is refused for what ``-OO`` has stripped."""
+    (tmp_path / "tree.yaml").write_text(TREE)
+    hashes = set()
+    for flag in ("-B", "-OO"):
+        folder = tmp_path / flag
+        command = [sys.executable, flag, "-m", "bt_dualarm", str(tmp_path / "tree.yaml")]
+        done = subprocess.run(
+            [*command, "--display", "quiet", "--record", str(folder)],
+            capture_output=True,
+            text=True,
+        )
+        assert (done.returncode, done.stderr) == (0, ""), flag
+        hashes.add(json.loads((folder / "summary.json").read_text())["state_sha256"])
+    assert len(hashes) == 1
