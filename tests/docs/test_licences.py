@@ -30,7 +30,7 @@ ROBOTS = {
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_package_has_the_licence_that_it_names(package: str) -> None:
     """Where its metadata has one in the words of SPDX."""
-    named = metadata(package).get("License-Expression")
+    named = metadata(package).json.get("license_expression")
     if named is not None:
         assert named in PACKAGES[package]
 
