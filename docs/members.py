@@ -18,7 +18,18 @@ from bt_dualarm.skill.skill import Skill, SkillContext
 DOCS: Final = Path(__file__).parent
 
 _MACHINERY: Final = frozenset(
-    {"assembly", "declares", "enter", "leaf", "shared", "spawn_all", "trouble", "views", "write"}
+    {
+        "assembly",
+        "declares",
+        "enter",
+        "leaf",
+        "shared",
+        "spawn_all",
+        "touched",
+        "trouble",
+        "views",
+        "write",
+    }
 )
 """What is there for others than authors of skills and users of the front door."""
 

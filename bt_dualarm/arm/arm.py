@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator, Sequence
 
 from bt_dualarm.arm.execution import Executor
 from bt_dualarm.arm.move_to import WAIT_S, MoveTo
 from bt_dualarm.arm.planning import ArmPlanner
 from bt_dualarm.arm.shared import SharedArm
 from bt_dualarm.arm.state import ArmState
+from bt_dualarm.arm.touching import Touching
+from bt_dualarm.errors import Number
 from bt_dualarm.motion.collision.checker import CollisionChecker
 from bt_dualarm.motion.planning.planners import DEFAULT_PLANNER, Planner
 from bt_dualarm.motion.safety.plan_monitor import PlanMonitor
@@ -42,7 +44,8 @@ class Arm(ArmState):
         self._lease = shared.lease.for_leaf(leaf)
         self._patience = shared.patience
         self._carrying = shared.carrying
-        self._executor = Executor(self, self._lease, shared.patience)
+        self._touching = Touching(shared.touches, shared.name)
+        self._executor = Executor(self, self._lease, shared.patience, self._touching)
         self._planner = ArmPlanner(self, self._lease, shared.planning, shared.carrying, shared.seed)
 
     def attach(self, thing: str) -> None:
@@ -96,6 +99,10 @@ class Arm(ArmState):
     def release(self) -> None:
         """Stop the motion that this leaf has begun; harmless otherwise."""
         self._executor.release()
+
+    def touched(self, asked: Collection[str]) -> dict[str, Number]:
+        """What the arm touched while this leaf moved it, but for what it was asked to: metrics."""
+        return self._touching.end(asked)
 
     def enter(self, *, anew: bool) -> None:
         """Note that this thread ticks or halts the leaf, and whether a new run of it begins."""

@@ -9,6 +9,7 @@ import numpy as np
 from bt_dualarm.arm.lease import Leaseholder
 from bt_dualarm.arm.patience import Patience
 from bt_dualarm.arm.state import ArmState
+from bt_dualarm.arm.touching import Touching
 from bt_dualarm.errors import RAISED_BY_SKILLS, BlockedFailure, Failure, SkillError
 from bt_dualarm.motion.safety.plan_monitor import PlanMonitor
 from bt_dualarm.motion.setpoints.set_point import SetPointSource
@@ -37,13 +38,17 @@ class Executor:
         arm: State of the arm.
         lease: Lease of the arm, as the leaf holds it.
         patience: Time that the arm waits for another one.
+        touching: Score of what the arm touches while the leaf moves it.
     """
 
-    def __init__(self, arm: ArmState, lease: Leaseholder, patience: Patience) -> None:
+    def __init__(
+        self, arm: ArmState, lease: Leaseholder, patience: Patience, touching: Touching
+    ) -> None:
         self._arm = arm
         self._controller = arm.controller
         self._lease = lease
         self._patience = patience
+        self._touching = touching
         self._begun: SetPointSource | None = None
 
     def follow(
@@ -98,12 +103,14 @@ class Executor:
             along_path: Whether the tool's path matters, not only its end.
         """
         self._lease.take()
+        self._touching.begin()
         self._begun = motion = self._controller.follow(trajectory, along_path=along_path)
         return motion
 
     def stream(self, source: Stream) -> None:
         """Follow a stream of set-points until ``release`` or ``halt``."""
         self._lease.take()
+        self._touching.begin()
         self._controller.stream(source)
         self._begun = self._controller.motion
 

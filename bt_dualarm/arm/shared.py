@@ -9,6 +9,7 @@ from bt_dualarm.motion.control.controller import JointController
 from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.planning.process import PlanningProcess
 from bt_dualarm.world.cameras.camera import Camera
+from bt_dualarm.world.touches import Touches
 from bt_dualarm.world.world import World
 
 
@@ -22,6 +23,7 @@ class SharedArm:
         camera: Camera of this arm, if it has one.
         seed: Seed of everything random in this arm's planning.
         planning: Process that looks for ways around what is in the way.
+        touches: What the arms really touch, for scoring.
 
     Attributes:
         kinematics: Kinematics of the arm on its base.
@@ -38,6 +40,7 @@ class SharedArm:
         camera: Camera | None,
         seed: int,
         planning: PlanningProcess,
+        touches: Touches,
     ) -> None:
         self.world = world
         self.name = name
@@ -45,6 +48,7 @@ class SharedArm:
         self.camera = camera
         self.seed = seed
         self.planning = planning
+        self.touches = touches
         self.kinematics = Kinematics(world.robots[name], world.arms[name].base, seed)
         self.carrying = Carrying(world, name)
         self.lease = Lease(name, lambda: controller.at_rest)

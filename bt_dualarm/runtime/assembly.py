@@ -32,6 +32,7 @@ from bt_dualarm.world.rendering.choose import choose_renderer
 from bt_dualarm.world.rendering.renderer import Renderer, RendererKind
 from bt_dualarm.world.robots.catalogue import is_page
 from bt_dualarm.world.robots.robot import Robot
+from bt_dualarm.world.touches import Touches
 from bt_dualarm.world.world import World
 
 CONTROL_PERIOD = Fraction(1, 250)
@@ -47,6 +48,7 @@ class Assembly:
         message: One sentence on which renderer is used and why; empty without cameras.
         series: What the skills measure over time.
         planning: Planning process of all arms; to be closed.
+        touches: What the arms really touch, to be looked at after each step.
         seed: Seed of everything random.
     """
 
@@ -56,6 +58,7 @@ class Assembly:
     message: str
     series: SeriesLog
     planning: PlanningProcess
+    touches: Touches
     seed: int
 
     def close(self) -> None:
@@ -76,6 +79,7 @@ class _Parts:
     on_event: Callable[[StatusChange], None]
     series: SeriesLog
     planning: PlanningProcess
+    touches: Touches
     reservations: Reservations
     seed: int
 
@@ -91,7 +95,9 @@ class _Parts:
             camera = Camera(eye_name, spec.camera, self.renderer, self._rng(eye_name), known)
         period = control_period(self.world.timestep)
         controller = JointController(self.world, name, float(period), self.reservations)
-        arm = SharedArm(self.world, name, controller, camera, self.seed, self.planning)
+        arm = SharedArm(
+            self.world, name, controller, camera, self.seed, self.planning, self.touches
+        )
         tree = build_tree(
             name,
             spec.tree,
@@ -165,8 +171,10 @@ def assemble(
         drawing, message = choice.create(), choice.message
     world = World(file, seed)
     world.refuse_overlaps()
-    series, planning = SeriesLog(), PlanningProcess()
-    parts = _Parts(file, world, registry, drawing, on_event, series, planning, Reservations(), seed)
+    series, planning, touches = SeriesLog(), PlanningProcess(), Touches(world)
+    parts = _Parts(
+        file, world, registry, drawing, on_event, series, planning, touches, Reservations(), seed
+    )
     declared = {
         name: name_of_robot(arm.robot, world.robots[name]) for name, arm in file.arms.items()
     }
@@ -174,7 +182,7 @@ def assemble(
         name: Leniency(arm.removable, arm.last_life_counts) for name, arm in file.arms.items()
     }
     arms = Arms(declared, parts.equip, world, leniency)
-    return Assembly(world, arms, drawing, message, series, planning, seed)
+    return Assembly(world, arms, drawing, message, series, planning, touches, seed)
 
 
 def name_of_robot(given: str, robot: Robot) -> str:

@@ -19,6 +19,7 @@ from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
 from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.runtime.state_log import StateLog
+from bt_dualarm.runtime.touch_observer import TouchObserver
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 
@@ -97,7 +98,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
         resources.enter_context(closing(assembly))
         world = assembly.world
         states = StateLog(world)
-        watch.observers.append(states)
+        watch.observers += [states, TouchObserver(assembly.touches)]
         recorder = None
         if options.record is not None:
             folder = resources.enter_context(RecordFolder(options.record, file.arms))

@@ -31,9 +31,6 @@ ENTRY_POINTS: Final = "bt_dualarm.skills"
 _FOREIGN: Final = (Exception, SystemExit, GeneratorExit)
 """What the import of somebody's file may raise; Ctrl-C may come meanwhile."""
 
-_STRIPS_DOCSTRINGS: Final = 2
-"""Level of Python's optimisation (``-OO``) from which classes have none and load all the same."""
-
 _CODE: Final = re.compile(r"[A-Z][A-Z0-9_]*")
 _SKILL_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,47}")
 _RESERVED: Final = frozenset({"name", "child", "children"})
@@ -127,8 +124,8 @@ def faults(skill: type[Skill]) -> Iterator[str]:
     """Everything that an author forgot or got wrong, one sentence each."""
     if not _SKILL_NAME.fullmatch(yaml_name(skill)):
         yield f"its name in YAML would be '{yaml_name(skill)}'; rename the class"
-    has_none = "__doc__" not in vars(skill) or not (skill.__doc__ or "").strip()
-    if has_none and sys.flags.optimize < _STRIPS_DOCSTRINGS:
+    stripped = sys.flags.optimize > 1  # by -OO: all skills load without
+    if not stripped and not (vars(skill).get("__doc__") or "").strip():
         yield "has no docstring; its first line is what users are shown"
     if not inspect.isgeneratorfunction(skill.run):
         yield "run() has no yield: every yield ends a tick"

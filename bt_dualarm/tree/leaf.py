@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from types import MappingProxyType
 from typing import Protocol
 
@@ -38,6 +38,9 @@ class HeldArm(Protocol):
 
     def release(self) -> None:
         """Stop the motion that the leaf has begun, if there is one."""
+
+    def touched(self, asked: Collection[str]) -> Mapping[str, Number]:
+        """Metrics of what the arm touched while the leaf moved it, but for what it was asked to."""
 
 
 class Leaf(Behaviour):
@@ -180,7 +183,7 @@ class Leaf(Behaviour):
         metrics, problems = self._run.measured(numbers)
         for problem in problems:
             self._log_problem(problem)
-        return metrics
+        return {**metrics, **self._held_arm.touched(self._run.names)}
 
     def _become(self, new: Status, metrics: Mapping[str, Number]) -> None:
         old, self.status = self.status, new

@@ -46,6 +46,12 @@ class SkillRun:
             raise TypeError(f"run() of {type(self._skill).__name__} has no yield")
         self._steps = steps
 
+    @property
+    def names(self) -> frozenset[str]:
+        """Texts among its ports: whatever it was asked to deal with is one of them."""
+        values = self._skill.ports.__dict__.values()
+        return frozenset(value for value in values if isinstance(value, str))
+
     def step(self, trouble: BaseException | None) -> bool:
         """Run to the next ``yield``; whether there was one, else it has succeeded.
 

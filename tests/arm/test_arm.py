@@ -17,6 +17,7 @@ from bt_dualarm.motion.safety.reservation import Reservations
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.timing.point_to_point import point_to_point
 from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.world.touches import Touches
 from bt_dualarm.world.world import World
 from tests.world.worlds import arm, box, file_of
 
@@ -30,13 +31,15 @@ class Bench:
         self.world = World(file_of({"arm1": arm("ur5")}, objects))  # type: ignore[arg-type]
         self.controller = JointController(self.world, "arm1", self.world.timestep, Reservations())
         planning = planning or PlanningProcess()
-        shared = SharedArm(self.world, "arm1", self.controller, None, 1, planning)
+        self.touches = Touches(self.world)
+        shared = SharedArm(self.world, "arm1", self.controller, None, 1, planning, self.touches)
         self.first, self.second = Arm(shared, "first"), Arm(shared, "second")
 
     def tick(self) -> None:
         for _ in range(TICK):
             self.controller.update(self.world.time)
             self.world.step()
+            self.touches.look()
 
     def run(self, work: Iterator[float | None], ticks: int = 500) -> list[float | None]:
         """Tick a leaf's work to its end; returns what it yielded."""

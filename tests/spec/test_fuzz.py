@@ -47,6 +47,7 @@ def seeds() -> list[Any]:
 def build(path: Path, registry: Registry) -> None:
     """Build every tree of an accepted file; nothing is ticked."""
     arm: Any = SimpleNamespace(release=lambda: None, trouble=lambda: None, enter=lambda **_: None)
+    arm.touched = lambda _: {}
     log, rng = logging.getLogger("fuzz"), np.random.default_rng(0)
     context = SkillContext("leaf", arm, lambda: 0.0, rng, log)
     file = load_tree_file(path, registry.kinds)

@@ -76,6 +76,7 @@ class Stage:
             SimpleNamespace(
                 release=lambda: self.released.append(path),
                 trouble=lambda: None,
+                touched=lambda _: {},
                 enter=lambda **_: None,
             ),
         )
