@@ -124,8 +124,7 @@ def faults(skill: type[Skill]) -> Iterator[str]:
     """Everything that an author forgot or got wrong, one sentence each."""
     if not _SKILL_NAME.fullmatch(yaml_name(skill)):
         yield f"its name in YAML would be '{yaml_name(skill)}'; rename the class"
-    stripped = sys.flags.optimize > 1  # by -OO: all skills load without
-    if not stripped and not (vars(skill).get("__doc__") or "").strip():
+    if sys.flags.optimize < 2 and not (vars(skill).get("__doc__") or "").strip():  # -OO strips it
         yield "has no docstring; its first line is what users are shown"
     if not inspect.isgeneratorfunction(skill.run):
         yield "run() has no yield: every yield ends a tick"
