@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.errors import WorldError
 from bt_dualarm.pose import Pose
@@ -19,7 +21,11 @@ EVEN: Final = Spread()
 """Light that does not change."""
 
 
-@dataclass(frozen=True, eq=False)
+_BANK: Final = 2**18
+"""Values from among which a picture's noise begins: drawing it anew for each costs a rendering."""
+
+
+@dataclass(eq=False)
 class Calibration:
     """A camera as its arm knows it.
 
@@ -39,18 +45,35 @@ class Calibration:
     noise: float = 0.0
     light: Spread = EVEN
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    _bank: npt.NDArray[np.uint8] = field(
+        init=False, default_factory=lambda: np.zeros((2, 0), np.uint8)
+    )
 
     def suffered(self, image: Image, region: Region) -> Image:
         """The picture as it arrives; what was not exposed stays black."""
         if not (self.noise or self.light.most):
             return image
         left, top, right, bottom = region
-        part = image[top:bottom, left:right].astype(np.float32)
-        part *= 1.0 + float(self.light.draw(self.rng, 1)[0])
-        part += self.rng.normal(0.0, self.noise, part.shape)
+        light = 1.0 + float(self.light.draw(self.rng, 1)[0])
+        part = np.ascontiguousarray(image[top:bottom, left:right])
+        more, less = self._noise_of(part.size)
+        # OpenCV keeps to the levels that there are.
+        bright = cv2.add(cv2.convertScaleAbs(part, alpha=light), more.reshape(part.shape))
         arrived = image.copy()
-        arrived[top:bottom, left:right] = np.clip(np.rint(part), 0, 255).astype(np.uint8)
+        arrived[top:bottom, left:right] = cv2.subtract(bright, less.reshape(part.shape))
         return arrived
+
+    def _noise_of(self, count: int) -> npt.NDArray[np.uint8]:
+        """What so many pixels have more and less, of shape (2, count).
+
+        It is a stretch of noise that is drawn once, from anywhere in it.
+        """
+        if self._bank.shape[1] < count + _BANK:
+            drawn = self.noise * self.rng.standard_normal(count + _BANK, dtype=np.float32)
+            both = np.rint(np.stack((drawn, -drawn)))
+            self._bank = np.clip(both, 0, 255).astype(np.uint8)
+        begin = int(self.rng.integers(self._bank.shape[1] - count))
+        return self._bank[:, begin : begin + count]
 
 
 def calibration_of(world: World, name: str, seed: int) -> Calibration:

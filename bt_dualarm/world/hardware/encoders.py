@@ -45,7 +45,7 @@ class Encoders:
         if self._noise:
             q = q + self._noise * self._rng.standard_normal(len(q))
         if self._resolution:
-            q = np.rint(q * (1.0 / self._resolution)) * self._resolution
+            q = np.rint(q / self._resolution) * self._resolution
         self.q = q
         if self._steps:
             self._forget(stamp)

@@ -14,8 +14,8 @@ STIFF: Final = (0.004, 1.0), (0.9999, 0.9999)
 """Reference and impedance of the constraint by which MuJoCo has dry friction: with its defaults a
 joint that sticks creeps at 0.05 rad/s under half of the load that it bears, with these at 1e-5."""
 
-_CREEP: Final = 1e-6
-"""Speed in rad/s below which a slope is taken instead of a secant."""
+_CREEP: Final = 1e-9
+"""Speed in rad/s that is added before a secant is taken: that of a joint that stands is a slope."""
 
 
 class Rubbing:
@@ -31,14 +31,16 @@ class Rubbing:
 
     def __init__(self, friction: JointFriction) -> None:
         self._friction = friction
-        self._is_gentle = friction.rise > 0
+        dry = friction.rise <= 0
         drop = friction.static - friction.coulomb
-        # What dry joints have at any speed, and how much more of it when they stand.
-        self._level = np.where(self._is_gentle, 0.0, friction.coulomb)
-        self._drop = np.where(self._is_gentle, 0.0, drop)
+        # What joints have at any speed, and how much more of it when they stand.
+        self._level, self._drop = np.where(dry, friction.coulomb, 0.0), np.where(dry, drop, 0.0)
         self._slowness = 1.0 / friction.stribeck_velocity
-        self._is_level = not self._drop.any()
-        self._is_even = not self._is_gentle.any()
+        self._gentle, self._gentle_drop = friction.coulomb - self._level, drop - self._drop
+        self._steepness = 1.0 / np.where(dry, 1.0, friction.rise)
+        self._start = np.tanh(friction.offset * self._steepness)
+        self._falls = bool(drop.any())
+        self._builds_up = not bool(dry.all())
         self.is_none = not (
             friction.coulomb.any() or friction.static.any() or friction.viscous.any()
         )
@@ -60,11 +62,13 @@ class Rubbing:
         """Set friction for the velocities of now; before MuJoCo works out passive forces."""
         if self.is_none:
             return
-        if not self._is_level:
+        gentle = self._gentle
+        if self._falls:
             slow = self._slowness * self._v
-            self._dry[:] = self._level + self._drop * np.exp(-slow * slow)
-        if not self._is_even:
-            v = np.where(np.abs(self._v) > _CREEP, self._v, _CREEP)
-            friction = self._friction
-            secant = friction.level(v) * friction.build_up(v) / v
-            self._damping[:] = friction.viscous + np.where(self._is_gentle, secant, 0.0)
+            fall = np.exp(-slow * slow)
+            self._dry[:] = self._level + self._drop * fall
+            gentle = gentle + self._gentle_drop * fall
+        if self._builds_up:
+            v = self._v + _CREEP
+            rise = np.tanh((v + self._friction.offset) * self._steepness) - self._start
+            self._damping[:] = self._friction.viscous + gentle * rise / v
