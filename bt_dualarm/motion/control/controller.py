@@ -99,7 +99,7 @@ class JointController:
     @property
     def at_rest(self) -> bool:
         """No motion is commanded and the arm stands still."""
-        return self._motion is None and bool((np.abs(self._v) < _STANDSTILL).all())
+        return self._motion is None and bool((np.abs(self._torque.drift) < _STANDSTILL).all())
 
     def follow(self, trajectory: Trajectory, *, along_path: bool = False) -> TrajectorySource:
         """Begin a motion; it must start where the last set-point was.

@@ -34,6 +34,36 @@ class ArmDynamics:
             _load(self.model, nominal.tool_body, known)
             mujoco.mj_setConst(self.model, self.data)
 
+    def update(self, q: Vector, v: Vector) -> None:
+        """Take up positions in rad and velocities in rad/s, each of shape (dof,)."""
+        model, data = self.model, self.data
+        data.qpos[:], data.qvel[:] = q, v
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_makeM(model, data)
+        mujoco.mj_factorM(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, data.qfrc_bias)
+
+    @property
+    def bias(self) -> Vector:
+        """Torques of gravity and of velocity at the last update, of shape (dof,), N m."""
+        bias: Vector = self.data.qfrc_bias
+        return bias
+
+    def inertia_times(self, acceleration: Vector) -> Vector:
+        """Torques, of shape (dof,), N m, that give accelerations of shape (dof,), rad/s²."""
+        product = np.empty_like(acceleration)
+        mujoco.mj_mulM(self.model, self.data, product, acceleration)
+        return product
+
+    def accelerations(self, torque: Vector) -> Vector:
+        """Accelerations, of shape (dof,), rad/s², that torques of shape (dof,), N m, give."""
+        found = np.empty((1, len(torque)))
+        mujoco.mj_solveM(self.model, self.data, found, torque[None])
+        accelerations: Vector = found[0]
+        return accelerations
+
     def at_rest(self, q: Vector) -> Vector:
         """Torques, of shape (dof,), N m, that hold a configuration ``q``, of shape (dof,), rad."""
         nothing = np.zeros_like(q)

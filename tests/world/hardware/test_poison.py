@@ -139,7 +139,7 @@ def test_poison_would_be_noticed() -> None:
     """Encoders that read the poison make another motion: the test above can fail."""
     sound, _ = course("ideal", None)
     with bt.open(TREE.replace("REALITY", "ideal"), renderer="ray") as run:
-        poison = Poison(run.world, lambda name: name == "qvel")
+        poison = Poison(run.world, lambda name: name == "qpos")
         spoil = poison.spoil
 
         def spoil_and_read() -> None:

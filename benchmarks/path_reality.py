@@ -1,0 +1,164 @@
+"""Curves in a world that is not its model: how far the tool is from its plan, how soon it rests.
+
+    python -m benchmarks.path_reality [--robots ur5 panda] [--sets ideal lab rough] [--seeds 10]
+
+A circle of 0.1 m and a 1:2 Lissajous curve at speed 1.0, without a load, with 1 kg that the
+controller is told of, with 1 kg that it is not. A seed is one robot of the batch. The distance is
+that of the simulator's tool from where it was planned to be at the same time, over all set-points;
+the time is that from the last set-point until the arm stands on it, as a motion's end asks for, by
+its encoders. Asked for: lab 0.10 mm RMS and 0.3 mm at most, rough 0.3 and 1.0, 0.3 s, no failure.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.motion import BASE, PAYLOAD_KG, POSTURES, cases
+from bt_dualarm.arm.execution import SETTLE_S, SETTLED_RAD
+from bt_dualarm.motion.control.controller import JointController
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.motion.planning.tool_path import trace
+from bt_dualarm.motion.safety.reservation import Reservations
+from bt_dualarm.motion.timing.point_to_point import point_to_point
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Matrix, Pose
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from bt_dualarm.world.world import World
+
+PERIOD = 0.004
+LOADS = ("none", "known", "unknown")
+_STEADY_S = 0.3  # that it stands at the curve's start
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What one robot of the batch did on one curve: mm, s, and why it failed if it did."""
+
+    rms: float
+    worst: float
+    rest: float
+    fault: str
+
+
+def measured(world: World, motion: Trajectory, planned: Matrix) -> Figures:
+    """Follow a motion and compare the true tool with the plan at each set-point's time.
+
+    Args:
+        world: World with the arm ``arm1`` at the motion's start.
+        motion: Motion of its joints.
+        planned: Tool positions at the motion's set-points, of shape (n, 3), m.
+    """
+    controller = JointController(world, "arm1", PERIOD, Reservations())
+    body, every = world.arms["arm1"], round(PERIOD / world.timestep)
+
+    def advance() -> None:
+        controller.update(world.time)
+        for _ in range(every):
+            world.step()
+
+    limits = world.robots["arm1"].limits
+    entry = point_to_point(controller.setpoint.q, motion.q[0], limits, PERIOD)
+    controller.follow(entry)
+    for _ in range(len(entry) + round(_STEADY_S / PERIOD)):
+        advance()
+    controller.follow(motion)
+    true = []
+    for _ in range(len(motion)):
+        true.append(body.tool_pose.position)
+        advance()
+    began = world.time
+    while world.time - began < SETTLE_S:
+        away = np.abs(world.hardware["arm1"].q - motion.q[-1]).max()
+        if controller.at_rest and away < SETTLED_RAD:
+            break
+        advance()
+    distance = 1e3 * np.linalg.norm(np.array(true) - planned, axis=1)
+    rest, fault = world.time - began, "" if controller.fault is None else str(controller.fault)
+    if not fault and rest >= SETTLE_S:
+        fault = "does not come to rest"
+    return Figures(float(np.sqrt((distance**2).mean())), float(distance.max()), rest, fault)
+
+
+def world_of(
+    name: str, tool: Pose, reality: str, load: str, seed: int, kinds: Mapping[str, Kind]
+) -> World:
+    """The robot at the curve's start in a world of that reality, with the load at its tool."""
+    tree = {
+        "bt_dualarm": 1,
+        "name": "path",
+        "world": {
+            "scene": "empty",
+            "seed": seed,
+            "reality": {"set": reality, "payload": {"known": load != "unknown"}},
+        },
+        "arms": {
+            "arm1": {
+                "robot": name,
+                "base": {"xyz": BASE.position.tolist()},
+                "posture": POSTURES.get(name, "home"),
+                "tree": "succeed",
+            }
+        },
+    }
+    if load != "none":
+        at = tool @ Pose.from_rpy((0.0, 0.0, 0.045))  # clear of a hand
+        pose = {"xyz": at.position.tolist(), "quat": at.quaternion.tolist()}
+        cube = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": PAYLOAD_KG, "pose": pose}
+        tree["objects"] = {"payload": cube}
+    world = World(load_tree_file(tree, kinds), seed)
+    if load != "none":
+        world.attach("arm1", "payload")
+    return world
+
+
+def curves(name: str) -> Iterator[tuple[Pose, Trajectory, Matrix]]:
+    """Where the tool begins, the motion of the joints and the planned tool positions of each."""
+    robot = load_robot(name)
+    kinematics = Kinematics(robot, BASE)
+    start = robot.postures[POSTURES.get(name, "home")]
+    tool = kinematics.forward(start)
+    for case in cases(tool, 1.0)[:2]:
+        motion = trace(kinematics, case.path, start, robot.limits, PERIOD).motion
+        yield tool, motion, np.array([kinematics.matrix(q)[:3, 3] for q in motion.q])
+
+
+def row(name: str, reality: str, load: str, seeds: int, kinds: Mapping[str, Kind]) -> str:
+    """The line of a robot in a reality with a load, over its curves and seeds."""
+    batch = range(1) if reality == "ideal" else range(seeds)
+    found = [
+        measured(world_of(name, tool, reality, load, seed, kinds), motion, planned)
+        for tool, motion, planned in curves(name)
+        for seed in batch
+    ]
+    rms, faults = [one.rms for one in found], [one.fault for one in found if one.fault]
+    return (
+        f"{name:6} {reality:6} load {load:8} rms {np.mean(rms):.4f} (worst {max(rms):.4f}), "
+        f"max {max(one.worst for one in found):.4f} mm, "
+        f"rest {max(one.rest for one in found):.3f} s, {len(faults)} of {len(found)} failed"
+        + "".join(f"\n    {fault}" for fault in faults[:2])
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--robots", nargs="+", default=["ur5", "panda"], choices=robot_names())
+    parser.add_argument("--sets", nargs="+", default=["ideal", "lab", "rough"])
+    parser.add_argument("--seeds", type=int, default=10)
+    arguments = parser.parse_args()
+    kinds = Registry.load().kinds
+    for name in arguments.robots:
+        for reality in arguments.sets:
+            for load in LOADS:
+                print(row(name, reality, load, arguments.seeds, kinds), flush=True)
+
+
+if __name__ == "__main__":
+    main()
