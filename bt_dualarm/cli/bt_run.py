@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bt_dualarm.cli.early_signals import early
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED, UNUSABLE, complain
+from bt_dualarm.cli.entry import FAILED, OVERRUN, SUCCEEDED, UNUSABLE, complain
 from bt_dualarm.cli.run_arguments import command_line
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
@@ -77,7 +77,10 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
                 print(warning, file=sys.stderr)
         if arguments.dry_run:
             return _show_trees(arguments, opened)
-        with stop_on_signals(stop):
+        from bt_dualarm.cli.last_resort import ProcessEnd, exit_refused
+
+        with stop_on_signals(stop), exit_refused(), ProcessEnd(stop) as last_resort:
+            opened.watchdog.last_resort = last_resort
             for number in early.numbers:  # one that was lost on its way through the imports
                 stop.receive(number)
             code = _show(arguments, opened)
@@ -101,6 +104,7 @@ def _opened(arguments: argparse.Namespace, stop: StopRequest) -> Run:
         reality=arguments.reality,
         record=None if arguments.dry_run else arguments.record,
         real_time=arguments.real_time,
+        watchdog=arguments.watchdog,
         skills=arguments.skills,
         stop=stop,
     )
@@ -144,6 +148,14 @@ def _show(arguments: argparse.Namespace, opened: Run) -> int:
         console.print(report)
     elif result.outcome != "SUCCESS":
         Console(stderr=True, highlight=False).print(report)
+    return _code(result, complete=complete)
+
+
+def _code(result: RunResult, *, complete: bool) -> int:
+    from bt_dualarm.runtime.outcome import Ending
+
+    if result.ending is Ending.OVERRUN:
+        return OVERRUN
     good = result.outcome == "SUCCESS" and result.at_rest and complete
     return SUCCEEDED if good else FAILED
 
@@ -164,7 +176,9 @@ def _say_what_broke(result: RunResult, folder: Path | None) -> None:
     from bt_dualarm.runtime.outcome import Ending
     from bt_dualarm.runtime.record_folder import DIVERGENCE
 
-    if result.ending is Ending.DIVERGED:
+    if result.ending is Ending.OVERRUN:
+        print(f"bt-run: error: {result.error}", file=sys.stderr)
+    elif result.ending is Ending.DIVERGED:
         where = (
             f"the last states are in {folder / DIVERGENCE}"
             if folder

@@ -20,6 +20,7 @@ exit code:
   0 every tree succeeded   1 one failed or did not finish   2 the file or the command is wrong
   129, 130, 143 stopped by SIGHUP (the terminal was closed), SIGINT (Ctrl-C) or SIGTERM; once more:
   without waiting for arms and plots
+  154 code of a skill did not return in time (--watchdog)
 """
 
 
@@ -48,6 +49,17 @@ def command_line() -> argparse.ArgumentParser:
     )
     add("--ascii", action="store_true", help="draw with ASCII characters only")
     add("--seed", metavar="N", type=seed, help="of everything random (default: the file's)")
+    _add_conditions(parser)
+    add("--dry-run", action="store_true", help="build everything, move nothing, print the trees")
+    add_skills(parser)
+    add_params(parser)
+    add("--version", action="store_true", help="print the version and end")
+    return parser
+
+
+def _add_conditions(parser: argparse.ArgumentParser) -> None:
+    """What a run depends on besides its file."""
+    add = parser.add_argument
     add("--duration", metavar="S", type=_seconds, help="end after so many simulated seconds")
     add(
         "--renderer",
@@ -60,11 +72,14 @@ def command_line() -> argparse.ArgumentParser:
         help="how far all arms are from what is believed of them (default: the file's)",
     )
     add("--real-time", action="store_true", help="run no faster than the clock on the wall")
-    add("--dry-run", action="store_true", help="build everything, move nothing, print the trees")
-    add_skills(parser)
-    add_params(parser)
-    add("--version", action="store_true", help="print the version and end")
-    return parser
+    add(
+        "--watchdog",
+        metavar="S",
+        type=_budget,
+        default=30.0,
+        help="end the run when a tick or callback of a skill has not returned for so many seconds "
+        "on the wall (default: 30; 0 for never)",
+    )
 
 
 def seed(text: str) -> int:
@@ -88,3 +103,7 @@ def _seconds(text: str) -> float:
     if not (seconds > 0 and math.isfinite(seconds)):
         raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds above 0")
     return seconds
+
+
+def _budget(text: str) -> float:
+    return math.inf if text.strip() in ("0", "off") else _seconds(text)

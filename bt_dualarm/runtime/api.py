@@ -43,6 +43,7 @@ def run(
     reality: str | RealitySpec | Mapping[str, object] | None = None,
     record: str | os.PathLike[str] | None = None,
     real_time: bool = False,
+    watchdog: float | None = None,
     skills: Skills = (),
 ) -> RunResult:
     """Run a tree to its end; what became of it is in the result, a failed tree raises nothing.
@@ -56,15 +57,13 @@ def run(
         reality: ``ideal``, ``lab``, ``rough``, or a mapping as in a tree; by default the tree's.
         record: Folder to write summary, events, samples and plots to; by default none.
         real_time: Whether to run no faster than the clock on the wall.
+        watchdog: Seconds on the wall that a tick or callback of a skill gets; by default no limit.
         skills: Skills of one's own: classes, or folders of files.
 
     Raises:
-        SpecError: The tree has errors; ``problems`` has them all.
-        NoSuchTree: There is no file and no shipped tree of this name.
-        RegistryError: A skill is badly made.
-        RunError: An argument makes no sense.
-        RecordError: The folder of the record cannot be used.
-        DualArmError: The world cannot be composed, or the renderer cannot work here.
+        SpecError, NoSuchTree: The tree has errors, all in ``problems``; there is no such tree.
+        RunError, RegistryError: An argument makes no sense; a skill is badly made.
+        DualArmError: No world can be composed, no picture drawn, or no record written.
     """
     with open(
         tree,
@@ -75,6 +74,7 @@ def run(
         reality=reality,
         record=record,
         real_time=real_time,
+        watchdog=watchdog,
         skills=skills,
     ) as opened:
         return opened.finish()
@@ -91,6 +91,7 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
     reality: str | RealitySpec | Mapping[str, object] | None = None,
     record: str | os.PathLike[str] | None = None,
     real_time: bool = False,
+    watchdog: float | None = None,
     skills: Skills = (),
 ) -> Run:
     """Make a tree ready to be run in steps of one's own; nothing has moved yet.
@@ -105,6 +106,8 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
         reality: How far the arms are from what is believed of them.
         record: Folder of the record, which is written when the run is closed.
         real_time: Whether steps take their time on the wall.
+        watchdog: Seconds on the wall that code of skills gets before it is interrupted where it
+            stands, and the run ends.
         skills: Skills of one's own.
 
     Raises:
@@ -112,7 +115,7 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
     """
     folder = None if record is None else checked_folder(record)
     realistic = None if reality is None else checked_reality(reality)
-    options = RunOptions(seed, duration, renderer, realistic, folder, real_time)
+    options = RunOptions(seed, duration, renderer, realistic, folder, real_time, watchdog)
     registry = registry_of(skills)
     # The run composes the world itself, and says the same of what cannot be composed.
     checked = check_tree(_input(tree), registry.kinds, params, build=False)

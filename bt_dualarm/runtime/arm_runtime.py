@@ -6,12 +6,14 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from time import perf_counter
 
 from bt_dualarm.errors import RAISED_BY_SKILLS
 from bt_dualarm.runtime.outcome import Outcome
 from bt_dualarm.runtime.parts import ArmView, Controller, Eye, Tree
 from bt_dualarm.runtime.result import ArmResult
 from bt_dualarm.runtime.schedule import Periodic
+from bt_dualarm.runtime.slow_ticks import SlowTicks
 from bt_dualarm.tree.report import NodeView
 
 _log = logging.getLogger(__name__)
@@ -69,6 +71,7 @@ class ArmRuntime:
         self._before_halt: NodeView | None = None
         self._is_ticking = False
         self._is_leaving = False
+        self._slow_ticks = SlowTicks(name)
         self._tree = parts.tree
         self._controller = parts.controller
         self._eye = parts.eye
@@ -79,6 +82,11 @@ class ArmRuntime:
     def at_rest(self) -> bool:
         """No motion is commanded and the arm stands still."""
         return self._controller.at_rest
+
+    @property
+    def running(self) -> tuple[str, ...]:
+        """Paths of the leaves that run."""
+        return tuple(leaf.path for leaf in self._tree.leaves if leaf.status == "RUNNING")
 
     def capture(self, time: float) -> None:
         """Take a picture if one is due; nobody looks once the tree has ended."""
@@ -97,7 +105,9 @@ class ArmRuntime:
         if self.outcome is not None or not self._ticks.due(step):
             return False
         self._is_ticking = True
+        began = perf_counter()
         self._guarded("tree", self._tree.tick, time)
+        self._slow_ticks.note(time, perf_counter() - began, self._tree.leaves)
         self._is_ticking = False
         if self._is_leaving:
             self.halt(Outcome.REMOVED, time)
@@ -144,6 +154,7 @@ class ArmRuntime:
             runs=tuple(self._tree.leaves),
             runs_left_out=self._tree.leaves.left_out,
             fault=self.fault,
+            slow_ticks=self._slow_ticks.slowest,
         )
 
     def _end(self, outcome: Outcome, time: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from types import MappingProxyType
 
 from bt_dualarm.runtime.arm_runtime import ArmParts, ArmRuntime
@@ -107,9 +108,10 @@ class Arms:
 
     def halt(self, time: float) -> None:
         """End every tree and begin to stop every arm."""
-        for arm in self.present:
-            arm.halt(Outcome.UNFINISHED, time)
-            arm.stop()
+        with ExitStack() as all_of_it:  # also where some of it raises
+            for arm in reversed(self.present):
+                all_of_it.callback(arm.stop)
+                all_of_it.callback(arm.halt, Outcome.UNFINISHED, time)
 
     def views(self) -> tuple[ArmView, ...]:
         """All arms of the file as they stand now."""

@@ -65,4 +65,5 @@ class Lives:
             lives=tuple(ArmLife(life.outcome, life.ended_s, life.fault) for life in kept),
             lives_left_out=self._over.left_out,
             removable=self._leniency.removable,
+            slow_ticks=tuple(tick for life in kept for tick in life.slow_ticks),
         )

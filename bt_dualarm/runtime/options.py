@@ -34,6 +34,8 @@ class RunOptions:
         reality: Name of a set, or what a tree file says below ``reality``; None takes the file's.
         record: Folder that the record of the run is written to; None for no record.
         real_time: Whether the run is held back to the pace of the clock on the wall.
+        watchdog: Seconds on the wall that each tick and callback of a skill gets, infinity for as
+            long as it takes; None for no watchdog.
 
     Raises:
         RunError: One of them makes no sense; the message says what is allowed.
@@ -45,12 +47,15 @@ class RunOptions:
     reality: Reality | None = None
     record: Path | None = None
     real_time: bool = False
+    watchdog: float | None = None
 
     def __post_init__(self) -> None:
         if self.seed is not None:
             object.__setattr__(self, "seed", checked_seed(self.seed))
         if self.duration is not None:
             checked_seconds(self.duration, "duration")
+        if self.watchdog not in (None, math.inf):
+            checked_seconds(self.watchdog, "watchdog")
         kinds = get_args(RendererKind)
         if self.renderer is not None and self.renderer not in kinds:
             hint = suggestion(str(self.renderer), kinds, "renderer")

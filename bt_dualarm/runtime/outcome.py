@@ -29,6 +29,7 @@ class Ending(StrEnum):
     STOPPED = "it was asked to stop"
     CLOSED = "it was closed before its end"
     DIVERGED = "the simulation diverged"
+    OVERRUN = "code of a skill did not return in time"
     ERROR = "an internal error"
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 
 from bt_dualarm.runtime.assembly import Assembly, assemble
@@ -17,9 +18,10 @@ from bt_dualarm.runtime.record import Recorder
 from bt_dualarm.runtime.record_folder import RecordFolder
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
-from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.runtime.signals import StopRequest, ctrl_c_ends
 from bt_dualarm.runtime.state_log import StateLog
 from bt_dualarm.runtime.touch_observer import TouchObserver
+from bt_dualarm.runtime.watchdog import Watchdog
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 
@@ -33,9 +35,11 @@ class Prepared:
         assembly: World and arms.
         runner: What advances them.
         watch: Those who look on.
+        watchdog: What looks after the time that skills take.
         states: Hash of the states that the world goes through.
         log: What is logged while the run is advanced.
         recorder: Writer of the record, None where there is to be none.
+        folder: Folder of the record, likewise.
         resources: What the run holds; closing it gives that back.
     """
 
@@ -43,15 +47,41 @@ class Prepared:
     assembly: Assembly
     runner: Runner
     watch: Watch
+    watchdog: Watchdog
     states: StateLog
     log: LogCapture
     recorder: Recorder | None
+    folder: RecordFolder | None
     resources: ExitStack
+
+    def __post_init__(self) -> None:
+        self.watchdog.keep = self.keep_what_is_known
 
     @property
     def renderer(self) -> str | None:
         """``gl``, ``ray``, or None where no arm has a camera."""
         return None if self.assembly.renderer is None else self.assembly.renderer.name
+
+    @contextmanager
+    def at_work(self) -> Iterator[None]:
+        """Log, watchdog and Ctrl-C as they are while the run is advanced.
+
+        Raises:
+            KeyboardInterrupt: Somebody has pressed Ctrl-C, and nobody else handles that.
+        """
+        with self.log.during(), ctrl_c_ends(), self.watchdog.awake():
+            yield
+
+    def keep_what_is_known(self) -> None:
+        """Write the record of a run that code of a skill holds up for good; from another thread.
+
+        Raises:
+            RecordError: The disk is full, or the folder is gone.
+        """
+        if self.recorder is not None and self.folder is not None:
+            urgent = StopRequest(count=2)
+            self.recorder.write(self.completed(self.runner.so_far()), urgent)
+            self.folder.release()
 
     def completed(self, result: RunResult) -> RunResult:
         """What the runner says at its end, with what others know of the run."""
@@ -96,21 +126,35 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             file, registry, watch.note, seed=options.seed, renderer=options.renderer
         )
         resources.enter_context(closing(assembly))
-        world = assembly.world
-        states = StateLog(world)
+        states = StateLog(assembly.world)
         watch.observers += [states, TouchObserver(assembly.touches)]
-        recorder = None
+        recorder = folder = None
         if options.record is not None:
             folder = resources.enter_context(RecordFolder(options.record, file.arms))
-            recorder = Recorder(folder.path, world, states, log.take)
+            recorder = Recorder(folder.path, assembly.world, states, log.take)
             watch.observers.append(recorder)
-        pacer = RealTime(time.perf_counter, time.sleep) if options.real_time else Unpaced()
-        limit = _limit(file.world.time_limit, options.duration)
-        conditions = Conditions(limit, time.perf_counter, stop, pacer)
-        runner = Runner(world, assembly.arms, watch, conditions)
+        conditions = _conditions(file.world.time_limit, options, stop)
+        watchdog = resources.enter_context(closing(conditions.watchdog))
+        runner = Runner(assembly.world, assembly.arms, watch, conditions)
         return Prepared(
-            file.name, assembly, runner, watch, states, log, recorder, resources.pop_all()
+            file.name,
+            assembly,
+            runner,
+            watch,
+            watchdog,
+            states,
+            log,
+            recorder,
+            folder,
+            resources.pop_all(),
         )
+
+
+def _conditions(time_limit: float, options: RunOptions, stop: StopRequest) -> Conditions:
+    pacer = RealTime(time.perf_counter, time.sleep) if options.real_time else Unpaced()
+    limit = _limit(time_limit, options.duration)
+    watchdog = Watchdog(options.watchdog, stop)
+    return Conditions(limit, time.perf_counter, stop, pacer, watchdog)
 
 
 def _limit(time_limit: float, duration: float | None) -> Limit:

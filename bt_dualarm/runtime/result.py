@@ -86,6 +86,21 @@ class ArmLife:
     fault: str = ""
 
 
+@dataclass(frozen=True)
+class SlowTick:
+    """A tick of an arm's tree that took long.
+
+    Attributes:
+        time_s: Simulated time in seconds.
+        wall_s: Seconds on the clock that it took.
+        leaves: Paths of the leaves that ran in it.
+    """
+
+    time_s: float
+    wall_s: float
+    leaves: tuple[str, ...]
+
+
 @dataclass(frozen=True, repr=False)
 class ArmResult:
     """What one arm did.
@@ -107,6 +122,7 @@ class ArmResult:
         removable: Whether the file forgives that it was taken away before its tree had ended.
         guard: Smallest distances while it moved, and what its guard did.
         series: What its leaves measured over time, by the leaf's path and by name.
+        slow_ticks: The slowest of the ticks that took long on the clock, in the order of time.
     """
 
     name: str
@@ -122,6 +138,7 @@ class ArmResult:
     removable: bool = False
     guard: Mapping[str, Number] = field(default_factory=dict)
     series: Mapping[str, Mapping[str, Series]] = field(default_factory=dict)
+    slow_ticks: tuple[SlowTick, ...] = ()
 
     @property
     def leaves(self) -> Mapping[str, LeafResult]:

@@ -15,7 +15,8 @@ from bt_dualarm.runtime.parts import ArmView, Observer
 from bt_dualarm.runtime.prepared import prepare
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.schedule import exact
-from bt_dualarm.runtime.signals import StopRequest, ctrl_c_ends
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.runtime.watchdog import Watchdog
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.problems import Problem
@@ -164,6 +165,11 @@ class Run:
         """Let somebody look on from now on, after those who do already."""
         self._parts.watch.observers.append(observer)
 
+    @property
+    def watchdog(self) -> Watchdog:
+        """What looks after the time that skills take."""
+        return self._parts.watchdog
+
     def spawn_all(self) -> None:
         """Bring every arm that the file declares into the world, before the first step."""
         for name in self._arms.keys() - self.world.arms.keys():
@@ -192,7 +198,7 @@ class Run:
         Raises:
             RecordError: The disk is full, or the folder is gone.
         """
-        with self._parts.resources, self._parts.log.during(), ctrl_c_ends():
+        with self._parts.resources, self._parts.at_work():
             if self._result is None:
                 self._parts.runner.break_off()
                 self._take_result()
@@ -223,7 +229,7 @@ class Run:
             raise RunError("the run is being advanced already: its own parts cannot do that")
         self._is_busy = True
         try:
-            with self._parts.log.during(), ctrl_c_ends():
+            with self._parts.at_work():
                 self._parts.runner.advance(until)
         finally:
             self._is_busy = False

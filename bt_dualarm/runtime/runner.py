@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from bt_dualarm.errors import DivergenceError
+from bt_dualarm.errors import RAISED_BY_SKILLS, DivergenceError, Overrun
 from bt_dualarm.runtime.arms import Arms
 from bt_dualarm.runtime.events import Watch
 from bt_dualarm.runtime.outcome import Ending
@@ -15,6 +15,7 @@ from bt_dualarm.runtime.pacing import Pacer, Unpaced
 from bt_dualarm.runtime.parts import ArmView, SteppedWorld
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.runtime.watchdog import Watchdog
 
 _log = logging.getLogger(__name__)
 
@@ -44,12 +45,14 @@ class Conditions:
         clock: Seconds on the wall, for the real-time factor only.
         stop: Request to end, looked at before every step.
         pacer: What holds simulated time back.
+        watchdog: What looks after the time that skills take.
     """
 
     limit: Limit
     clock: Callable[[], float]
     stop: StopRequest = field(default_factory=StopRequest)
     pacer: Pacer = field(default_factory=Unpaced)
+    watchdog: Watchdog = field(default_factory=lambda: Watchdog(None, StopRequest()))
 
 
 class Runner:
@@ -65,7 +68,7 @@ class Runner:
         world: The physics.
         arms: The arms of the file.
         watch: Those who look on.
-        conditions: Limit, clock, stop request, pace.
+        conditions: Limit, clock, stop request, pace, watchdog.
     """
 
     def __init__(
@@ -75,6 +78,7 @@ class Runner:
         self._arms = arms
         self._watch = watch
         self._conditions = conditions
+        self._watchdog = conditions.watchdog
         self._step = 0
         self._last_step = round(conditions.limit.seconds / world.timestep)
         self._error = ""
@@ -117,6 +121,12 @@ class Runner:
                 self._begin_to_end(Ending.CLOSED)
             self._result = self._made_result()
 
+    def so_far(self) -> RunResult:
+        """What it has done, where code of a skill holds the thread and it cannot go on."""
+        if self._ending is None:
+            self._ending = Ending.STOPPED if self._conditions.stop.asked else Ending.OVERRUN
+        return self._made_result()
+
     def _has_ended(self) -> bool:
         """Whether nothing is left to be done; what begins the end is done here."""
         if self._ending is None:
@@ -132,6 +142,8 @@ class Runner:
         )
 
     def _reason_to_end(self) -> Ending | None:
+        if self._watchdog.overrun and not self._conditions.stop.asked:
+            return Ending.OVERRUN
         if self._arms.ended:
             return Ending.FINISHED
         if self._conditions.stop.asked:
@@ -142,7 +154,13 @@ class Runner:
         """Halt the trees and begin to stop the arms, which get some time for it."""
         self._ending = ending
         self._last_step = self._step + round(STOPPING_S / self._world.timestep)
-        self._arms.halt(self.time)
+        try:
+            with self._watchdog:
+                self._arms.halt(self.time)
+        except RAISED_BY_SKILLS as error:
+            _log.exception("the arms could not be halted")
+            self._error = self._error or f"{type(error).__name__}: {error}"
+            self._ending = Ending.ERROR
         self._watch.after_ticks(self)
 
     def _made_result(self) -> RunResult:
@@ -151,13 +169,19 @@ class Runner:
         if not at_rest:
             _log.warning("the run ended with an arm still moving")
         return RunResult(
-            ending=self._ending or Ending.CLOSED,
+            ending=self._verdict(),
             sim_time_s=self.time,
             wall_time_s=self._wall_s,
             arms=self._arms.results(),
             at_rest=at_rest,
-            error=self._error,
+            error="; ".join(filter(None, (self._watchdog.overrun, self._error))),
         )
+
+    def _verdict(self) -> Ending:
+        """Why it ended; a clean-up that does not return comes after that, and is no less bad."""
+        ending = self._ending or Ending.CLOSED
+        is_due = self._watchdog.overrun and ending not in (Ending.STOPPED, Ending.DIVERGED)
+        return Ending.OVERRUN if is_due else ending
 
     def _make_step(self, *, trees: bool) -> None:
         """One physics step and all that is due in it."""
@@ -165,10 +189,13 @@ class Runner:
         try:
             if trees:
                 self._see_and_tick(time)
-            self._arms.control(self._step, time)
+            with self._watchdog:
+                self._arms.control(self._step, time)
             self._world.step()
         except DivergenceError as error:
             self._break(Ending.DIVERGED, str(error))
+            return
+        except Overrun:  # past the skill that it was meant for; the run ends before the next step
             return
         except Exception as error:  # noqa: BLE001 - the record is written, whatever broke the run
             _log.exception("the run broke at %.3f s", time)
@@ -179,10 +206,13 @@ class Runner:
         self._conditions.pacer.pace(self._world.time)
 
     def _see_and_tick(self, time: float) -> None:
-        self._arms.capture(time)
-        self._arms.deliver(time)
-        if self._arms.tick(self._step, time):
-            self._arms.follow(self._step, ticked_from=self._step + 1)
+        with self._watchdog:
+            self._arms.capture(time)
+            self._arms.deliver(time)
+            ticked = self._arms.tick(self._step, time)
+            if ticked:
+                self._arms.follow(self._step, ticked_from=self._step + 1)
+        if ticked:
             self._watch.after_ticks(self)
 
     def _break(self, ending: Ending, error: str) -> None:

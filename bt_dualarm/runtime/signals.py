@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
@@ -19,20 +20,22 @@ class StopRequest:
     Attributes:
         signal_number: The first signal that came, else None.
         count: Number of requests. One: stop the arms, write everything. More: skip what takes time.
+        heard: Number of signals that have come, also where the handler waits for code to return.
     """
 
     signal_number: int | None = None
     count: int = 0
+    heard: int = 0
 
     @property
     def asked(self) -> bool:
         """The run shall end in an orderly way."""
-        return self.count > 0
+        return max(self.count, self.heard) > 0
 
     @property
     def urgent(self) -> bool:
         """Asked again: what is not needed for consistent files is left out."""
-        return self.count > 1
+        return max(self.count, self.heard) > 1
 
     @property
     def exit_code(self) -> int:
@@ -48,6 +51,12 @@ class StopRequest:
         if self.signal_number is None:
             self.signal_number = number
         self.count += 1
+
+    def hear(self, number: int) -> None:
+        """Note that a signal has come, which its handler will note in its turn."""
+        if self.signal_number is None:
+            self.signal_number = number
+        self.heard += 1
 
 
 @contextmanager
@@ -80,19 +89,49 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 def stop_on_signals(request: StopRequest) -> Iterator[StopRequest]:
     """Turn SIGINT, SIGTERM and SIGHUP into ``request`` for the time of the block.
 
-    The handler only counts: whatever it interrupts (a file half written, a tick) goes on. SIGHUP
-    comes when a terminal is closed; where it is ignored, as ``nohup`` does, it stays ignored.
+    The handler only counts: whatever it interrupts (a file half written, a tick) goes on; the third
+    signal ends the process where it stands. SIGHUP comes when a terminal is closed; where it is
+    ignored, as ``nohup`` does, it stays ignored.
+
+    Handlers wait until the main thread returns to Python; a thread hears of signals before.
     """
 
     def note(number: int, _frame: FrameType | None) -> None:
         request.receive(number)
+        if request.count > 1:
+            for other in numbers:
+                signal.signal(other, signal.SIG_DFL)
 
     numbers = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
     before = {number: signal.signal(number, note) for number in numbers}
     try:
-        yield request
+        with _hearing(request, numbers):
+            yield request
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def _hearing(request: StopRequest, numbers: Collection[int]) -> Iterator[None]:
+    """Note signals when they come, whatever the main thread does; Python writes them to a pipe."""
+    ear, mouth = os.pipe()
+    os.set_blocking(mouth, False)
+    before = signal.set_wakeup_fd(mouth, warn_on_full_buffer=False)
+
+    def listen() -> None:
+        while said := os.read(ear, 1):
+            if said[0] in numbers:
+                request.hear(said[0])
+
+    thread = threading.Thread(target=listen, name="signals", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.close(mouth)
+        thread.join()
+        os.close(ear)

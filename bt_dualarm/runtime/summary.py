@@ -69,6 +69,7 @@ def _arm(arm: ArmResult) -> dict[str, object]:
         "lives_left_out": arm.lives_left_out,
         "clipped_setpoints": arm.clipped_setpoints,
         "guard": arm.guard,
+        "slow_ticks": [vars(tick) for tick in arm.slow_ticks],
         "runs_left_out": arm.runs_left_out,
         "leaves": [run.as_dict() for run in arm.runs],
     }

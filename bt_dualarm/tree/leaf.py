@@ -148,6 +148,8 @@ class Leaf(Behaviour):
         try:
             if self._run is not None:
                 self._run.close()
+        except Overrun as overrun:
+            return f"its clean-up was interrupted: {overrun}"
         except RAISED_BY_SKILLS as error:
             self._log_exception("in its clean-up")
             return f"its clean-up raised {_one_line(error)}"

@@ -184,7 +184,7 @@ def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path)
     assert (summary["error"], summary["at_rest"]) == ("", True)
     arm = summary["arms"]["arm1"]
     fields = ["outcome", "robot", "fault", "lives", "lives_left_out"]
-    fields += ["clipped_setpoints", "guard", "runs_left_out", "leaves"]
+    fields += ["clipped_setpoints", "guard", "slow_ticks", "runs_left_out", "leaves"]
     assert list(arm) == fields
     leaf = summary["arms"]["arm1"]["leaves"][0]
     assert list(leaf) == [

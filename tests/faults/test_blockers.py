@@ -1,0 +1,169 @@
+"""Code of a skill that does not return is named and left; arms come to rest, records are whole."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bt_dualarm import cli
+from bt_dualarm.runtime import watchdog
+from tests.commands import Ran
+
+HERE = Path(__file__).parent
+
+TREE = """\
+bt_dualarm: 1
+name: blocked
+world: {{scene: empty, time_limit: 20}}
+arms:
+  arm1:
+    robot: ur5
+    camera: {{mount: wrist, resolution: [32, 24], fps: 30}}
+    tree: {{timeout: {{seconds: 0.3, child: {{blocker: {ports}}}}}}}
+  arm2:
+    robot: ur3
+    base: {{xyz: [0, 2, 0]}}
+    tree: {{wait: 10}}
+"""
+
+BUDGET_S = 1.5
+"""What does return takes a few hundredths of it, also in a process that has just begun."""
+
+CASES = [
+    ("constructor", "sleep"),
+    ("before", "spin"),
+    ("step", "wait"),
+    ("finally", "spin"),
+    ("stream", "sleep"),
+    ("camera", "spin"),
+]
+
+PROGRAM = """\
+import sys
+from bt_dualarm.runtime import watchdog
+watchdog.STOPPING_S = 0.5
+import bt_dualarm.cli as cli
+sys.exit(cli.run())
+"""
+
+
+def arguments(folder: Path, budget: float, **ports: str) -> list[str]:
+    file = folder / "blocked.yaml"
+    file.write_text(TREE.format(ports=json.dumps(ports)))
+    options = ("--display", "quiet", "--renderer", "ray", "--watchdog", budget)
+    where = ("--skills", HERE / "skills", "--record", folder / "out")
+    return [str(part) for part in (file, *options, *where)]
+
+
+def run(folder: Path, capsys: pytest.CaptureFixture[str], budget: float, **ports: str) -> Ran:
+    code = cli.run(arguments(folder, budget, **ports))
+    return Ran(code, *capsys.readouterr(), folder / "out")
+
+
+def run_apart(folder: Path, budget: float, **ports: str) -> Ran:
+    """In a process of its own, which it may end."""
+    command = [sys.executable, "-c", PROGRAM, *arguments(folder, budget, **ports)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return Ran(done.returncode, done.stdout, done.stderr, folder / "out")
+
+
+def check_whole(ran: Ran) -> None:
+    """Every file of the record can be read, and no other one is there."""
+    assert not [path for path in ran.folder.iterdir() if path.name.startswith(".")]
+    assert set(ran.summary["arms"]) == {"arm1", "arm2"}
+    assert ran.events
+    assert np.isfinite(ran.samples["tool_arm1"]).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("phase", "deed"), CASES)
+def test_a_blocker_is_named_and_left(
+    phase: str, deed: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ran = run(tmp_path, capsys, BUDGET_S, phase=phase, deed=deed)
+    assert ran.code == 154
+    assert signal.getitimer(signal.ITIMER_VIRTUAL) == (0.0, 0.0), "no alarm is left behind"
+    check_whole(ran)
+    assert ran.summary["ending"] == "code of a skill did not return in time"
+    assert ran.summary["error"].startswith("arm1: timeout/blocker at blocker.py:")
+    assert f"bt-run: error: {ran.summary['error']}" in ran.err
+    assert ran.summary["at_rest"]
+    leaf, other = (ran.summary["arms"][arm]["leaves"][0] for arm in ("arm1", "arm2"))
+    assert (other["status"], other["code"]) == ("INVALID", "HALTED")
+    if phase in ("constructor", "before", "step"):
+        assert (leaf["status"], leaf["code"]) == ("FAILURE", "OVERRUN")
+        assert "blocker.py:" in leaf["reason"]
+    else:
+        assert (leaf["status"], leaf["code"]) == ("INVALID", "HALTED")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("signals", "phase", "code"),
+    [
+        ("SIGINT", "step", 130),
+        ("SIGTERM", "finally", 143),
+        ("SIGHUP", "constructor", 129),
+        ("SIGTERM SIGINT", "before", 143),
+    ],
+)
+def test_a_blocker_is_left_sooner_when_the_run_is_to_end(
+    signals: str,
+    phase: str,
+    code: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Without a budget of its own, too; the second signal waits for nothing."""
+    monkeypatch.setattr(watchdog, "STOPPING_S", 1e6 if " " in signals else 0.5)
+    ran = run(tmp_path, capsys, 0, phase=phase, deed="spin", signals=signals)
+    assert ran.code == code
+    check_whole(ran)
+    assert ran.summary["ending"] == "it was asked to stop"
+    assert "blocker.py:" in ran.summary["error"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("deed", "signals", "code"),
+    [("swallow", "", 154), ("deadlock", "SIGTERM SIGINT", 143)],
+)
+def test_what_cannot_be_interrupted_ends_with_the_record_so_far(
+    deed: str, signals: str, code: int, tmp_path: Path
+) -> None:
+    ran = run_apart(tmp_path, 0 if signals else BUDGET_S, deed=deed, signals=signals)
+    assert ran.code == code, ran.err
+    assert "arm1: timeout/blocker at blocker.py:" in ran.err
+    assert "and cannot be interrupted" in ran.err
+    check_whole(ran)
+    assert not ran.summary["at_rest"]
+    assert ran.summary["arms"]["arm1"]["leaves"][0]["status"] == "RUNNING"
+
+
+@pytest.mark.slow
+def test_what_holds_python_s_own_lock_is_ended_by_the_system(tmp_path: Path) -> None:
+    """No thread of Python runs any more: events are on the disk, the line is told.
+
+    A shell says 154 of a process that this signal has ended.
+    """
+    ran = run_apart(tmp_path, BUDGET_S, deed="hold the lock of Python")
+    assert ran.code == -signal.SIGVTALRM
+    assert 'blocker.py", line' in ran.err
+    assert [event["new"] for event in ran.events if event["path"] == "timeout/blocker"]
+
+
+def test_a_skill_cannot_end_the_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With a code of SUCCESS, of all things: it is a leaf that fails."""
+    ran = run(tmp_path, capsys, BUDGET_S, deed="leave", phase="step")
+    assert ran.code == 1
+    check_whole(ran)
+    leaf = ran.summary["arms"]["arm1"]["leaves"][0]
+    assert leaf["code"] == "EXCEPTION"
+    assert leaf["reason"].startswith("SystemExit: os._exit(0) (a skill ends no program")

@@ -1,0 +1,158 @@
+"""The watchdog: what it interrupts, in which thread, and what it leaves alone."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import bt_dualarm as bt
+from bt_dualarm.errors import Overrun
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.runtime.watchdog import Watchdog
+
+FOR_EVER_S = 60.0
+"""Slept by what is to be interrupted: were it not, its test would fail after that time."""
+
+
+def sleep() -> None:
+    time.sleep(FOR_EVER_S)
+
+
+def spin() -> None:
+    latest = time.monotonic() + FOR_EVER_S
+    while time.monotonic() < latest:
+        pass
+
+
+def watched(dog: Watchdog, act: Callable[[], object]) -> str:
+    """What has interrupted it; empty if nothing has."""
+    try:
+        with dog.awake():
+            try:
+                with dog:
+                    act()
+            except Overrun as overrun:
+                return str(overrun)
+    finally:
+        dog.close()
+    return ""
+
+
+@pytest.mark.parametrize("act", [sleep, spin])
+def test_code_that_has_used_up_its_budget_is_interrupted_where_it_stands(
+    act: Callable[[], object],
+) -> None:
+    dog = Watchdog(0.3, StopRequest())
+    before = signal.getsignal(signal.SIGURG)
+    sentence = watched(dog, act)
+    assert sentence.startswith("the run at test_watchdog.py:")
+    assert f", in {act.__name__} has not returned for 0." in sentence
+    assert dog.overrun == sentence
+    assert signal.getsignal(signal.SIGURG) is before
+
+
+def test_in_another_thread_code_of_python_is_interrupted() -> None:
+    said: list[str] = []
+    dog = Watchdog(0.3, StopRequest())
+    thread = threading.Thread(target=lambda: said.append(watched(dog, spin)))
+    thread.start()
+    thread.join()
+    assert ", in spin has not returned" in said[0]
+
+
+def test_many_short_ones_are_not_one_long_one() -> None:
+    """Each one starts anew, however many there are."""
+    dog = Watchdog(0.5, StopRequest())
+    with dog.awake():
+        for _ in range(8):
+            with dog:
+                time.sleep(0.1)
+    dog.close()
+    assert dog.overrun == ""
+
+
+@pytest.mark.parametrize("requests", [1, 2])
+def test_when_the_run_is_to_end_there_is_less_time_and_then_none(
+    requests: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bt_dualarm.runtime.watchdog.STOPPING_S", 0.3 if requests == 1 else 1e6)
+    stop = StopRequest()
+    for _ in range(requests):
+        stop.ask()
+    assert watched(Watchdog(float("inf"), stop), sleep)
+
+
+def test_where_no_skill_has_called_it_code_of_the_package_may_take_its_time() -> None:
+    """A controller is not to be left in the middle of its work, on however slow a machine."""
+    dog = Watchdog(0.2, StopRequest())
+    names: dict[str, Any] = {"dog": dog, "sleep": time.sleep}
+    text = "def work():\n    with dog.awake(), dog:\n        sleep(0.8)"
+    exec(compile(text, bt.__file__, "exec"), names)  # noqa: S102 - as if it were of the package
+    thread = threading.Thread(target=names["work"])
+    thread.start()
+    thread.join()
+    dog.close()
+    assert dog.overrun == ""
+
+
+def test_a_debugger_and_a_terminal_may_take_their_time() -> None:
+    """Code below one of their functions waits for a person."""
+    for module in ("bdb", "bt_dualarm.cli.outlet"):
+        names: dict[str, Any] = {"__name__": module, "sleep": time.sleep}
+        exec("def prompt(): sleep(0.8)", names)  # noqa: S102 - a module that waits
+        dog = Watchdog(0.2, StopRequest())
+        assert watched(dog, names["prompt"]) == ""
+        assert dog.overrun == ""
+
+
+class Dawdler(bt.Skill):
+    """Takes a moment for one tick."""
+
+    example = "dawdler"
+
+    def run(self) -> Any:
+        """Move, and think."""
+        yield from self.arm.travel([self.arm.setpoint.q + 0.05], 0.5)
+        time.sleep(0.3)
+        yield
+
+
+def test_within_its_budget_a_run_is_the_same_to_the_last_bit() -> None:
+    tree = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty"},
+        "arms": {"arm1": {"robot": "ur5", "tree": {"dawdler": None}}},
+    }
+    runs = [bt.run(tree, skills=[Dawdler], watchdog=budget) for budget in (None, 60.0)]
+    assert [run.outcome for run in runs] == ["SUCCESS", "SUCCESS"]
+    assert runs[0].state_sha256 == runs[1].state_sha256
+
+
+def test_from_python_a_run_ends_and_says_why() -> None:
+    tree = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty"},
+        "arms": {"arm1": {"robot": "ur5", "tree": {"endless": None}}},
+    }
+    result = bt.run(tree, skills=[Endless], watchdog=0.5)
+    assert result.ending is bt.Ending.OVERRUN
+    leaf = result.arms["arm1"].leaves["endless"]
+    assert (leaf.status, leaf.code) == ("FAILURE", "OVERRUN")
+    assert "test_watchdog.py:" in leaf.reason
+    assert result.at_rest
+
+
+class Endless(bt.Skill):
+    """Never yields."""
+
+    example = "endless"
+
+    def run(self) -> Any:
+        """Compute."""
+        sleep()
+        yield
