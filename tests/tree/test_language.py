@@ -29,6 +29,7 @@ OTHER_THINGS = {
     ("spec/expand.py", "subtree"),  # what a name in a message is the name of
     ("cli/run_arguments.py", "log"),  # a display of one line an event
     ("runtime/display.py", "log"),
+    ("spec/reality.py", "set"),  # the name of a set of numbers
     ("runtime/summary.py", "guard"),  # the gate on set-points, in summary.json
 }
 """Texts that are spelt like a word and mean something else."""
