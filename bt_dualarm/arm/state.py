@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.control.controller import JointController
 from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
@@ -9,6 +11,9 @@ from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.robots.robot import JointLimits, Robot
 from bt_dualarm.world.world import World
+
+_WEAK = 0.02
+"""Share of its strongest direction below which an arm does not feel the tool."""
 
 
 class ArmState:
@@ -69,6 +74,22 @@ class ArmState:
     def commanded_tool_pose(self) -> Pose:
         """Pose of the tool at the last set-point: free of the servo error, so plans start here."""
         return self.kinematics.forward(self.setpoint.q)
+
+    @property
+    def external_torque(self) -> Vector:
+        """What pushes the joints, of shape (dof,), N m; friction that nobody knows of, too."""
+        return self.controller.touch.torque
+
+    @property
+    def external_wrench(self) -> Vector:
+        """Force in N, then moment in N m about the tool, in the world, of shape (6,).
+
+        It is what explains `external_torque` best if all of it acts on the tool.
+        """
+        jacobian = self.world.nominal[self.name].tool_jacobian_at(self.q)
+        inverse = np.asarray(np.linalg.pinv(jacobian.T, rcond=_WEAK), dtype=np.float64)
+        wrench: Vector = inverse @ self.external_torque
+        return wrench
 
     @property
     def held(self) -> tuple[str, ...]:

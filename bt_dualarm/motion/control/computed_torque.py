@@ -9,6 +9,7 @@ import numpy as np
 from bt_dualarm.errors import DivergenceError
 from bt_dualarm.motion.control.dynamics import ArmDynamics
 from bt_dualarm.motion.control.friction import feed_forward
+from bt_dualarm.motion.control.momentum_observer import MomentumObserver
 from bt_dualarm.motion.control.state_observer import DRIVE_DELAY_S, StateObserver
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.stopping_distance import every
@@ -50,6 +51,7 @@ class ComputedTorque:
     Attributes:
         saturated: Number of times that the efforts did not suffice.
         observer: What is known of the joints.
+        touch: What is known of external torques.
         drift: Velocities of the joints without their tremor, of shape (dof,), rad/s.
     """
 
@@ -62,11 +64,12 @@ class ComputedTorque:
         self._name = arm
         self._hardware, self._nominal = world.hardware[arm], world.nominal[arm]
         self.observer = StateObserver(self._hardware.q, period, world.timestep)
+        self.touch = MomentumObserver(len(self._hardware.q), period)
         # MuJoCo's Euler steps end with the velocity that they had in their middle.
         self._half_step = 0.5 * world.timestep
         self._limit = world.robots[arm].limits.effort
         self._content = _CONTENT * (self._nominal.friction.coulomb > 0.0)
-        self._before, self._tremor, self.drift = np.zeros((3, len(self._limit)))
+        self._before, self._tremor, self.drift, self._driving = np.zeros((4, len(self._limit)))
         self._calm = -math.expm1(-period / _TREMOR_S)
         self._take_up(self._nominal.loads)
 
@@ -83,6 +86,7 @@ class ComputedTorque:
         self._tremor = self._tremor + self._calm * (observer.v - sent.v - self._tremor)
         self.drift = sent.v + self._tremor
         dynamics.update(observer.q, observer.v)
+        self.touch.update(dynamics, observer.v, self._driving)
         meant = sent.a + self._ahead * (sent.a - self._before)
         self._before = sent.a
         friction = feed_forward(self._nominal.friction, sent.v + self._half_period * meant)
@@ -96,7 +100,8 @@ class ComputedTorque:
                 )
             self.saturated += 1
             torque = self._within_effort(torque, rest)
-        observer.expect(dynamics.accelerations(torque - dynamics.bias - friction))
+        self._driving = torque - friction
+        observer.expect(dynamics.accelerations(self._driving - dynamics.bias))
         hardware.command(torque)
         behind: Vector = sent.q - hardware.q
         return behind
@@ -146,3 +151,4 @@ class ComputedTorque:
         """Reckon with what the arm holds now."""
         self._held = loads
         self._dynamics = ArmDynamics(self._nominal, loads)
+        self.touch.forget()

@@ -46,6 +46,7 @@ class JointController:
 
     Attributes:
         fault: Exception that ended the last motion; the skill that began it raises it.
+        touch: What is known of torques from outside.
     """
 
     def __init__(self, world: World, name: str, period: float, reservations: Reservations) -> None:
@@ -63,6 +64,7 @@ class JointController:
         self._top_speed = self._robot.limits.velocity / world.declared_arms[name].limits.velocity
         self._guard = ArmGuard(world, name, period, reservations)
         self._torque = ComputedTorque(world, name, period)
+        self.touch = self._torque.touch
         self._hold = self.setpoint
 
     @property

@@ -46,6 +46,13 @@ class ArmDynamics:
         mujoco.mj_rne(model, data, 0, data.qfrc_bias)
 
     @property
+    def inertia(self) -> Matrix:
+        """Inertia matrix at the last update, of shape (dof, dof), kg m²."""
+        inertia = np.empty((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self.data, inertia)
+        return inertia
+
+    @property
     def bias(self) -> Vector:
         """Torques of gravity and of velocity at the last update, of shape (dof,), N m."""
         bias: Vector = self.data.qfrc_bias

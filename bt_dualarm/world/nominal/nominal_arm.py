@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.nominal.camera_pose import camera_pose
 from bt_dualarm.world.nominal.nominal_load import NominalLoad
 from bt_dualarm.world.robots.friction import JointFriction
@@ -96,6 +96,20 @@ class NominalArm:
         data = self._placed(q)
         mujoco.mj_camlight(self.model, data)
         return camera_pose(data, 0)
+
+    def tool_jacobian_at(self, q: Vector) -> Matrix:
+        """Of the tool in the world: velocity, then angular velocity, by those of the joints.
+
+        Args:
+            q: Positions of the joints, of shape (dof,), rad.
+
+        Returns:
+            Jacobian of shape (6, dof); changes no state.
+        """
+        data, jacobian = self._placed(q), np.zeros((6, self.model.nv))
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_jacSite(self.model, data, jacobian[:3], jacobian[3:], self.tool_site)
+        return jacobian
 
     def _placed(self, q: Vector) -> mujoco.MjData:
         self._elsewhere.qpos[:] = q
