@@ -44,11 +44,12 @@ def test_what_is_knocked_away_is_named_with_the_force(turn: float, mass: float) 
 
 
 def forces_on(bench: Bench, force: np.ndarray) -> list[float]:
-    """Normal forces of all contacts with the block now."""
+    """Normal forces of all contacts of an arm with the block now; it may hit the table, too."""
     world, found = bench.world, [0.0]
+    arms = {geom for body in world.arms.values() for geom in body.geom_ids}
     geom = world.object_geom("block")
     for i, pair in enumerate(world.data.contact.geom):
-        if geom in pair:
+        if geom in pair and not arms.isdisjoint(pair):
             mujoco.mj_contactForce(world.model, world.data, i, force)
             found.append(float(force[0]))
     return found
