@@ -1,48 +1,132 @@
-"""Killing a run at random moments: exit code, whole files, arms that stand still.
+"""Stopping runs at random moments and in skills that block: exit code, whole files, arms at rest.
 
-    python benchmarks/interrupts.py [TREE] [--moments 10] [--seed 0]
+    python benchmarks/interrupts.py signals  [--times 200] [--seed 0]
+    python benchmarks/interrupts.py blockers [--times 300] [--seed 0]
+    python benchmarks/interrupts.py workers  [--times 50] [--seed 0]
 
-SIGINT and SIGTERM, each at so many moments of wall time after the program began to build or run.
+``signals``: INT, TERM and HUP at random moments of wall time from the start of the program on.
+``blockers``: code that does not return, in each phase of a skill, with no signal, one, or two.
+``workers``: the planning process is killed or stopped; the leaf fails, or its plan is found.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from subprocess import DEVNULL, PIPE
+from subprocess import PIPE
 
 import numpy as np
 
-PROGRAM = "import bt_dualarm.cli as cli, sys; print('begun', flush=True); sys.exit(cli.run())"
-LONGEST = 6.0  # s after the start of the program
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.planning.process import PlanningProcess
+from tests.motion.walls import LEFT, RIGHT, problem_in, walled_world
+
+SKILLS = Path(__file__).parents[1] / "tests" / "faults" / "skills"
+PROGRAM = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "signal.signal(signal.SIGHUP, signal.SIG_DFL); print('begun', flush=True); "
+    "import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
+)
+BLOCKED = """\
+bt_dualarm: 1
+name: blocked
+world: {{scene: empty, time_limit: 20}}
+arms:
+  arm1: {{robot: ur5, tree: {{timeout: {{seconds: 0.3, child: {{blocker: {ports}}}}}}}}}
+  arm2: {{robot: ur3, base: {{xyz: [0, 2, 0]}}, tree: {{wait: 10}}}}
+"""
+KINDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+PHASES = ("constructor", "before", "step", "finally", "stream")
+DEEDS = ("spin", "sleep", "wait", "swallow", "deadlock")
+OVERRUN = 154
+BUDGET_S = 1.0  # of a blocker without a signal
+LONGEST_S = 10.0  # from the moment at which it blocks, the plots of the record included
+LATEST = 6.0  # s after the start of the program
 STANDS = 2e-4  # m between two samples, 10 ms apart
 
 
-def killed(tree: str, kind: signal.Signals, moment: float, folder: Path) -> list[str]:
-    """Everything that is not as it should be after a run was killed."""
-    command = [sys.executable, "-c", PROGRAM, tree, "--display", "quiet", "--record", str(folder)]
-    with subprocess.Popen(command, stdout=PIPE, stderr=DEVNULL, text=True) as process:
+def ended(
+    arguments: list[str], kind: signal.Signals | None, moment: float
+) -> tuple[int, str, float]:
+    """Exit code, complaints, and seconds from its first lines on, of a run that gets a signal."""
+    command = [sys.executable, "-c", PROGRAM, *arguments]
+    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
         if process.stdout is not None:
             process.stdout.readline()
+            if kind is None:
+                process.stdout.readline()  # it blocks now
+        began = time.monotonic()
+        if kind is not None:
+            time.sleep(moment)
+            process.send_signal(kind)
+        complaints = process.communicate(timeout=300)[1]
+    # A shell tells one that a signal has ended by the same code.
+    code = process.returncode if process.returncode >= 0 else 128 - process.returncode
+    return code, complaints, time.monotonic() - began
+
+
+def signalled(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, list[str]]:
+    """One signal at a random moment: what was done, and everything that is not as it should be."""
+    kind, moment = KINDS[number % len(KINDS)], rng.uniform(0.0, LATEST)
+    arguments = ["pick_and_track", "--display", "quiet", "--record", str(folder)]
+    code, complaints, _ = ended(arguments, kind, moment)
+    faults = [] if code == 128 + kind else [f"exit code {code} instead of {128 + kind}"]
+    if "Traceback" in complaints:
+        faults.append("a traceback")
+    if folder.exists() and any(folder.iterdir()):  # none: it had not begun
+        faults += _record_faults(folder, at_rest=True)
+    return f"{kind.name} at {moment:5.2f} s", faults
+
+
+def blocked(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, list[str]]:
+    """One blocker."""
+    phase, deed = PHASES[number % len(PHASES)], str(rng.choice(DEEDS))
+    names = [KINDS[index].name for index in rng.integers(len(KINDS), size=rng.integers(3))]
+    ports = {"phase": phase, "deed": deed, "signals": " ".join(names)}
+    folder.mkdir()
+    tree = folder / "blocked.yaml"
+    tree.write_text(BLOCKED.format(ports=json.dumps(ports)), encoding="utf-8")
+    arguments = [str(tree), "--display", "quiet", "--skills", str(SKILLS)]
+    arguments += ["--record", str(folder / "out"), "--watchdog", str(BUDGET_S)]
+    code, complaints, seconds = ended(arguments, None, 0.0)
+    right = 128 + signal.Signals[names[0]] if names else OVERRUN
+    faults = [] if code == right else [f"exit code {code} instead of {right}"]
+    if "blocker.py" not in complaints:
+        faults.append("nobody is named")
+    if seconds > LONGEST_S:
+        faults.append("too late")
+    faults += _record_faults(folder / "out", at_rest=False)
+    return f"{' '.join((deed, 'in', phase, *names))}, {seconds:.1f} s", faults
+
+
+def planned(rng: np.random.Generator, number: int, _folder: Path) -> tuple[str, list[str]]:
+    """One planning process that is killed or stopped after some milliseconds."""
+    kind, moment = (signal.SIGKILL, signal.SIGSTOP)[number % 2], rng.uniform(0.0, 0.5)
+    planning, problem = PlanningProcess(), problem_in(walled_world(), RIGHT, LEFT)
+    try:
+        pending = planning.solve(problem)
         time.sleep(moment)
-        process.send_signal(kind)
-        process.communicate(timeout=300)
-    return [*_code_faults(process.returncode, kind), *_record_faults(folder)]
+        os.kill(planning.pid or 0, kind)
+        try:
+            pending.result()
+            what = "found"
+        except Failure as failure:
+            what = failure.code
+        faults = [] if len(planning.solve(problem).result()) > 1 else ["the next plan is not found"]
+    finally:
+        planning.close()
+    return f"{kind.name} at {moment:.2f} s: {what}", faults
 
 
-def _code_faults(code: int, kind: signal.Signals) -> Iterator[str]:
-    if code != 128 + kind:
-        yield f"exit code {code} instead of {128 + kind}"
-
-
-def _record_faults(folder: Path) -> Iterator[str]:
+def _record_faults(folder: Path, *, at_rest: bool) -> Iterator[str]:
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         for line in (folder / "events.jsonl").read_text(encoding="utf-8").splitlines():
@@ -54,28 +138,36 @@ def _record_faults(folder: Path) -> Iterator[str]:
         return
     if summary["outcome"] not in ("UNFINISHED", "SUCCESS", "FAILURE"):
         yield f"outcome {summary['outcome']}"
-    for name in samples:
+    for name in samples if at_rest else ():
         way = np.diff(samples[name][-2:], axis=0)
         if name.startswith("tool_") and not (np.linalg.norm(way, axis=1) < STANDS).all():
             yield f"{name} moves at the end"
 
 
+TRIALS: dict[str, tuple[Callable[..., tuple[str, list[str]]], int]] = {
+    "signals": (signalled, 200),
+    "blockers": (blocked, 300),
+    "workers": (planned, 100),
+}
+
+
 def main() -> int:
-    """Read the arguments, kill, report."""
+    """Read the arguments, stop, report."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("tree", nargs="?", default="pick_and_track")
-    parser.add_argument("--moments", type=int, default=10)
+    parser.add_argument("family", choices=TRIALS)
+    parser.add_argument("--times", type=int)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
+    trial, times = TRIALS[arguments.family]
+    times = arguments.times or times
     rng = np.random.default_rng(arguments.seed)
     bad = 0
     with tempfile.TemporaryDirectory() as scratch:
-        for kind in (signal.SIGINT, signal.SIGTERM):
-            for moment in rng.uniform(0.02, LONGEST, arguments.moments):
-                faults = killed(arguments.tree, kind, moment, Path(scratch) / f"{kind}-{moment}")
-                bad += bool(faults)
-                print(f"{kind.name} at {moment:5.2f} s: {'; '.join(faults) or 'fine'}", flush=True)
-    print(f"{2 * arguments.moments - bad} of {2 * arguments.moments} ended as they should")
+        for number in range(times):
+            what, faults = trial(rng, number, Path(scratch) / str(number))
+            bad += bool(faults)
+            print(f"{what}: {'; '.join(faults) or 'fine'}", flush=True)
+    print(f"{times - bad} of {times} ended as they should")
     return 1 if bad else 0
 
 

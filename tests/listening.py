@@ -11,6 +11,12 @@ from typing import Any
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
+HEEDING = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "signal.signal(signal.SIGHUP, signal.SIG_DFL); "
+)
+"""Begin of a program that heeds signals, whatever the shell behind the tests has it ignore."""
+
 
 def wait_until(process: subprocess.Popen[Any], holds: Callable[[], bool]) -> None:
     """However slow the machine is; not if the process ends before."""

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.listening import STOPPING, wait_until, wait_until_it_listens
+from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
 
-PROGRAM = "import sys; import bt_dualarm.cli as cli; "
+PROGRAM = f"{HEEDING}import sys; import bt_dualarm.cli as cli; "
 COMMANDS = {
     "bt-run": ("run", "circle", "--display", "log", "--duration", "0.5"),
     "bt-check": ("check", "circle"),
@@ -78,7 +78,7 @@ def test_a_signal_that_comes_first_of_all(number: signal.Signals) -> None:
         process.send_signal(number)
         said, complaint = process.communicate()
     assert (process.returncode, said, complaint) == (128 + number, "", "")
-    ignoring = f"import signal; signal.signal({int(number)}, signal.SIG_IGN); {PROGRAM}"
+    ignoring = f"{PROGRAM}signal.signal({int(number)}, signal.SIG_IGN); "
     code = f"{ignoring}import os; os.kill(os.getpid(), {int(number)}); sys.exit(cli.skills())"
     done = subprocess.run(
         [sys.executable, "-c", code, "circle"], capture_output=True, text=True, check=False
@@ -156,7 +156,7 @@ def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display
     """The shell sends SIGHUP, and whatever is printed from then on fails."""
     ours, theirs = os.openpty()
     arguments = ("circle", "--real-time", "--display", display, "--record", str(tmp_path / "out"))
-    program = "import sys; import bt_dualarm.cli as cli; sys.exit(cli.run())"
+    program = f"{PROGRAM}sys.exit(cli.run())"
     with subprocess.Popen(
         [sys.executable, "-c", program, *arguments],
         stdin=theirs,

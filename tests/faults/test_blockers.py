@@ -6,6 +6,7 @@ import json
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -120,8 +121,11 @@ def test_a_blocker_is_left_sooner_when_the_run_is_to_end(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
+    request: pytest.FixtureRequest,
 ) -> None:
     """Without a budget of its own, too; the second signal waits for nothing."""
+    request.addfinalizer(partial(signal.signal, signal.SIGHUP, signal.getsignal(signal.SIGHUP)))
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would stay ignored
     monkeypatch.setattr(watchdog, "STOPPING_S", 1e6 if " " in signals else 0.5)
     ran = run(tmp_path, capsys, 0, phase=phase, deed="spin", signals=signals)
     assert ran.code == code

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.listening import STOPPING, wait_until, wait_until_it_listens
+from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
 
 ENDLESS = """\
 bt_dualarm: 1
@@ -35,7 +35,7 @@ arms:
             - reach_to_pose: {offset: {xyz: [0, -0.05, 0]}}
 """
 
-PROGRAM = "import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
+PROGRAM = f"{HEEDING}import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
 
 RNG = np.random.default_rng(5)
 EARLY = [(STOPPING[n % 3], float(seconds)) for n, seconds in enumerate(RNG.uniform(0, 1.5, 6))]
