@@ -176,7 +176,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("reach_to_pose", "NOT_REACHED"): Trial(
         {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}, "tolerance": 1e-4}},
-        deeds=((0.0, pushes(HAND, 4.0)),),
+        deeds=((0.0, pushes("arm1/forearm_link", 105.0)),),  # just beyond what is made up for
         moves=True,
     ),
     **moving("reach_to_pose", {"reach_to_pose": {"posture": "up"}}, 0.5),
@@ -262,7 +262,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("transport", "NOT_REACHED"): Trial(
         {"transport": CARRY["transport"] | {"tolerance": 1e-4}},
-        deeds=((4.0, pushes(HAND, 4.0)),),
+        deeds=((4.0, pushes(HAND, 117.0)),),  # likewise
         moves=True,
     ),
     **moving("transport", CARRY, 4.6),
