@@ -55,28 +55,31 @@ docs: $(STAMP) ## Renew what the pages in docs/ take from the code
 	@$(BIN)/python docs/limits.py
 	@$(BIN)/python docs/members.py
 
-constraints: ## Resolve the ranges of pyproject.toml anew into constraints.txt
+constraints: ## Resolve the ranges of pyproject.toml anew: constraints.txt, requirements.lock
 	@scratch=$$(mktemp -d) && trap 'rm -rf "$$scratch"' EXIT \
 		&& $(PYTHON) -m venv "$$scratch" \
 		&& "$$scratch/bin/python" -m pip install --quiet '.[dev]' \
 		&& sed '/^[^#]/d' constraints.txt > "$$scratch/constraints.txt" \
 		&& "$$scratch/bin/python" -m pip freeze --exclude bt_dualarm >> "$$scratch/constraints.txt" \
-		&& cp "$$scratch/constraints.txt" constraints.txt
+		&& cp "$$scratch/constraints.txt" constraints.txt \
+		&& "$$scratch/bin/python" docs/lock.py
 
 clean: ## Remove everything that make made
 	@rm -rf $(VENV) build dist out .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A dot a package, so that a slow connection does not look like a hang.
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml requirements.lock
 	@test -n "$(PYTHON)" || { \
 		echo "No Python 3.11 or newer found. Name one: make PYTHON=/path/to/python" >&2; exit 1; }
 	@echo "Setting up $(VENV) with $(PYTHON): once, about a minute"
 	@$(PYTHON) -m venv $(VENV) || { \
 		echo "Could not create $(VENV); on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install \
-		--constraint constraints.txt --editable '.[dev]' 2> $(VENV)/install.log \
+		--require-hashes --no-deps --requirement requirements.lock 2> $(VENV)/install.log \
 		| awk '/^Collecting/ {printf "."; fflush()} \
 			/^Installing collected/ {printf " collected, installing\n"; fflush()}' \
 		|| { cat $(VENV)/install.log >&2; exit 1; }
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet \
+		--no-deps --no-build-isolation --editable .
 	@touch $(STAMP)

@@ -41,7 +41,7 @@ ROBOT_DATA = (
 RUN_ELSEWHERE = {
     ROBOT_DATA: "test_the_folder_of_the_urdfs_is_printed",
     "python3 -m venv .venv": "Makefile, and tests/test_packaging.py",
-    ".venv/bin/python -m pip install --constraint constraints.txt --editable '.[dev]'": "Makefile",
+    ".venv/bin/python -m pip install --constraint constraints.txt --editable '.[dev]'": "by hand",
     ".venv/bin/python -m pytest": "this suite",
     ".venv/bin/python -m bt_dualarm circle --display quiet": "tests/runtime/test_api.py",
     ".venv/bin/python docs/images/pick_and_track.py": "by hand: it needs OpenGL",
@@ -218,3 +218,20 @@ def test_constraints_cover_every_dependency() -> None:
     pinned = {line.split("==")[0].lower().replace("_", "-") for line in text.splitlines()}
     names = {name.lower().replace("_", "-") for name in declared_ranges()}
     assert names <= pinned
+
+
+def test_the_lock_has_the_same_versions_and_the_hashes_of_their_wheels() -> None:
+    """What `make setup` installs is what the constraints say, and nothing else is let in."""
+
+    def same(pin: str) -> str:
+        return pin.lower().replace("_", "-")
+
+    text = (ROOT / "requirements.lock").read_text(encoding="utf-8").replace("\\\n", "")
+    entries = [line.split() for line in text.splitlines() if not line.startswith("#")]
+    constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {same(line) for line in constraints if not line.startswith("#")}
+    assert {same(entry[0]) for entry in entries} == pinned
+    assert len(entries) == len(pinned)
+    for _, *hashes in entries:
+        assert hashes
+        assert all(re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", one) for one in hashes)
