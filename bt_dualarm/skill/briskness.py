@@ -13,6 +13,7 @@ _OLD_S = 0.06  # latency that halves the bandwidth
 _SHAKY_PX = 0.7  # shake that does
 _SLACK_M = 1.5e-4  # with a perfect camera
 _CALM = 0.2  # with a perfect camera and jerk enough
+_CALM_JERK = (1e-2, 2e-3)  # m²/s⁵, with a perfect camera, and the least
 
 
 @dataclass(frozen=True)
@@ -23,11 +24,14 @@ class Briskness:
         bandwidth: The most with which the servo follows, in rad/s.
         slack: Jump of the estimate in m for which it may take all of the arm's jerk.
         calmness: How easily a target is taken to be calm, from 0 to 1.
+        calm_jerk: Density of the jerk of a calm target, in m²/s⁵: its filter's bandwidth goes with
+            the sixth root, and older images bear less of it.
     """
 
     bandwidth: float
     slack: float
     calmness: float
+    calm_jerk: float
 
 
 def briskness(camera: GuardedCamera, jerk: float) -> Briskness:
@@ -42,4 +46,10 @@ def briskness(camera: GuardedCamera, jerk: float) -> Briskness:
     bandwidth = max(least, min(most, _BANDWIDTH_PER_FPS / camera.period) / doubt)
     slack = _SLACK_M * doubt**3
     lack = bandwidth / jerk_bandwidth(jerk, slack) - 1.0
-    return Briskness(bandwidth, slack, min(max(lack, _CALM * doubt**3), 1.0))
+    calm_jerk, least_jerk = _CALM_JERK
+    return Briskness(
+        bandwidth,
+        slack,
+        calmness=min(max(lack, _CALM * doubt**3), 1.0),
+        calm_jerk=max(calm_jerk / doubt**6, least_jerk),
+    )

@@ -78,7 +78,7 @@ class PlaneTracking:
         )
         allowed = plane_reach(arm.kinematics, self._limits, arm.setpoint.q, self._axes)
         self._briskness = briskness(camera, allowed.jerk)
-        estimate = CalmEstimate(self._briskness.calmness)
+        estimate = CalmEstimate(self._briskness.calmness, self._briskness.calm_jerk)
         self._tracker = TargetTracker(camera, color, localiser, estimate)
         self._reference = TrackingReference(
             self._tracker,

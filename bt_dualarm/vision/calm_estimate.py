@@ -32,14 +32,17 @@ class CalmEstimate(TargetEstimate):
 
     Args:
         calmness: How easily the calm one is believed, from 0 (never) to 1.
+        jerk: Density of a calm target's jerk, in m²/s⁵.
         model: How targets move at their liveliest; an oscillator by default.
     """
 
-    def __init__(self, calmness: float = 1.0, model: Oscillator | None = None) -> None:
+    def __init__(
+        self, calmness: float = 1.0, jerk: float = CALM_JERK, model: Oscillator | None = None
+    ) -> None:
         lively = model or Oscillator()
         super().__init__(lively)
-        self._lively, self._calmness = lively, calmness
-        self._calm = TargetEstimate(replace(lively, jerk_density=CALM_JERK))
+        self._lively, self._calmness, self._jerk = lively, calmness, jerk
+        self._calm = TargetEstimate(replace(lively, jerk_density=jerk))
         self._mean: Vector = np.zeros(1)
         self._doubt = 0.0
 
@@ -53,7 +56,7 @@ class CalmEstimate(TargetEstimate):
 
     def anew(self) -> CalmEstimate:
         """One for another target, of the same models, that has not seen anything yet."""
-        return CalmEstimate(self._calmness, self._lively)
+        return CalmEstimate(self._calmness, self._jerk, self._lively)
 
     def update(self, stamp: float, position: Vector, sigma: float | Vector) -> None:
         """Take in a measurement, as `TargetEstimate` does."""

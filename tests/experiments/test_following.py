@@ -1,0 +1,50 @@
+"""Every arm before a cube at rest: a part of the family that `benchmarks.following` sweeps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.following import FPS, LATENCIES, SHARES, complaints
+from benchmarks.following_trial import LOOKS, Spot, follow
+from benchmarks.vantage import BASE, vantage
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.pose import Pose
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+
+
+def some(seed: int) -> list[Spot]:
+    """One for each robot, the rest of it drawn."""
+    rng = np.random.default_rng(seed)
+    return [
+        Spot(
+            robot,
+            str(rng.choice(list(LOOKS))),
+            float(rng.choice(FPS)),
+            float(rng.choice(SHARES)),
+            float(rng.choice(LATENCIES)),
+        )
+        for robot in robot_names()
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spot", [*some(0), *some(1)[2:4]], ids=str)
+def test_an_arm_rests_before_a_target_that_rests(spot: Spot, registry: Registry) -> None:
+    found = follow(spot, registry)
+    assert complaints(spot, found) == [], found
+
+
+@pytest.mark.parametrize("robot", robot_names())
+def test_from_its_vantage_the_camera_looks_along_the_normal(robot: str) -> None:
+    """The page is written with this posture: the tool is where its kinematics say."""
+    seen = vantage(robot, LOOKS["xy"])
+    assert seen.camera.turn(np.array((0.0, 0.0, 1.0))) == pytest.approx(LOOKS["xy"], abs=1e-9)
+    entry = load_robot(robot)
+    xyz, rpy = BASE
+    chain = Kinematics(entry, Pose.from_rpy(xyz, np.radians(rpy).tolist()))
+    chain.matrix(seen.q)
+    mount = entry.cameras["wrist"]
+    camera = chain.frame(mount.link) @ mount.pose.matrix
+    assert camera[:3, 3] == pytest.approx(seen.camera.position, abs=1e-4)
