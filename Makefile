@@ -15,6 +15,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
+# The lock has the hashes of the wheels for one kind of machine; elsewhere the same versions do.
+LOCKED := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),\
+	--require-hashes --no-deps --requirement requirements.lock,\
+	--constraint constraints.txt --editable '.[dev]')
+
 # As many test processes as cores, but never more than eight: each of them loads every robot.
 WORKERS ?= logical
 
@@ -76,7 +81,7 @@ $(STAMP): pyproject.toml requirements.lock
 	@$(PYTHON) -m venv $(VENV) || { \
 		echo "Could not create $(VENV); on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install \
-		--require-hashes --no-deps --requirement requirements.lock 2> $(VENV)/install.log \
+		$(LOCKED) 2> $(VENV)/install.log \
 		| awk '/^Collecting/ {printf "."; fflush()} \
 			/^Installing collected/ {printf " collected, installing\n"; fflush()}' \
 		|| { cat $(VENV)/install.log >&2; exit 1; }
