@@ -177,8 +177,8 @@ class JointController:
             self.stop()
         elif isinstance(motion, TrajectorySource):  # back the way that it came
             self._give_in(motion.configuration(max(motion.parameter.s - BACK_OFF_S, 0.0)))
-        else:
-            self._give_in(self._q)
+        else:  # likewise, as far as its velocity tells the way
+            self._give_in(self._q - BACK_OFF_S * self.setpoint.v)
 
     def _wanted(self, time: float) -> SetPoint:
         motion = self._motion
