@@ -20,8 +20,7 @@ from bt_dualarm.skill.tracking_reference import (
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.vision.calm_estimate import CalmEstimate
-from bt_dualarm.vision.guessed_plane import OnGuessedPlane
-from bt_dualarm.vision.localise import Localiser
+from bt_dualarm.vision.localise import Localiser, OnPlane
 from bt_dualarm.vision.plane_of_size import OnPlaneOfSize
 from bt_dualarm.vision.stillness import Stillness, look
 from bt_dualarm.vision.tracker import TargetTracker
@@ -72,7 +71,7 @@ class PlaneTracking:
         ahead = view.position + distance * view.turn(np.array((0.0, 0.0, 1.0)))
         normal = np.cross(*self._axes)
         localiser: Localiser = (
-            OnGuessedPlane(ahead, normal)
+            OnPlane(ahead, normal)
             if target_size is None
             else OnPlaneOfSize(normal, target_size, cube=True)
         )
