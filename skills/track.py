@@ -139,7 +139,7 @@ class Track(Skill):
         ports, began = self.ports, self.time
         tracking.begin()
         while True:
-            yield None if ports.duration is None else (self.time - began) / ports.duration
+            yield None if ports.duration is None else min(1.0, (self.time - began) / ports.duration)
             self.arm.check()
             tracking.watch()
             score.sample(tracking)

@@ -58,6 +58,13 @@ FILE: Tree = {
             "robot": "panda",
             "base": {"xyz": [0, 0, 0.2], "rpy": [0, 0, 0]},
             "limits": {"velocity": 0.5, "acceleration": 0.5, "jerk": 0.5},
+            "reality": {
+                "links": {"mass": {"uniform": 0.05}, "center": {"normal": 0.001}},
+                "friction": {"present": True, "most": 0.05},
+                "encoder": {"resolution": 0.001, "noise": 0.001, "window": 0.004, "cutoff": 50.0},
+                "drive": {"delay": 0.001, "bandwidth": 300.0, "quantum": 0.001},
+                "camera": {"noise": 1.0},
+            },
             "tick_hz": 50.0,
             "camera": {
                 "mount": {"xyz": [1.0, 0, 1.0], "look_at": [0, 0, 0.5]},

@@ -10,6 +10,9 @@ import numpy as np
 from bt_dualarm.pose import Vector
 from bt_dualarm.spec.reality import DriveErrors
 
+_FINEST = 1e-12
+"""Step of a torque, as a share of the effort limit, that numbers themselves have."""
+
 
 class Drives:
     """Acts once a physics step.
@@ -26,14 +29,15 @@ class Drives:
 
     def __init__(self, errors: DriveErrors, gain: Vector, effort: Vector, timestep: float) -> None:
         whole, self._rest = divmod(round(errors.delay / timestep, 9), 1.0)
-        self._quantum = errors.quantum * effort
+        quantum = errors.quantum if errors.quantum > _FINEST else 0.0
+        self._quantum = quantum * effort
         self._gain, self._effort = gain, effort
         corner = 2 * math.pi * errors.bandwidth * timestep
         self._share = -math.expm1(-corner) if corner else 1.0
         self._sent: deque[Vector] = deque(maxlen=int(whole) + 2)
         self._wanted = np.zeros_like(effort)
         self._torque: Vector | None = None
-        self.is_ideal = not (errors.delay or corner or errors.quantum) and bool((gain == 1).all())
+        self.is_ideal = not (errors.delay or corner or quantum) and bool((gain == 1).all())
 
     def command(self, torque: Vector) -> None:
         """Take up torques of shape (dof,), N m, that hold until the next."""
