@@ -18,7 +18,7 @@ class ArmDynamics:
     """Torques that an arm's joints need, as far as its page and the tree file say.
 
     Args:
-        nominal: What is believed of the arm; its own state is left alone.
+        nominal: What is believed of the arm.
         loads: Things that it holds, rigidly; those of unknown mass count for nothing.
     """
 

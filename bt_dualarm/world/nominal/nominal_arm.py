@@ -1,4 +1,4 @@
-"""One arm as its page describes it: kinematics and dynamics in a model of its own."""
+"""One arm as its page describes it, in a model of its own."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ class NominalArm:
 
     Attributes:
         model: The model.
-        data: State of the model, as of the last `update`.
         loads: What the arm holds; another tuple after every change.
         friction: Friction of its joints as the page has it, and how well that is known.
         tool_site: Id of the tool frame's site in the model.
@@ -45,45 +44,13 @@ class NominalArm:
         self.base = base
         self.model = model
         self.friction = friction
-        self.data = mujoco.MjData(model)
         self.loads: tuple[NominalLoad, ...] = ()
         self.tool_site = int(model.site(f"{name}/{TOOL_SITE}").id)
         self.tool_body = int(model.body(f"{name}/{robot.tool_link}").id)
-        self._elsewhere = mujoco.MjData(model)
-        self._product = np.zeros(model.nv)
-
-    def update(self, q: Vector, v: Vector) -> None:
-        """Take up positions in rad and velocities in rad/s, each of shape (dof,).
-
-        Places, the inertia matrix and the bias in ``data`` are then those of ``q`` and ``v``.
-        """
-        model, data = self.model, self.data
-        data.qpos[:], data.qvel[:] = q, v
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_makeM(model, data)
-        mujoco.mj_comVel(model, data)
-        mujoco.mj_rne(model, data, 0, data.qfrc_bias)
-
-    @property
-    def bias(self) -> Vector:
-        """Torques of gravity and of velocity at the last update, of shape (dof,), N m."""
-        bias: Vector = self.data.qfrc_bias
-        return bias
-
-    def inertia_times(self, acceleration: Vector) -> Vector:
-        """Torques, of shape (dof,), N m, that give accelerations of shape (dof,), rad/s²."""
-        product = np.empty_like(self._product)
-        mujoco.mj_mulM(self.model, self.data, product, acceleration)
-        return product
-
-    @property
-    def tool_pose(self) -> Pose:
-        """The tool frame in the world, as of the last update."""
-        return _pose_of_site(self.data, self.tool_site)
+        self._data = mujoco.MjData(model)
 
     def tool_pose_at(self, q: Vector) -> Pose:
-        """The tool frame in the world at positions of shape (dof,), rad; changes no state."""
+        """The tool frame in the world at positions of shape (dof,), rad."""
         return _pose_of_site(self._placed(q), self.tool_site)
 
     def tool_link_pose_at(self, q: Vector) -> Pose:
@@ -104,7 +71,7 @@ class NominalArm:
             q: Positions of the joints, of shape (dof,), rad.
 
         Returns:
-            Jacobian of shape (6, dof); changes no state.
+            Jacobian of shape (6, dof).
         """
         data, jacobian = self._placed(q), np.zeros((6, self.model.nv))
         mujoco.mj_comPos(self.model, data)
@@ -112,9 +79,9 @@ class NominalArm:
         return jacobian
 
     def _placed(self, q: Vector) -> mujoco.MjData:
-        self._elsewhere.qpos[:] = q
-        mujoco.mj_kinematics(self.model, self._elsewhere)
-        return self._elsewhere
+        self._data.qpos[:] = q
+        mujoco.mj_kinematics(self.model, self._data)
+        return self._data
 
 
 def _pose_of_site(data: mujoco.MjData, site: int) -> Pose:
