@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,12 +47,13 @@ class PlaneView:
 
     Attributes:
         axes: Unit vectors of the plane in the world, of shape (2, 3).
-        center: Coordinates along them of the point in the middle of the image, (2,), in m.
+        ahead: Says which point of the world, of shape (3,), in m, is in the middle of the image, by
+            the depth of the target that is believed.
         image_axes: Directions of the image's x and y, as columns, along them, (2, 2).
     """
 
     axes: Matrix
-    center: Vector
+    ahead: Callable[[], Vector]
     image_axes: Matrix
 
 
@@ -123,7 +125,7 @@ class TrackingReference:
     def _predicted(self, time: float) -> PlaneTarget:
         """Predictive control: where the target is now, by all that was seen of it."""
         axes, motion = self._view.axes, self._tracker.predict(time)
-        place = axes @ motion.position - self._view.center
+        place = axes @ (motion.position - self._view.ahead())
         return PlaneTarget(place, axes @ motion.velocity, axes @ motion.acceleration)
 
     def _stepped(self, gains: TrackingGains, displacement: Vector) -> PlaneTarget:

@@ -20,7 +20,7 @@ from bt_dualarm.skill.tracking_reference import (
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.plane import Plane
 from bt_dualarm.vision.calm_estimate import CalmEstimate
-from bt_dualarm.vision.localise import Localiser, OnPlane
+from bt_dualarm.vision.guessed_plane import OnGuessedPlane
 from bt_dualarm.vision.plane_of_size import OnPlaneOfSize
 from bt_dualarm.vision.stillness import Stillness, look
 from bt_dualarm.vision.tracker import TargetTracker
@@ -70,10 +70,9 @@ class PlaneTracking:
         camera, view = _facing_camera(arm, plane)
         ahead = view.position + distance * view.turn(np.array((0.0, 0.0, 1.0)))
         normal = np.cross(*self._axes)
-        localiser: Localiser = (
-            OnPlane(ahead, normal)
-            if target_size is None
-            else OnPlaneOfSize(normal, target_size, cube=True)
+        guessed = OnGuessedPlane(view.position, ahead, normal)
+        localiser = (
+            guessed if target_size is None else OnPlaneOfSize(normal, target_size, cube=True)
         )
         allowed = plane_reach(arm.kinematics, self._limits, arm.setpoint.q, self._axes)
         self._briskness = briskness(camera, allowed.jerk)
@@ -81,7 +80,7 @@ class PlaneTracking:
         self._tracker = TargetTracker(camera, color, localiser, estimate)
         self._reference = TrackingReference(
             self._tracker,
-            PlaneView(self._axes, self._axes @ ahead, self._axes @ view.rotation_matrix[:, :2]),
+            PlaneView(self._axes, lambda: guessed.ahead, self._axes @ view.rotation_matrix[:, :2]),
             gains=gains,
             reach=reach,
             search_radius=search_radius,

@@ -67,8 +67,17 @@ class Localiser(ABC):
         """As ``locate``, where the detection is that of the front face alone already."""
         return self.locate(face, frame)
 
-    def learn(self, detection: Detection, frame: Frame) -> None:  # noqa: B027 - an option
-        """Take up what the target, and surely the target seen whole, tells of its place."""
+    def learn(self, detection: Detection, frame: Frame) -> bool:  # noqa: ARG002 - an option
+        """Take up what the target, and surely the target seen whole, tells of its place.
+
+        Returns:
+            Whether all that was seen before lies elsewhere by it: ``relocate`` says where.
+        """
+        return False
+
+    def relocate(self, sighting: Sighting) -> Sighting:
+        """A sighting of before, by what is known now."""
+        return sighting
 
     def forget(self) -> None:  # noqa: B027 - an option
         """Drop all of that: it was not seen whole."""

@@ -51,16 +51,17 @@ class OnPlaneOfSize(Localiser):
             return self._by_size.locate(face, frame)
         return OnPlane(self._place.value[0] * self._normal, self._normal).locate(face, frame)
 
-    def learn(self, detection: Detection, frame: Frame) -> None:
+    def learn(self, detection: Detection, frame: Frame) -> bool:
         """Take its size into the mean; one that is cut off says nothing."""
         if detection.touches_border:
-            return
+            return False
         found = self._by_size.locate(self._face(detection, frame), frame)
         grain = PIXEL_SIGMA * frame.stride / math.sqrt(detection.area_px)
         doubt = grain + self.doubt(found.point, frame)
         self._place.take(self._normal[None] @ found.point, doubt, _PLANE_MEMORY_FRAMES)
         self._count += 1
         self._faced = None
+        return False
 
     def forget(self) -> None:
         """Drop where the plane is."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,42 +14,15 @@ from bt_dualarm.vision.detect import Detection, detect_all
 from bt_dualarm.vision.estimate import Motion, TargetEstimate
 from bt_dualarm.vision.localise import LocaliseError, Localiser, Sighting
 from bt_dualarm.vision.outline import Outline, Seen
+from bt_dualarm.vision.tracker_settings import TrackerSettings
 from bt_dualarm.world.cameras.camera import Camera
 from bt_dualarm.world.cameras.frame import Frame, Window
 from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
 
 _MIN_DEPTH_M = 0.02
 _FORESEEN_S = 0.5  # a target that was lost is looked for where it should be after this long
+_RELOCATED, _RELOCATED_S = 60, 1.0  # most sightings, and oldest, that make an estimate anew
 _FORGOTTEN_S = 1.0  # and after this long one of another size is taken for it, too
-
-
-@dataclass(frozen=True)
-class TrackerSettings:
-    """When to believe a sighting, and where to look for the next.
-
-    Args:
-        lost_after: Unseen for longer, in s, the target is lost.
-        confirm: Sightings in a row that make a lock.
-        gate: Largest squared Mahalanobis distance from the prediction.
-        gate_sigma: What the gate allows for at least, in m: a real target may jerk.
-        min_area: Smallest area in square pixels.
-        max_area: Largest.
-        window_sigmas: Half-width of the search window in standard deviations of the prediction.
-        window_margin_px: And in pixels besides.
-        window_shakes: And in standard deviations of the camera's shake.
-        search_stride: Coarseness of the image while there is nothing to aim at.
-    """
-
-    lost_after: float = 0.1
-    confirm: int = 3
-    gate: float = 25.0
-    gate_sigma: float = 0.004
-    min_area: float = 12.0
-    max_area: float = math.inf
-    window_sigmas: float = 4.0
-    window_margin_px: float = 6.0
-    window_shakes: float = 4.0
-    search_stride: int = 3
 
 
 class TargetTracker:
@@ -221,7 +193,8 @@ class TargetTracker:
             self.last_stamp = max(self.last_stamp, sighting.stamp)
             self.lost_since = self._before_loss = None
         if seen.whole:
-            self._localiser.learn(detection, frame)
+            if self._localiser.learn(detection, frame):
+                self._relocate(sighting.stamp)
             # By what is known now: else the size would be one that fits a depth of before.
             seen = seen._replace(sighting=self._localiser.locate(detection, frame))
         if not detection.touches_border:
@@ -230,6 +203,15 @@ class TargetTracker:
         # Cut off at the window's edge it is larger than it looks.
         growth = 2.0 if detection.touches_border else 1.0
         self._extent_px = growth * max(right - left, bottom - top)
+
+    def _relocate(self, stamp: float) -> None:
+        """Estimate anew from what was seen of late, where it was by what is known now."""
+        self._outline.forget()
+        self._estimate = self._estimate.anew()
+        for sighting in self.sightings[-_RELOCATED:]:
+            if sighting.stamp > stamp - _RELOCATED_S:
+                now = self._localiser.relocate(sighting)
+                self._estimate.update(now.stamp, now.point, now.sigma)
 
     def _missed(self, stamp: float) -> None:
         if self._hunting:
