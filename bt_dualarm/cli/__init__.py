@@ -1,6 +1,7 @@
 """The commands: the only place that reads arguments, prints, and decides an exit code.
 
-In: the arguments of `bt-run`, `bt-check`, `bt-robot`, `bt-skills`, `bt-tune-color`; the terminal.
+In: the arguments of `bt-run`, `bt-check`, `bt-robot`, `bt-skills`, `bt-tune-color`,
+`bt-experiments`; the terminal.
 Out: what is printed on standard output and standard error; the exit code.
 Open first: `bt_run` (from a tree file to an exit code); `entry` has what happens to any command
 (errors, Ctrl-C, a full disk) and the codes, `words` the arguments that commands share.
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 
 from bt_dualarm.cli.entry import entered
 
-__all__ = ["check", "robot", "run", "skills", "tune_color"]
+__all__ = ["check", "experiments", "robot", "run", "skills", "tune_color"]
 
 
 def run(argv: Sequence[str] | None = None) -> int:
@@ -27,6 +28,11 @@ def run(argv: Sequence[str] | None = None) -> int:
 def check(argv: Sequence[str] | None = None) -> int:
     """``bt-check``: check tree files; as `run`."""
     return entered("bt-check", argv)
+
+
+def experiments(argv: Sequence[str] | None = None) -> int:
+    """``bt-experiments``: run the tracking experiments and write their report; as `run`."""
+    return entered("bt-experiments", argv)
 
 
 def robot(argv: Sequence[str] | None = None) -> int:

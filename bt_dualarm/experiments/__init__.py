@@ -3,5 +3,5 @@
 In: a `Cell`, the settings of one experiment, and seeds.
 Out: trials, what was measured in each run; results over seeds; a report with pictures and bounds.
 Open first: `cases` (the experiments); others: `trial` (runs one), `bounds` (theoretical bounds of
-tracking), `report`, `command` (`bt-experiments`).
+tracking), `campaign` (all that `bt-experiments` is asked for), `report`.
 """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -22,8 +23,9 @@ COMMANDS = {
     "bt-skills": ("skills", "circle"),
     "bt-robot": ("robot", "z1_description/urdf/z1.urdf"),
     "bt-tune-color": ("tune_color", "pick_and_track"),
+    "bt-experiments": ("experiments", "--help"),
 }
-CODES = {"bt-run": 1, "bt-check": 0, "bt-skills": 0, "bt-robot": 0, "bt-tune-color": 1}
+CODES = dict.fromkeys(COMMANDS, 0) | {"bt-run": 1, "bt-tune-color": 1}
 """1: the duration is over before the circle is, and nothing of the colour is seen at the start."""
 
 MOMENTS = np.random.default_rng(7).uniform(0.0, 1.0, (2, len(COMMANDS)))
@@ -68,20 +70,23 @@ def test_a_signal_ends_a_command_without_a_traceback(
     assert process.returncode in (128 + number, CODES[name]), complaint  # the latter: it was done
 
 
-@pytest.mark.parametrize("number", STOPPING)
-def test_a_signal_that_comes_first_of_all(number: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    ("name", "number"), [*itertools.product(["bt-skills"], STOPPING), ("bt-experiments", 15)]
+)
+def test_a_signal_that_comes_first_of_all(name: str, number: int) -> None:
     """While nothing is imported; one that is ignored, as ``nohup`` and ``&`` have it, stays so."""
     with subprocess.Popen(
-        command("bt-skills"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command(name), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         wait_until_it_listens(process)
         process.send_signal(number)
         said, complaint = process.communicate()
     assert (process.returncode, said, complaint) == (128 + number, "", "")
-    ignoring = f"{PROGRAM}signal.signal({int(number)}, signal.SIG_IGN); "
-    code = f"{ignoring}import os; os.kill(os.getpid(), {int(number)}); sys.exit(cli.skills())"
+    function, *arguments = COMMANDS[name]
+    ignoring = f"{PROGRAM}signal.signal({number:d}, signal.SIG_IGN); "
+    code = f"{ignoring}import os; os.kill(os.getpid(), {number:d}); sys.exit(cli.{function}())"
     done = subprocess.run(
-        [sys.executable, "-c", code, "circle"], capture_output=True, text=True, check=False
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0
 

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import pytest
 
+from bt_dualarm.cli import experiments as main
 from bt_dualarm.experiments import campaign, report
 from bt_dualarm.experiments.campaign import Campaign
 from bt_dualarm.experiments.cases import Cell
-from bt_dualarm.experiments.command import main
 from bt_dualarm.experiments.results import Result
 from tests.experiments.test_results import made_up
 
@@ -126,7 +126,7 @@ def descendants(process: int) -> Iterator[int]:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_no_process_is_left_behind(number: signal.Signals, tmp_path: Path) -> None:
     """Two that run experiments, and those that these need, end with the one that is ended."""
-    code = "import sys; from bt_dualarm.experiments.command import main; sys.exit(main())"
+    code = "import sys; import bt_dualarm.cli as cli; sys.exit(cli.experiments())"
     options = "--case lissajous --speed 0.05 --seeds 4 --jobs 2 --renderer ray --out"
     command = [sys.executable, "-c", code, *options.split(), str(tmp_path / "out")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:

@@ -1,20 +1,19 @@
-"""The command ``bt-experiments``: run the tracking experiments and write their report."""
+"""``bt-experiments``: run the tracking experiments and write their report."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rich.console import Console
-
+from bt_dualarm.cli.early_signals import early
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED
+from bt_dualarm.cli.experiment_arguments import cells_of, command_line
 from bt_dualarm.errors import DualArmError
-from bt_dualarm.experiments.arguments import cells_of, command_line
 from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
 
 if TYPE_CHECKING:
@@ -24,28 +23,19 @@ if TYPE_CHECKING:
 _REPORT: Final = Path("out/experiments")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run what was asked for; returns the exit code.
-
-    Args:
-        argv: Arguments without the program's name; those of the process by default.
-    """
+def main(argv: Sequence[str] | None) -> int:
+    """Run what was asked for; returns the exit code."""
     arguments = command_line().parse_args(argv)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in `bt_dualarm.cli`
     with stop_on_signals(StopRequest()) as stop:
-        try:
-            code = _main(arguments, stop)
-        except DualArmError as error:
-            _complain(f"error: {error}")
-            code = 2
-        except BrokenPipeError:
-            # Nobody reads any more; what Python flushes at its exit must go somewhere.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = 1
+        for number in early.numbers:  # one that was lost on its way through the imports
+            stop.receive(number)
+        code = _run(arguments, stop)
         return stop.exit_code or code
 
 
-def _main(arguments: argparse.Namespace, stop: StopRequest) -> int:
+def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
+    from rich.console import Console
+
     from bt_dualarm.experiments.campaign import run_all
     from bt_dualarm.experiments.trials import usable_cores
 
@@ -55,16 +45,15 @@ def _main(arguments: argparse.Namespace, stop: StopRequest) -> int:
     jobs = arguments.jobs or usable_cores()
     done = run_all(cells, arguments.seeds, jobs, stop, Console(stderr=True, highlight=False))
     for failure in done.failures:
-        _complain(failure)
+        _say(failure)
     if stop.asked:
-        _complain(f"interrupted: {len(done.results)} of {len(cells)} experiments are complete")
+        _say(f"interrupted: {len(done.results)} of {len(cells)} experiments are complete")
     written = not done.results or stop.urgent or _write(arguments, done)
-    return 0 if written and not done.failures else 1
+    return SUCCEEDED if written and not done.failures else FAILED
 
 
-def _complain(words: str) -> None:
-    console = Console(stderr=True, highlight=False)
-    console.print(f"bt-experiments: {words}", markup=False, soft_wrap=True)
+def _say(words: str) -> None:
+    print(f"bt-experiments: {words}", file=sys.stderr)
 
 
 def _report_folder(arguments: argparse.Namespace) -> Path | None:
@@ -103,6 +92,8 @@ def _refuse_unwritable(folder: Path) -> None:
 
 def _write(arguments: argparse.Namespace, done: Campaign) -> bool:
     """Show and write the results; whether all of it could be written."""
+    from rich.console import Console
+
     from bt_dualarm.experiments.table import table_of
 
     console = Console(highlight=False)
@@ -111,7 +102,7 @@ def _write(arguments: argparse.Namespace, done: Campaign) -> bool:
         for line in _written(arguments, done.results):
             console.print(line, markup=False, soft_wrap=True)
     except OSError as error:
-        _complain(f"error: cannot write {error.filename}: {error.strerror or error}")
+        _say(f"error: cannot write {error.filename}: {error.strerror or error}")
         return False
     return True
 
