@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bt_dualarm.cli.entry import FAILED, SUCCEEDED
+from bt_dualarm.cli.skill_import import imported_skills
 from bt_dualarm.cli.words import add_params, add_skills
 from bt_dualarm.errors import DualArmError
 
@@ -28,6 +29,7 @@ examples:
 
 exit code:
   0 no errors (there may be warnings)   1 a file has errors   2 the command is wrong
+  154 a file of skills could not be imported within 30 s
 """
 
 
@@ -59,17 +61,16 @@ def _command_line() -> argparse.ArgumentParser:
 def _check(arguments: argparse.Namespace) -> int:
     from bt_dualarm.preflight.check import check as check_file
     from bt_dualarm.runtime.shipped import find_tree
-    from bt_dualarm.skill.registry import Registry
     from bt_dualarm.spec.problems import errors
 
     _refuse_graph(arguments)
     paths = [find_tree(given) for given in arguments.files]
-    registry, params = Registry.load(arguments.skills), dict(arguments.param)
-    checked = [check_file(path, registry.kinds, params) for path in paths]
+    kinds, params = imported_skills("bt-check", arguments.skills).kinds, dict(arguments.param)
+    checked = [check_file(path, kinds, params) for path in paths]
     found = [(path, one.problems) for path, one in zip(paths, checked, strict=True)]
     problems = [problem for _, some in found for problem in some]
     if arguments.graph is not None and checked[0].file is not None:
-        _draw(checked[0].file, registry.kinds, arguments.graph)
+        _draw(checked[0].file, kinds, arguments.graph)
         if not arguments.json:
             print(f"written: {arguments.graph}")
     if arguments.json:

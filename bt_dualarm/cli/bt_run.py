@@ -79,7 +79,7 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
             return _show_trees(arguments, opened)
         from bt_dualarm.cli.last_resort import ProcessEnd, exit_refused
 
-        with stop_on_signals(stop), exit_refused(), ProcessEnd(stop) as last_resort:
+        with stop_on_signals(stop), exit_refused(), ProcessEnd("bt-run", stop) as last_resort:
             opened.watchdog.last_resort = last_resort
             for number in early.numbers:  # one that was lost on its way through the imports
                 stop.receive(number)
@@ -93,8 +93,10 @@ def _opened(arguments: argparse.Namespace, stop: StopRequest) -> Run:
 
     tree = find_tree(arguments.file)  # a slip is told before all that is heavy is imported
 
+    from bt_dualarm.cli.skill_import import imported_skills
     from bt_dualarm.runtime import api
 
+    imported_skills("bt-run", arguments.skills, arguments.watchdog)
     return api.open(
         tree,
         params=dict(arguments.param),

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bt_dualarm.cli.entry import SUCCEEDED
+from bt_dualarm.cli.skill_import import imported_skills
 from bt_dualarm.cli.words import add_skills
 from bt_dualarm.errors import DualArmError
 
@@ -65,10 +66,9 @@ def _command_line() -> argparse.ArgumentParser:
 
 
 def _skills(arguments: argparse.Namespace) -> int:
-    from bt_dualarm.skill.registry import Registry
     from bt_dualarm.spec.language import LANGUAGE
 
-    kinds = Registry.load(arguments.skills).kinds
+    kinds = imported_skills("bt-skills", arguments.skills).kinds
     if arguments.schema is not None:
         return _write_schema(kinds, arguments.schema)
     everything = {**kinds, **LANGUAGE}

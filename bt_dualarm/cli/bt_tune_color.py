@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bt_dualarm.cli.entry import FAILED, SUCCEEDED
+from bt_dualarm.cli.skill_import import imported_skills
 from bt_dualarm.cli.tune_arguments import command_line
 from bt_dualarm.errors import DualArmError
 
@@ -72,7 +73,6 @@ def _of_image(arguments: argparse.Namespace) -> _Subject:
 def _of_tree(arguments: argparse.Namespace) -> _Subject:
     from bt_dualarm.preflight.check import check
     from bt_dualarm.runtime.shipped import find_tree
-    from bt_dualarm.skill.registry import Registry
     from bt_dualarm.spec.color import Color
     from bt_dualarm.tuning.color_port import choose, color_ports
     from bt_dualarm.tuning.saving import IntoTree
@@ -81,7 +81,7 @@ def _of_tree(arguments: argparse.Namespace) -> _Subject:
     path, params = find_tree(arguments.file), dict(arguments.param)
     if arguments.write and not Path(arguments.file).is_file():
         raise DualArmError(f"--write: {path} is shipped; copy it and tune the copy")
-    registry = Registry.load(arguments.skills)
+    registry = imported_skills("bt-tune-color", arguments.skills)
     file = check(path, registry.kinds, params, build=False).runnable()
     arm = camera_arm(file, arguments.arm)
     color, save, ports = None, None, list(color_ports(file, arm, registry.kinds))

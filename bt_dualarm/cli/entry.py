@@ -67,7 +67,7 @@ def entered(program: str, argv: Sequence[str] | None) -> int:
 
 def _ended(program: str, argv: Sequence[str] | None) -> int:
     """The exit code of the program's own ``main``; what it cannot use is said."""
-    from bt_dualarm.errors import DualArmError
+    from bt_dualarm.errors import DualArmError, Overrun
 
     module = import_module(f"bt_dualarm.cli.{program.replace('-', '_')}")
     try:
@@ -75,6 +75,9 @@ def _ended(program: str, argv: Sequence[str] | None) -> int:
     except DualArmError as error:
         complain(program, error)
         return UNUSABLE
+    except Overrun as overrun:
+        print(f"{program}: error: {overrun}", file=sys.stderr)
+        return OVERRUN
 
 
 def _leave_threads(program: str, code: int) -> None:

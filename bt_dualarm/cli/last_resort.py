@@ -1,4 +1,4 @@
-"""What ends ``bt-run`` where code of a skill cannot be interrupted, or ends processes itself."""
+"""What ends a command where code of a skill cannot be interrupted, or ends processes itself."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ class ProcessEnd:
     alarm of virtual time names the line on standard error, and the exit code is the same.
 
     Args:
+        program: Name of the program.
         stop: Request to end; a signal that came decides the exit code.
     """
 
-    def __init__(self, stop: StopRequest) -> None:
-        self._stop = stop
+    def __init__(self, program: str, stop: StopRequest) -> None:
+        self._program, self._stop = program, stop
 
     def __enter__(self) -> Self:
         """Have the alarm tell where Python is held up."""
@@ -55,12 +56,12 @@ class ProcessEnd:
         with suppress(OSError):
             if os.isatty(1):
                 os.write(1, _SHOW_CURSOR)
-            os.write(2, f"bt-run: error: {sentence}, and cannot be interrupted\n".encode())
+            os.write(2, f"{self._program}: error: {sentence}, and cannot be interrupted\n".encode())
         try:
             keep()
         except Exception as error:  # noqa: BLE001 - whatever it is, the end is now
             with suppress(OSError):
-                os.write(2, f"bt-run: error: {error}\n".encode())
+                os.write(2, f"{self._program}: error: {error}\n".encode())
         os._exit(code)
 
 

@@ -77,8 +77,8 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         type=_budget,
         default=30.0,
-        help="end the run when a tick or callback of a skill has not returned for so many seconds "
-        "on the wall (default: 30; 0 for never)",
+        help="end the run when a tick or callback of a skill, or the import of all of them, has "
+        "not returned for so many seconds on the wall (default: 30; 0 for never)",
     )
 
 

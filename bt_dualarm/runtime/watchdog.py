@@ -59,6 +59,7 @@ class Watchdog:
         budget: Seconds; infinite for none of its own, so that it acts when the run is to end only;
             None for no watchdog at all.
         stop: Request to end early: code gets `STOPPING_S` from then on, no time when it is urgent.
+        of: What it watches, for what it says of code that is no arm's.
 
     Attributes:
         overrun: Sentence on the code that was the first to use up its time; empty where none has.
@@ -66,12 +67,13 @@ class Watchdog:
         last_resort: What to do where interruptions are of no use; None waits.
     """
 
-    def __init__(self, budget: float | None, stop: StopRequest) -> None:
+    def __init__(self, budget: float | None, stop: StopRequest, of: str = "the run") -> None:
         self.overrun = ""
         self.keep: Callable[[], object] = lambda: None
         self.last_resort: LastResort | None = None
         self._budget = budget
         self._stop = stop
+        self._of = of
         self._section = 0  # odd within a block, another one for each block
         self._aimed_at = 0
         self._thread = 0
@@ -125,7 +127,7 @@ class Watchdog:
             if section % 2 == 0 or section != seen:
                 seen, spent, strikes = section, 0.0, 0
                 continue
-            where = Whereabouts.of(self._thread)
+            where = Whereabouts.of(self._thread, self._of)
             if where.is_excused and not self._stop.asked:
                 continue
             spent += passed

@@ -40,6 +40,7 @@ class Whereabouts:
         is_excused: Whether it waits for a person, or for what has a limit of its own, or no code of
             a skill is under way.
         is_in_package: Whether it is in code of this package, which a skill may have called.
+        otherwise: What the code is said to be where it is no arm's.
     """
 
     arm: str = ""
@@ -47,10 +48,16 @@ class Whereabouts:
     place: str = "an unknown place"
     is_excused: bool = False
     is_in_package: bool = False
+    otherwise: str = "the run"
 
     @classmethod
-    def of(cls, thread: int) -> Whereabouts:
-        """Of the thread with this identity, as it stands at this moment."""
+    def of(cls, thread: int, otherwise: str = "the run") -> Whereabouts:
+        """Of the thread with this identity, as it stands at this moment.
+
+        Args:
+            thread: Identity of the thread.
+            otherwise: What code is said to be that is no arm's.
+        """
         frames, arm, leaf = [], None, None
         for frame in _outwards(sys._current_frames().get(thread)):
             owner = frame.f_locals.get("self") if _is_of_a_run(frame) else None
@@ -66,11 +73,12 @@ class Whereabouts:
             _place(own or frames),
             (not own and leaf is None) or any(_waits(frame) for frame in frames),
             bool(frames) and _module(frames[0]).startswith("bt_dualarm."),
+            otherwise,
         )
 
     def __str__(self) -> str:
         who = f"{self.arm}: {self.leaf}" if self.leaf else self.arm
-        return f"{who or 'the run'} at {self.place}"
+        return f"{who or self.otherwise} at {self.place}"
 
 
 def _outwards(frame: FrameType | None) -> Iterator[FrameType]:

@@ -1,0 +1,71 @@
+"""Files of skills whose import does not return end a command as their ticks end a run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm import cli
+from bt_dualarm.cli import skill_import
+from bt_dualarm.skill.registry import Registry
+
+HUNG = {
+    "a loop": "number = 1\nwhile True:\n    number = -number\n",
+    "a sleep": "import time\n\ntime.sleep(1e6)\n",
+    "a lock": "import threading\n\nthreading.Event().wait()\n",
+    "a function": "def load():\n    while True:\n        pass\n\n\nload()\n",
+}
+LINES = {"a loop": (2, 3), "a sleep": (3,), "a lock": (3,), "a function": (2, 3)}
+COMMANDS = {
+    "bt-run": (cli.run, ("circle", "--display", "quiet", "--watchdog", "1")),
+    "bt-check": (cli.check, ("circle",)),
+    "bt-skills": (cli.skills, ("circle",)),
+    "bt-tune-color": (cli.tune_color, ("pick_and_track",)),
+}
+CASES = [*((name, "a loop") for name in COMMANDS), *(("bt-check", kind) for kind in HUNG)]
+
+
+@pytest.mark.parametrize(("name", "kind"), dict.fromkeys(CASES))
+def test_an_import_that_does_not_return_is_an_overrun(
+    name: str,
+    kind: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """It says file and line, and the exit code is that of a skill which does not return."""
+    Registry.load()  # the shipped ones need their time once in a process
+    monkeypatch.setattr(skill_import, "IMPORT_S", 1.0)
+    (tmp_path / "hung.py").write_text(HUNG[kind], encoding="utf-8")
+    main, arguments = COMMANDS[name]
+    assert main([*arguments, "--skills", str(tmp_path)]) == 154
+    said = capsys.readouterr().err
+    places = [f"{name}: error: the import of skills at hung.py:{line}, in" for line in LINES[kind]]
+    assert said.startswith(tuple(places)), said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_an_import_that_cannot_be_interrupted_ends_the_process(tmp_path: Path) -> None:
+    """It keeps what would end it to itself."""
+    (tmp_path / "hung.py").write_text(
+        "while True:\n    try:\n        while True:\n            pass\n"
+        "    except BaseException:\n        pass\n"
+    )
+    code = (
+        "import sys; import bt_dualarm.cli as cli; from bt_dualarm.cli import skill_import; "
+        "from bt_dualarm.skill.registry import Registry; Registry.load(); "
+        "skill_import.IMPORT_S = 1.0; sys.exit(cli.check())"
+    )
+    command = [sys.executable, "-c", code, "circle", "--skills", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 154
+    assert done.stderr.startswith("bt-check: error: the import of skills at hung.py:")
+    assert done.stderr.endswith("s, and cannot be interrupted\n")
+
+
+def test_an_import_within_its_time_is_left_alone() -> None:
+    assert skill_import.imported_skills("bt-check", ()).skills == Registry.load().skills
