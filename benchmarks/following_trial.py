@@ -51,6 +51,7 @@ class Spot:
         share: Share of the arm's limits.
         latency: Age of an image when it comes, in s.
         motion: Of the cube: ``rest`` or ``circle``.
+        reality: How far the arm is from what is believed of it.
     """
 
     robot: str
@@ -59,11 +60,13 @@ class Spot:
     share: float = 1.0
     latency: float = 0.017
     motion: str = "rest"
+    reality: str = "ideal"
 
     def __str__(self) -> str:
         ms = round(1e3 * self.latency)
         camera = f"{self.fps:3g} Hz {ms:2d} ms"
-        return f"{self.robot:<6} {self.plane} {camera} limits {self.share:3g} {self.motion}"
+        arm = f"{self.robot:<6} {self.plane} {camera} limits {self.share:3g}"
+        return f"{arm} {self.motion} {self.reality}"
 
     @property
     def goal(self) -> float:
@@ -183,7 +186,7 @@ def _tree(spot: Spot, page: str, place: Vector) -> dict[str, Data]:
         "limits": dict.fromkeys(_LIMITS, spot.share),
         "tree": {"track": track},
     }
-    world = {"scene": "empty", "time_limit": 60.0}
+    world = {"scene": "empty", "time_limit": 60.0, "reality": spot.reality}
     return {"bt_dualarm": 1, "world": world, "objects": {"cube": cube}, "arms": {"arm1": arm}}
 
 

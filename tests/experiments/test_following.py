@@ -24,6 +24,7 @@ def some(seed: int) -> list[Spot]:
             float(rng.choice(FPS)),
             float(rng.choice(SHARES)),
             float(rng.choice(LATENCIES)),
+            reality=str(rng.choice(("ideal", "lab", "rough"))),
         )
         for robot in robot_names()
     ]
