@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from bt_dualarm.experiments.results import Result
 from bt_dualarm.experiments.trial import Trial, TrialError
 from bt_dualarm.experiments.trials import run_trials
 from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.reality import RealityName
 
 
 @dataclass
@@ -23,6 +24,7 @@ class Bench:
         quick: True to thin out.
         out: Folder of the pictures.
         jobs: Number of processes that run trials side by side; figures 1 to 4 use them.
+        reality: Reality of all cells that it runs.
         missed: Goals that were missed.
     """
 
@@ -30,6 +32,7 @@ class Bench:
     quick: bool
     out: Path
     jobs: int = 1
+    reality: RealityName = "lab"
     registry: Registry = field(default_factory=Registry.load)
     missed: list[str] = field(default_factory=list)
     _known: dict[str, Result] = field(default_factory=dict)
@@ -61,7 +64,8 @@ class Bench:
 
     def trials(self, cells: Sequence[Cell]) -> Iterator[list[Trial | TrialError]]:
         """All seeds of each cell as they come, or why there is no measurement."""
-        runs = [(cell, seed) for cell in cells for seed in range(self.seeds)]
+        real = [replace(cell, reality=self.reality) for cell in cells]
+        runs = [(cell, seed) for cell in real for seed in range(self.seeds)]
         coming = run_trials(runs, self.registry, self.jobs)
         yield from (list(islice(coming, self.seeds)) for _ in cells)
 

@@ -64,8 +64,8 @@ def command_line() -> argparse.ArgumentParser:
     add("--latency", type=float, metavar="S", help="of a frame (default: the time of one frame)")
     add("--drop", type=float, default=0.0, help="share of the frames that get lost, 0 to 0.9")
     add("--noise", type=float, default=0.0, metavar="PX", help="shake of the camera")
-    told = "how far both arms are from what is believed of them (default: ideal)"
-    add("--reality", choices=REALITY_NAMES, default="ideal", help=told)
+    told = "how far both arms are from what is believed of them (default: lab)"
+    add("--reality", choices=REALITY_NAMES, default="lab", help=told)
     add(
         "--jerk",
         type=float,

@@ -86,7 +86,7 @@ class Cell:
     drop: float = 0.0
     noise: float = 0.0
     jerk: float = JERK
-    reality: RealityName = "ideal"
+    reality: RealityName = "lab"
     more: Mapping[str, str] = field(default_factory=dict)
     label: str = ""
 

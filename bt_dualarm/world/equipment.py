@@ -6,9 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import mujoco
-import numpy as np
-import numpy.typing as npt
 
+from bt_dualarm.pose import Vector
 from bt_dualarm.spec.document import ObjectSpec, TreeFile
 from bt_dualarm.spec.reality import RealityErrors, resolved
 from bt_dualarm.spec.reality_sets import REALITY_SETS
@@ -42,7 +41,7 @@ class Equipment:
         self._file, self._robots, self._seed = file, robots, seed
         self.hardware: dict[str, ArmHardware] = {}
         self.nominal: dict[str, NominalArm] = {}
-        self._addresses: dict[str, npt.NDArray[np.int64]] = {}
+        self._places: dict[str, Vector] = {}
         self.errors: dict[str, RealityErrors] = {
             name: resolved(file.world.reality, arm.reality, REALITY_SETS)
             for name, arm in file.arms.items()
@@ -84,7 +83,8 @@ class Equipment:
         objects: Mapping[str, ObjectSpec],
     ) -> None:
         """Belong to what was recompiled: the plant's arms, and what they hold now."""
-        self._model, self._sensed, self._addresses = model, mujoco.MjData(model), {}
+        self._model, self._sensed, self._places = model, mujoco.MjData(model), {}
+        self._everywhere = self._sensed.qpos  # views, as in `ArmHardware`
         loads: dict[str, list[NominalLoad]] = {name: [] for name in arms}
         for one in held:
             known = self.errors[one.arm].payload.known
@@ -92,7 +92,8 @@ class Equipment:
             loads[one.arm].append(load)
         for name, body in arms.items():
             self.hardware[name].connect(body)
-            self._addresses[name] = body.qpos_ids
+            first, last = body.qpos_ids[0], body.qpos_ids[-1]
+            self._places[name] = self._everywhere[first : last + 1]
             self.nominal[name].loads = tuple(loads[name])
 
     def sense(self, plant: mujoco.MjData) -> mujoco.MjData:
@@ -100,10 +101,10 @@ class Equipment:
 
         Arms are where their encoders say, objects where they are.
         """
-        self._sensed.qpos[:] = plant.qpos
+        self._everywhere[:] = plant.qpos
         for name, hardware in self.hardware.items():
             hardware.sense()
-            self._sensed.qpos[self._addresses[name]] = hardware.q
+            self._places[name][:] = hardware.q
         mujoco.mj_kinematics(self._model, self._sensed)
         return self._sensed
 

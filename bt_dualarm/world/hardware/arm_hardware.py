@@ -86,17 +86,21 @@ class ArmHardware:
     def connect(self, plant: PlantArm) -> None:
         """Belong to an arm of the plant; anew after each recompilation."""
         self._plant = plant
+        # Views: looking a field up costs more than reading it. A chain's joints follow each other.
+        self._data = data = plant.data
+        self._true_q = data.qpos[plant.qpos_ids[0] : plant.qpos_ids[-1] + 1]
+        self._true_v = data.qvel[plant.dof_ids[0] : plant.dof_ids[-1] + 1]
+        self._motors = data.ctrl[plant.actuator_ids[0] : plant.actuator_ids[-1] + 1]
         self._rubbing.connect(plant.model, plant.data, plant.dof_ids)
 
     def sense(self) -> None:
         """Read the sensors; a second time at the same moment changes nothing."""
-        plant = self._plant
-        if plant is None:
+        if self._plant is None:
             return
-        data = plant.data
-        self.stamp = stamp = data.time
-        self._encoders.read(data.qpos[plant.qpos_ids], data.qvel[plant.dof_ids], stamp)
-        self.q, self.v = self._encoders.q, self._encoders.v
+        self.stamp = stamp = self._data.time
+        encoders = self._encoders
+        encoders.read(self._true_q.copy(), self._true_v, stamp)
+        self.q, self.v = encoders.q, encoders.v
         while self._past and self._past[-1][0] >= stamp:
             self._past.pop()
         self._past.append((stamp, self.q))
@@ -125,12 +129,12 @@ class ArmHardware:
         self.commanded = torque
         self._drives.command(torque)
         if self._plant is not None and self._drives.is_ideal:
-            self._plant.data.ctrl[self._plant.actuator_ids] = torque
+            self._motors[:] = torque
 
     def drive(self) -> None:
         """Let the drives act during the next step of physics."""
         if self._plant is not None and not self._drives.is_ideal:
-            self._plant.data.ctrl[self._plant.actuator_ids] = self._drives.torque()
+            self._motors[:] = self._drives.torque()
 
     def rub(self) -> None:
         """Set the joints' friction for the velocities that the plant has now."""

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterator
 
 import numpy as np
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.spec.reality import EncoderErrors
+
+_DRAWN = 512
+"""Readings whose noise is drawn at once: one by one that costs as much as all the rest."""
 
 
 class Encoders:
@@ -25,12 +29,17 @@ class Encoders:
     """
 
     def __init__(self, errors: EncoderErrors, timestep: float, rng: np.random.Generator) -> None:
-        self._resolution = math.radians(errors.resolution)
+        # Numbers are arrays of no dimension where they meet arrays: that costs half as much.
+        self._resolution = np.array(math.radians(errors.resolution))
+        self._steps_of = np.array(1.0 / self._resolution) if self._resolution else None
         self._noise = math.radians(errors.noise)
         self._steps = max(1, round(errors.window / timestep)) if errors.window else 0
-        self._timestep = timestep
-        self._share = -math.expm1(-2 * math.pi * errors.cutoff * timestep) if errors.cutoff else 1.0
+        share = -math.expm1(-2 * math.pi * errors.cutoff * timestep) if errors.cutoff else 1.0
+        self._kept = np.array(1.0 - share)
+        # By how many readings lie between two: what their difference adds to the velocity.
+        self._rates = [np.array(share / (n * timestep)) for n in range(1, max(1, self._steps) + 1)]
         self._rng = rng
+        self._drawn: Iterator[Vector] = iter(())
         self._before: deque[Vector] = deque(maxlen=self._steps + 1)
         self._stamp = -math.inf
         self._v_before: Vector = np.zeros(0)
@@ -43,15 +52,24 @@ class Encoders:
         A second reading of one moment takes the place of the first.
         """
         if self._noise:
-            q = q + self._noise * self._rng.standard_normal(len(q))
-        if self._resolution:
-            q = np.rint(q / self._resolution) * self._resolution
+            q = q + self._noise_of(len(q))
+        if self._steps_of is not None:
+            q = q * self._steps_of
+            np.rint(q, q)
+            np.multiply(q, self._resolution, q)
         self.q = q
         if self._steps:
             self._forget(stamp)
             self._difference(q)
         else:
-            self.v = v
+            self.v = v.copy()
+
+    def _noise_of(self, dof: int) -> Vector:
+        noise = next(self._drawn, None)
+        if noise is None:
+            self._drawn = iter(self._noise * self._rng.standard_normal((_DRAWN, dof)))
+            noise = next(self._drawn)
+        return noise
 
     def _forget(self, stamp: float) -> None:
         """What was read at this moment already, and all of it where time has gone back."""
@@ -63,11 +81,14 @@ class Encoders:
         self._stamp = stamp
 
     def _difference(self, q: Vector) -> None:
-        if not self._before:
+        before = self._before
+        if not before:
             self.v = np.zeros_like(q)  # an arm comes into the world at rest
         self._v_before = self.v
-        self._before.append(q)
-        span = len(self._before) - 1
+        before.append(q)
+        span = len(before) - 1
         if span:
-            slope = (q - self._before[0]) / (span * self._timestep)
-            self.v = self.v + self._share * (slope - self.v)
+            v, new = self.v * self._kept, q - before[0]
+            np.multiply(new, self._rates[span - 1], new)
+            np.add(v, new, v)
+            self.v = v

@@ -35,7 +35,8 @@ class Rubbing:
         drop = friction.static - friction.coulomb
         # What joints have at any speed, and how much more of it when they stand.
         self._level, self._drop = np.where(dry, friction.coulomb, 0.0), np.where(dry, drop, 0.0)
-        self._slowness = 1.0 / friction.stribeck_velocity
+        self._narrow = -1.0 / np.square(friction.stribeck_velocity)
+        self._fall = np.empty_like(drop)
         self._gentle, self._gentle_drop = friction.coulomb - self._level, drop - self._drop
         self._steepness = 1.0 / np.where(dry, 1.0, friction.rise)
         self._start = np.tanh(friction.offset * self._steepness)
@@ -64,10 +65,14 @@ class Rubbing:
             return
         gentle = self._gentle
         if self._falls:
-            slow = self._slowness * self._v
-            fall = np.exp(-slow * slow)
-            self._dry[:] = self._level + self._drop * fall
-            gentle = gentle + self._gentle_drop * fall
+            fall, v = self._fall, self._v  # in place: what is allocated here costs most
+            np.multiply(v, v, fall)
+            np.multiply(fall, self._narrow, fall)
+            np.exp(fall, fall)
+            if self._builds_up:
+                gentle = gentle + self._gentle_drop * fall
+            np.multiply(fall, self._drop, fall)
+            np.add(fall, self._level, self._dry)
         if self._builds_up:
             v = self._v + _CREEP
             rise = np.tanh((v + self._friction.offset) * self._steepness) - self._start
