@@ -26,7 +26,7 @@ from bt_dualarm.motion.planning.tool_path import trace
 from bt_dualarm.motion.safety.reservation import Reservations
 from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.runtime.assembly import CONTROL_PERIOD
 from bt_dualarm.runtime.plots import COLORS
 from bt_dualarm.share import share_dir
@@ -86,35 +86,39 @@ class Run:
 
 
 def run() -> Run:
-    """Plan the curve of ``trees/lissajous.yaml`` and follow it at full speed."""
+    """Plan the curve of ``trees/lissajous.yaml`` and follow it at full speed, with each payload."""
     file = load_tree_file(share_dir("trees") / "lissajous.yaml", Registry.load().kinds)
-    world = World(file)
-    robot, body = world.robots["arm1"], world.arms["arm1"]
-    kinematics, start = Kinematics(robot, body.base), body.q
-    path = lissajous(kinematics.forward(start), YZ, (0.1, 0.1), (1, 2), waypoints=20)
-    motion, shortest = trace(kinematics, path, start, robot.limits, float(CONTROL_PERIOD))
-    planned = np.array([kinematics.matrix(q)[:3, 3] for q in motion.q])
-    errors, sent = {}, motion
-    for mass in PAYLOADS_KG:
-        sent, executed = follow(file, motion, mass, kinematics.forward(start))
+    errors = {}
+    for mass in reversed(PAYLOADS_KG):  # what is drawn besides the error is that of the first
+        world = world_with(file, mass)
+        controller = JointController(world, "arm1", float(CONTROL_PERIOD), Reservations())
+        robot, start = world.robots["arm1"], controller.setpoint.q
+        kinematics = Kinematics(robot, world.arms["arm1"].base)
+        path = lissajous(kinematics.forward(start), YZ, (0.1, 0.1), (1, 2), waypoints=20)
+        motion, shortest = trace(kinematics, path, start, robot.limits, float(CONTROL_PERIOD))
+        planned = np.array([kinematics.matrix(q)[:3, 3] for q in motion.q])
+        sent, executed = follow(world, controller, motion)
         errors[mass] = np.linalg.norm(executed - planned, axis=1)
-    return Run(path, motion, shortest, sent, errors, robot.limits)
+    return Run(path, motion, shortest, sent, dict(reversed(errors.items())), robot.limits)
+
+
+def world_with(file: TreeFile, mass: float) -> World:
+    """The file's world, its arm with a cube of so many kg at its tool."""
+    if not mass:
+        return World(file)
+    tool = World(file).arms["arm1"].tool_pose
+    place = tool.apply(np.array((0.0, 0.0, 0.045))).tolist()
+    pose = PoseSpec(xyz=tuple(place))
+    cube = ObjectSpec(shape="box", size=(0.05, 0.05, 0.05), mass=mass, pose=pose)
+    world = World(file.model_copy(update={"objects": {"payload": cube}}))
+    world.attach("arm1", "payload")
+    return world
 
 
 def follow(
-    file: TreeFile, motion: Trajectory, mass: float, tool: Pose
+    world: World, controller: JointController, motion: Trajectory
 ) -> tuple[Trajectory, Matrix]:
     """The set-points that were sent, and where the tool was at each of them, of shape (n, 3)."""
-    if mass:
-        place = tool.apply(np.array((0.0, 0.0, 0.045))).tolist()
-        cube = ObjectSpec(
-            shape="box", size=(0.05, 0.05, 0.05), mass=mass, pose=PoseSpec(xyz=tuple(place))
-        )
-        file = file.model_copy(update={"objects": {"payload": cube}})
-    world = World(file)
-    if mass:
-        world.attach("arm1", "payload")
-    controller = JointController(world, "arm1", motion.dt, Reservations())
     running = controller.follow(motion, along_path=True)
     sent = []
     while not running.done:
