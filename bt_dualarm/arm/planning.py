@@ -162,17 +162,19 @@ class ArmPlanner:
             ignore: Names of the objects that may be touched.
 
         Returns:
-            A checker that keeps `PLANNING_MARGIN_M` from other arms.
+            A checker that keeps `PLANNING_MARGIN_M` from other arms, or from one that is nearer
+            already what there is.
         """
-        clear = PLANNING_MARGIN_M
-        while True:  # nearer to another arm already: keep what there is
-            checker = CollisionChecker(self._arm.world, self._arm.name, max(clear, 0.0), ignore)
-            contact = checker.contact(self._arm.setpoint.q) if clear > 0.0 else None
-            if contact is None or contact.second.partition("/")[0] not in self._arm.world.arms:
+        keeps = dict.fromkeys(self._arm.world.arms, PLANNING_MARGIN_M)
+        while True:
+            checker = CollisionChecker(self._arm.world, self._arm.name, keeps, ignore)
+            contact = checker.contact(self._arm.setpoint.q)
+            if contact is None or contact.depth >= 0.0:
                 return checker
-            if -contact.depth <= 0.0:
+            near = contact.second.partition("/")[0]
+            if keeps.get(near, 0.0) <= 0.0:
                 return checker
-            clear = min(clearance(-contact.depth, clear), clear - 1e-4)
+            keeps[near] = max(min(clearance(-contact.depth, keeps[near]), keeps[near] - 1e-4), 0.0)
 
     def refuse_collision(self, q: Vector, ignore: frozenset[str] = frozenset()) -> None:
         """Check a configuration before anything moves.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -58,7 +58,8 @@ class CollisionChecker:
     Args:
         world: World that is looked at now, and never changed.
         arm: Name of the arm.
-        margin: Distance in metres that other arms must keep from this one.
+        margin: Distance in metres that other arms must keep from this one: the same for all of
+            them, or by their names; one without a name there must not touch.
         ignore: Objects that may be touched.
 
     Attributes:
@@ -68,7 +69,11 @@ class CollisionChecker:
     """
 
     def __init__(
-        self, world: World, arm: str, margin: float = 0.0, ignore: frozenset[str] = frozenset()
+        self,
+        world: World,
+        arm: str,
+        margin: float | Mapping[str, float] = 0.0,
+        ignore: frozenset[str] = frozenset(),
     ) -> None:
         body = world.arms[arm]
         self.joints = body.robot.joints
@@ -78,13 +83,17 @@ class CollisionChecker:
         self._scratch = scratch = ScratchModel(world, (arm,))
         held = {world.object_geom(name) for name in world.attachments.attached_to(arm)}
         self.moving = scratch.marks(body.geom_ids | held)
-        others = (other.geom_ids for name, other in world.arms.items() if name != arm)
-        other_arms = scratch.marks(frozenset().union(*others))
         ignored = {world.object_geom(name) for name in ignore if name in world.objects}
         asked = scratch.solid & ~scratch.marks(ignored)
         scratch.compare(asked & self.moving, asked)
-        scratch.report_gaps(other_arms, margin)
-        self._least = np.where(other_arms[:, None] | other_arms, margin, -TOUCH)
+        least = np.full(scratch.model.ngeom, -TOUCH)
+        for name, other in world.arms.items():
+            if name != arm:
+                kept = margin.get(name, 0.0) if isinstance(margin, Mapping) else margin
+                marks = scratch.marks(other.geom_ids)
+                scratch.report_gaps(marks, kept)
+                least[marks] = kept
+        self._least = np.maximum(least[:, None], least)
         gripping = scratch.marks(body.tool_geom_ids | held)
         self._least[_touching_by_design(scratch.marks(held), gripping)] = -np.inf
         self._let_stand(gripping)

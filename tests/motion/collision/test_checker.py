@@ -196,3 +196,14 @@ def test_on_the_way_nothing_is_touched_that_is_not_touched_at_an_end() -> None:
     assert not checker.keeping_off([apart]).free(touching)
     assert checker.keeping_off([apart, touching]).free(touching)
     assert not checker.keeping_off([touching]).free(above(world, -0.01))
+
+
+def test_each_other_arm_keeps_a_margin_of_its_own() -> None:
+    arms = {"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.4), 180.0)}
+    world = World(file_of({**arms, "arm3": arm("ur3", (-1.6, 0.0, 0.4))}))
+    q = world.arms["arm1"].q
+    for near in ("arm2", "arm3"):
+        contact = CollisionChecker(world, "arm1", margin={near: 2.0}).contact(q)
+        assert contact is not None
+        assert contact.second.startswith(f"{near}/")
+    assert CollisionChecker(world, "arm1", margin={"arm2": 0.02}).free(q)

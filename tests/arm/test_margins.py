@@ -1,0 +1,69 @@
+"""Nearer to one arm than plans keep, an arm keeps off all others as ever."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from bt_dualarm.arm.carrying import Carrying
+from bt_dualarm.arm.lease import Leaseholder
+from bt_dualarm.arm.planning import PLANNING_MARGIN_M, ArmPlanner
+from bt_dualarm.arm.state import ArmState
+from bt_dualarm.motion.collision.checker import CollisionChecker
+from bt_dualarm.motion.planning.process import PlanningProcess
+from bt_dualarm.world.robots.catalogue import robot_names
+from bt_dualarm.world.world import World
+from tests.world.worlds import arm, file_of
+
+FAR_M = 3.0
+
+
+def gap(world: World, other: str) -> float:
+    """Distance of arm1 from another arm in m, or at most FAR_M."""
+    contact = CollisionChecker(world, "arm1", {other: FAR_M}).contact(world.arms["arm1"].q)
+    return FAR_M if contact is None else -contact.depth
+
+
+def beside(robot: str, away: tuple[float, float]) -> World:
+    """A UR5, one arm on its right, nearer than plans keep, another on its left, not so near."""
+    right, left = (3.0, 3.0)
+    for _ in range(8):
+        arms = {
+            "arm1": arm("ur5"),
+            "arm2": arm(robot, (0.5, right, 0.4)),
+            "arm3": arm(robot, (0.5, -left, 0.4)),
+        }
+        world = World(file_of(arms))
+        right -= gap(world, "arm2") - away[0]
+        left -= gap(world, "arm3") - away[1]
+    return world
+
+
+@pytest.mark.parametrize("robot", robot_names())
+def test_a_near_arm_takes_nothing_from_what_is_kept_from_another(robot: str) -> None:
+    world = beside(robot, (0.025, 0.05))
+    assert 0.005 < gap(world, "arm2") < 0.035
+    assert PLANNING_MARGIN_M < gap(world, "arm3") < 0.08
+    q = world.arms["arm1"].q
+    state = SimpleNamespace(world=world, name="arm1", setpoint=SimpleNamespace(q=q))
+    planner = ArmPlanner(
+        cast("ArmState", state),
+        cast("Leaseholder", None),
+        cast("PlanningProcess", None),
+        cast("Carrying", None),
+        seed=0,
+    )
+    checker = planner.checker()
+    assert checker.free(q)
+    of_third = CollisionChecker(world, "arm1", {"arm3": PLANNING_MARGIN_M})
+    apart = CollisionChecker(world, "arm1")
+    near = [
+        one
+        for one in q + np.random.default_rng(0).uniform(-0.2, 0.2, (1000, len(q)))
+        if apart.free(one) and not of_third.free(one)
+    ]
+    assert len(near) > 5, len(near)
+    assert not any(map(checker.free, near))
