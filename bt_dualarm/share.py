@@ -1,7 +1,11 @@
-"""Where the shipped trees, skills and assets lie: in a checkout, an editable install, a wheel."""
+"""Where the shipped trees, skills and assets lie, and where what was computed is kept.
+
+The former in a checkout, an editable install and a wheel alike.
+"""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -19,3 +23,9 @@ def share_dir(kind: str) -> Path:
         if (root / kind).is_dir():
             return root / kind
     raise FileNotFoundError(f"bt_dualarm is installed without its folder {kind!r}")
+
+
+def cache_dir() -> Path:
+    """Where what was computed is kept: ``$XDG_CACHE_HOME/bt_dualarm``, else ``~/.cache``."""
+    root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(root) / "bt_dualarm"

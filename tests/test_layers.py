@@ -22,7 +22,7 @@ from tests.source import (
 
 FLOORS = (
     {"errors", "pose", "share"},
-    {"spec"},
+    {"spec", "kernels"},
     {"world.urdf"},
     {"world.robots"},
     {"world.hardware", "world.nominal"},

@@ -8,6 +8,7 @@ from fractions import Fraction
 
 from bt_dualarm.errors import DualArmError, RunError
 from bt_dualarm.runtime.assembly import Assembly
+from bt_dualarm.runtime.compiling import compile_kernels
 from bt_dualarm.runtime.handles import ArmHandle, TreeHandle
 from bt_dualarm.runtime.named import Named
 from bt_dualarm.runtime.options import RunOptions, checked_seconds
@@ -58,6 +59,7 @@ class Run:
     ) -> None:
         self.warnings = tuple(warnings)
         self._stop = stop or StopRequest()
+        compile_kernels()  # what it says, once on a machine, is not of this run
         self._parts = prepare(file, registry, options or RunOptions(), self._stop)
         self._asked = Fraction(0)
         self._is_busy = False

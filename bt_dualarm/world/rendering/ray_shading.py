@@ -10,9 +10,7 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.world.rendering.ray_fan import Fan
-from bt_dualarm.world.rendering.ray_scene import Hits
-from bt_dualarm.world.rendering.ray_shapes import multiply
+from bt_dualarm.world.rendering.kernel_arrays import Fan, Hits, Lights
 from bt_dualarm.world.rendering.renderer import Image
 
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
@@ -22,10 +20,12 @@ class Shading:
     """Colours and lights of one model."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        self.model = model
         # The last row serves geom -1: a ray that hit nothing sees the sky.
         self._base = np.vstack([_geom_colors(model), _sky_color(model)])
         self._lights = np.flatnonzero(model.light_active)
+        kinds = model.light_type[self._lights]
+        self._distant = kinds == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        self._diffuse = model.light_diffuse[self._lights].astype(float)
         head = model.vis.headlight
         self._head_diffuse = np.array(head.diffuse, dtype=float) * bool(head.active)
         self._ambient = np.array(head.ambient, dtype=float) * bool(head.active)
@@ -36,36 +36,16 @@ class Shading:
 
         Light positions of ``data`` must be up to date.
         """
-        grid = hits.geoms.shape
-        geoms = hits.geoms.ravel()
-        normals = hits.normals.reshape(3, -1)
-        directions = multiply(fan.axes, fan.rays.reshape(3, -1))
-        facing = -np.einsum("ij,ij->j", normals, directions)
-        light = self._ambient[:, None] + facing * self._head_diffuse[:, None]
-        for index in self._lights:
-            toward = self._toward_light(data, index, fan.eye, directions, hits.distances.ravel())
-            lambert = np.maximum(np.einsum("ij,ij->j", normals, toward), 0.0)
-            light += lambert * self.model.light_diffuse[index][:, None]
-        light[:, geoms < 0] = 1.0
-        shaded = self._base.take(geoms, axis=0)
-        shaded *= light.T
-        np.minimum(shaded, 1.0, out=shaded)
-        shaded *= 255.0
-        shaded += 0.5
-        pixels: Image = shaded.astype(np.uint8).reshape(*grid, 3)
-        return pixels
+        from bt_dualarm.world.rendering.shading_kernels import shade
 
-    def _toward_light(
-        self, data: mujoco.MjData, index: int, eye: Vector, directions: Matrix, distances: Vector
-    ) -> Matrix:
-        """Unit vectors from each hit towards a light, of shape (3, n) or (3, 1)."""
-        if self.model.light_type[index] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL:
-            away: Matrix = -data.light_xdir[index][:, None]
-            return away
-        reach = np.where(np.isfinite(distances), distances, 0.0)
-        toward: Matrix = (data.light_xpos[index] - eye)[:, None] - directions * reach
-        toward /= np.sqrt(np.einsum("ij,ij->j", toward, toward))
-        return toward
+        pixels: Image = np.empty((*hits.geoms.shape, 3), dtype=np.uint8)
+        toward, place = -data.light_xdir[self._lights], data.light_xpos[self._lights]
+        places = np.where(self._distant[:, None], toward, place)
+        lights = Lights(
+            self._base, self._ambient, self._head_diffuse, places, self._distant, self._diffuse
+        )
+        shade(lights, fan, hits, pixels)
+        return pixels
 
 
 def _geom_colors(model: mujoco.MjModel) -> Matrix:

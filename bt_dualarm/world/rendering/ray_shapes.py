@@ -1,206 +1,126 @@
-"""Where rays enter planes, spheres, cylinders and convex polyhedra: all rays of a shape at once.
-
-Everything is in the shape's own frame: ``eye`` of shape (3,) lies outside it (seen from inside, a
-shape is invisible, as in OpenGL), ``rays`` are unit vectors of shape (3, n). ``enter`` gives the
-distance of each entry, of shape (n,), inf for a miss; ``normals`` the outward unit normals, of
-shape (3, n), for rays that do enter at ``distances``.
-"""
+"""The shapes of a model that have a closed form, as arrays that the kernels read."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
+import mujoco
 import numpy as np
 
 from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.rendering.kernel_arrays import (
+    CAPSULE,
+    CYLINDER,
+    HULL,
+    PLANE,
+    SPHERE,
+    Numbers,
+    Shapes,
+)
 
-_TINY = 1e-12
-_ON_THE_CAP_M = 1e-9
-_SERIAL_PRODUCT = 200_000
-"""Multiplications in one product; OpenBLAS starts threads above 262,144 (interface/gemm.c)."""
+_CONVEX_TOLERANCE = 1e-4
+_Type = mujoco.mjtGeom
 
-
-def multiply(matrix: Matrix, rays: Matrix) -> Matrix:
-    """The product of shapes (f, 3) and (3, n) on one thread, whatever the BLAS would do."""
-    product = np.empty((len(matrix), rays.shape[1]))
-    for some in _portions(len(matrix), rays.shape[1]):
-        np.matmul(matrix, rays[:, some], out=product[:, some])
-    return product
-
-
-def dots(vector: Vector, rays: Matrix) -> Vector:
-    """The products of shape (n,) of a vector with rays of shape (3, n), on one thread."""
-    products: Vector = np.einsum("i,ij->j", vector, rays)
-    return products
-
-
-def _portions(faces: int, rays: int) -> Iterator[slice]:
-    """Slices of the rays that OpenBLAS multiplies on the calling thread.
-
-    With more it wakes a thread a core and spins; on a busy machine that costs ten times more
-    than it gains.
-    """
-    size = max(_SERIAL_PRODUCT // (3 * faces), 1)
-    return (slice(start, start + size) for start in range(0, rays, size))
+_ROUND: Final = {
+    _Type.mjGEOM_SPHERE: SPHERE,
+    _Type.mjGEOM_CYLINDER: CYLINDER,
+    _Type.mjGEOM_CAPSULE: CAPSULE,
+}
 
 
-class Surface(Protocol):
-    """A surface that rays can meet."""
-
-    def contains(self, eye: Vector) -> bool:
-        """Whether ``eye`` is inside, or where the surface is not to be seen from."""
-
-    def enter(self, eye: Vector, rays: Matrix) -> Vector:
-        """Distances to the surface."""
-
-    def normals(self, eye: Vector, rays: Matrix, distances: Vector) -> Matrix:
-        """Outward unit normals at the entries."""
-
-
-@dataclass(frozen=True)
-class FlatSurface:
-    """z = 0, seen from above, as far as half the lengths ``reach`` in x and y (inf: no end)."""
-
-    reach: tuple[float, float] = (math.inf, math.inf)
-
-    def contains(self, eye: Vector) -> bool:
-        """Whether the eye is below the plane, from where it is not seen."""
-        return bool(eye[2] <= 0.0)
-
-    def enter(self, eye: Vector, rays: Matrix) -> Vector:
-        """Distances of the entries, of shape (n,), inf for a miss."""
-        down = np.minimum(rays[2], -_TINY)
-        distances = np.where(rays[2] < -_TINY, -eye[2] / down, np.inf)
-        if math.isfinite(self.reach[0]) or math.isfinite(self.reach[1]):
-            with np.errstate(invalid="ignore"):
-                x, y = np.abs(eye[:2, None] + distances * rays[:2])
-                distances[~((x <= self.reach[0]) & (y <= self.reach[1]))] = np.inf
-        return distances
-
-    def normals(self, eye: Vector, rays: Matrix, distances: Vector) -> Matrix:  # noqa: ARG002
-        """Normals that all point up, of shape (3, n)."""
-        return np.broadcast_to(np.array([[0.0], [0.0], [1.0]]), rays.shape)
-
-
-@dataclass(frozen=True)
-class Sphere:
-    """About the origin."""
-
-    radius: float
-
-    def contains(self, eye: Vector) -> bool:
-        """Whether the eye is within the radius."""
-        return bool(eye @ eye <= self.radius**2)
-
-    def enter(self, eye: Vector, rays: Matrix) -> Vector:
-        """Distances of the entries, of shape (n,), inf for a miss."""
-        along = dots(eye, rays)
-        squared = along**2 - (eye @ eye - self.radius**2)
-        hit = (squared >= 0.0) & (along < 0.0)
-        return np.where(hit, -along - np.sqrt(np.maximum(squared, 0.0)), np.inf)
-
-    def normals(self, eye: Vector, rays: Matrix, distances: Vector) -> Matrix:
-        """Normals away from the centre, of shape (3, n)."""
-        return (eye[:, None] + distances * rays) / self.radius
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """About the z axis, from ``-half_length`` to ``half_length``, closed."""
-
-    radius: float
-    half_length: float
-
-    def contains(self, eye: Vector) -> bool:
-        """Whether the eye is within radius and length."""
-        return bool(np.hypot(eye[0], eye[1]) <= self.radius and abs(eye[2]) <= self.half_length)
-
-    def enter(self, eye: Vector, rays: Matrix) -> Vector:
-        """Distances to the common part of the inside of the wall and what is between the caps."""
-        a = np.maximum(rays[0] ** 2 + rays[1] ** 2, _TINY)
-        b = eye[0] * rays[0] + eye[1] * rays[1]
-        squared = b**2 - a * (eye[0] ** 2 + eye[1] ** 2 - self.radius**2)
-        root = np.sqrt(np.maximum(squared, 0.0))
-        climb = np.where(np.abs(rays[2]) < _TINY, _TINY, rays[2])
-        middle, half = -eye[2] / climb, np.abs(self.half_length / climb)
-        entry = np.maximum((-b - root) / a, middle - half)
-        leave = np.minimum((-b + root) / a, middle + half)
-        return np.where((squared >= 0.0) & (entry <= leave) & (entry > 0.0), entry, np.inf)
-
-    def normals(self, eye: Vector, rays: Matrix, distances: Vector) -> Matrix:
-        """Normals away from the axis on the wall, along it on the caps, of shape (3, n)."""
-        points = eye[:, None] + distances * rays
-        capped = np.abs(points[2]) >= self.half_length - _ON_THE_CAP_M
-        normals = points / self.radius
-        normals[2] = 0.0
-        normals[:, capped] = 0.0
-        normals[2, capped] = np.sign(points[2, capped])
-        return normals
-
-
-@dataclass(frozen=True, eq=False)
-class Polyhedron:
+class Hull(NamedTuple):
     """A convex body.
 
-    From an eye outside, let h be the distance of a face's plane along its outward normal n:
-    negative for the faces that look at the eye. A ray d meets the plane at the inverse distance
-    u = (n / h) · d. It enters the body at the smallest u of the faces that look at the eye and
-    leaves it at the largest of the others; it hits if it enters before it leaves (Cyrus and
-    Beck, "Generalized two- and three-dimensional clipping", 1978, in inverse distances). Every
-    face with every ray is then one product of two matrices.
-
     Attributes:
-        face_normals: Outward unit normals, of shape (f, 3).
-        offsets: Distances of the planes from the origin along the normals, of shape (f,).
-        vertices: Corners, of shape (v, 3).
+        corners: Places of the corners, of shape (c, 3), in m.
+        triangles: Numbers of the corners of each triangle, anticlockwise seen from outside, (f, 3).
+        normals: Outward unit normals of the triangles, of shape (f, 3).
+        offsets: Distances of their planes from the origin along the normals, of shape (f,).
     """
 
-    face_normals: Matrix
+    corners: Matrix
+    triangles: Numbers
+    normals: Matrix
     offsets: Vector
-    vertices: Matrix
 
-    @classmethod
-    def box(cls, half: Vector) -> Polyhedron:
-        """A box about the origin.
 
-        Args:
-            half: Half lengths along x, y and z, of shape (3,), in m.
-        """
-        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-        return cls(np.vstack([np.eye(3), -np.eye(3)]), np.concatenate([half, half]), signs * half)
+def shapes_of(model: mujoco.MjModel, geoms: Sequence[int]) -> tuple[Shapes, list[int]]:
+    """The geoms that have a closed form, and the numbers of those that have none."""
+    hulls = {geom: _hull(model, geom) for geom in geoms}
+    known = [geom for geom in geoms if hulls[geom] is not None or _kind(model, geom) != HULL]
+    bodies = [hulls[geom] or _NOTHING for geom in known]
+    ends = np.cumsum([(0, 0), *((len(body.corners), len(body.triangles)) for body in bodies)], 0)
+    shifted = [body.triangles + first for body, first in zip(bodies, ends[:-1, 0], strict=True)]
+    sizes = model.geom_size[known].reshape(-1, 3).astype(float)
+    kinds = np.array([_kind(model, geom) for geom in known], dtype=np.int64)
+    endless = (kinds == PLANE)[:, None] & (sizes <= 0.0)
+    # A plane has no bounding sphere; MuJoCo gives it the radius 0.
+    bounds = model.geom_rbound[known].astype(float)
+    shapes = Shapes(
+        geoms=np.array(known, dtype=np.int64),
+        kinds=kinds,
+        sizes=np.where(endless, math.inf, sizes),
+        radii=np.where(bounds > 0.0, bounds, math.inf),
+        corners=np.vstack([_NOTHING.corners, *(body.corners for body in bodies)]),
+        triangles=np.vstack([_NOTHING.triangles, *shifted]),
+        normals=np.vstack([_NOTHING.normals, *(body.normals for body in bodies)]),
+        offsets=np.concatenate([_NOTHING.offsets, *(body.offsets for body in bodies)]),
+        heaps=np.column_stack((ends[:-1, 0], ends[1:, 0], ends[:-1, 1], ends[1:, 1])),
+    )
+    return shapes, sorted(set(geoms) - set(known))
 
-    def contains(self, eye: Vector) -> bool:
-        """Whether the eye is below every face."""
-        return bool((self.offsets - self.face_normals @ eye).min() > -_TINY)
 
-    def enter(self, eye: Vector, rays: Matrix) -> Vector:
-        """Distances of the entries by the class's formula, of shape (n,), inf for a miss."""
-        heights = self._heights(eye)
-        toward = heights < 0.0
-        scaled = self.face_normals / heights[:, None]
-        front, back = scaled[toward], scaled[~toward]
-        entry, leave = np.empty(rays.shape[1]), np.zeros(rays.shape[1])
-        for some in _portions(max(len(front), len(back)), rays.shape[1]):
-            (front @ rays[:, some]).min(axis=0, out=entry[some])
-            (back @ rays[:, some]).max(axis=0, initial=0.0, out=leave[some])
-        hit = (entry >= leave) & (entry > _TINY)
-        return np.where(hit, 1.0 / np.maximum(entry, _TINY), np.inf)
+_NOTHING: Final = Hull(
+    np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)), np.zeros(0)
+)
 
-    def normals(self, eye: Vector, rays: Matrix, distances: Vector) -> Matrix:  # noqa: ARG002
-        """Normals of the faces through which the rays enter, of shape (3, n)."""
-        heights = self._heights(eye)
-        toward = np.flatnonzero(heights < 0.0)
-        scaled = self.face_normals[toward] / heights[toward, None]
-        first = np.empty(rays.shape[1], dtype=int)
-        for some in _portions(len(scaled), rays.shape[1]):
-            (scaled @ rays[:, some]).argmin(axis=0, out=first[some])
-        normals: Matrix = self.face_normals[toward[first]].T
-        return normals
 
-    def _heights(self, eye: Vector) -> Vector:
-        """Signed distances of the planes, of shape (f,); never zero."""
-        heights = self.offsets - self.face_normals @ eye
-        return np.where(np.abs(heights) < _TINY, _TINY, heights)
+def _kind(model: mujoco.MjModel, geom: int) -> int:
+    """What the geom is; a hull is what is made of triangles, and what has no closed form."""
+    kind = int(model.geom_type[geom])
+    return PLANE if kind == _Type.mjGEOM_PLANE else _ROUND.get(_Type(kind), HULL)
+
+
+def _hull(model: mujoco.MjModel, geom: int) -> Hull | None:
+    """The geom as a convex body of triangles, ``None`` if it is none."""
+    kind = model.geom_type[geom]
+    if kind == _Type.mjGEOM_BOX:
+        return box(model.geom_size[geom].astype(float))
+    if kind == _Type.mjGEOM_MESH:
+        return _convex_mesh(model, int(model.geom_dataid[geom]))
+    return None
+
+
+def box(half: Vector) -> Hull:
+    """A box about the origin, two triangles a side.
+
+    Args:
+        half: Half lengths along x, y and z, of shape (3,), in m.
+    """
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    # Sides +x, +y, +z, -x, -y, -z: corners anticlockwise seen from outside.
+    sides = ((4, 6, 7, 5), (2, 3, 7, 6), (1, 5, 7, 3), (0, 1, 3, 2), (0, 4, 5, 1), (0, 2, 6, 4))
+    triangles = [half_side for a, b, c, d in sides for half_side in ((a, b, c), (a, c, d))]
+    normals = np.vstack([np.eye(3), -np.eye(3)]).repeat(2, axis=0)
+    offsets = np.concatenate([half, half]).repeat(2)
+    return Hull(signs * half, np.array(triangles, dtype=np.int64), normals, offsets)
+
+
+def _convex_mesh(model: mujoco.MjModel, mesh: int) -> Hull | None:
+    """A mesh as a convex body, or ``None`` if it has a dent."""
+    start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    vertices = model.mesh_vert[start : start + count].astype(float)
+    first, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    triangles = model.mesh_face[first : first + faces].astype(np.int64)
+    corners = vertices[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    sound = areas > areas.max() * _CONVEX_TOLERANCE**2
+    normals = normals[sound] / areas[sound, None]
+    offsets = np.einsum("ij,ij->i", normals, corners[sound].mean(axis=1))
+    size = float(np.ptp(vertices, axis=0).max())
+    if (normals @ vertices.T - offsets[:, None]).max() > _CONVEX_TOLERANCE * size:
+        return None
+    return Hull(vertices, triangles[sound], normals, offsets)

@@ -1,4 +1,4 @@
-"""Images by ray casting: slower than OpenGL on whole images, faster on small parts, no library."""
+"""Images by ray casting: the same pixels on every machine, and no library of the system."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.world.rendering.ray_fan import Fan
+from bt_dualarm.world.rendering.kernel_arrays import Fan
 from bt_dualarm.world.rendering.ray_scene import RayScene
 from bt_dualarm.world.rendering.ray_shading import Shading
 from bt_dualarm.world.rendering.renderer import Blocks, Exposure, Image
@@ -68,12 +68,21 @@ class _Drawn:
         return self._scenes[groups]
 
 
+def draw_something() -> None:
+    """Have all kernels of the ray caster compiled."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(size=(0.1, 0.1, 0.1))
+    spec.worldbody.add_camera()
+    model = spec.compile()
+    RayRenderer().render(model, mujoco.MjData(model), Exposure(0, 2, 2))
+
+
 def fan_of(viewpoint: Viewpoint, width: int, height: int) -> Fan:
     """The rays of a whole picture, one a pixel."""
     return Fan(
         eye=viewpoint.eye,
         axes=viewpoint.axes,
-        rays=camera_rays(width, height, viewpoint.fov_deg, 1),
+        rays=camera_rays(width, height, viewpoint.fov_deg, 1).copy(),
         spacing=2.0 * math.tan(math.radians(viewpoint.fov_deg) / 2.0) / height,
         centre=(width / 2.0, height / 2.0),
     )
@@ -88,7 +97,7 @@ def _fan(model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, blocks:
     return Fan(
         eye=data.cam_xpos[camera_id].copy(),
         axes=data.cam_xmat[camera_id].reshape(3, 3).copy(),
-        rays=np.ascontiguousarray(camera_rays(width, height, fovy_deg, stride)[:, *blocks]),
+        rays=camera_rays(width, height, fovy_deg, stride)[:, *blocks].copy(),
         spacing=stride * 2.0 * math.tan(math.radians(fovy_deg) / 2.0) / height,
         centre=(width / 2.0 / stride - left, height / 2.0 / stride - top),
     )

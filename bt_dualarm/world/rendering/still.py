@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.world.rendering.ray_fan import Fan
-from bt_dualarm.world.rendering.ray_scene import Hits, RayScene
+from bt_dualarm.world.rendering.kernel_arrays import Fan, Hits
+from bt_dualarm.world.rendering.ray_scene import RayScene
 from bt_dualarm.world.rendering.ray_shading import Shading
 from bt_dualarm.world.rendering.raycast import fan_of
 from bt_dualarm.world.rendering.renderer import Image

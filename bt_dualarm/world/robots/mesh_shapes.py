@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
+from bt_dualarm.share import cache_dir
 from bt_dualarm.world.robots import convex_hulls, convex_parts
 from bt_dualarm.world.robots.convex_hulls import Hull, low_poly_hull
-from bt_dualarm.world.robots.meshes import as_stl, cache_dir, stl_triangles
+from bt_dualarm.world.robots.meshes import as_stl, stl_triangles
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ import numpy as np
 
 from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Matrix
+from bt_dualarm.share import cache_dir
 
 _STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 _STL_HEADER = 84
@@ -45,12 +46,6 @@ class MeshError(CatalogueError):
         super().__init__(f"mesh {path} {message}; {hint}" if hint else f"mesh {path} {message}")
         self.message = message
         self.hint = hint
-
-
-def cache_dir() -> Path:
-    """Where meshes and hulls are kept: ``$XDG_CACHE_HOME/bt_dualarm``, else ``~/.cache``."""
-    root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(root) / "bt_dualarm"
 
 
 def stl_triangles(path: Path) -> Matrix:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from bt_dualarm.errors import CatalogueError
+from bt_dualarm.share import cache_dir
 from bt_dualarm.world.robots import meshes
 from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.robots.example_robot_data import robot_data_dir
-from bt_dualarm.world.robots.meshes import as_stl, cache_dir, stl_triangles
+from bt_dualarm.world.robots.meshes import as_stl, stl_triangles
 
 DAE = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">

@@ -1,0 +1,107 @@
+"""Functions that numba compiles to machine code: one decorator, one place for its settings.
+
+A module with kernels is called ``…_kernels.py``, and is imported where its kernels are called, not
+before: numba takes 0.3 s. Their code is for the plainest processor of its kind and takes no
+liberties with arithmetic (no fused multiply-add, nothing reordered), so that its bits depend on no
+processor. It is kept in the user's cache directory, in a folder named after the sources of all
+kernels: it serves every installation of the same sources, writable or not, and a change of a kernel
+is noticed by those that call it, too. What is compiled in besides (constants, the order of fields)
+stands in files that have ``kernel`` in their names as well.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final, ParamSpec, TypeVar, cast
+
+from bt_dualarm.share import cache_dir
+
+_PACKAGE: Final = Path(__file__).resolve().parent.parent
+_LOG: Final = logging.getLogger(__name__)
+_NO_CACHE: Final = "cannot cache function"
+
+Given = ParamSpec("Given")
+Returned = TypeVar("Returned")
+
+
+@cache
+def folder() -> Path:
+    """Where the machine code of these sources is kept."""
+    sources = sorted(_PACKAGE.rglob("*kernel*.py"))
+    digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources))
+    return cache_dir() / "kernels" / digest.hexdigest()[:16]
+
+
+def kernel(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
+    """Have a function compiled when it is first called, or its code taken from the cache.
+
+    Where nothing can be kept, it is compiled in every process.
+    """
+    with _settings() as numba:
+        try:
+            compiled = numba.njit(cache=True)(function)
+        except RuntimeError as error:
+            if _NO_CACHE not in str(error):
+                raise
+            compiled = numba.njit(function)
+    return cast("Callable[Given, Returned]", compiled)
+
+
+@contextmanager
+def _settings() -> Iterator[ModuleType]:
+    """Numba, as our kernels want it; where it keeps the kernels of others is left alone."""
+    os.environ.setdefault("NUMBA_CPU_NAME", "generic")
+    import numba
+
+    config: Any = numba.config  # its settings are made at run time
+    before = config.CACHE_LOCATOR_CLASSES
+    config.CACHE_LOCATOR_CLASSES = f"{__name__}_cache.KernelCache"
+    try:
+        yield numba
+    finally:
+        config.CACHE_LOCATOR_CLASSES = before
+
+
+def compile_once(warm_ups: Sequence[Callable[[], object]]) -> None:
+    """See to it that machine code is there before it is needed; says so where that takes time.
+
+    Of several processes one compiles, the others wait for it.
+
+    Args:
+        warm_ups: Call all the kernels, with arrays of the types that they are given later.
+    """
+    mark = folder() / f"compiled-{sys.implementation.cache_tag}-{version('numba')}"
+    if mark.exists():
+        return
+    _LOG.info("Compiling kernels, once on this machine: about ten seconds")
+    with _alone():
+        if mark.exists():
+            return
+        for warm_up in warm_ups:
+            warm_up()
+        with suppress(OSError):
+            mark.touch()
+
+
+@contextmanager
+def _alone() -> Iterator[None]:
+    """While no other process compiles; without a lock where none can be written."""
+    try:
+        folder().mkdir(parents=True, exist_ok=True)
+        file = (folder() / "lock").open("w")
+    except OSError:
+        yield
+        return
+    with file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

@@ -1,0 +1,14 @@
+"""All kernels of the package, compiled before a run needs them."""
+
+from __future__ import annotations
+
+from bt_dualarm.kernels.kernel import compile_once
+from bt_dualarm.world.rendering.raycast import draw_something
+
+
+def compile_kernels() -> None:
+    """See to it that the machine code of all kernels is there; logs a line where that takes time.
+
+    Harmless when repeated: once on a machine it does something.
+    """
+    compile_once((draw_something,))

@@ -1,0 +1,107 @@
+"""What the kernels of the ray caster read and write: rays, shapes, lights, and what was met."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.pose import Matrix, Vector
+
+Numbers: TypeAlias = npt.NDArray[np.int64]
+
+HULL: Final = 0
+PLANE: Final = 1
+SPHERE: Final = 2
+CYLINDER: Final = 3
+CAPSULE: Final = 4
+
+
+class Fan(NamedTuple):
+    """Rays from one eye, on a grid.
+
+    Attributes:
+        eye: Position of the eye in the world, of shape (3,), in m.
+        axes: Camera's x (right), y (up) and z (backward) as columns in the world.
+        rays: Unit vectors in these axes, of shape (3, rows, columns); each passes through its own
+            cell of the grid.
+        spacing: Distance of neighbouring rays one metre ahead.
+        centre: Column and row on the grid of the camera's axis.
+    """
+
+    eye: Vector
+    axes: Matrix
+    rays: npt.NDArray[np.float64]
+    spacing: float
+    centre: tuple[float, float]
+
+
+class Hits(NamedTuple):
+    """What the rays of a fan meet.
+
+    Attributes:
+        geoms: Number of each geom, -1 for nothing, of shape (rows, columns).
+        distances: Distance from the eye in m, inf for nothing, of shape (rows, columns).
+        normals: Outward unit normals in the world, zero for nothing, of shape (3, rows, columns).
+    """
+
+    geoms: npt.NDArray[np.int32]
+    distances: npt.NDArray[np.float64]
+    normals: npt.NDArray[np.float64]
+
+    @classmethod
+    def none(cls, fan: Fan) -> Hits:
+        """Of rays that have met nothing yet."""
+        grid = fan.rays.shape[1:]
+        return cls(np.full(grid, -1, np.int32), np.full(grid, np.inf), np.zeros((3, *grid)))
+
+
+class Shapes(NamedTuple):
+    """Shapes of n geoms, all hulls in one heap.
+
+    Attributes:
+        geoms: Numbers of the geoms in the model, of shape (n,).
+        kinds: `HULL`, `PLANE`, `SPHERE`, `CYLINDER` or `CAPSULE`, of shape (n,).
+        sizes: Half lengths of a plane along x and y (inf: no end), radius and half length of the
+            others, of shape (n, 3), in m.
+        radii: Radii of the spheres about the geoms' centres that hold them, inf for planes, of
+            shape (n,), in m.
+        corners: Corners of all hulls, of shape (c, 3), in m.
+        triangles: Numbers of corners in this heap, of shape (f, 3).
+        normals: Outward unit normals of the triangles, of shape (f, 3).
+        offsets: Distances of the planes from the origin of the geom, of shape (f,), in m.
+        heaps: First corner, last corner, first triangle, last triangle of each geom, the last
+            ones not counted, of shape (n, 4).
+    """
+
+    geoms: Numbers
+    kinds: Numbers
+    sizes: Matrix
+    radii: Vector
+    corners: Matrix
+    triangles: Numbers
+    normals: Matrix
+    offsets: Vector
+    heaps: Numbers
+
+
+class Lights(NamedTuple):
+    """Colours and lights of a model at one moment.
+
+    Attributes:
+        base: Red, green, blue of each geom, the sky's in the last row, of shape (ngeom + 1, 3).
+        ambient: What comes from all sides, of shape (3,).
+        head: What comes from the eye, of shape (3,).
+        places: Places of the lights, or for those of infinite distance the direction towards
+            them, of shape (n, 3).
+        distant: Whether they are of infinite distance, of shape (n,).
+        diffuse: Their colours, of shape (n, 3).
+    """
+
+    base: Matrix
+    ambient: Vector
+    head: Vector
+    places: Matrix
+    distant: npt.NDArray[np.bool_]
+    diffuse: Matrix

@@ -1,0 +1,152 @@
+"""Machine code of kernels: what it means, where it is kept, and who compiles it."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import shutil
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.kernels.kernel import folder
+from tests.source import MODULES, PACKAGE, ROOT, dotted_name, imports_of
+
+KERNEL_FILES = [path for path in MODULES if "kernel" in path.name]
+CALLED = [path for path in KERNEL_FILES if path.name.endswith("_kernels.py")]
+
+DOUBLE = """
+from bt_dualarm.kernels.kernel import kernel
+
+@kernel
+def doubled(x):
+    return 2.0 * x
+"""
+USE = """
+import json, logging, sys
+from bt_dualarm.kernels.kernel import compile_once, folder
+said = []
+handler = logging.Handler()
+handler.emit = lambda record: said.append(record.getMessage())
+logging.getLogger("bt_dualarm").addHandler(handler)
+logging.getLogger("bt_dualarm").setLevel(logging.INFO)
+from double_kernels import doubled
+compile_once([lambda: doubled(2.0)])
+result = doubled(3.0)
+hits = sum(doubled.stats.cache_hits.values())
+print(json.dumps([result, hits, said, str(folder())]))
+"""
+"""Compiles one small kernel, and tells its result, whether its code was found, what was logged."""
+
+
+def environment(cache: Path, scripts: Path) -> dict[str, str]:
+    return os.environ | {
+        "XDG_CACHE_HOME": str(cache),
+        "PYTHONPATH": os.pathsep.join((str(scripts), str(ROOT))),
+    }
+
+
+@pytest.fixture
+def scripts(tmp_path: Path) -> Path:
+    """A folder with a module of one kernel."""
+    place = tmp_path / "scripts"
+    place.mkdir()
+    (place / "double_kernels.py").write_text(DOUBLE)
+    return place
+
+
+def started(cache: Path, scripts: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", USE]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(
+        command, env=environment(cache, scripts), stdout=pipe, stderr=pipe, text=True
+    )
+
+
+def told(process: subprocess.Popen[str]) -> tuple[float, int, list[str], Path]:
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    result, hits, said, place = json.loads(out)
+    return result, hits, said, Path(place)
+
+
+def test_code_is_compiled_once_and_found_from_anywhere(tmp_path: Path, scripts: Path) -> None:
+    """By the next process, from another place of installation too, one that cannot be written."""
+    cache = tmp_path / "cache"
+    result, hits, said, place = told(started(cache, scripts))
+    assert (result, hits) == (6.0, 0)
+    assert len(said) == 1
+    assert "once on this machine" in said[0]
+    assert place.is_relative_to(cache / "bt_dualarm" / "kernels")
+
+    elsewhere = tmp_path / "elsewhere"
+    shutil.copytree(scripts, elsewhere, ignore=shutil.ignore_patterns("__pycache__"))
+    elsewhere.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    assert told(started(cache, elsewhere)) == (6.0, 1, [], place)
+    elsewhere.chmod(stat.S_IRWXU)
+
+
+def test_two_processes_may_compile_at_once(tmp_path: Path, scripts: Path) -> None:
+    both = [started(tmp_path / "cache", scripts) for _ in range(2)]
+    assert [told(process)[0] for process in both] == [6.0, 6.0]
+    assert told(started(tmp_path / "cache", scripts))[:3] == (6.0, 1, [])
+
+
+def test_without_a_place_for_code_kernels_work_all_the_same(tmp_path: Path, scripts: Path) -> None:
+    (tmp_path / "cache").write_text("no folder")
+    result, hits, said, _ = told(started(tmp_path / "cache", scripts))
+    assert (result, hits, len(said)) == (6.0, 0, 1)
+
+
+def test_the_folder_is_named_after_all_that_is_compiled() -> None:
+    assert folder().parent.name == "kernels"
+    assert sorted(PACKAGE.rglob("*kernel*.py")) == KERNEL_FILES
+
+
+@pytest.mark.parametrize("path", CALLED, ids=dotted_name)
+def test_what_is_compiled_in_is_in_files_of_kernels(path: Path) -> None:
+    """Else a change of it would not be noticed, and old code taken from the cache."""
+    allowed = {"bt_dualarm.pose"}  # its types: they are not compiled in
+    inside = [name for _, name in imports_of(path) if name.startswith("bt_dualarm.")]
+    assert [n for n in inside if "kernel" not in n.rpartition(".")[2] and n not in allowed] == []
+
+
+def test_kernels_are_imported_where_they_are_called() -> None:
+    """Importing numba takes 0.3 s, which those who draw nothing are not to wait for."""
+    early = [
+        f"{dotted_name(path)}:{line} {name}"
+        for path in set(MODULES) - set(KERNEL_FILES)
+        for line, name in _at_import(path)
+        if name.endswith("_kernels") or name.split(".")[0] == "numba"
+    ]
+    assert early == []
+
+
+def _at_import(path: Path) -> Iterator[tuple[int, str]]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom):
+            yield node.lineno, str(node.module)
+        elif isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+
+
+COMMANDS = {
+    "import": "import bt_dualarm",
+    "bt-check": "import bt_dualarm.cli as c; c.check(['trees/pick_and_track.yaml'])",
+    "bt-skills": "import bt_dualarm.cli as c; c.skills([])",
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_what_computes_nothing_leaves_numba_alone(command: str) -> None:
+    program = f"{COMMANDS[command]}; import sys; print('NUMBA', 'numba' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.endswith("NUMBA False\n"), done.stdout + done.stderr
