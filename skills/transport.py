@@ -55,7 +55,14 @@ class Transport(Skill):
         tool_goal = goal @ object_in_tool.inverse
         configurations = arm.kinematics.solutions(tool_goal, arm.setpoint.q)
         yield from arm.travel(configurations, self.ports.speed, planner=self.ports.planner)
+        self._note_weight(name)
         self._verify(name, goal)
+
+    def _note_weight(self, name: str) -> None:
+        """What the arm has found the object to weigh, where nobody has told it."""
+        for load in self.arm.payload:
+            if load.object == name and load.mass is not None and not load.is_told:
+                self.metrics |= {"weighed_kg": load.mass, "weighed_doubt_kg": load.mass_doubt}
 
     def _verify(self, name: str, goal: Pose) -> None:
         if name not in self.arm.held:

@@ -36,7 +36,7 @@ class Carrying:
         return within_efforts(motion, nominal.robot, self._dynamics)
 
     def refuse(self, thing: str, q: Vector, tool_link: Pose) -> None:
-        """Check an object before the arm takes hold of it.
+        """Check an object before the arm takes hold of it, as far as its mass is known.
 
         Args:
             thing: Name of the object, where it lies.
@@ -49,7 +49,8 @@ class Carrying:
         """
         world, nominal = self._world, self._world.nominal[self._name]
         pose, robot = tool_link.inverse @ world.object_pose(thing), nominal.robot
-        loads = (*nominal.loads, NominalLoad.of(thing, world.objects[thing], pose))
+        new = NominalLoad.of(thing, world.objects[thing], pose, known=not nominal.weighs)
+        loads = (*nominal.loads, new)
         mass = sum(load.mass for load in loads if load.mass is not None)
         if robot.payload is not None and mass > robot.payload:
             raise Failure(

@@ -9,6 +9,7 @@ from bt_dualarm.motion.control.controller import JointController
 from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.world.nominal.nominal_load import NominalLoad
 from bt_dualarm.world.robots.robot import JointLimits, Robot
 from bt_dualarm.world.world import World
 
@@ -95,6 +96,11 @@ class ArmState:
     def held(self) -> tuple[str, ...]:
         """Objects attached to the tool."""
         return self.world.attachments.attached_to(self.name)
+
+    @property
+    def payload(self) -> tuple[NominalLoad, ...]:
+        """What it holds, with mass and centre as the file says, or as it has weighed them."""
+        return self.world.nominal[self.name].loads
 
     def limits(self, speed: float) -> JointLimits:
         """Limits of the arm with velocity, acceleration and jerk times ``speed``."""

@@ -57,7 +57,9 @@ class Equipment:
         if errors.friction.present:
             friction = replace(robot.friction, uncertainty=errors.friction.coulomb.most)
         model = nominal_model(name, arm, robot, option, rotors=errors.links.rotor)
-        self.nominal[name] = NominalArm(name, robot, arm.base.pose, model, friction)
+        self.nominal[name] = NominalArm(
+            name, robot, arm.base.pose, model, friction, weighs=not errors.payload.known
+        )
         self.hardware[name] = ArmHardware(
             errors,
             self.drawn[name],
@@ -94,7 +96,7 @@ class Equipment:
             self.hardware[name].connect(body)
             first, last = body.qpos_ids[0], body.qpos_ids[-1]
             self._places[name] = self._everywhere[first : last + 1]
-            self.nominal[name].loads = tuple(loads[name])
+            self.nominal[name].hold(loads[name])
 
     def sense(self, plant: mujoco.MjData) -> mujoco.MjData:
         """Read the sensors of all arms; returns where everything is by them, for planning.

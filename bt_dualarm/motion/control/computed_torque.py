@@ -11,6 +11,7 @@ from bt_dualarm.motion.control.dynamics import ArmDynamics
 from bt_dualarm.motion.control.friction import feed_forward
 from bt_dualarm.motion.control.momentum_observer import MomentumObserver
 from bt_dualarm.motion.control.state_observer import DRIVE_DELAY_S, StateObserver
+from bt_dualarm.motion.control.weighing import Weighing
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.stopping_distance import every
 from bt_dualarm.pose import Vector
@@ -71,6 +72,7 @@ class ComputedTorque:
         self._content = _CONTENT * (self._nominal.friction.coulomb > 0.0)
         self._before, self._tremor, self.drift, self._driving = np.zeros((4, len(self._limit)))
         self._calm = -math.expm1(-period / _TREMOR_S)
+        self._weighing = Weighing(self._nominal, period) if self._nominal.weighs else None
         self._take_up(self._nominal.loads)
 
     def command(self, sent: SetPoint, time: float) -> Vector:
@@ -81,8 +83,11 @@ class ComputedTorque:
         """
         if self._held is not self._nominal.loads:
             self._take_up(self._nominal.loads)
-        hardware, observer, dynamics = self._hardware, self.observer, self._dynamics
+        hardware, observer = self._hardware, self.observer
         observer.read(hardware.q)
+        if self._weighing is not None:
+            self._weigh(self._weighing, sent)
+        dynamics = self._dynamics
         self._tremor = self._tremor + self._calm * (observer.v - sent.v - self._tremor)
         self.drift = sent.v + self._tremor
         dynamics.update(observer.q, observer.v)
@@ -146,6 +151,15 @@ class ComputedTorque:
         share = float((room / np.maximum(np.abs(drive), 1e-9)).min())
         within: Vector = np.clip(rest + min(1.0, share) * drive, -limit, limit)
         return within
+
+    def _weigh(self, weighing: Weighing, sent: SetPoint) -> None:
+        """Learn what the arm holds; what that changes, no joint feels."""
+        observer = self.observer
+        if weighing.take(observer.q, observer.v, sent.a, self._hardware.commanded):
+            self._take_up(self._nominal.loads)
+            self._dynamics.update(observer.q, observer.v)
+            driving = self._driving - self._dynamics.bias
+            observer.believe_instead(self._dynamics.accelerations(driving))
 
     def _take_up(self, loads: tuple[NominalLoad, ...]) -> None:
         """Reckon with what the arm holds now."""

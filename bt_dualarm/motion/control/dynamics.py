@@ -91,7 +91,8 @@ class ArmDynamics:
         mujoco.mj_comVel(model, data)
         torques = np.empty(model.nv)
         mujoco.mj_rne(model, data, 1, torques)
-        return torques
+        whole: Vector = torques + model.dof_armature * a  # which MuJoCo's own leaves out
+        return whole
 
 
 _Body: TypeAlias = tuple[float, Matrix, Pose]

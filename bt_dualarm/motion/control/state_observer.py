@@ -70,3 +70,12 @@ class StateObserver:
     def expect(self, acceleration: Vector) -> None:
         """Note what the torques of the next period give the joints by the model, (dof,), rad/s²."""
         self._before, self._asked = self._asked, acceleration
+
+    def believe_instead(self, acceleration: Vector) -> None:
+        """Take up another model, which says that the last torques give these, (dof,), rad/s².
+
+        What the arm was seen to do stays: the disturbance takes up the difference.
+        """
+        change = acceleration - self._asked
+        self._asked, self._before = acceleration, self._before + change
+        self.disturbance = self.disturbance - change

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import mujoco
 import numpy as np
 
@@ -22,6 +24,7 @@ class NominalArm:
         base: Pose of its base link in the world.
         model: Model of this arm alone, on its base: joints in the robot's order, nothing else.
         friction: Friction of its joints, as far as that is known.
+        weighs: Whether nobody says what it holds, so that it has to find out.
 
     Attributes:
         model: The model.
@@ -38,16 +41,28 @@ class NominalArm:
         base: Pose,
         model: mujoco.MjModel,
         friction: JointFriction,
+        *,
+        weighs: bool = False,
     ) -> None:
         self.name = name
         self.robot = robot
         self.base = base
         self.model = model
         self.friction = friction
+        self.weighs = weighs
         self.loads: tuple[NominalLoad, ...] = ()
         self.tool_site = int(model.site(f"{name}/{TOOL_SITE}").id)
         self.tool_body = int(model.body(f"{name}/{robot.tool_link}").id)
         self._data = mujoco.MjData(model)
+
+    def hold(self, loads: Iterable[NominalLoad]) -> None:
+        """Believe that the arm holds these; what it has weighed and still holds, it knows."""
+        weighed = {load.object: load for load in self.loads if not load.is_told}
+        self.loads = tuple(weighed.get(load.object, load) for load in loads)
+
+    def weigh(self, load: NominalLoad) -> None:
+        """Believe this of a load that the arm holds and was told no mass of."""
+        self.loads = tuple(load if one.object == load.object else one for one in self.loads)
 
     def tool_pose_at(self, q: Vector) -> Pose:
         """The tool frame in the world at positions of shape (dof,), rad."""

@@ -1,4 +1,4 @@
-"""What an arm holds, as far as the tree file says what it is."""
+"""What an arm holds, as far as the tree file says what it is, or the arm has weighed it."""
 
 from __future__ import annotations
 
@@ -19,19 +19,28 @@ class NominalLoad:
         mass: Mass in kg, None where nobody knows it.
         inertia: Moments of inertia about the axes of ``pose``, of shape (3,), kg m²; None likewise.
         pose: Pose of its centre of mass in the tool's link, as it was when it was attached.
+        gyration: Moments of inertia of its shape for 1 kg, of shape (3,), m².
+        is_told: Whether the file says the mass; else the arm has to weigh it.
+        mass_doubt: Standard deviation of a mass that was weighed, kg.
+        center_doubt: Standard deviation of a centre that was, along an axis, m.
     """
 
     object: str
     mass: float | None
     inertia: Vector | None
     pose: Pose
+    gyration: Vector
+    is_told: bool = True
+    mass_doubt: float = 0.0
+    center_doubt: float = 0.0
 
     @classmethod
     def of(cls, name: str, thing: ObjectSpec, pose: Pose, *, known: bool = True) -> NominalLoad:
         """The load that a declared object is: its mass is spread evenly, and known or not."""
+        gyration = inertia_per_mass(thing)
         if not known:
-            return cls(name, None, None, pose)
-        return cls(name, thing.mass, thing.mass * inertia_per_mass(thing), pose)
+            return cls(name, None, None, pose, gyration, is_told=False)
+        return cls(name, thing.mass, thing.mass * gyration, pose, gyration)
 
 
 def inertia_per_mass(thing: ObjectSpec) -> Vector:

@@ -1,0 +1,140 @@
+"""What arms make of the mass of things that nobody has weighed.
+
+    python -m benchmarks.weighing [--robots ur5 panda ...] [--set lab] [--seeds 3] [--loads 8]
+
+Every robot of the catalogue stands in a posture drawn around its own, swings a little with nothing
+in its hand, is given a cube of 0.1 to 3 kg, its payload at most, and swings again. A seed is
+another robot of the batch and another posture. The mass that the arm then believes in is held
+against the simulator's. Asked for in `lab`: within 3 % or 20 g.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bt_dualarm.motion.control.controller import JointController
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.motion.safety.reservation import Reservations
+from bt_dualarm.motion.timing.point_to_point import point_to_point
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.kind import Kind
+from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from bt_dualarm.world.world import World
+
+PERIOD = 0.004
+LIGHTEST_KG, HEAVIEST_KG = 0.1, 3.0
+_AROUND = 0.25  # rad by which a posture is drawn around the robot's own
+_SWING = np.deg2rad(10.0)
+_SIGNS = ((1, 1), (-1, 1), (1, -1), (-1, -1), (0, 0))  # of even and odd joints
+
+
+@dataclass(frozen=True)
+class Weight:
+    """What an arm has found out: kg, and mm of the centre."""
+
+    true: float
+    told: float
+    doubt: float
+    center_mm: float
+
+    @property
+    def is_right(self) -> bool:
+        """Whether it is within what is asked for."""
+        return abs(self.told - self.true) <= max(0.03 * self.true, 0.02)
+
+
+def weighed(name: str, reality: str, seed: int, mass: float, kinds: Mapping[str, Kind]) -> Weight:
+    """Let one robot of the batch weigh a cube."""
+    robot = load_robot(name)
+    rng = np.random.default_rng([seed, 1])
+    posture = robot.postures["home"] + rng.uniform(-_AROUND, _AROUND, robot.dof)
+    tool = Kinematics(robot, Pose.identity()).forward(posture)
+    edge = 0.06
+    at = tool @ Pose.from_rpy((0.0, 0.0, 0.5 * edge + 0.02))
+    tree = {
+        "bt_dualarm": 1,
+        "name": "weighing",
+        "world": {
+            "scene": "empty",
+            "seed": seed,
+            "reality": {"set": reality, "payload": {"known": False}},
+        },
+        "objects": {
+            "load": {
+                "shape": "box",
+                "size": [edge, edge, edge],
+                "mass": mass,
+                "spawned": False,
+                "pose": {"xyz": at.position.tolist(), "quat": at.quaternion.tolist()},
+            }
+        },
+        "arms": {"arm1": {"robot": name, "base": {"xyz": [0.0, 0.0, 0.0]}, "tree": "succeed"}},
+    }
+    world = World(load_tree_file(tree, kinds), seed)
+    controller = JointController(world, "arm1", PERIOD, Reservations())
+    swing(world, controller, posture)
+    world.spawn_object("load", world.arms["arm1"].tool_pose @ tool.inverse @ at)
+    world.attach("arm1", "load")
+    swing(world, controller, posture)
+    (load,) = world.nominal["arm1"].loads
+    body = world.model.body("load")
+    (held,) = world.attachments
+    center = held.relative.apply(body.ipos)
+    off = 1e3 * float(np.linalg.norm(load.pose.position - center))
+    return Weight(float(body.mass[0]), load.mass or 0.0, load.mass_doubt, off)
+
+
+def swing(world: World, controller: JointController, posture: Vector) -> None:
+    """Swing all joints about a posture, even and odd ones with and against each other."""
+    limits = world.robots["arm1"].limits
+    parity = np.arange(len(posture)) % 2
+    for even, odd in _SIGNS:
+        goal = posture + _SWING * np.where(parity == 0, even, odd)
+        goal = np.clip(goal, limits.lower, limits.upper)
+        motion = point_to_point(controller.setpoint.q, goal, limits.scaled(0.5), PERIOD)
+        controller.follow(motion)
+        for _ in range(len(motion) + 10):
+            controller.update(world.time)
+            for _ in range(round(PERIOD / world.timestep)):
+                world.step()
+        if controller.fault is not None:
+            raise controller.fault
+
+
+def main() -> None:
+    """Print a line a robot."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--robots", nargs="+", default=robot_names(), choices=robot_names())
+    parser.add_argument("--set", default="lab")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--loads", type=int, default=5)
+    arguments = parser.parse_args()
+    kinds = Registry.load().kinds
+    for name in arguments.robots:
+        most = min(HEAVIEST_KG, load_robot(name).payload or HEAVIEST_KG)
+        masses = np.geomspace(LIGHTEST_KG, most, arguments.loads)
+        found = [
+            weighed(name, arguments.set, seed, float(mass), kinds)
+            for seed in range(arguments.seeds)
+            for mass in masses
+        ]
+        errors = np.array([one.told - one.true for one in found])
+        shares = np.abs(errors) / np.array([one.true for one in found])
+        doubts = np.array([one.doubt for one in found])
+        print(
+            f"{name:6} {arguments.set}: {sum(one.is_right for one in found)} of {len(found)} "
+            f"within 3 % or 20 g; at most {1e3 * np.abs(errors).max():.0f} g, "
+            f"{100 * shares.max():.1f} %; {np.abs(errors / np.maximum(doubts, 1e-9)).max():.1f} "
+            f"of its deviations; centre within {max(one.center_mm for one in found):.1f} mm",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
