@@ -138,7 +138,7 @@ def play(file: TreeFile, registry: Registry, reality: RealityName, seed: int) ->
     """Run a tree once and look on."""
     nodes = [node for arm in file.arms.values() for node in arm.tree.walk()]
     goals = {
-        node.name: np.array(node.ports["to"]["xyz"], dtype=float)  # type: ignore[index,call-overload]  # YAML data
+        node.name: np.array(node.ports["to"]["xyz"], dtype=float)
         for node in nodes
         if node.kind == "transport"
     }

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Discriminator, Tag
 
 from bt_dualarm.spec.name import written_as
 from bt_dualarm.spec.ports import port
-from bt_dualarm.spec.spread import Degrees, Metres, Seconds, Share, Spread
+from bt_dualarm.spec.spread import Bend, Degrees, Metres, Seconds, Share, Spread
 from bt_dualarm.spec.values import Duration, Value
 
 RealityName: TypeAlias = Literal["ideal", "lab", "rough"]
@@ -95,6 +95,15 @@ class CameraErrors(Value):
         0.0, "Standard deviation of a pixel's noise, of 255 levels", ge=0.0, le=100.0
     )
     light: Share = port(_NONE, "Share of the brightness, another one for each picture")
+    exposure: Duration = port(
+        0.0,
+        "Time for which the shutter is open, the stamp in its middle: motion blurs",
+        le=0.1,
+    )
+    k1: Bend = port(
+        _NONE, "Radial distortion that the calibration does not know: OpenCV's coefficient k1"
+    )
+    k2: Bend = port(_NONE, "The same, OpenCV's coefficient k2")
 
 
 class RealityErrors(Value):

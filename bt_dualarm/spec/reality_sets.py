@@ -36,6 +36,9 @@ _LAB: Final = RealityErrors(
         stamp=Spread(uniform=0.0005),
         noise=2.0,
         light=Spread(uniform=0.02),
+        exposure=0.004,
+        k1=Spread(uniform=0.005),
+        k2=Spread(uniform=0.01),
     ),
 )
 
@@ -59,6 +62,9 @@ _ROUGH: Final = RealityErrors(
         stamp=Spread(uniform=0.002),
         noise=5.0,
         light=Spread(uniform=0.1),
+        exposure=0.01,
+        k1=Spread(uniform=0.02),
+        k2=Spread(uniform=0.03),
     ),
 )
 

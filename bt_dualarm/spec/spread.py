@@ -76,6 +76,9 @@ def _below(limit: float, unit: str = "") -> Callable[[Spread], Spread]:
 Share: TypeAlias = Annotated[Spread, AfterValidator(_below(0.9))]
 """Spread of a share of the value: 0.05 is 5 %. With all of it, nothing would be left."""
 
+Bend: TypeAlias = Annotated[Spread, AfterValidator(_below(0.3))]
+"""Spread of a coefficient of radial distortion."""
+
 Metres: TypeAlias = Annotated[Spread, AfterValidator(_below(0.1, "m"))]
 Degrees: TypeAlias = Annotated[Spread, AfterValidator(_below(20.0, "deg"))]
 Seconds: TypeAlias = Annotated[Spread, AfterValidator(_below(0.1, "s"))]

@@ -63,7 +63,12 @@ FILE: Tree = {
                 "friction": {"present": True, "most": 0.05},
                 "encoder": {"resolution": 0.001, "noise": 0.001, "window": 0.004, "cutoff": 50.0},
                 "drive": {"delay": 0.001, "bandwidth": 300.0, "quantum": 0.001},
-                "camera": {"noise": 1.0},
+                "camera": {
+                    "noise": 1.0,
+                    "exposure": 0.005,
+                    "k1": {"uniform": 0.01},
+                    "k2": {"normal": 0.01},
+                },
             },
             "tick_hz": 50.0,
             "camera": {

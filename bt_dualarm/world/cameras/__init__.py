@@ -2,6 +2,7 @@
 
 In: the world at a step of the clock, and the `Window` that whoever looks through it wants exposed.
 Out: a `Frame`, image and pose of one exposure, handed to those who subscribed, a latency later.
-Open first: `camera` (exposure and delivery); others: `frame` (what it saw), `guarded_camera` (what
-a leaf holds of it).
+Open first: `camera` (exposure and delivery); others: `frame` (what it saw), `optics` (`shutter` for
+motion blur, `lens` for distortion), `calibration` (what is believed), `guarded_camera` (what a leaf
+holds of it).
 """

@@ -36,6 +36,8 @@ class Calibration:
         stamp_s: Seconds by which its clock is ahead of the simulation's.
         noise: Standard deviation of a pixel's noise, of 255 levels.
         light: Spread of the brightness, drawn for each picture.
+        exposure_s: Seconds for which the shutter is open.
+        bend: Radial distortion that is not known, OpenCV's k1 and k2.
         rng: Source of noise and light.
     """
 
@@ -44,6 +46,8 @@ class Calibration:
     stamp_s: float = 0.0
     noise: float = 0.0
     light: Spread = EVEN
+    exposure_s: float = 0.0
+    bend: tuple[float, float] = (0.0, 0.0)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     _bank: npt.NDArray[np.uint8] = field(
         init=False, default_factory=lambda: np.zeros((2, 0), np.uint8)
@@ -95,5 +99,7 @@ def calibration_of(world: World, name: str, seed: int) -> Calibration:
         stamp_s=drawn.stamp_s,
         noise=errors.noise,
         light=errors.light,
+        exposure_s=errors.exposure,
+        bend=drawn.bend,
         rng=stream(seed, f"{name}:pixels"),
     )

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol, TypeAlias
 
 import mujoco
 import numpy as np
-import scipy
 
 from bt_dualarm.errors import WorldError
-from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.pose import Pose
 from bt_dualarm.world.cameras.calibration import Calibration
 from bt_dualarm.world.cameras.frame import Frame, Window, focal_length_px
+from bt_dualarm.world.cameras.optics import Optics
 from bt_dualarm.world.nominal.camera_pose import camera_pose
 from bt_dualarm.world.rendering.renderer import Exposure, Region, Renderer, clip_region
 
@@ -93,8 +92,10 @@ class Camera:
         self.aim: WindowRequest | None = None
         self.latest: Frame | None = None
         self.frames = 0
-        self._renderer = renderer
         self._calibration = calibration
+        self._optics = Optics(renderer)
+        if calibration is not None:
+            self._optics = Optics(renderer, calibration.exposure_s, calibration.bend)
         self._rng = rng or np.random.default_rng(0)
         self._next_index = 0
         self._pending: deque[Frame] = deque()
@@ -138,10 +139,8 @@ class Camera:
         window = self.aim(stamp, pose, self.width, self.height) if self.aim else Window()
         region = self._exposed(window)
         shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
-        with _turned(data, camera_id, shake):
-            exposure = Exposure(camera_id, self.width, self.height, region, window.stride)
-            image = self._renderer.render(model, data, exposure)
-        image = known.suffered(image, region)
+        exposure = Exposure(camera_id, self.width, self.height, region, window.stride)
+        image = known.suffered(self._optics.picture(model, data, exposure, shake), region)
         frame = Frame(stamp, image, pose, known.fov_rad, region, window.stride, self.noise)
         if self._rng.random() >= self.drop:
             self._pending.append(frame)
@@ -167,18 +166,3 @@ class Camera:
             for callback in tuple(self._callbacks):
                 callback(frame)
         return ready
-
-
-@contextmanager
-def _turned(data: mujoco.MjData, camera_id: int, angles: Vector) -> Iterator[None]:
-    """The camera turned about its x and y axes by ``angles`` of shape (2,), in rad, meanwhile."""
-    if not angles.any():
-        yield
-        return
-    straight = data.cam_xmat[camera_id].copy()
-    turn = scipy.spatial.transform.Rotation.from_rotvec([*angles, 0.0]).as_matrix()
-    data.cam_xmat[camera_id] = (straight.reshape(3, 3) @ turn).ravel()
-    try:
-        yield
-    finally:
-        data.cam_xmat[camera_id] = straight

@@ -41,6 +41,7 @@ class DrawnArm:
         camera: Pose of the camera where its calibration has it; None for exactly there.
         focal: Factor of its focal length.
         stamp_s: Seconds by which its clock is ahead.
+        bend: Radial distortion of its lens that its calibration does not know, OpenCV's k1 and k2.
     """
 
     links: Mapping[str, LinkFactors]
@@ -50,6 +51,7 @@ class DrawnArm:
     camera: Pose | None
     focal: float
     stamp_s: float
+    bend: tuple[float, float]
 
 
 def stream(seed: int, owner: str) -> np.random.Generator:
@@ -66,7 +68,7 @@ def draw_arm(errors: RealityErrors, robot: Robot, seed: int, name: str) -> Drawn
         seed: Seed of the run.
         name: Name of the arm in the file: two arms are two robots.
     """
-    camera, focal, stamp_s = _camera(errors, stream(seed, f"{name}:calibration"))
+    camera, focal, stamp_s, bend = _camera(errors, stream(seed, f"{name}:calibration"))
     return DrawnArm(
         links=_links(errors, robot, stream(seed, f"{name}:links")),
         friction=_friction(errors, robot, stream(seed, f"{name}:friction")),
@@ -75,6 +77,7 @@ def draw_arm(errors: RealityErrors, robot: Robot, seed: int, name: str) -> Drawn
         camera=camera,
         focal=focal,
         stamp_s=stamp_s,
+        bend=bend,
     )
 
 
@@ -113,13 +116,16 @@ def _friction(errors: RealityErrors, robot: Robot, rng: np.random.Generator) -> 
     return robot.friction.scaled(dry, viscous, spread.most * robot.limits.effort)
 
 
-def _camera(errors: RealityErrors, rng: np.random.Generator) -> tuple[Pose | None, float, float]:
-    """Where the camera is, the factor of its focal length, how late its stamps are."""
+def _camera(
+    errors: RealityErrors, rng: np.random.Generator
+) -> tuple[Pose | None, float, float, tuple[float, float]]:
+    """Where the camera is, its focal length's factor, how late its stamps are, its lens."""
     spread = errors.camera
     turn, shift = spread.rotation.draw(rng, 3), spread.position.draw(rng, 3)
     focal = 1.0 + float(spread.focal.draw(rng, 1)[0])
     stamp = float(spread.stamp.draw(rng, 1)[0])
+    k1, k2 = (float(one.draw(rng, 1)[0]) for one in (spread.k1, spread.k2))
     roll, pitch, yaw = np.radians(turn).tolist()
     is_exact = not (spread.rotation.most or spread.position.most or spread.focal.most)
     pose = None if is_exact else Pose.from_rpy(shift.tolist(), (roll, pitch, yaw))
-    return pose, focal, stamp
+    return pose, focal, stamp, (k1, k2)
