@@ -25,7 +25,7 @@ from bt_dualarm.motion.planning.tool_path import trace
 from bt_dualarm.motion.safety.reservation import Reservations
 from bt_dualarm.motion.timing.point_to_point import point_to_point
 from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Matrix, Pose
+from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.load import load_tree_file
@@ -39,12 +39,16 @@ _STEADY_S = 0.3  # that it stands at the curve's start
 
 @dataclass(frozen=True)
 class Figures:
-    """What one robot of the batch did on one curve: mm, s, and why it failed if it did."""
+    """What one robot of the batch did on one curve: mm, s, and why it failed if it did.
+
+    ``thirds`` are RMS of the curve's first, second and last third.
+    """
 
     rms: float
     worst: float
     rest: float
     fault: str
+    thirds: tuple[float, ...] = ()
 
 
 def measured(world: World, motion: Trajectory, planned: Matrix) -> Figures:
@@ -83,20 +87,40 @@ def measured(world: World, motion: Trajectory, planned: Matrix) -> Figures:
     rest, fault = world.time - began, "" if controller.fault is None else str(controller.fault)
     if not fault and rest >= SETTLE_S:
         fault = "does not come to rest"
-    return Figures(float(np.sqrt((distance**2).mean())), float(distance.max()), rest, fault)
+    thirds = tuple(_rms(part) for part in np.array_split(distance, 3))
+    return Figures(_rms(distance), float(distance.max()), rest, fault, thirds)
+
+
+def _rms(values: Vector) -> float:
+    return float(np.sqrt((values**2).mean()))
 
 
 def world_of(
-    name: str, tool: Pose, reality: str, load: str, seed: int, kinds: Mapping[str, Kind]
+    name: str,
+    tool: Pose,
+    reality: str | Mapping[str, object],
+    load: str,
+    seed: int,
+    kinds: Mapping[str, Kind],
 ) -> World:
-    """The robot at the curve's start in a world of that reality, with the load at its tool."""
+    """The robot at the curve's start in a world of that reality, with the load at its tool.
+
+    Args:
+        name: Name of the robot.
+        tool: Pose of its tool there.
+        reality: Name of a set, or fields as in a file.
+        load: One of `LOADS`.
+        seed: Robot of the batch.
+        kinds: Words and skills.
+    """
+    fields = {"set": reality} if isinstance(reality, str) else dict(reality)
     tree = {
         "bt_dualarm": 1,
         "name": "path",
         "world": {
             "scene": "empty",
             "seed": seed,
-            "reality": {"set": reality, "payload": {"known": load != "unknown"}},
+            "reality": {**fields, "payload": {"known": load != "unknown"}},
         },
         "arms": {
             "arm1": {

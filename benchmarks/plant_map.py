@@ -1,0 +1,193 @@
+"""Maps over what is wrong with an arm: how far the tool is off its path, and whether it is stable.
+
+    python -m benchmarks.plant_map [--robots ur5 panda] [--seeds 2] [--out out]
+
+One map over how far links are from their page and how well friction is known, one over the drives'
+delay and bandwidth; all else is as in ``lab``. Each place is a circle of 0.1 m at speed 1.0, the
+worst of the seeds. Prints the maps and draws them (``plant_map.png``). Asked for: no place without
+stability; exit code 1 if there is one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from benchmarks.path_reality import Figures, curves, measured, world_of
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.kind import Kind
+from bt_dualarm.world.robots.catalogue import robot_names
+
+_GROWTH = 2.0
+_GROWTH_MM = 0.3
+_FAR_MM = 5.0
+"""Distance from its path beyond which an arm that ends well has lost it all the same."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """One map: what its axes are, and the reality of a place.
+
+    Attributes:
+        across: Title of the horizontal axis.
+        up: Title of the vertical axis.
+        columns: Values along the horizontal axis.
+        rows: Values along the vertical axis.
+        reality: Reality as in a file, from one value of each.
+    """
+
+    across: str
+    up: str
+    columns: tuple[float, ...]
+    rows: tuple[float, ...]
+    reality: Callable[[float, float], Mapping[str, object]]
+
+
+def _links_and_friction(links: float, friction: float) -> Mapping[str, object]:
+    return {
+        "set": "lab",
+        "links": {"mass": links, "inertia": links},
+        "friction": {"coulomb": friction, "viscous": friction},
+    }
+
+
+def _drives(delay: float, bandwidth: float) -> Mapping[str, object]:
+    return {"set": "lab", "drive": {"delay": delay, "bandwidth": bandwidth}}
+
+
+MAPS: Final = (
+    Scales(
+        "masses and inertias off by [share]",
+        "friction off by [share]",
+        (0.0, 0.1, 0.2, 0.3, 0.4),
+        (0.0, 0.3, 0.6, 0.9),
+        _links_and_friction,
+    ),
+    Scales(
+        "delay of the drives [s]",
+        "their bandwidth [Hz]",
+        (0.0, 0.001, 0.002, 0.003, 0.004),
+        (100.0, 200.0, 500.0, 1000.0),
+        _drives,
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Place:
+    """One place of a map: the worst RMS in mm over its seeds, and what was not stable."""
+
+    rms: float
+    complaints: tuple[str, ...]
+
+
+def instability(one: Figures) -> str:
+    """Why a run was not stable, empty if it was.
+
+    It has to end at rest, to stay near its path, and its error must not grow on the way.
+    """
+    if one.fault:
+        return one.fault
+    if one.worst > _FAR_MM:
+        return f"it is {one.worst:.1f} mm off its path"
+    first, _, last = one.thirds
+    if last > _GROWTH * first + _GROWTH_MM:
+        return f"its error grows from {first:.2f} to {last:.2f} mm"
+    return ""
+
+
+def survey(name: str, scales: Scales, seeds: int, kinds: Mapping[str, Kind]) -> list[list[Place]]:
+    """Every place of a map for one robot: rows as the vertical axis, from the lowest."""
+    tool, motion, planned = next(curves(name))
+
+    def place(across: float, up: float) -> Place:
+        reality = scales.reality(across, up)
+        runs = [
+            measured(world_of(name, tool, reality, "none", seed, kinds), motion, planned)
+            for seed in range(seeds)
+        ]
+        complaints = (instability(one) for one in runs)
+        return Place(max(one.rms for one in runs), tuple(why for why in complaints if why))
+
+    return [[place(across, up) for across in scales.columns] for up in scales.rows]
+
+
+def table(scales: Scales, grid: Sequence[Sequence[Place]]) -> str:
+    """RMS in mm; ``!`` where something was not stable."""
+    head = "".join(f"{value:9g}" for value in scales.columns)
+    lines = [f"  {scales.up} by {scales.across}", f"  {'':8}{head}"]
+    for up, row in zip(scales.rows, grid, strict=True):
+        cells = "".join(f"{one.rms:8.3f}{'!' * bool(one.complaints):1}" for one in row)
+        lines.append(f"  {up:8g}{cells}")
+    return "\n".join(lines)
+
+
+def draw(grids: Mapping[str, Sequence[Sequence[Sequence[Place]]]], seeds: int, path: Path) -> None:
+    """A row of panels for each robot; what is not stable is framed in red.
+
+    Args:
+        grids: Maps in the order of `MAPS`, by robot.
+        seeds: Number of seeds that each number is the worst of.
+        path: File of the picture; its ending says which kind.
+    """
+    size = (5.2 * len(MAPS) + 1.0, 3.2 * len(grids) + 0.5)
+    figure = Figure(figsize=size, dpi=110, layout="constrained")
+    panels = figure.subplots(len(grids), len(MAPS), squeeze=False)
+    every = [one.rms for maps in grids.values() for grid in maps for row in grid for one in row]
+    colors = LogNorm(min(every), max(every))
+    for line, (name, maps) in zip(panels, grids.items(), strict=True):
+        for axes, scales, grid in zip(line, MAPS, maps, strict=True):
+            values = np.array([[one.rms for one in row] for row in grid])
+            image = axes.imshow(values, norm=colors, cmap="viridis", aspect="auto", origin="lower")
+            for (row, column), value in np.ndenumerate(values):
+                ink = "black" if colors(value) > 0.6 else "white"
+                axes.text(column, row, f"{value:.3f}", ha="center", va="center", color=ink)
+                if grid[row][column].complaints:
+                    corner = (column - 0.48, row - 0.48)
+                    axes.add_patch(Rectangle(corner, 0.96, 0.96, fill=False, edgecolor="red", lw=2))
+            axes.set_xticks(range(len(scales.columns)), [f"{one:g}" for one in scales.columns])
+            axes.set_yticks(range(len(scales.rows)), [f"{one:g}" for one in scales.rows])
+            axes.set(xlabel=scales.across, ylabel=scales.up, title=name)
+    figure.colorbar(image, ax=panels, label="RMS [mm]")
+    told = f"circle of 0.1 m at speed 1.0 in lab, worst of {seeds} seeds; framed red: not stable"
+    figure.suptitle(told, fontsize=11)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+
+
+def main() -> int:
+    """Print and draw the maps; how many places are not stable."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--robots", nargs="+", default=["ur5", "panda"], choices=robot_names())
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("out"))
+    arguments = parser.parse_args()
+    kinds, unstable = Registry.load().kinds, 0
+    grids: dict[str, list[list[list[Place]]]] = {}
+    for name in arguments.robots:
+        grids[name] = []
+        for scales in MAPS:
+            grid = survey(name, scales, arguments.seeds, kinds)
+            print(f"{name}\n{table(scales, grid)}", flush=True)
+            for row in grid:
+                for one in row:
+                    for complaint in one.complaints:
+                        unstable += 1
+                        print(f"    {complaint}", flush=True)
+            grids[name].append(grid)
+    draw(grids, arguments.seeds, arguments.out / "plant_map.png")
+    print(f"runs that were not stable: {unstable}")
+    return int(unstable > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
