@@ -1,0 +1,48 @@
+"""The maps over what is wrong with an arm: what counts as stable, how they are shown, a corner."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.path_reality import Figures
+from benchmarks.plant_map import MAPS, Place, draw, instability, survey, table
+from bt_dualarm.skill.registry import Registry
+
+EVEN = Figures(0.1, 0.2, 0.05, "", (0.1, 0.1, 0.1))
+
+
+def test_an_even_error_is_stable() -> None:
+    assert instability(EVEN) == ""
+
+
+def test_what_grows_strays_or_fails_is_not() -> None:
+    assert "grows from 0.10 to 0.60" in instability(replace(EVEN, thirds=(0.1, 0.3, 0.6)))
+    assert "6.0 mm off" in instability(replace(EVEN, worst=6.0))
+    assert instability(replace(EVEN, fault="does not come to rest")) == "does not come to rest"
+
+
+def test_every_place_is_shown_and_what_breaks_is_marked(tmp_path: Path) -> None:
+    grids = [[[Place(0.1, ()) for _ in s.columns] for _ in s.rows] for s in MAPS]
+    grids[0][-1][-1] = Place(0.7, ("seed 1: it broke",))
+    text = table(MAPS[0], grids[0])
+    assert text.count("0.100") == len(MAPS[0].columns) * len(MAPS[0].rows) - 1
+    assert text.count("0.700!") == 1
+    draw({"ur5": grids, "panda": grids}, 2, tmp_path / "new" / "map.png")
+    assert (tmp_path / "new" / "map.png").read_bytes()[1:4] == b"PNG"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(MAPS)))
+def test_the_worst_corner_of_a_map_is_stable(number: int) -> None:
+    """Links that are as far off as the map goes, or the slowest drives."""
+    scales = MAPS[number]
+    corner = replace(
+        scales,
+        columns=scales.columns[-1:],
+        rows=scales.rows[-1:] if number == 0 else scales.rows[:1],
+    )
+    ((place,),) = survey("ur5", corner, 1, Registry.load().kinds)
+    assert place.complaints == ()
