@@ -14,6 +14,9 @@ better when it stands."""
 
 def feed_forward(friction: JointFriction, v: Vector) -> Vector:
     """Torques, of shape (dof,), N m, that joints need to rub along at velocities ``v``, rad/s."""
-    share = np.where(friction.rise > 0.0, friction.build_up(v), np.tanh(v / _TURN))
-    torque: Vector = friction.level(v) * share + friction.viscous * v
+    share = np.tanh(v / _TURN)
+    if not friction.is_sudden:
+        share = np.where(friction.rise > 0.0, friction.build_up(v), share)
+    torque: Vector = friction.level(v) * share
+    torque += friction.viscous * v
     return torque

@@ -70,17 +70,25 @@ class JointFriction:
 
     def level(self, v: Vector) -> Vector:
         """Dry friction at velocities, of shape (dof,), N m."""
-        if not self._drop.any():
+        if self._falling is None:
             return self.coulomb
-        fall = np.exp(-np.square(v / self.stribeck_velocity))
-        level: Vector = self.coulomb + self._drop * fall
-        return level
+        drop, narrow = self._falling
+        level: Vector = v * v
+        np.multiply(level, narrow, level)
+        np.exp(level, level)
+        np.multiply(level, drop, level)
+        return np.add(level, self.coulomb, level)
 
     @cached_property
-    def _drop(self) -> Vector:
-        """How much dry friction falls once a joint moves, of shape (dof,), N m."""
-        drop: Vector = self.static - self.coulomb
-        return drop
+    def _falling(self) -> tuple[Vector, Vector] | None:
+        """By how much dry friction falls once a joint moves, N m, and -1/v_s²; None for nowhere."""
+        drop = self.static - self.coulomb
+        return (drop, -1.0 / np.square(self.stribeck_velocity)) if drop.any() else None
+
+    @cached_property
+    def is_sudden(self) -> bool:
+        """Whether no joint's dry friction builds up over a speed."""
+        return not (self.rise > 0.0).any()
 
     def build_up(self, v: Vector) -> Vector:
         """Share of the dry friction that acts at velocities, of shape (dof,), from -1 to 1."""
