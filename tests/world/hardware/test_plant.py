@@ -155,3 +155,14 @@ def test_a_camera_is_not_where_its_calibration_has_it(mount: str | PoseSpec) -> 
         if reality != "ideal":
             assert true.distance(believed) > 1e-4
             assert world.model.cam_fovy[body.camera_id] != 50.0
+
+
+@pytest.mark.parametrize("reality", ["ideal", "lab", "rough"])
+def test_a_lens_is_not_quite_what_its_calibration_says(reality: str) -> None:
+    """It is drawn with the seed, as far off as is said; an ideal one is exact."""
+    spread = REALITY_SETS[reality].camera
+    drawn = [real("ur5", seed, reality, camera={}).equipment.drawn["arm1"].bend for seed in (1, 2)]
+    for k1, k2 in drawn:
+        assert abs(k1) <= spread.k1.most
+        assert abs(k2) <= spread.k2.most
+    assert (drawn[0] == drawn[1]) == (reality == "ideal")
