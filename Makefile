@@ -39,7 +39,9 @@ test: $(STAMP) ## Run the whole test suite
 
 fuzz: export BT_DUALARM_FUZZ_FILES ?= 200000
 fuzz: export BT_DUALARM_FUZZ_TIMES ?= 10
-fuzz: $(STAMP) ## Mutate ten times as many trees, robots and meshes as the tests do
+fuzz: export BT_DUALARM_FUZZ_SEED ?= $(shell date +%s)
+fuzz: $(STAMP) ## Mutate ten times as many trees, robots and meshes as the tests do, and others
+	@echo "BT_DUALARM_FUZZ_SEED=$$BT_DUALARM_FUZZ_SEED repeats this run"
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
 		tests/fuzz tests/spec/test_fuzz.py
 

@@ -121,6 +121,27 @@ class TouchFailure(CollisionFailure):
     """A link of the arm touches what it should not, now: not a forecast."""
 
 
+class ForceFailure(Failure):
+    """The arm presses harder on something than it may, as far as it can feel: ``FORCE_LIMIT``.
+
+    Args:
+        first: Name of the arm's body, or of what it holds.
+        second: Name of what it presses on.
+        force_n: Force in N.
+        limit_n: Force in N that it may press with.
+    """
+
+    def __init__(self, first: str, second: str, force_n: float, limit_n: float) -> None:
+        super().__init__(
+            "FORCE_LIMIT",
+            f"{first} presses on {second} with {force_n:.0f} N; it may with {limit_n:g} N",
+            first=first,
+            second=second,
+            force_n=force_n,
+            force_limit_n=limit_n,
+        )
+
+
 class BlockedFailure(Failure):
     """A motion that had begun is given up for what is in its way, which is not touched yet.
 

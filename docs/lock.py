@@ -25,13 +25,21 @@ _HEAD: Final = """\
 """
 
 
-def wheels(python: str) -> dict[str, str]:
-    """SHA-256 in hexadecimal of the wheel of each pinned version, for one Python."""
+def wheels(python: str, requirements: Path) -> dict[str, str]:
+    """SHA-256 in hexadecimal of the wheel of each pinned version, for one Python.
+
+    Args:
+        python: Version of Python, such as ``3.12``.
+        requirements: File with one pinned version a line.
+
+    Raises:
+        subprocess.CalledProcessError: There is no wheel of one of them.
+    """
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.json"
         options = ["--dry-run", "--ignore-installed", "--no-deps", "--only-binary", ":all:"]
         options += ["--python-version", python, "--implementation", "cp", "--target", folder]
-        options += ["--report", str(report), "--requirement", str(ROOT / "constraints.txt")]
+        options += ["--report", str(report), "--requirement", str(requirements)]
         command = [sys.executable, "-m", "pip", "install", "--quiet", *options]
         subprocess.run(command, check=True)  # noqa: S603 - pip, by its own interpreter
         found = json.loads(report.read_text(encoding="utf-8"))["install"]
@@ -56,9 +64,10 @@ def locked(found: list[dict[str, str]]) -> str:
     return "".join(lines)
 
 
-def main() -> None:
-    """Write it."""
-    LOCK.write_text(locked([wheels(python) for python in _PYTHONS]), encoding="utf-8")
+def main(requirements: Path = ROOT / "constraints.txt", lock: Path = LOCK) -> None:
+    """Write the lock of pinned versions."""
+    found = [wheels(python, requirements) for python in _PYTHONS]
+    lock.write_text(locked(found), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.control.controller import JointController
+from bt_dualarm.motion.control.force_limit import wrench_of
 from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.nominal.nominal_load import NominalLoad
 from bt_dualarm.world.robots.robot import JointLimits, Robot
 from bt_dualarm.world.world import World
-
-_WEAK = 0.02
-"""Share of its strongest direction below which an arm does not feel the tool."""
 
 
 class ArmState:
@@ -87,10 +83,7 @@ class ArmState:
 
         It is what explains `external_torque` best if all of it acts on the tool.
         """
-        jacobian = self.world.nominal[self.name].tool_jacobian_at(self.q)
-        inverse = np.asarray(np.linalg.pinv(jacobian.T, rcond=_WEAK), dtype=np.float64)
-        wrench: Vector = inverse @ self.external_torque
-        return wrench
+        return wrench_of(self.world.nominal[self.name], self.q, self.external_torque)
 
     @property
     def held(self) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from bt_dualarm.cli.early_signals import early
+
 if TYPE_CHECKING:
     from bt_dualarm.skill.registry import Registry
 
@@ -28,8 +30,10 @@ def imported_skills(
     Raises:
         Overrun: A file has not been imported in time; it says at which line that stands.
         RegistryError: A skill is badly made.
+        DualArmError: A file raises what ends programs.
     """
-    from bt_dualarm.cli.last_resort import ProcessEnd
+    from bt_dualarm.cli.last_resort import ProcessEnd, exit_refused
+    from bt_dualarm.errors import DualArmError, Interruption
     from bt_dualarm.runtime.signals import StopRequest
     from bt_dualarm.runtime.watchdog import Watchdog
     from bt_dualarm.skill.registry import Registry
@@ -37,5 +41,11 @@ def imported_skills(
     stop = StopRequest()
     watchdog = Watchdog(IMPORT_S if seconds is None else seconds, stop, of="the import of skills")
     last_resort = ProcessEnd(program, stop)
-    with last_resort as watchdog.last_resort, closing(watchdog), watchdog.awake(), watchdog:
-        return Registry.load(folders)
+    with last_resort as watchdog.last_resort, closing(watchdog), watchdog.awake(), exit_refused():
+        try:
+            with watchdog:
+                return Registry.load(folders)
+        except (KeyboardInterrupt, Interruption) as error:
+            if early:  # a signal has come
+                raise
+            raise DualArmError(" ".join(error.__notes__)) from error

@@ -20,7 +20,6 @@ from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
 from bt_dualarm.runtime.signals import StopRequest, ctrl_c_ends
 from bt_dualarm.runtime.state_log import StateLog
-from bt_dualarm.runtime.touch_observer import TouchObserver
 from bt_dualarm.runtime.watchdog import Watchdog
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
@@ -127,7 +126,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
         )
         resources.enter_context(closing(assembly))
         states = StateLog(assembly.world)
-        watch.observers += [states, TouchObserver(assembly.touches)]
+        watch.observers.append(states)
         recorder = folder = None
         if options.record is not None:
             folder = resources.enter_context(RecordFolder(options.record, file.arms))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
-import importlib.util
 import inspect
 import re
 import sys
@@ -18,6 +16,7 @@ from pydantic import ValidationError
 
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.share import share_dir
+from bt_dualarm.skill.file_import import import_error, imported
 from bt_dualarm.skill.skill import STANDARD_FAILURES, Skill
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.kind import Kind
@@ -27,9 +26,6 @@ from bt_dualarm.spec.values import Refers
 
 ENTRY_POINTS: Final = "bt_dualarm.skills"
 """Group in which an installed package names its skills: a class or a module each."""
-
-_FOREIGN: Final = (Exception, SystemExit, GeneratorExit)
-"""What the import of somebody's file may raise; Ctrl-C may come meanwhile."""
 
 _CODE: Final = re.compile(r"[A-Z][A-Z0-9_]*")
 _SKILL_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,47}")
@@ -187,8 +183,8 @@ def _installed() -> Iterator[tuple[str, type[Skill] | Exception]]:
         origin = f"entry point '{entry.name}' ({entry.value})"
         try:
             loaded = entry.load()
-        except _FOREIGN as error:
-            yield origin, _import_error(error)
+        except BaseException as error:  # noqa: BLE001 - a file may raise anything
+            yield origin, import_error(error, origin)
             continue
         if isinstance(loaded, ModuleType):
             yield from ((origin, skill) for skill in _skills_in(loaded))
@@ -206,32 +202,13 @@ def _in_folder(folder: Path) -> Iterator[tuple[str, type[Skill] | Exception]]:
         if file.name.startswith("_"):
             continue
         try:
-            skills = list(_skills_in(_imported(file)))
-        except _FOREIGN as error:
-            yield str(file), _import_error(error)
+            skills = list(_skills_in(imported(file)))
+        except BaseException as error:  # noqa: BLE001 - a file may raise anything
+            yield str(file), import_error(error, str(file))
             continue
         if not skills:
             yield str(file), TypeError("has no subclass of Skill")
         yield from ((str(file), skill) for skill in skills)
-
-
-def _imported(file: Path) -> ModuleType:
-    """Import a file under a name of its own, the same for the same file."""
-    digest = hashlib.sha256(str(file.resolve()).encode()).hexdigest()[:12]
-    name = f"bt_dualarm_skills_{digest}_{file.stem}"
-    if name in sys.modules:
-        return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
-        raise ImportError("is no Python file")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
 
 
 def _skills_in(module: ModuleType) -> Iterator[type[Skill]]:
@@ -243,8 +220,3 @@ def _skills_in(module: ModuleType) -> Iterator[type[Skill]]:
             and not item.__name__.startswith("_")
         ):
             yield item
-
-
-def _import_error(error: BaseException) -> ImportError:
-    line = " ".join(str(error).split())
-    return ImportError(f"cannot be imported: {type(error).__name__}: {line}")

@@ -147,6 +147,14 @@ class ArmSpec(Value):
     reality: Reality | None = port(
         None, "How far this arm is from what is believed of it; by default as the world says"
     )
+    force_limit: float = port(
+        140.0,
+        "Force with which it may press on things, as far as it can feel that; a motion in which it "
+        "presses harder fails",
+        unit="N",
+        ge=10.0,
+        le=5000.0,
+    )
     tick_hz: float = port(
         50.0, "Ticks of its tree per simulated second", unit="Hz", ge=0.1, le=1000.0
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import mujoco
 import numpy as np
@@ -14,7 +14,7 @@ _ABSURD_SPEED = 1e4  # rad/s or m/s: nothing on a table moves like this
 
 
 def advance(
-    model: mujoco.MjModel, data: mujoco.MjData, between: Callable[[], None] = lambda: None
+    model: mujoco.MjModel, data: mujoco.MjData, between: Iterable[Callable[[], None]] = ()
 ) -> None:
     """Advance by one step; positions, contacts and inertias are then those of now.
 
@@ -24,7 +24,8 @@ def advance(
     Args:
         model: Compiled world.
         data: State of it.
-        between: Called when velocities are those of now, and forces that hang on them are not.
+        between: Functions that are called when velocities are those of now, and forces that hang on
+            them are not; contacts are those of before, with the forces that they had in the step.
 
     Raises:
         DivergenceError: A torque or the state is not finite, or time did not advance.
@@ -37,7 +38,8 @@ def advance(
     # Squares, because one product of vectors costs a tenth of looking at each element.
     if not (speed.dot(speed) < _ABSURD_SPEED**2 and math.isfinite(place.dot(place))):
         raise DivergenceError(_diagnosis(model, data, "moves absurdly fast or is not a number"))
-    between()
+    for look in between:
+        look()
     mujoco.mj_step1(model, data)
     if data.time <= before:
         raise DivergenceError(f"simulated time went from {before} s back to {data.time} s")

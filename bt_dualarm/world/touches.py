@@ -38,7 +38,9 @@ class TouchWatch:
 
 
 class Touches:
-    """Looks at the contacts of a world after each of its steps, for those who watch.
+    """Looks at the contacts of a world in each of its steps, for those who watch.
+
+    After a step MuJoCo has found the contacts of now, and has no forces for them yet.
 
     Args:
         world: World whose arms and things may come and go.
@@ -48,6 +50,7 @@ class Touches:
         self._world = world
         self._watches: list[TouchWatch] = []
         self._generation = -1
+        world.on_forces.append(self._look)
 
     def watch(self, arm: str) -> TouchWatch:
         """Begin to watch an arm that is in the world."""
@@ -61,8 +64,8 @@ class Touches:
         """Watch no more; harmless when that has ended."""
         self._watches = [one for one in self._watches if one is not watch]
 
-    def look(self) -> None:
-        """Take up what is touched now."""
+    def _look(self) -> None:
+        """Take up what was touched in this step."""
         if not self._watches:
             return
         for arm, thing, force in self._touching():

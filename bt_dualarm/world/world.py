@@ -39,6 +39,7 @@ class World(WorldView):
 
     Attributes:
         before_removal: Functions that are told the name of an arm that is about to be taken away.
+        on_forces: Functions that are called in each step, when contacts have the forces of it.
         equipment: All that arms are controlled through: of those that are present, by name,
             `hardware`, sensors and drives, and `nominal`, what is believed of them.
 
@@ -62,6 +63,7 @@ class World(WorldView):
         self.generation = 0
         self.equipment = Equipment(file, self.robots, seed)
         self.hardware, self.nominal = self.equipment.hardware, self.equipment.nominal
+        self.on_forces: list[Callable[[], None]] = [self.equipment.rub]
         self._spec = composition.scene_spec(file.world, file.root)
         check_declarations(file, self.robots, composition.names_in(self._spec))
         self.attachments = Attachments(self._spec, self._recompile)
@@ -79,7 +81,7 @@ class World(WorldView):
             DivergenceError: A torque or the state is not finite, or time did not advance.
         """
         self.equipment.drive()
-        advance(self.model, self.data, self.equipment.rub)
+        advance(self.model, self.data, self.on_forces)
         self.sense()
 
     def sense(self) -> None:

@@ -31,15 +31,14 @@ class Bench:
         self.world = World(file_of({"arm1": arm("ur5")}, objects))  # type: ignore[arg-type]
         self.controller = JointController(self.world, "arm1", self.world.timestep, Reservations())
         planning = planning or PlanningProcess()
-        self.touches = Touches(self.world)
-        shared = SharedArm(self.world, "arm1", self.controller, None, 1, planning, self.touches)
+        touches = Touches(self.world)
+        shared = SharedArm(self.world, "arm1", self.controller, None, 1, planning, touches)
         self.first, self.second = Arm(shared, "first"), Arm(shared, "second")
 
     def tick(self) -> None:
         for _ in range(TICK):
             self.controller.update(self.world.time)
             self.world.step()
-            self.touches.look()
 
     def run(self, work: Iterator[float | None], ticks: int = 500) -> list[float | None]:
         """Tick a leaf's work to its end; returns what it yielded."""

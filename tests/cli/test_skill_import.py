@@ -69,3 +69,25 @@ def test_an_import_that_cannot_be_interrupted_ends_the_process(tmp_path: Path) -
 
 def test_an_import_within_its_time_is_left_alone() -> None:
     assert skill_import.imported_skills("bt-check", ()).skills == Registry.load().skills
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("import os; os._exit(0)", "SystemExit: os._exit(0)"),
+        ("import sys; sys.exit(0)", "SystemExit: 0"),
+        ("raise KeyboardInterrupt", "KeyboardInterrupt"),
+        ("raise GeneratorExit", "GeneratorExit"),
+        ("raise BaseException('all')", "BaseException: all"),
+        ("import bt_dualarm.errors as e; raise e.Interruption", "Interruption"),
+    ],
+)
+def test_a_file_that_ends_programs_ends_none(
+    line: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 0 would say that all was well."""
+    file = tmp_path / "ending.py"
+    file.write_text(line + "\n", encoding="utf-8")
+    assert cli.check(["circle", "--skills", str(tmp_path)]) == 2
+    complaint = capsys.readouterr().err
+    assert complaint == f"bt-check: error: {file}: cannot be imported: {said}\n"

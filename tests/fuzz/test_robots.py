@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -21,6 +20,7 @@ from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.world.world import World
 from tests.fuzz import mesh_mutation, page_mutation, urdf_mutation
+from tests.fuzz.seeds import dice_of
 from tests.world.robots.test_mesh_check import BOX, ascii_stl, obj, stl
 from tests.world.urdf.small_arm import PAGE, URDF
 
@@ -147,7 +147,7 @@ def survivors(
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_mutated_urdfs(chunk: int, tmp_path: Path, registry: Registry) -> None:
     """No other exception, none that takes long, none accepted that then does not run."""
-    tree, dice = folder_with_an_arm(tmp_path), random.Random(chunk)  # noqa: S311 - no secret
+    tree, dice = folder_with_an_arm(tmp_path), dice_of(chunk)
     assert accepted(tree, registry)
     root = ET.fromstring(urdf_with("box.stl"))  # noqa: S314 - our own
 
@@ -163,7 +163,7 @@ def test_mutated_urdfs(chunk: int, tmp_path: Path, registry: Registry) -> None:
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_mutated_pages(chunk: int, tmp_path: Path, registry: Registry) -> None:
     """Likewise."""
-    tree, dice = folder_with_an_arm(tmp_path), random.Random(chunk)  # noqa: S311 - no secret
+    tree, dice = folder_with_an_arm(tmp_path), dice_of(chunk)
     data = yaml.safe_load(page())
 
     def mutate(_: int) -> str:
@@ -178,7 +178,7 @@ def test_mutated_pages(chunk: int, tmp_path: Path, registry: Registry) -> None:
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_mutated_meshes(chunk: int, tmp_path: Path, registry: Registry) -> None:
     """Likewise."""
-    tree, dice = folder_with_an_arm(tmp_path), random.Random(chunk)  # noqa: S311 - no secret
+    tree, dice = folder_with_an_arm(tmp_path), dice_of(chunk)
 
     def mutate(number: int) -> bytes:
         suffix = dice.choice(tuple(MESHES_OF))

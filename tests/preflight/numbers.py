@@ -70,6 +70,7 @@ FILE: Tree = {
                     "k2": {"normal": 0.01},
                 },
             },
+            "force_limit": 100.0,
             "tick_hz": 50.0,
             "camera": {
                 "mount": {"xyz": [1.0, 0, 1.0], "look_at": [0, 0, 0.5]},

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import logging
 import os
-import random
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +20,7 @@ from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.load import check_file, load_tree_file
 from bt_dualarm.spec.problems import errors
 from bt_dualarm.tree.build import build_tree
+from tests.fuzz.seeds import dice_of
 from tests.spec.mutation import mutated
 from tests.spec.test_mistakes import FOLDER
 
@@ -66,7 +66,7 @@ grows without bound needs all of them anywhere."""
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_mutated_files(chunk: int, tmp_path: Path) -> None:
     """No other exception, none that takes long, none that is accepted and then not built."""
-    dice, data, registry = random.Random(chunk), seeds(), Registry.load()  # noqa: S311 - no secret
+    dice, data, registry = dice_of(chunk), seeds(), Registry.load()
     for module in {module for skill in registry.skills.values() for module in skill.needs}:
         importlib.import_module(module)  # takes a second by itself, once
     path, accepted = tmp_path / "task.yaml", 0

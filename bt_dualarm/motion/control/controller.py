@@ -6,8 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bt_dualarm.errors import RAISED_BY_SKILLS, Failure, Number, TouchFailure
+from bt_dualarm.errors import RAISED_BY_SKILLS, Failure, ForceFailure, Number, TouchFailure
 from bt_dualarm.motion.control.computed_torque import ComputedTorque
+from bt_dualarm.motion.control.force_limit import ForceLimit
+from bt_dualarm.motion.control.way_back import way_back
 from bt_dualarm.motion.safety.guard import ArmGuard
 from bt_dualarm.motion.safety.reservation import Reservations
 from bt_dualarm.motion.setpoints.limiter import SetPointLimiter
@@ -27,9 +29,6 @@ OVERSPEED = 1.05
 
 Set-points keep to the limit: an arm that is that fast was pushed, or could not brake.
 """
-
-BACK_OFF_S = 0.1
-"""Planned seconds that an arm which touches something goes back."""
 
 _STANDSTILL = 0.005  # rad/s: a tool 0.8 m away creeps by less than 4 mm/s
 
@@ -65,6 +64,7 @@ class JointController:
         self._guard = ArmGuard(world, name, period, reservations)
         self._torque = ComputedTorque(world, name, period)
         self.touch = self._torque.touch
+        self._force = ForceLimit(world, name, self.touch)
         self._hold = self.setpoint
 
     @property
@@ -163,6 +163,9 @@ class JointController:
                 sent = self._limiter.bend(self._wanted(time))
         self._limiter.sent = sent
         error = self._torque.command(sent, time)
+        pressed = self._force.look()
+        if pressed is not None:  # by a link: no force is allowed
+            self._heed(self._guard.touch() or pressed)
         self._watch_speed()
         if self._motion is not None:
             self._watch(error)
@@ -173,12 +176,10 @@ class JointController:
             return
         self.fault = refusal
         motion = self._motion
-        if not isinstance(refusal, TouchFailure):
+        if motion is None or not isinstance(refusal, TouchFailure | ForceFailure):
             self.stop()
-        elif isinstance(motion, TrajectorySource):  # back the way that it came
-            self._give_in(motion.configuration(max(motion.parameter.s - BACK_OFF_S, 0.0)))
-        else:  # likewise, as far as its velocity tells the way
-            self._give_in(self._q - BACK_OFF_S * self.setpoint.v)
+        else:
+            self._give_in(way_back(motion, refusal, self._q, self.setpoint.v))
 
     def _wanted(self, time: float) -> SetPoint:
         motion = self._motion

@@ -64,6 +64,9 @@ def _motion_by_corners(problem: PlanningProblem, corners: Matrix) -> Trajectory:
 def refuse_contact(checker: CollisionChecker, way: Matrix | Trajectory) -> None:
     """Check configurations as they will be sent, every ``FINE`` metres.
 
+    What is touched at neither end may not be touched in between: of what is thin, so little may be
+    all that two checks see.
+
     Args:
         checker: Test of configurations.
         way: The configurations, of shape (n, dof), rad, or a motion.
@@ -73,13 +76,14 @@ def refuse_contact(checker: CollisionChecker, way: Matrix | Trajectory) -> None:
     """
     radii = checker.radii
     rows = outline(way, radii, FINE) if isinstance(way, Trajectory) else way
+    strict = checker.keeping_off((rows[0], rows[-1]))
     last = rows[0]
     for i, q in enumerate(rows):
         moved = abs(q - last) @ radii
         if 0 < i < len(rows) - 1 and moved + _step(rows, i, radii) <= FINE:
             continue
         last = q
-        contact = checker.contact(q)
+        contact = strict.contact(q)
         if contact is not None:
             raise contact.failure()
 

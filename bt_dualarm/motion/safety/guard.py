@@ -83,15 +83,21 @@ class ArmGuard:
         if motion is not self._motion:
             self._begin(motion, sent, time)
         if time >= self._next_look:
-            contact = self._touch.unwanted()
+            contact = self.touch()
             if contact is not None:
-                return self.report.given_up(contact)
+                return contact
             self._look_around(motion, time)
         if self._trajectory is None or time < self._next_check:
             return None
         wait, refusal = self._trajectory.go_on(sent, self._scale, self._reason, time)
         self._next_check = time + wait - 1e-9
         return refusal
+
+    def touch(self) -> Failure | None:
+        """Why the motion must be given up if a link touches something now."""
+        self._refresh()
+        contact = self._touch.unwanted()
+        return None if contact is None else self.report.given_up(contact)
 
     def permits(self, motion: StreamSource, wanted: SetPoint, time: float) -> Failure | None:
         """Let a stream's set-point pass; or returns why the stream must be given up.
