@@ -50,8 +50,7 @@ class World(WorldView):
 
     def __init__(self, file: TreeFile, seed: int = 0, *, visuals: bool = False) -> None:
         mujoco.set_mju_user_warning(_log.warning)  # else it writes a file where the user stands
-        self._file = file
-        self._visuals = visuals
+        self._file, self._visuals = file, visuals
         self._poses = {name: noisy_pose(name, thing, seed) for name, thing in file.objects.items()}
         self.robots: dict[str, Robot] = {
             name: load_robot(arm.robot, file.root).derated(arm.limits)
@@ -231,10 +230,9 @@ class World(WorldView):
         self.sense()
 
     def _bind(self) -> None:
+        plant = self.model, self.data
         self.arms = {
-            name: ArmBody.find(
-                name, self.robots[name], self._file.arms[name].base.pose, self.model, self.data
-            )
+            name: ArmBody.find(name, self.robots[name], self._file.arms[name].base.pose, *plant)
             for name in self.arms
         }
         self.equipment.connect(self.model, self.arms, self.attachments, self.objects)
