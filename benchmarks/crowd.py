@@ -11,7 +11,6 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 
 from benchmarks.crowd_members import Member, file_text, looking, tasks_of
@@ -102,7 +101,7 @@ def cannot_meet(first: Solo, second: Solo) -> bool:
         around = []
         for q in (*rows, *solo.rests):
             world.data.qpos[body.qpos_ids] = q
-            mujoco.mj_kinematics(world.model, world.data)
+            world.sense()
             around.append(hull.spheres())
         spheres.append(np.vstack(around))
     return apart(*spheres) > ROOM_M

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
 import pytest
 
+from benchmarks.crowd import Solo, cannot_meet
+from benchmarks.crowd_members import Member
 from benchmarks.many_arms import judged
 from benchmarks.third_arm import Place, failures, places, run_beside
+from bt_dualarm.runtime.result import ArmResult
 from bt_dualarm.skill.registry import Registry
+from bt_dualarm.world.robots.catalogue import load_robot
 
 pytestmark = pytest.mark.slow
 
@@ -16,6 +24,23 @@ def test_arms_end_as_alone_where_they_cannot_meet(seed: int, registry: Registry)
     """And none touches another, or is refused for one that it did not come near."""
     finding = judged(seed, registry)
     assert finding.wrong == []
+
+
+def test_arms_can_meet_where_the_path_of_one_comes_near_the_other() -> None:
+    """However far apart they stand at first."""
+    folded = np.array([load_robot("ur10").postures["home"]])
+    stretched = np.array([[turn, *np.zeros(5)] for turn in (0.0, np.pi)])
+    stands, reaches = (
+        Solo(
+            Member(name, "ur10", (x, 0.0, 0.3), 0.0, 1.0, tasks=("wait: 1",)),
+            cast("ArmResult", None),
+            path,
+            folded,
+        )
+        for name, x, path in (("arm1", 0.0, folded), ("arm2", 1.6, np.vstack((folded, stretched))))
+    )
+    assert cannot_meet(stands, replace(reaches, path=folded))
+    assert not cannot_meet(stands, reaches)
 
 
 @pytest.mark.parametrize("place", places(1, seed=0), ids=str)
