@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from bt_dualarm.errors import OverlapError
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.world import World
 from tests.plays import Stage
@@ -42,3 +44,32 @@ def test_a_ball_that_falls_on_the_arm_is_felt_by_the_score(
     clear = stage.run(file).leaf(name)
     assert clear.status == "SUCCESS", clear.reason
     assert "touched" not in clear.metrics
+
+
+def put_wall(world: World) -> None:
+    """As near to the tool as there is room, where it goes next."""
+    x, y, z = world.arms["arm1"].tool_pose.position.tolist()
+    for gap in np.arange(0.04, 0.2, 0.004).tolist():
+        try:
+            world.spawn_object("wall", Pose.from_rpy((x, y + gap, z)))
+        except OverlapError:
+            continue
+        return
+
+
+@pytest.mark.parametrize("robot", ["ur5", "xarm7", "panda"])
+def test_who_runs_into_something_harder_than_it_may_has_failed(robot: str, stage: Stage) -> None:
+    """Two centimetres before its tool there is a wall, all at once."""
+    node: Tree = {"move_linear": {"offset": {"xyz": [0, 0.12, 0]}, "speed": 1.0}}
+    wall: Tree = {"shape": "box", "size": [0.06, 0.06, 0.06], "mass": 100, "spawned": False}
+    arm: Tree = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}, "force_limit": 20, "tree": node}
+    file: Tree = {
+        "world": {"scene": "empty", "time_limit": 20},
+        "objects": {"wall": wall},
+        "arms": {"arm1": arm},
+    }
+    leaf = stage.run(file, deeds=[(0.25, put_wall)]).leaf("move_linear")
+    assert (leaf.status, leaf.code) == ("FAILURE", "FORCE_LIMIT")
+    assert leaf.metrics["second"] == leaf.metrics["touched"] == "wall"
+    assert leaf.metrics["force_limit_n"] == 20
+    assert float(leaf.metrics["force_n"]) > 20
