@@ -8,11 +8,16 @@ import numpy as np
 import scipy
 
 from bt_dualarm.motion.timing.law import Rows, SetPoints
-from bt_dualarm.motion.timing.limit_use import SharesOfLimits, shares_at, shares_of_limits
+from bt_dualarm.motion.timing.limit_use import (
+    SharesOfLimits,
+    shares_at,
+    shares_of_limits,
+    shares_of_motion,
+)
 from bt_dualarm.motion.timing.profile import Profile
 from bt_dualarm.motion.timing.time_optimal import fastest_profile, grid_of
 from bt_dualarm.motion.timing.trajectory import LONG, Trajectory
-from bt_dualarm.pose import Vector
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
 _WIDTHS = (14, 7)
@@ -66,9 +71,24 @@ class AveragedMotion:
     def judged(self, dt: float) -> tuple[Vector, Vector]:
         """Places along the path, and by how much time there must be stretched: (n,) each."""
         step = min(max(0.5 * dt, self.unstretched / _NODES), self.width)
-        motion = StretchedMotion(self, step, 1.0).whole()
-        times = np.minimum(np.arange(len(motion)) * step, self.unstretched)
-        return self.profile.smoothed(times, self.width)[0], stretches(motion, self.limits)
+        index = np.arange(len(StretchedMotion(self, step, 1.0)))
+        s, rate, bend = self.profile.smoothed(
+            np.minimum(index * step, self.unstretched), self.width
+        )
+        v, a = self.derivatives(s, rate[:, None], bend[:, None])
+        v[[0, -1]] = a[[0, -1]] = 0.0  # rounding of the average
+        return s, _needed(shares_of_motion(v, a, step, self.limits))
+
+    def derivatives(self, s: Vector, rate: Matrix, bend: Matrix) -> tuple[Matrix, Matrix]:
+        """Velocities and accelerations of the joints, of shape (n, dof).
+
+        Args:
+            s: Places along the path, of shape (n,).
+            rate: Derivatives of the place by time, of shape (n, 1).
+            bend: Second derivatives, of shape (n, 1).
+        """
+        q1, q2 = self.path(s, 1), self.path(s, 2)
+        return q1 * rate, q1 * bend + q2 * rate**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +111,13 @@ class StretchedMotion:
 
     def rows(self, index: Rows) -> SetPoints:
         """Positions, velocities and accelerations of some set-points, each of shape (n, dof)."""
-        path, motion, stretch = self.motion.path, self.motion, self.stretch
+        motion, stretch = self.motion, self.stretch
         times = np.minimum(index * self.dt / stretch, motion.unstretched)
         s, rate, bend = motion.profile.smoothed(times, motion.width)
         rate, bend = rate[:, None] / stretch, bend[:, None] / stretch**2
         ends = (index == 0) | (index == len(self) - 1)
         rate[ends] = bend[ends] = 0.0  # rounding of the average
-        q1, q2 = path(s, 1), path(s, 2)
-        return path(s), q1 * rate, q1 * bend + q2 * rate**2
+        return (motion.path(s), *motion.derivatives(s, rate, bend))
 
     def whole(self) -> Trajectory:
         """All set-points at once."""

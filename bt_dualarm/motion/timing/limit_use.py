@@ -55,7 +55,11 @@ SharesOfLimits: TypeAlias = tuple[Vector, Vector, Vector]
 
 def shares_of_limits(trajectory: Trajectory, limits: JointLimits) -> SharesOfLimits:
     """Shares of the limits at each set-point; differences count at the earlier one."""
-    v, a, dt = trajectory.v, trajectory.a, trajectory.dt
+    return shares_of_motion(trajectory.v, trajectory.a, trajectory.dt, limits)
+
+
+def shares_of_motion(v: Matrix, a: Matrix, dt: float, limits: JointLimits) -> SharesOfLimits:
+    """The same, from velocities and accelerations of shape (n, dof) every ``dt`` seconds."""
     change = np.diff(v, axis=0, append=v[-1:]) / dt
     return _shares((v, a), (change, np.diff(a, axis=0, append=a[-1:]) / dt), limits)
 

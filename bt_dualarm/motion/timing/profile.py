@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,13 +53,18 @@ class Profile:
         """The integral of s, s and ds/dt at times that may lie before and after the profile."""
         inside = np.clip(times, 0.0, self.duration)
         i = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, len(self.time) - 2)
+        bends, areas = self._pieces
+        t, rate_at, place_at, bend = inside - self.time[i], self.rate[i], self.place[i], bends[i]
+        rate = rate_at + bend * t
+        place = place_at + (rate_at + bend * t / 2.0) * t
+        area = areas[i] + (place_at + (rate_at / 2.0 + bend * t / 6.0) * t) * t
+        area += (times > self.duration) * (times - inside) * self.place[-1]
+        return area, place, rate
+
+    @cached_property
+    def _pieces(self) -> tuple[Vector, Vector]:
+        """Second derivative after each knot, (n - 1,), and the integral of s until it, (n,)."""
         step = np.diff(self.time)
         bend = np.diff(self.rate) / step
         areas = (self.place[:-1] + (self.rate[:-1] / 2.0 + bend * step / 6.0) * step) * step
-        area_at = np.concatenate(((0.0,), np.cumsum(areas)))
-        t = inside - self.time[i]
-        rate = self.rate[i] + bend[i] * t
-        place = self.place[i] + (self.rate[i] + bend[i] * t / 2.0) * t
-        area = area_at[i] + (self.place[i] + (self.rate[i] / 2.0 + bend[i] * t / 6.0) * t) * t
-        area += (times > self.duration) * (times - inside) * self.place[-1]
-        return area, place, rate
+        return bend, np.concatenate(((0.0,), np.cumsum(areas)))

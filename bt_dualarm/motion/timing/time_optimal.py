@@ -39,7 +39,7 @@ def fastest_profile(
     fastest = limits.velocity / np.maximum(np.abs(slope), _STILL)
     steps = 2.0 * np.diff(grid)[:, None]
     a, b = _rows(slope / limit, curvature / limit, steps)
-    most = np.minimum((fastest[:-1] ** 2).min(axis=1), _largest(a, b, steps))
+    most = _largest(a, b, steps, (fastest[:-1] ** 2).min(axis=1))
     squares = _forward(_backward(a, b, steps, most), a, b, steps)
     return Profile.from_rates(grid, np.sqrt(squares))
 
@@ -70,21 +70,38 @@ def _rows(slope: Matrix, curvature: Matrix, steps: Matrix) -> tuple[Matrix, Matr
     return np.abs(a), np.where(a < 0.0, -b, b)
 
 
-def _largest(a: Matrix, b: Matrix, steps: Matrix) -> Vector:
-    """The largest x at each place for which there is any u, of shape (n - 1,).
+def _largest(a: Matrix, b: Matrix, steps: Matrix, most: Vector) -> Vector:
+    """The largest x up to ``most`` at each place for which there is any u, of shape (n - 1,).
 
-    Every lower bound of u must be below every upper one: ``(-1 - b x) / a`` of each row, and the
-    one that leaves too little speed at the next place, below ``(1 - b x) / a`` of each.
+    The least upper bound of u, ``(1 - b x) / a``, falls below the greatest lower one, ``(-1 - b x)
+    / a`` or the one that leaves too little speed at the next place. Their distance is concave in x:
+    from the right, the two lines that bound u at an x meet at the next x (Newton), and after a few
+    times at the last for which the one is not below the other.
     """
     slowing = np.full_like(steps, 1.0 - _SLOWING)
     slowing[-1] = 1.0
-    lower_a = np.hstack((a, steps))[:, :, None]
-    lower_b = np.hstack((b, slowing))[:, :, None]
-    lower_one = np.hstack((np.ones_like(a), np.zeros_like(steps)))[:, :, None]
-    slack = lower_one * a[:, None] + lower_a
-    rise = b[:, None] * lower_a - lower_b * a[:, None]
-    largest: Vector = _bounds(slack, rise).min(axis=(1, 2))
-    return largest
+    lower_a, lower_b = np.hstack((a, steps)), np.hstack((b, slowing))
+    ones = np.hstack((np.ones_like(a), np.zeros_like(steps)))
+    still = np.where(a == 0.0, np.abs(b), 0.0)
+    x: Vector = np.minimum(most, _bounds(np.ones_like(still), still).min(axis=1))
+    left = np.arange(len(x))
+    while len(left):
+        up = _lines(1.0 - b[left] * x[left, None], a[left], np.inf).argmin(axis=1)
+        bounds = -ones[left] - lower_b[left] * x[left, None]
+        low = _lines(bounds, lower_a[left], -np.inf).argmax(axis=1)
+        slack = ones[left, low] * a[left, up] + lower_a[left, low]
+        rise = b[left, up] * lower_a[left, low] - lower_b[left, low] * a[left, up]
+        meeting = _bounds(slack, rise)
+        lower = meeting < x[left]
+        left = left[lower]
+        x[left] = meeting[lower]
+    return x
+
+
+def _lines(over: Matrix, under: Matrix, missing: float) -> Matrix:
+    """The quotients where what is under is positive, else what stands for a missing one."""
+    quotients: Matrix = np.divide(over, under, out=np.full(over.shape, missing), where=under > 0.0)
+    return quotients
 
 
 def _bounds(slack: Matrix, rise: Matrix) -> Matrix:
