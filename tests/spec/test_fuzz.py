@@ -6,6 +6,7 @@ import importlib
 import logging
 import os
 import time
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -31,12 +32,16 @@ CHUNKS = 8
 """So that workers share the work; each has its own seed."""
 
 
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+@cache
 def seeds() -> list[Any]:
     """What is mutated: all shipped trees, and those mistaken files that are YAML."""
     found = []
     for path in sorted([*share_dir("trees").rglob("*.yaml"), *FOLDER.glob("*.yaml")]):
         try:
-            data = yaml.safe_load(path.read_text())
+            data = yaml.load(path.read_text(), _LOADER)  # noqa: S506 - a safe one
         except (yaml.YAMLError, ValueError):
             continue
         if isinstance(data, dict) and len(str(data)) < 10_000:
@@ -64,9 +69,9 @@ grows without bound needs all of them anywhere."""
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chunk", range(CHUNKS))
-def test_mutated_files(chunk: int, tmp_path: Path) -> None:
+def test_mutated_files(chunk: int, tmp_path: Path, registry: Registry) -> None:
     """No other exception, none that takes long, none that is accepted and then not built."""
-    dice, data, registry = dice_of(chunk), seeds(), Registry.load()
+    dice, data = dice_of(chunk), seeds()
     for module in {module for skill in registry.skills.values() for module in skill.needs}:
         importlib.import_module(module)  # takes a second by itself, once
     path, accepted = tmp_path / "task.yaml", 0
