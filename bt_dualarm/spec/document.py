@@ -148,7 +148,7 @@ class ArmSpec(Value):
         None, "How far this arm is from what is believed of it; by default as the world says"
     )
     force_limit: float = port(
-        140.0,
+        280.0,
         "Force with which it may press on things, as far as it can feel that; a motion in which it "
         "presses harder fails",
         unit="N",

@@ -73,3 +73,25 @@ def test_who_runs_into_something_harder_than_it_may_has_failed(robot: str, stage
     assert leaf.metrics["second"] == leaf.metrics["touched"] == "wall"
     assert leaf.metrics["force_limit_n"] == 20
     assert float(leaf.metrics["force_n"]) > 20
+
+
+@pytest.mark.parametrize(
+    ("robot", "mass", "reality"),
+    [("ur10", 8.0, "rough"), ("ur10", 8.0, "lab"), ("ur5", 4.0, "lab")],
+)
+def test_what_is_heavy_may_be_taken(robot: str, mass: float, reality: str, stage: Stage) -> None:
+    """The tool presses on it until it is held; then its weight, told of or not, is no contact."""
+    take: Tree = {"approach_and_attach": {"object": "box"}}
+    lift: Tree = {"transport": {"object": "box", "to": {"xyz": [0.45, -0.2, 0.15]}}}
+    pose: Tree = {"xyz": [0.45, -0.3, 0.03]}
+    box: Tree = {"shape": "box", "size": [0.06, 0.06, 0.06], "mass": mass, "pose": pose}
+    file: Tree = {
+        "world": {"scene": "empty", "time_limit": 30, "reality": reality},
+        "objects": {"box": box},
+        "arms": {"arm1": {"robot": robot, "tree": {"sequence": [take, lift]}}},
+    }
+    play = stage.run(file)
+    assert [(leaf.skill, leaf.code) for leaf in play.arm().runs] == [
+        ("approach_and_attach", ""),
+        ("transport", ""),
+    ]
