@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from bt_dualarm.runtime.series import Series as Series
     from bt_dualarm.skill.arrival import check_arrival as check_arrival
     from bt_dualarm.skill.following_error import FollowingError as FollowingError
+    from bt_dualarm.skill.mark_views import MarkViews as MarkViews
     from bt_dualarm.skill.path_following import follow_curve as follow_curve
     from bt_dualarm.skill.path_skill import PathSkill as PathSkill
     from bt_dualarm.skill.scoring import TrackingScore as TrackingScore
@@ -92,6 +93,8 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import PoseSpec as PoseSpec
     from bt_dualarm.spec.values import Speed as Speed
     from bt_dualarm.spec.values import Vector3 as Vector3
+    from bt_dualarm.vision.hand_eye import MarkView as MarkView
+    from bt_dualarm.vision.hand_eye import hand_eye as hand_eye
     from bt_dualarm.world.world import World as World
 
 __version__: str
@@ -155,6 +158,9 @@ _CONTENTS: Final = {
     "PlaneTracking": "skill.visual_servoing:PlaneTracking",
     "TrackingGains": "skill.tracking_reference:TrackingGains",
     "TrackingScore": "skill.scoring:TrackingScore",
+    "MarkView": "vision.hand_eye:MarkView",
+    "MarkViews": "skill.mark_views:MarkViews",
+    "hand_eye": "vision.hand_eye:hand_eye",
 }
 
 __all__ = [
@@ -171,6 +177,8 @@ __all__ = [
     "FollowingError",
     "JointAngles",
     "LeafResult",
+    "MarkView",
+    "MarkViews",
     "Matrix",
     "ObjectName",
     "Offset",
@@ -206,6 +214,7 @@ __all__ = [
     "circle_path",
     "drawn_path",
     "follow_curve",
+    "hand_eye",
     "line_path",
     "lissajous_path",
     "open",

@@ -142,6 +142,18 @@ class ForceFailure(Failure):
         )
 
 
+class HitFailure(Failure):
+    """The arm was hit, or ran into something, by the torques of its joints: ``COLLISION``.
+
+    Args:
+        reason: One sentence.
+        numbers: Evidence: joints, torques and force.
+    """
+
+    def __init__(self, reason: str, **numbers: Number) -> None:
+        super().__init__("COLLISION", reason, **numbers)
+
+
 class BlockedFailure(Failure):
     """A motion that had begun is given up for what is in its way, which is not touched yet.
 

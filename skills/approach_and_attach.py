@@ -86,7 +86,7 @@ class ApproachAndAttach(Skill):
         approach = yield from self._approach()
         for progress in self.arm.follow(approach.to_standoff):
             yield 0.7 * progress
-        motion = self.arm.begin(approach.to_surface)
+        motion = self.arm.begin(approach.to_surface, may_touch=True)
         while not motion.done and not self._near():
             yield 0.7 + 0.3 * motion.progress
             self.arm.check()

@@ -29,7 +29,7 @@ FLOORS = (
     {"world"},
     {"world.rendering"},
     {"world.cameras", "motion.paths", "motion.timing", "motion.kinematics", "motion.collision"},
-    {"vision", "motion.planning", "motion.setpoints"},
+    {"vision", "motion.planning", "motion.setpoints", "motion.identification"},
     {"motion.safety"},
     {"motion", "motion.control"},
     {"arm"},

@@ -53,6 +53,11 @@ class Arm(ArmState):
         self._lease.refuse_other_threads()
         self.world.attach(self.name, thing)
 
+    def correct_camera(self, correction: Pose) -> None:
+        """Believe the camera to be there, in the frame where it was believed to be so far."""
+        self._lease.refuse_other_threads()
+        self.world.nominal[self.name].correct_camera(correction)
+
     def detach(self, thing: str) -> bool:
         """Let go of an object; whether it was held."""
         self._lease.refuse_other_threads()
@@ -64,9 +69,11 @@ class Arm(ArmState):
         """Execute a motion; yields its progress once a tick until the arm stands at its end."""
         return self._executor.follow(trajectory, ignore)
 
-    def begin(self, trajectory: Trajectory, *, along_path: bool = False) -> TrajectorySource:
+    def begin(
+        self, trajectory: Trajectory, *, along_path: bool = False, may_touch: bool = False
+    ) -> TrajectorySource:
         """Begin a motion and leave it to the caller to watch it with ``check``."""
-        return self._executor.begin(trajectory, along_path=along_path)
+        return self._executor.begin(trajectory, along_path=along_path, may_touch=may_touch)
 
     def watch(self, motion: TrajectorySource, ignore: frozenset[str] = _NOTHING) -> PlanMonitor:
         """A check of a motion against the world as it becomes while it runs."""

@@ -95,16 +95,21 @@ class Executor:
             waited_s=waited_s,
         )
 
-    def begin(self, trajectory: Trajectory, *, along_path: bool = False) -> TrajectorySource:
+    def begin(
+        self, trajectory: Trajectory, *, along_path: bool = False, may_touch: bool = False
+    ) -> TrajectorySource:
         """Begin a motion and leave it to the caller to watch it with ``check``.
 
         Args:
             trajectory: Motion that begins at the last set-point.
             along_path: Whether the tool's path matters, not only its end.
+            may_touch: Whether the arm is meant to touch something, so that it minds no hit.
         """
         self._lease.take()
         self._touching.begin()
-        self._begun = motion = self._controller.follow(trajectory, along_path=along_path)
+        self._begun = motion = self._controller.follow(
+            trajectory, along_path=along_path, may_touch=may_touch
+        )
         return motion
 
     def stream(self, source: Stream) -> None:
@@ -144,7 +149,7 @@ class Executor:
         for _ in range(_RELAXATIONS):
             here = np.clip(self._arm.q, limits.lower, limits.upper)
             way = point_to_point(self._arm.setpoint.q, here, limits, self._arm.period)
-            motion, began = self.begin(way), self._arm.time
+            motion, began = self.begin(way, may_touch=True), self._arm.time
             latest = began + way.duration + SETTLE_S
             while self._arm.time < began + _YIELD_S or not self._controller.at_rest:
                 if self._arm.time > latest:

@@ -29,6 +29,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "SINGULAR": "the tool's path leads through a singularity of the arm",
     "PATH_BROKEN": "the arm can follow a path only in part, and then follows none of it",
     "IN_COLLISION": "two bodies would touch",
+    "COLLISION": "the arm was hit, or ran into something, as its joints' torques tell",
     "INVALID_TARGET": "the target makes no sense",
     "NO_PLAN": "no motion free of collisions was found",
     "OVERLOADED": "the arm cannot carry what it holds, or is to hold",

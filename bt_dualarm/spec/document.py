@@ -130,6 +130,13 @@ class LimitShares(Value):
     )
 
 
+class CollisionSpec(Value):
+    """What an arm does when it is hit, or runs into something, as its joints' torques tell."""
+
+    stop: bool = port(False, "Whether its motion ends with `COLLISION`, and it goes back a little")
+    threshold: float = port(1.0, "Factor of the torques that count as a hit", ge=0.2, le=1000.0)
+
+
 class ArmSpec(Value):
     """An arm with its tree."""
 
@@ -155,6 +162,7 @@ class ArmSpec(Value):
         ge=10.0,
         le=5000.0,
     )
+    collision: CollisionSpec = port(CollisionSpec(), "What it does when it is hit")
     tick_hz: float = port(
         50.0, "Ticks of its tree per simulated second", unit="Hz", ge=0.1, le=1000.0
     )

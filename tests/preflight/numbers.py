@@ -71,6 +71,7 @@ FILE: Tree = {
                 },
             },
             "force_limit": 100.0,
+            "collision": {"stop": True, "threshold": 1.5},
             "tick_hz": 50.0,
             "camera": {
                 "mount": {"xyz": [1.0, 0, 1.0], "look_at": [0, 0, 0.5]},

@@ -20,6 +20,10 @@ LOOKING = {
     "camera": {"mount": "wrist", "resolution": [320, 240], "fov": 50, "fps": 30},
 }
 TARGET = {"cube": CUBE | {"pose": {"xyz": [0.68, 0.11, 0.70]}, "fixed": True}}
+IN_FRONT = WALL | {"spawned": True, "size": [0.1, 0.4, 0.4], "pose": {"xyz": [0.74, 0.11, 0.7]}}
+MARK = {"shape": "sphere", "size": [0.03], "mass": 0.1, "fixed": True, "color": "yellow"} | {
+    "pose": {"xyz": [0.68, 0.11, 0.70]}
+}
 ON_FLOOR = CUBE | {"pose": {"xyz": [0.6, 0, 0.025]}}
 
 SCENARIOS = {
@@ -32,12 +36,14 @@ SCENARIOS = {
     "reach_to_pose": Scenario(),
     "go_home": Scenario(arm=PRESENTING),
     "move_joints": Scenario(),
+    "move_until_contact": Scenario({"wall": IN_FRONT}, arm=PRESENTING),
     "move_linear": Scenario(arm=PRESENTING),
     "move_through": Scenario(),
     "rotate_tool": Scenario(arm=PRESENTING),
     "stop": Scenario(),
     "spawn": Scenario({"cube": ON_FLOOR | {"spawned": False}}, again="FAILURE"),
     "remove": Scenario({"cube": ON_FLOOR}, again="FAILURE"),
+    "calibrate": Scenario({"mark": MARK}, arm=LOOKING),
     "track": Scenario(TARGET, arm=LOOKING),
 }
 """By skill. A new skill needs one: the conformance tests say so."""

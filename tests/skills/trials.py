@@ -219,6 +219,22 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"move_linear": {"offset": {"xyz": [0, 0.12, 0]}}}, {"objects": BESIDE}
     ),
     **moving("move_linear", {"move_linear": {"offset": {"xyz": [0, 0.1, 0]}}}, 0.4),
+    ("move_until_contact", "INVALID_TARGET"): Trial(
+        {"move_until_contact": {"direction": [0, 0, 0]}}
+    ),
+    ("move_until_contact", "FORCE_LIMIT"): Trial(
+        {"move_until_contact": {"direction": [1, 0, 0], "distance": 0.08, "speed": 0.1}},
+        {"arm": PRESENTING | {"force_limit": 10}},
+        moves=True,
+    ),
+    ("move_until_contact", "NO_CONTACT"): Trial(
+        {"move_until_contact": {"direction": [0, 0, 1], "distance": 0.03}}, moves=True
+    ),
+    **moving(
+        "move_until_contact",
+        {"move_until_contact": {"direction": [0, 1, 0], "force": 200, "speed": 0.3}},
+        0.4,
+    ),
     ("move_through", "INVALID_TARGET"): Trial(
         {"move_through": {"poses": [{"xyz": [0.4, 0, 0.7]}, {"xyz": [0.4, 0, 0.7]}]}}
     ),
@@ -269,6 +285,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("detach", "NOT_THERE"): Trial(LET_GO, {"before": REMOVED}),
     ("detach", "NOT_AT_REST"): Trial(LET_GO, {"before": (PICK, CARRY)}, moves=True),
     # Following
+    ("calibrate", "NO_CAMERA"): Trial({"calibrate": {}}, {"arm": BLIND}),
+    ("calibrate", "NOT_SEEN"): Trial({"calibrate": {"color": "red"}}),
+    ("calibrate", "NOT_STILL"): Trial(
+        {"calibrate": {"speed": 1.0}}, deeds=((4.0, shifts("mark", 0.02)),), moves=True
+    ),
+    **moving("calibrate", {"calibrate": {}}, 0.6, "arm1/panda_hand"),
     ("track", "NO_CAMERA"): Trial(TRACK, {"arm": BLIND}),
     ("track", "NOT_SEEN"): Trial({"track": TRACK["track"] | {"color": "red"}}),
     ("track", "LOST"): Trial(TRACK, deeds=((1.0, hides("cube")),), moves=True),

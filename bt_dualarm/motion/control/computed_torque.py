@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from bt_dualarm.errors import DivergenceError
+from bt_dualarm.motion.control.collision_watch import CollisionWatch
 from bt_dualarm.motion.control.dynamics import ArmDynamics
 from bt_dualarm.motion.control.friction import feed_forward
 from bt_dualarm.motion.control.momentum_observer import MomentumObserver
@@ -53,6 +54,8 @@ class ComputedTorque:
         saturated: Number of times that the efforts did not suffice.
         observer: What is known of the joints.
         touch: What is known of external torques.
+        hits: What tells a hit from all that is off in the model.
+        was_hit: Whether it does, at the last command.
         drift: Velocities of the joints without their tremor, of shape (dof,), rad/s.
     """
 
@@ -65,6 +68,8 @@ class ComputedTorque:
         self._name = arm
         self._hardware, self._nominal = world.hardware[arm], world.nominal[arm]
         self.observer = StateObserver(self._hardware.q, period, world.timestep)
+        self.hits = CollisionWatch(world.robots[arm].limits.effort, self._nominal.friction)
+        self.was_hit = False
         self.touch = MomentumObserver(len(self._hardware.q), period)
         # MuJoCo's Euler steps end with the velocity that they had in their middle.
         self._half_step = 0.5 * world.timestep
@@ -73,7 +78,7 @@ class ComputedTorque:
         self._before, self._tremor, self.drift, self._driving = np.zeros((4, len(self._limit)))
         self._calm = -math.expm1(-period / _TREMOR_S)
         self._weighing = Weighing(self._nominal, period) if self._nominal.weighs else None
-        self._take_up(self._nominal.loads)
+        self._take_up(self._nominal.loads, grace=False)
 
     def command(self, sent: SetPoint, time: float) -> Vector:
         """Command the torques for a set-point; returns how far behind each joint is, in rad.
@@ -82,7 +87,7 @@ class ComputedTorque:
             DivergenceError: A torque is not a number.
         """
         if self._held is not self._nominal.loads:
-            self._take_up(self._nominal.loads)
+            self._take_up(self._nominal.loads, grace=True)
         hardware, observer = self._hardware, self.observer
         observer.read(hardware.q)
         if self._weighing is not None:
@@ -95,7 +100,9 @@ class ComputedTorque:
         meant = sent.a + self._ahead * (sent.a - self._before)
         self._before = sent.a
         friction = feed_forward(self._nominal.friction, sent.v + self._half_period * meant)
-        rest = dynamics.bias + friction + self._compensation()
+        disturbing = dynamics.inertia_times(observer.disturbance)
+        self.was_hit = self.hits.take(dynamics, sent, disturbing)
+        rest = dynamics.bias + friction + self._compensation(disturbing)
         torque = rest + dynamics.inertia_times(meant + self._correction(sent))
         if not every(np.abs(torque) <= self._limit):
             if not np.isfinite(torque).all():
@@ -125,11 +132,10 @@ class ComputedTorque:
         correction: Vector = (2 * BANDWIDTH) * lag + BANDWIDTH**2 * error
         return correction
 
-    def _compensation(self) -> Vector:
-        """Torques, of shape (dof,), N m, against what disturbs the arm."""
+    def _compensation(self, disturbing: Vector) -> Vector:
+        """Torques, of shape (dof,), N m, against those that disturb the arm, likewise."""
         most = _COMPENSATED * self._limit
-        against = -self._dynamics.inertia_times(self.observer.disturbance)
-        compensation: Vector = np.clip(against, -most, most)
+        compensation: Vector = np.clip(-disturbing, -most, most)
         return compensation
 
     def _within_effort(self, wanted: Vector, rest: Vector) -> Vector:
@@ -156,13 +162,14 @@ class ComputedTorque:
         """Learn what the arm holds; what that changes, no joint feels."""
         observer = self.observer
         if weighing.take(observer.q, observer.v, sent.a, self._hardware.commanded):
-            self._take_up(self._nominal.loads)
+            self._take_up(self._nominal.loads, grace=False)
             self._dynamics.update(observer.q, observer.v)
             driving = self._driving - self._dynamics.bias
             observer.believe_instead(self._dynamics.accelerations(driving))
 
-    def _take_up(self, loads: tuple[NominalLoad, ...]) -> None:
-        """Reckon with what the arm holds now."""
+    def _take_up(self, loads: tuple[NominalLoad, ...], *, grace: bool) -> None:
+        """Reckon with what the arm holds now; ``grace`` where that is not what it held before."""
         self._held = loads
         self._dynamics = ArmDynamics(self._nominal, loads)
         self.touch.forget()
+        self.hits.forget(grace=grace)

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bt_dualarm.errors import RAISED_BY_SKILLS, Failure, ForceFailure, Number, TouchFailure
+from bt_dualarm.errors import RAISED_BY_SKILLS, Failure, Number
 from bt_dualarm.motion.control.computed_torque import ComputedTorque
 from bt_dualarm.motion.control.force_limit import ForceLimit
-from bt_dualarm.motion.control.way_back import way_back
+from bt_dualarm.motion.control.trouble import hit, left_behind, too_fast
+from bt_dualarm.motion.control.way_back import CONTACTS, way_back
 from bt_dualarm.motion.safety.guard import ArmGuard
 from bt_dualarm.motion.safety.reservation import Reservations
 from bt_dualarm.motion.setpoints.limiter import SetPointLimiter
@@ -61,10 +62,12 @@ class JointController:
         self._followed: SetPointSource | None = None
         # An arm may be told to keep to less than its robot can do: that breaks nothing.
         self._top_speed = self._robot.limits.velocity / world.declared_arms[name].limits.velocity
+        self._minds_hits, self._may_touch = world.declared_arms[name].collision.stop, False
         self._guard = ArmGuard(world, name, period, reservations)
         self._torque = ComputedTorque(world, name, period)
         self.touch = self._torque.touch
         self._force = ForceLimit(world, name, self.touch)
+        self._torque.hits.factor = world.declared_arms[name].collision.threshold
         self._hold = self.setpoint
 
     @property
@@ -103,12 +106,15 @@ class JointController:
         """No motion is commanded and the arm stands still."""
         return self._motion is None and bool((np.abs(self._torque.drift) < _STANDSTILL).all())
 
-    def follow(self, trajectory: Trajectory, *, along_path: bool = False) -> TrajectorySource:
+    def follow(
+        self, trajectory: Trajectory, *, along_path: bool = False, may_touch: bool = False
+    ) -> TrajectorySource:
         """Begin a motion; it must start where the last set-point was.
 
         Args:
             trajectory: Trajectory from rest to rest.
             along_path: Whether the tool's path matters, not only its end.
+            may_touch: Whether the arm is meant to touch something, so that it minds no hit.
 
         Raises:
             Failure: ``TRACKING_ERROR`` if it starts elsewhere.
@@ -122,14 +128,14 @@ class JointController:
             )
         motion = TrajectorySource(trajectory, along_path)
         self._motion, self.fault = motion, None
-        self._followed = motion
+        self._followed, self._may_touch = motion, may_touch
         return motion
 
-    def stream(self, source: Stream) -> None:
-        """Follow a stream of set-points until ``stop``."""
+    def stream(self, source: Stream, *, may_touch: bool = False) -> None:
+        """Follow a stream of set-points until ``stop``; as to ``may_touch``, see ``follow``."""
         jerk = self._robot.limits.jerk
         self._motion = StreamSource(source, self.setpoint, self.period, jerk)
-        self._followed, self.fault = self._motion, None
+        self._followed, self.fault, self._may_touch = self._motion, None, may_touch
 
     def stop(self) -> None:
         """Brake with bounded jerk and hold; harmless at rest, and where the arm brakes already."""
@@ -176,7 +182,7 @@ class JointController:
             return
         self.fault = refusal
         motion = self._motion
-        if motion is None or not isinstance(refusal, TouchFailure | ForceFailure):
+        if motion is None or not isinstance(refusal, CONTACTS):
             self.stop()
         else:
             self._give_in(way_back(motion, refusal, self._q, self.setpoint.v))
@@ -205,26 +211,17 @@ class JointController:
         share, report = max(shares.tolist()), self._guard.report
         report.fastest_share = max(report.fastest_share, share)
         if share > OVERSPEED and self.fault is None:
-            joint = self._robot.joints[int(np.argmax(shares))]
-            self.fault = Failure(
-                "TRACKING_ERROR",
-                f"joint {joint} was {share:.2f} times as fast as the robot allows: "
-                "the arm was pushed or its torque does not suffice",
-                joint_speed_share=share,
-            )
+            self.fault = too_fast(self._robot, shares)
             self.stop()
 
     def _watch(self, error: Vector) -> None:
-        worst = max(np.abs(error).tolist())
-        if worst > LEFT_BEHIND and self.fault is None:
-            joint = self._robot.joints[int(np.argmax(np.abs(error)))]
-            self.fault = Failure(
-                "TRACKING_ERROR",
-                f"joint {joint} is {np.degrees(worst):.1f}° behind its set-point: "
-                "the arm is blocked or its torque does not suffice",
-                joint_error_rad=worst,
-            )
+        if max(np.abs(error).tolist()) > LEFT_BEHIND and self.fault is None:
+            self.fault = left_behind(self._robot, error)
             self._give_in(self._q)
+        hits = self._torque.was_hit and self._minds_hits and not self._may_touch
+        if hits and self._motion is self._followed:
+            jacobian = self._nominal.tool_jacobian_at(self._q)[:3]
+            self._heed(hit(self._robot, self._torque.hits, jacobian))
 
     def _give_in(self, q: Vector) -> None:
         """Brake, then let the set-point return to ``q``, where the arm does not push."""

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from bt_dualarm.errors import Failure, ForceFailure
+from bt_dualarm.errors import Failure, ForceFailure, HitFailure, TouchFailure
 from bt_dualarm.motion.setpoints.set_point import SetPointSource
 from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
 from bt_dualarm.pose import Vector
+
+CONTACTS = (TouchFailure, ForceFailure, HitFailure)
+"""Failures after which it goes back at all."""
 
 BACK_OFF_S = 0.1
 """Planned seconds that an arm which touches something goes back."""

@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.motion.control.beliefs import Beliefs
 from bt_dualarm.motion.control.dynamics import ArmDynamics
-from bt_dualarm.motion.control.regressor import INERTIAL, TorqueRegressor, inertial_numbers
 from bt_dualarm.motion.control.state_observer import DRIVE_DELAY_S
+from bt_dualarm.motion.identification.beliefs import Beliefs
+from bt_dualarm.motion.identification.regressor import INERTIAL, TorqueRegressor, inertial_numbers
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.nominal.nominal_arm import NominalArm
 from bt_dualarm.world.nominal.nominal_load import NominalLoad

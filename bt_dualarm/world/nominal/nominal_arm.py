@@ -79,6 +79,17 @@ class NominalArm:
         mujoco.mj_camlight(self.model, data)
         return camera_pose(data, 0)
 
+    def correct_camera(self, correction: Pose) -> None:
+        """Believe the camera to be elsewhere on its link.
+
+        Args:
+            correction: Pose in the frame where it was believed to be (x right, y down, z forward).
+        """
+        model, flip = self.model, Pose.from_rpy((0.0, 0.0, 0.0), (np.pi, 0.0, 0.0))
+        believed = Pose(model.cam_pos[0].copy(), model.cam_quat[0].copy()) @ flip
+        mount = believed @ correction @ flip.inverse
+        model.cam_pos[0], model.cam_quat[0] = mount.position, mount.quaternion
+
     def tool_jacobian_at(self, q: Vector) -> Matrix:
         """Of the tool in the world: velocity, then angular velocity, by those of the joints.
 

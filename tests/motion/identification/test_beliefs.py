@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.motion.control.beliefs import Beliefs
+from bt_dualarm.motion.identification.beliefs import Beliefs
 
 
 def test_mean_and_covariance_are_those_of_least_squares() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.path_reality import curves, world_of
 from bt_dualarm.motion.control.dynamics import ArmDynamics
-from bt_dualarm.motion.control.regressor import TorqueRegressor, inertial_numbers
+from bt_dualarm.motion.identification.regressor import TorqueRegressor, inertial_numbers
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.world.robots.catalogue import robot_names
 

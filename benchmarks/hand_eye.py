@@ -1,0 +1,95 @@
+"""How well arms find out where their wrist camera sits.
+
+    python -m benchmarks.hand_eye [--sets lab rough] [--seeds 5] [--robots panda]
+
+An arm looks at a yellow ball that stands 0.35 m before its camera, as `calibrate` does. Printed is,
+before and after, against the simulator: by how much a thing there, in the middle of the image, is
+misjudged across the view; how far the camera is from where it is believed to be; and what the
+images leave unexplained.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+
+import numpy as np
+
+import bt_dualarm as bt
+from bt_dualarm.pose import Pose
+from bt_dualarm.world.nominal.camera_pose import camera_pose
+from bt_dualarm.world.world import World
+
+AWAY_M = 0.35
+POSTURES = {"panda": "look_out"}
+BASE = {"xyz": [1.60, 0.11, 0.28], "rpy": [0, 0, 180]}
+
+
+@dataclass(frozen=True)
+class Error:
+    """How far a camera is from where it is believed to be: mm, degrees, mm at the target."""
+
+    shift_mm: float
+    turn_deg: float
+    aim_mm: float
+
+
+def error_of(world: World) -> Error:
+    """The error of the hand-eye calibration of the arm ``arm1`` now."""
+    body = world.arms["arm1"]
+    believed = world.nominal["arm1"].camera_pose_at(body.q)
+    off = believed.inverse @ camera_pose(world.data, body.camera_id)
+    ahead = off.apply(np.array((0.0, 0.0, AWAY_M)))[:2]
+    aim = 1e3 * float(np.linalg.norm(ahead))
+    shift = 1e3 * float(np.linalg.norm(off.position))
+    return Error(shift, float(np.degrees(off.angle(Pose.identity()))), aim)
+
+
+def calibrated(robot: str, reality: str, seed: int) -> tuple[Error, Error, bt.LeafResult]:
+    """The error before and after, and what the leaf has measured."""
+    camera = {"mount": "wrist", "resolution": [320, 240], "fov": 50, "fps": 60}
+    arm = {"robot": robot, "base": BASE, "posture": POSTURES.get(robot, "home"), "camera": camera}
+    tree = {
+        "bt_dualarm": 1,
+        "name": "hand_eye",
+        "world": {"scene": "empty", "time_limit": 120, "reality": reality},
+        "objects": {},
+        "arms": {"arm1": {**arm, "tree": {"calibrate": {"distance": AWAY_M}}}},
+    }
+    with bt.open(tree, seed=seed, renderer="ray") as run:
+        view = run.world.nominal["arm1"].camera_pose_at(run.world.hardware["arm1"].q)
+    place = view.apply(np.array((0.0, 0.0, AWAY_M))).tolist()
+    ball = {"shape": "sphere", "size": [0.03], "mass": 0.1, "fixed": True, "color": "yellow"}
+    tree["objects"] = {"mark": {**ball, "pose": {"xyz": place}}}
+    with bt.open(tree, seed=seed, renderer="ray") as run:
+        before = error_of(run.world)
+        result = run.finish()
+        after = error_of(run.world)
+    return before, after, result.arms["arm1"].leaves["calibrate"]
+
+
+def main() -> None:
+    """Print a line a robot of the batch."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--robots", nargs="+", default=["panda"])
+    parser.add_argument("--sets", nargs="+", default=["lab", "rough"])
+    parser.add_argument("--seeds", type=int, default=5)
+    arguments = parser.parse_args()
+    for robot in arguments.robots:
+        for reality in arguments.sets:
+            for seed in range(arguments.seeds):
+                before, after, leaf = calibrated(robot, reality, seed)
+                print(
+                    f"{robot:6} {reality:6} {seed} {leaf.status} {leaf.reason} "
+                    f"views {leaf.metrics.get('views')} "
+                    f"aim {before.aim_mm:.2f} -> {after.aim_mm:.2f} mm, "
+                    f"place {before.shift_mm:.2f} -> {after.shift_mm:.2f} mm, "
+                    f"turn {before.turn_deg:.3f} -> {after.turn_deg:.3f} deg, residual "
+                    f"{leaf.metrics.get('residual_before_px', np.nan):.2f} -> "
+                    f"{leaf.metrics.get('residual_px', np.nan):.2f} px",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()

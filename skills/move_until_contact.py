@@ -1,0 +1,86 @@
+"""Move the tool straight until it touches something: a guarded move."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+
+from bt_dualarm import Failure, PortModel, Pose, Skill, Speed, Vector, Vector3, line_path, port
+
+_TARE_S = (0.1, 0.5)
+"""How long ago the force was that counts as none: friction and masses that are off are in it."""
+
+_EDGE_S = 0.35
+"""At the beginning and the end of the way, where joints break loose and stick: nothing counts."""
+
+
+class MoveUntilContact(Skill):
+    """Move the tool straight until it feels a force against its motion, and stay there."""
+
+    class Ports(PortModel):
+        direction: Vector3 = port((0.0, 0.0, -1.0), "way of the tool, world axes")
+        distance: float = port(0.10, "farthest that it goes", unit="m", ge=0.001, le=1.0)
+        force: float = port(15.0, "force against the motion that ends it", unit="N", ge=1, le=200)
+        speed: Speed = port(0.01, "share of the arm's limits")
+
+    failures = {
+        "INVALID_TARGET": "the direction has no length",
+        "NO_CONTACT": "the tool felt nothing all the way",
+        "FORCE_LIMIT": "it pressed harder than the arm may, before it had stopped",
+        "TRACKING_ERROR": "the arm could not follow",
+        "BUSY": "another leaf moves the arm",
+    }
+    example = "move_until_contact: {direction: [1, 0, 0], distance: 0.08}"
+    needs = ("scipy.interpolate",)
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Go, compare the force with what it was a moment ago, stop, no longer press."""
+        way = self._way()
+        start = self.arm.commanded_tool_pose
+        end = Pose(start.position + self.ports.distance * way, start.quaternion)
+        q = self.arm.kinematics.follow(line_path(start, end).poses, self.arm.setpoint.q)
+        motion = self.arm.begin(self.arm.time_path(q, self.ports.speed), may_touch=True)
+        felt, duration = deque[tuple[float, float]](), motion.trajectory.duration
+        while not motion.done:
+            yield motion.progress
+            self.arm.check()
+            force = self._rise(felt, -float(way @ self.arm.external_wrench[:3]))
+            gone = motion.progress * duration
+            if force > self.ports.force and _EDGE_S < gone < duration - _EDGE_S:
+                self._note(force, start)
+                yield from self.arm.halt()
+                yield from self.arm.relax()
+                return
+        yield from self.arm.settle()
+        raise Failure(
+            "NO_CONTACT",
+            f"the tool felt nothing on {1e3 * self.ports.distance:.0f} mm",
+            distance_m=self.ports.distance,
+        )
+
+    def _way(self) -> Vector:
+        direction = np.asarray(self.ports.direction)
+        length = float(np.linalg.norm(direction))
+        if length < 1e-6:
+            raise Failure("INVALID_TARGET", "the direction has no length")
+        return direction / length
+
+    def _rise(self, felt: deque[tuple[float, float]], force: float) -> float:
+        """By how much a force in N is more than it was a moment ago."""
+        now, (latest, earliest) = self.time, _TARE_S
+        felt.append((now, force))
+        while now - felt[0][0] > earliest:
+            felt.popleft()
+        before = [one for at, one in felt if now - at >= latest]
+        return force - float(np.mean(before)) if before else 0.0
+
+    def _note(self, force: float, start: Pose) -> None:
+        place = self.arm.tool_pose.position
+        self.metrics |= {
+            "contact_force_n": force,
+            "contact_after_m": float(np.linalg.norm(place - start.position)),
+            **dict(zip(("contact_x_m", "contact_y_m", "contact_z_m"), place.tolist(), strict=True)),
+        }

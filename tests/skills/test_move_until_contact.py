@@ -1,0 +1,46 @@
+"""A guarded move ends at what is there, whatever the robot is off by, and not before."""
+
+from __future__ import annotations
+
+import pytest
+
+from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
+from bt_dualarm.pose import Pose
+from bt_dualarm.world.robots.catalogue import load_robot
+from tests.plays import Stage
+from tests.skills.scenarios import ABOVE, Tree
+
+GAP_M = 0.05
+DOWN: Tree = {"move_until_contact": {"direction": [0, 0, -1], "distance": 0.09}}
+
+
+def above(robot: str, reality: str, plate: bool) -> Tree:
+    """An arm over a plate, or over nothing."""
+    page = load_robot(robot)
+    kinematics = Kinematics(page, Pose.from_rpy((0.0, 0.0, 0.40)))
+    x, y, z = kinematics.forward(page.postures["home"]).position.tolist()
+    slab: Tree = {"shape": "box", "size": [0.3, 0.3, 0.04], "mass": 5, "fixed": True}
+    slab["pose"] = {"xyz": [x, y, z - GAP_M - 0.02]}
+    return {
+        "world": {"scene": "empty", "time_limit": 30, "reality": reality},
+        "objects": {"plate": slab} if plate else {},
+        "arms": {"arm1": {"robot": robot, "base": ABOVE, "tree": DOWN}},
+    }
+
+
+@pytest.mark.parametrize(
+    ("robot", "reality", "seed"),
+    [("ur5", "lab", 1), ("ur10", "rough", 0), ("xarm7", "lab", 0), ("ur3", "rough", 2)],
+)
+def test_it_ends_at_the_surface(robot: str, reality: str, seed: int, stage: Stage) -> None:
+    leaf = stage.run(above(robot, reality, plate=True), seed=seed).leaf("move_until_contact")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["contact_after_m"] == pytest.approx(GAP_M, abs=2e-3)
+    assert float(leaf.metrics["contact_force_n"]) > 15.0
+    assert leaf.metrics["touched"] == "plate"
+
+
+@pytest.mark.parametrize(("robot", "reality"), [("ur5", "lab"), ("panda", "rough")])
+def test_it_feels_nothing_where_nothing_is(robot: str, reality: str, stage: Stage) -> None:
+    leaf = stage.run(above(robot, reality, plate=False), seed=1).leaf("move_until_contact")
+    assert leaf.code == "NO_CONTACT", leaf.metrics
