@@ -13,6 +13,8 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, Final, TypeAlias
 
+_leave = os._exit  # whatever else is called by that name while skills are imported
+
 _Handler: TypeAlias = Callable[[int, FrameType | None], Any] | signal.Handlers | int | None
 
 _DEFAULTS: Final[dict[signal.Signals, _Handler]] = {
@@ -61,7 +63,7 @@ class EarlySignals:
         """Handle a signal; the second one ends the process at once."""
         self.numbers.append(number)
         if len(self.numbers) > 1:
-            os._exit(self.exit_code(0))
+            _leave(self.exit_code(0))
         sys.unraisablehook = lambda _: None  # a clean-up that it met has nothing to tell
         if self._interrupts:
             raise KeyboardInterrupt

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from bt_dualarm.pose import Matrix, Pose, Vector
 

@@ -44,7 +44,8 @@ found = []
 for runs in {RUNS}:
     for _ in range(runs):
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            getattr(cli, sys.argv[1])(sys.argv[2:])
+            with contextlib.suppress(SystemExit):  # what `--help` ends with
+                getattr(cli, sys.argv[1])(sys.argv[2:])
     found.append(taken())
 print(json.dumps(found))
 """
