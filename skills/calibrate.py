@@ -91,7 +91,7 @@ class Calibrate(Skill):
     def run(self) -> Iterator[float | None]:
         """Look from the places that can be reached, solve, go back, believe it from now on."""
         arm, looks = self.arm, MarkViews(self.arm, self.ports.color)
-        yield from arm.halt()  # what was halted before may still be on its way
+        yield from arm.think()  # what was halted before may still be on its way
         start = arm.setpoint.q
         first = yield from looks.look()
         if first is None:
