@@ -45,14 +45,14 @@ class CollisionWatch:
     Args:
         effort: Effort limits of the joints, of shape (dof,), N m.
         friction: Friction of the joints, as far as that is known.
+        factor: Factor of all thresholds.
 
     Attributes:
-        factor: Factor of all thresholds.
         change: Change of the torques from outside, of shape (dof,), N m.
         threshold: What counts as a hit, likewise.
     """
 
-    def __init__(self, effort: Vector, friction: JointFriction) -> None:
+    def __init__(self, effort: Vector, friction: JointFriction, factor: float) -> None:
         dry = np.maximum(friction.static, friction.coulomb)
         self._turning = 2.0 * dry
         self._variance = np.square(_FIRST * effort)
@@ -62,7 +62,7 @@ class CollisionWatch:
         self._asked: deque[Vector] = deque(maxlen=SPAN + 1)
         self._since_turn = np.zeros(len(effort))
         self._grace = 0
-        self.factor = 1.0
+        self._factor = factor
         self._count = 0
         self.change, self.threshold = np.zeros((2, len(effort)))
 
@@ -87,7 +87,7 @@ class CollisionWatch:
         turns = self._since_turn < _AFTER
         changing = np.abs(dynamics.inertia_times(sent.a - self._asked[0]))
         allowed = MODEL_SHARE * changing + turns * self._turning
-        self.threshold = self.factor * (allowed + DEVIATIONS * np.sqrt(self._variance))
+        self.threshold = self._factor * (allowed + DEVIATIONS * np.sqrt(self._variance))
         size = np.abs(self.change)
         self._count += 1
         if self._count % SPAN == 0:

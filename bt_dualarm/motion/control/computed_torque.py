@@ -54,7 +54,7 @@ class ComputedTorque:
         saturated: Number of times that the efforts did not suffice.
         observer: What is known of the joints.
         touch: What is known of external torques.
-        hits: What tells a hit from all that is off in the model.
+        hits: What tells a hit from all that is off in the model; None of an arm that minds none.
         was_hit: Whether it does, at the last command.
         drift: Velocities of the joints without their tremor, of shape (dof,), rad/s.
     """
@@ -68,7 +68,9 @@ class ComputedTorque:
         self._name = arm
         self._hardware, self._nominal = world.hardware[arm], world.nominal[arm]
         self.observer = StateObserver(self._hardware.q, period, world.timestep)
-        self.hits = CollisionWatch(world.robots[arm].limits.effort, self._nominal.friction)
+        minds = world.declared_arms[arm].collision
+        effort, friction = world.robots[arm].limits.effort, self._nominal.friction
+        self.hits = CollisionWatch(effort, friction, minds.threshold) if minds.stop else None
         self.was_hit = False
         self.touch = MomentumObserver(len(self._hardware.q), period)
         # MuJoCo's Euler steps end with the velocity that they had in their middle.
@@ -101,7 +103,8 @@ class ComputedTorque:
         self._before = sent.a
         friction = feed_forward(self._nominal.friction, sent.v + self._half_period * meant)
         disturbing = dynamics.inertia_times(observer.disturbance)
-        self.was_hit = self.hits.take(dynamics, sent, disturbing)
+        if self.hits is not None:
+            self.was_hit = self.hits.take(dynamics, sent, disturbing)
         rest = dynamics.bias + friction + self._compensation(disturbing)
         torque = rest + dynamics.inertia_times(meant + self._correction(sent))
         if not every(np.abs(torque) <= self._limit):
@@ -172,4 +175,5 @@ class ComputedTorque:
         self._held = loads
         self._dynamics = ArmDynamics(self._nominal, loads)
         self.touch.forget()
-        self.hits.forget(grace=grace)
+        if self.hits is not None:
+            self.hits.forget(grace=grace)

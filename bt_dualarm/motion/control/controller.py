@@ -62,12 +62,11 @@ class JointController:
         self._followed: SetPointSource | None = None
         # An arm may be told to keep to less than its robot can do: that breaks nothing.
         self._top_speed = self._robot.limits.velocity / world.declared_arms[name].limits.velocity
-        self._minds_hits, self._may_touch = world.declared_arms[name].collision.stop, False
+        self._may_touch = False
         self._guard = ArmGuard(world, name, period, reservations)
         self._torque = ComputedTorque(world, name, period)
         self.touch = self._torque.touch
         self._force = ForceLimit(world, name, self.touch)
-        self._torque.hits.factor = world.declared_arms[name].collision.threshold
         self._hold = self.setpoint
 
     @property
@@ -218,10 +217,11 @@ class JointController:
         if max(np.abs(error).tolist()) > LEFT_BEHIND and self.fault is None:
             self.fault = left_behind(self._robot, error)
             self._give_in(self._q)
-        hits = self._torque.was_hit and self._minds_hits and not self._may_touch
-        if hits and self._motion is self._followed:
+        hits = self._torque.hits
+        was_hit = self._torque.was_hit and not self._may_touch
+        if hits is not None and was_hit and self._motion is self._followed:
             jacobian = self._nominal.tool_jacobian_at(self._q)[:3]
-            self._heed(hit(self._robot, self._torque.hits, jacobian))
+            self._heed(hit(self._robot, hits, jacobian))
 
     def _give_in(self, q: Vector) -> None:
         """Brake, then let the set-point return to ``q``, where the arm does not push."""
