@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -67,14 +67,7 @@ class OnGuessedPlane(Localiser):
 
     def relocate(self, sighting: Sighting) -> Sighting:
         """Where its line of sight meets the plane as it is believed now."""
-        eye, normal = sighting.camera.position, self._normal
-        nearer = float(normal @ (self.ahead - eye)) / float(normal @ (sighting.point - eye))
-        return replace(
-            sighting,
-            point=eye + nearer * (sighting.point - eye),
-            sigma=nearer * sighting.sigma,
-            side=nearer * sighting.side,
-        )
+        return self._plane.relocate(sighting)
 
     def learn(self, detection: Detection, frame: Frame) -> bool:
         """Bring the plane nearer if the target seems to move against a camera that swings."""

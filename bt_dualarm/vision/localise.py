@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -125,6 +125,18 @@ class OnPlane(Localiser):
             np.maximum(sigma, _HELD_SIGMA_M),
             math.sqrt(detection.area_px) * across,
             frame.pose,
+        )
+
+    def relocate(self, sighting: Sighting) -> Sighting:
+        """Along its line of sight to this plane."""
+        eye = sighting.camera.position
+        line = sighting.point - eye
+        farther = float(self.normal @ (self.point - eye)) / float(self.normal @ line)
+        return replace(
+            sighting,
+            point=eye + farther * line,
+            sigma=farther * sighting.sigma,
+            side=farther * sighting.side,
         )
 
     def corners(self, point: Vector, frame: Frame) -> Matrix:  # noqa: ARG002 - see ``Localiser``

@@ -17,6 +17,7 @@ _PLANE_MEMORY_FRAMES = 30
 _FLANK_ROUNDS = 2
 _KNOWN_AFTER_FRAMES = 10
 _KNOWN_TO = 0.01  # share of the depth
+_HELD_TO = 0.002  # of the depth, too: a mean that has gone no farther leaves the plane where it is
 
 
 class OnPlaneOfSize(Localiser):
@@ -24,7 +25,9 @@ class OnPlaneOfSize(Localiser):
 
     The place is a running mean over the last ``_PLANE_MEMORY_FRAMES`` that were learnt: much
     steadier than one image's. A cube seen from ahead counts for far more than one whose flanks may
-    be in view: whether they are in the dark, or stand on something, its size does not tell.
+    be in view: whether they are in the dark, or stand on something, its size does not tell. All is
+    located on one plane until the mean has gone elsewhere: then all of it has been there before,
+    too, as a depth that is better known is no motion of the target.
 
     Args:
         normal: Unit vector of the plane, of shape (3,).
@@ -38,6 +41,7 @@ class OnPlaneOfSize(Localiser):
         self._by_size = OfSize(side)
         self._cube = cube
         self._place = RunningMean(1)
+        self._plane: OnPlane | None = None
         self._count = 0
         self._faced: tuple[Detection, Detection] | None = None
 
@@ -47,9 +51,9 @@ class OnPlaneOfSize(Localiser):
 
     def meet(self, face: Detection, frame: Frame) -> Sighting:
         """On the plane, as soon as it is known; see ``Localiser``."""
-        if self._count == 0:
+        if self._count == 0 or self._plane is None:
             return self._by_size.locate(face, frame)
-        return OnPlane(self._place.value[0] * self._normal, self._normal).locate(face, frame)
+        return self._plane.locate(face, frame)
 
     def learn(self, detection: Detection, frame: Frame) -> bool:
         """Take its size into the mean; one that is cut off says nothing."""
@@ -61,7 +65,11 @@ class OnPlaneOfSize(Localiser):
         self._place.take(self._normal[None] @ found.point, doubt, _PLANE_MEMORY_FRAMES)
         self._count += 1
         self._faced = None
-        return False
+        return self._hold(frame)
+
+    def relocate(self, sighting: Sighting) -> Sighting:
+        """On the plane as it is known now; see ``Localiser``."""
+        return sighting if self._plane is None else self._plane.relocate(sighting)
 
     def forget(self) -> None:
         """Drop where the plane is."""
@@ -84,6 +92,17 @@ class OnPlaneOfSize(Localiser):
         if not self._cube:
             return 0.0
         return flank_share(frame, point, self._normal, self._by_size.side)
+
+    def _hold(self, frame: Frame) -> bool:
+        """Put the plane where the mean is by now, if it is elsewhere; whether it was."""
+        place = self._place.value[0] * self._normal
+        known = self._plane
+        if known is not None:
+            moved, depth = (self._normal @ (place - p) for p in (known.point, frame.pose.position))
+            if abs(moved) <= _HELD_TO * abs(depth):
+                return False
+        self._plane = OnPlane(place, self._normal)
+        return known is not None
 
     def _face(self, detection: Detection, frame: Frame) -> Detection:
         if not self._cube:

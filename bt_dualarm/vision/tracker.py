@@ -22,6 +22,7 @@ from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
 _MIN_DEPTH_M = 0.02
 _FORESEEN_S = 0.5  # a target that was lost is looked for where it should be after this long
 _RELOCATED, _RELOCATED_S = 60, 1.0  # most sightings, and oldest, that make an estimate anew
+_RESIZED = 0.01  # by less, what is known of its size still fits
 _FORGOTTEN_S = 1.0  # and after this long one of another size is taken for it, too
 
 
@@ -206,9 +207,11 @@ class TargetTracker:
 
     def _relocate(self, stamp: float) -> None:
         """Estimate anew from what was seen of late, where it was by what is known now."""
-        self._outline.forget()
+        newest = self.sightings[-1]
+        if abs(self._localiser.relocate(newest).side / newest.side - 1.0) > _RESIZED:
+            self._outline.forget()
         self._estimate = self._estimate.anew()
-        for sighting in self.sightings[-_RELOCATED:]:
+        for sighting in self.sightings[-min(_RELOCATED, self._in_row) :]:
             if sighting.stamp > stamp - _RELOCATED_S:
                 now = self._localiser.relocate(sighting)
                 self._estimate.update(now.stamp, now.point, now.sigma)

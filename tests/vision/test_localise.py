@@ -131,3 +131,16 @@ def test_looking_at_another_thing_does_not_change_the_plane() -> None:
     localiser.learn(seen(frame, point), frame)
     localiser.locate(seen(frame, np.array([0.05, 0.0, 1.5])), frame)
     assert localiser.locate(seen(frame, point), frame).point == pytest.approx(point, abs=1e-9)
+
+
+def test_what_was_seen_before_lies_on_the_plane_that_is_known_now() -> None:
+    """A second image that counts as much puts the plane half way, and the first sighting there."""
+    frame, point = frame_from(Pose.identity()), np.array([0.04, -0.02, 0.5])
+    localiser = OnPlaneOfSize(np.array([0.0, 0.0, 1.0]), SIDE_M)
+    first = localiser.locate(seen(frame, point * 1.04), frame)
+    assert not localiser.learn(seen(frame, point * 1.04), frame)
+    assert localiser.learn(seen(frame, point), frame)
+    again = localiser.relocate(first)
+    assert again.point == pytest.approx(1.02 * point, rel=1e-3)
+    assert again.side == pytest.approx(first.side * again.point[2] / first.point[2])
+    assert not localiser.learn(seen(frame, again.point), frame)
