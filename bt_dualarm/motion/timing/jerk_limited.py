@@ -7,15 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from bt_dualarm.motion.timing.kernel_arrays import Parabolas, Spline
 from bt_dualarm.motion.timing.law import Rows, SetPoints
-from bt_dualarm.motion.timing.limit_use import (
-    SharesOfLimits,
-    shares_at,
-    shares_of_limits,
-    shares_of_motion,
-)
+from bt_dualarm.motion.timing.limit_use import SharesOfLimits, shares_at, shares_of_limits
 from bt_dualarm.motion.timing.profile import Profile
-from bt_dualarm.motion.timing.time_optimal import fastest_profile, grid_of
+from bt_dualarm.motion.timing.time_optimal import TimeOptimal
 from bt_dualarm.motion.timing.trajectory import LONG, Trajectory
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
@@ -30,9 +26,6 @@ the acceleration changes sides, but it gives little away where a motion begins a
 _NODES = 4000
 """Most places in time at which a motion is judged; else there are two for each set-point, as the
 set-points will fall elsewhere once time is stretched."""
-
-_JUDGED = 30_000
-"""Set-points of a long motion that are judged once its stretch is known."""
 
 _NARROWEST = 2.0 / _NODES
 """Least width of the average over a long motion, as a share of its duration: places at which it is
@@ -53,6 +46,9 @@ _BACK = 1.15
 _SHORT = 1.01
 """Of the shortest time without jerk limits: no search for less."""
 
+_JUDGED = 30_000
+"""Set-points of a long motion that are judged once its stretch is known."""
+
 
 @dataclass(frozen=True, eq=False)
 class AveragedMotion:
@@ -61,23 +57,11 @@ class AveragedMotion:
     path: scipy.interpolate.CubicSpline
     profile: Profile
     width: float
-    limits: JointLimits
 
     @property
     def unstretched(self) -> float:
         """Duration before time is stretched, in seconds."""
         return self.profile.duration + self.width
-
-    def judged(self, dt: float) -> tuple[Vector, Vector]:
-        """Places along the path, and by how much time there must be stretched: (n,) each."""
-        step = min(max(0.5 * dt, self.unstretched / _NODES), self.width)
-        index = np.arange(len(StretchedMotion(self, step, 1.0)))
-        s, rate, bend = self.profile.smoothed(
-            np.minimum(index * step, self.unstretched), self.width
-        )
-        v, a = self.derivatives(s, rate[:, None], bend[:, None])
-        v[[0, -1]] = a[[0, -1]] = 0.0  # rounding of the average
-        return s, _needed(shares_of_motion(v, a, step, self.limits))
 
     def derivatives(self, s: Vector, rate: Matrix, bend: Matrix) -> tuple[Matrix, Matrix]:
         """Velocities and accelerations of the joints, of shape (n, dof).
@@ -124,6 +108,115 @@ class StretchedMotion:
         return Trajectory(self.dt, *self.rows(np.arange(len(self))))
 
 
+def shortest_motion(
+    path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float
+) -> tuple[AveragedMotion, float]:
+    """The shortest motion found, and the stretch of time that it needs.
+
+    Where a place on the path would make all of it slow, as the tip of a narrow curve does, or a
+    change from speeding up to slowing down, the acceleration is lowered there and the fastest
+    motion sought again.
+
+    Args:
+        path: Joint angles in rad over a path parameter that starts at zero.
+        limits: Velocity, acceleration and jerk to keep.
+        dt: Time between set-points in seconds.
+    """
+    return _Search(path, limits, dt).shortest()
+
+
+class _Search:
+    """The motions along one path that are tried."""
+
+    def __init__(self, path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float) -> None:
+        self._path, self._dt = path, dt
+        period = float(path.x[-1]) if path.extrapolate == "periodic" else 0.0
+        self._spline = Spline(path.x, np.ascontiguousarray(path.c.swapaxes(0, 1)), period)
+        self._limits = np.array((limits.velocity, limits.acceleration, limits.jerk))
+        self._ramp = float((limits.acceleration / limits.jerk).max())
+        self._optimal = TimeOptimal(path, limits)
+
+    def shortest(self) -> tuple[AveragedMotion, float]:
+        """As `shortest_motion`."""
+        fastest = self._optimal.profile(np.ones_like(self._optimal.grid))
+        best, stretch = self._best_width(fastest)
+        narrowest = self._narrowest(fastest)
+        for width in (max(_RAMP * self._ramp, narrowest), best.width):
+            if best.unstretched * stretch < _SHORT * fastest.duration:
+                break
+            tried, needed = self._redistributed(AveragedMotion(self._path, fastest, width))
+            if tried.unstretched * needed < best.unstretched * stretch:
+                return tried, needed
+        return best, stretch
+
+    def _best_width(self, profile: Profile) -> tuple[AveragedMotion, float]:
+        """The width whose motion is the shortest, and the stretch of time that it needs."""
+        low, high = min(self._narrowest(profile), 0.1 * profile.duration), 2.0 * profile.duration
+        best, stretch, least = AveragedMotion(self._path, profile, high), np.inf, np.inf
+        for count in _WIDTHS:
+            for width in np.geomspace(low, high, count).tolist():
+                motion = AveragedMotion(self._path, profile, width)
+                needed = float(self._judged(motion, least / motion.unstretched)[1].max())
+                if motion.unstretched * needed < least:
+                    best, stretch, least = motion, needed, motion.unstretched * needed
+            reach = (high / low) ** (1.0 / (count - 1))
+            low, high = best.width / reach, best.width * reach
+        return best, stretch
+
+    def _narrowest(self, profile: Profile) -> float:
+        """Least width of the average in seconds: a step between set-points, else more."""
+        dt, duration = self._dt, profile.duration
+        return dt if duration <= LONG * dt else max(dt, _NARROWEST * duration)
+
+    def _redistributed(self, motion: AveragedMotion) -> tuple[AveragedMotion, float]:
+        """The shortest motion of the same width, and the stretch of time that it needs."""
+        share = np.ones_like(self._optimal.grid)
+        best, least, since = motion, float("inf"), 0
+        for _ in range(_ROUNDS):
+            places, needed = self._judged(motion)
+            stretch = float(needed.max())
+            since += 1
+            if motion.unstretched * stretch < 0.998 * best.unstretched * least:
+                best, least, since = motion, stretch, 0
+            if since == _IDLE:
+                break
+            share = np.clip(share * self._shares_needed(motion, places, needed), 1e-2, 1.0)
+            motion = AveragedMotion(self._path, self._optimal.profile(share), motion.width)
+        return best, least
+
+    def _judged(self, motion: AveragedMotion, most: float = np.inf) -> tuple[Vector, Vector]:
+        """Places along the path, and by how much time must be stretched there: (n,) each.
+
+        No further than to where that is more than ``most``.
+        """
+        from bt_dualarm.motion.timing.average_kernels import (
+            enter_average,
+            enter_joints,
+            enter_shares,
+        )
+
+        step = min(max(0.5 * self._dt, motion.unstretched / _NODES), motion.width)
+        count = len(StretchedMotion(motion, step, 1.0))
+        course, shares = np.empty((2, 3, count))
+        v, a = np.empty((2, count, self._limits.shape[1]))
+        profile = motion.profile
+        parabolas = Parabolas(profile.time, profile.place, profile.rate, *profile.pieces)
+        enter_average(parabolas, motion.width, step, course)
+        enter_joints(self._spline, course, v, a)
+        count = enter_shares(v, a, step, self._limits, most, shares)
+        velocity, acceleration, jerk = shares[:, :count]
+        return course[0, :count], _needed((velocity, acceleration, jerk))
+
+    def _shares_needed(self, motion: AveragedMotion, places: Vector, needed: Vector) -> Vector:
+        """By what the acceleration at each place of the grid should be multiplied, (n,)."""
+        # A set-point is an average over the width: whatever lies within it is to blame.
+        reach = max(int(0.5 * motion.width / motion.unstretched * len(needed)), 1)
+        blamed = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
+        # Stretching time by r takes r² from the acceleration.
+        shares: Vector = np.interp(self._optimal.grid, places, blamed) ** (-2.0 * _GAIN)
+        return np.clip(shares, 1e-2, _BACK)
+
+
 def stretch_of(motion: StretchedMotion, limits: JointLimits) -> float:
     """By how much time must be stretched once more to keep the limits; at most 1 if it keeps them.
 
@@ -144,75 +237,3 @@ def _needed(shares: SharesOfLimits) -> Vector:
     velocity, acceleration, jerk = shares
     needed: Vector = np.maximum(np.maximum(velocity, np.sqrt(acceleration)), np.cbrt(jerk))
     return needed
-
-
-def shortest_motion(
-    path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float
-) -> tuple[AveragedMotion, float]:
-    """The shortest motion found, and the stretch of time that it needs.
-
-    Where a place on the path would make all of it slow, as the tip of a narrow curve does, or a
-    change from speeding up to slowing down, the acceleration is lowered there and the fastest
-    motion sought again.
-    """
-    fastest = fastest_profile(path, limits)
-    best, stretch = _best_width(path, fastest, limits, dt)
-    ramp = float((limits.acceleration / limits.jerk).max())
-    for width in (max(_RAMP * ramp, _narrowest(fastest, dt)), best.width):
-        if best.unstretched * stretch < _SHORT * fastest.duration:
-            break
-        tried, needed = _redistributed(AveragedMotion(path, fastest, width, limits), dt)
-        if tried.unstretched * needed < best.unstretched * stretch:
-            return tried, needed
-    return best, stretch
-
-
-def _redistributed(motion: AveragedMotion, dt: float) -> tuple[AveragedMotion, float]:
-    """The shortest motion of the same width, and the stretch of time that it needs."""
-    path, limits, width = motion.path, motion.limits, motion.width
-    share = np.ones_like(grid_of(path))
-    best, least, since = motion, float("inf"), 0
-    for _ in range(_ROUNDS):
-        places, needed = motion.judged(dt)
-        stretch = float(needed.max())
-        since += 1
-        if motion.unstretched * stretch < 0.998 * best.unstretched * least:
-            best, least, since = motion, stretch, 0
-        if since == _IDLE:
-            break
-        share = np.clip(share * _shares_needed(motion, places, needed), 1e-2, 1.0)
-        motion = AveragedMotion(path, fastest_profile(path, limits, share), width, limits)
-    return best, least
-
-
-def _best_width(
-    path: scipy.interpolate.CubicSpline, profile: Profile, limits: JointLimits, dt: float
-) -> tuple[AveragedMotion, float]:
-    """The width whose motion is the shortest, and the stretch of time that it needs."""
-    low, high = min(_narrowest(profile, dt), 0.1 * profile.duration), 2.0 * profile.duration
-    tried: list[tuple[float, AveragedMotion, float]] = []
-    for count in _WIDTHS:
-        for width in np.geomspace(low, high, count).tolist():
-            motion = AveragedMotion(path, profile, width, limits)
-            stretch = float(motion.judged(dt)[1].max())
-            tried.append((motion.unstretched * stretch, motion, stretch))
-        _, best, stretch = min(tried, key=lambda one: one[0])
-        reach = (high / low) ** (1.0 / (count - 1))
-        low, high = best.width / reach, best.width * reach
-    return best, stretch
-
-
-def _narrowest(profile: Profile, dt: float) -> float:
-    """Least width of the average in seconds: a step between set-points, more on long motions."""
-    duration = profile.duration
-    return dt if duration <= LONG * dt else max(dt, _NARROWEST * duration)
-
-
-def _shares_needed(motion: AveragedMotion, places: Vector, needed: Vector) -> Vector:
-    """By what the acceleration at each place of the grid should be multiplied, of shape (n,)."""
-    # A set-point is an average over the width: whatever lies within it is to blame.
-    reach = max(int(0.5 * motion.width / motion.unstretched * len(needed)), 1)
-    blamed = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
-    # Stretching time by r takes r² from the acceleration.
-    shares: Vector = np.interp(grid_of(motion.path), places, blamed) ** (-2.0 * _GAIN)
-    return np.clip(shares, 1e-2, _BACK)

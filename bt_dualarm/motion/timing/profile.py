@@ -53,7 +53,7 @@ class Profile:
         """The integral of s, s and ds/dt at times that may lie before and after the profile."""
         inside = np.clip(times, 0.0, self.duration)
         i = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, len(self.time) - 2)
-        bends, areas = self._pieces
+        bends, areas = self.pieces
         t, rate_at, place_at, bend = inside - self.time[i], self.rate[i], self.place[i], bends[i]
         rate = rate_at + bend * t
         place = place_at + (rate_at + bend * t / 2.0) * t
@@ -62,7 +62,7 @@ class Profile:
         return area, place, rate
 
     @cached_property
-    def _pieces(self) -> tuple[Vector, Vector]:
+    def pieces(self) -> tuple[Vector, Vector]:
         """Second derivative after each knot, (n - 1,), and the integral of s until it, (n,)."""
         step = np.diff(self.time)
         bend = np.diff(self.rate) / step
