@@ -102,7 +102,7 @@ class ApproachAndAttach(Skill):
             except Failure as failure:
                 if failure.code in ("BUSY", "OVERLOADED"):
                     raise
-                reasons.append(failure)
+                reasons.append(failure.with_traceback(None))  # that refers to this frame
         last = reasons[0]
         raise Failure(
             "OUT_OF_REACH",

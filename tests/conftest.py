@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,28 @@ from tests.plays import Stage
 # A first example may import what is imported when it is asked for, on a machine with other work.
 settings.register_profile("unhurried", deadline=None)
 settings.load_profile("unhurried")
+
+BYTE_CODE = "PYTHONPYCACHEPREFIX"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Where Python may not write byte code beside the sources, keep it for as long as tests run.
+
+    A few hundred of them start a fresh process; compiling what it imports takes longer than all
+    else that most of these do.
+    """
+    if sys.dont_write_bytecode and BYTE_CODE not in os.environ:
+        folder = tempfile.TemporaryDirectory(prefix="byte_code_")
+        os.environ[BYTE_CODE] = folder.name
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # test processes inherit both
+        config.add_cleanup(folder.cleanup)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish() -> None:
+    """Look no more for circles among what is imported and collected: all of it stays."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -45,8 +45,11 @@ class Arm(ArmState):
         self._patience = shared.patience
         self._carrying = shared.carrying
         self._touching = Touching(shared.touches, shared.name)
-        self._executor = Executor(self, self._lease, shared.patience, self._touching)
-        self._planner = ArmPlanner(self, self._lease, shared.planning, shared.carrying, shared.seed)
+        state = ArmState(shared.world, shared.name, shared.controller, shared.kinematics)
+        self._executor = Executor(state, self._lease, shared.patience, self._touching)
+        self._planner = ArmPlanner(
+            state, self._lease, shared.planning, shared.carrying, shared.seed
+        )
 
     def attach(self, thing: str) -> None:
         """Weld an object to the tool as it lies now; again changes nothing."""

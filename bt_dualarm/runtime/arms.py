@@ -12,6 +12,7 @@ from bt_dualarm.runtime.outcome import STRICT, Leniency, Outcome
 from bt_dualarm.runtime.parts import ArmView, SteppedWorld
 from bt_dualarm.runtime.result import ArmResult
 from bt_dualarm.runtime.schedule import exact
+from bt_dualarm.world.weak_callback import weakly
 
 
 class Arms:
@@ -40,7 +41,7 @@ class Arms:
             name: Lives(name, robot, leniency.get(name, STRICT)) for name, robot in declared.items()
         }
         self.present: tuple[ArmRuntime, ...] = ()
-        world.before_removal.append(self._part_with)
+        world.before_removal.append(weakly(self._part_with))
 
     @property
     def ended(self) -> bool:

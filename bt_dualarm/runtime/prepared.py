@@ -23,6 +23,7 @@ from bt_dualarm.runtime.state_log import StateLog
 from bt_dualarm.runtime.watchdog import Watchdog
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
+from bt_dualarm.world.weak_callback import weakly
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Prepared:
     resources: ExitStack
 
     def __post_init__(self) -> None:
-        self.watchdog.keep = self.keep_what_is_known
+        self.watchdog.keep = weakly(self.keep_what_is_known)
 
     @property
     def renderer(self) -> str | None:

@@ -21,7 +21,7 @@ from bt_dualarm.skill.skill import STANDARD_FAILURES, Skill
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.language import LANGUAGE
-from bt_dualarm.spec.ports import PortModel, only
+from bt_dualarm.spec.ports import PortModel, without
 from bt_dualarm.spec.values import Refers
 
 ENTRY_POINTS: Final = "bt_dualarm.skills"
@@ -137,14 +137,28 @@ def faults(skill: type[Skill]) -> Iterator[str]:
 
 
 def _port_faults(part: str, model: type[PortModel]) -> Iterator[str]:
-    for name, field in model.model_fields.items():
+    fields = model.model_fields
+    refused = _refused_defaults(model)
+    for name, field in fields.items():
         if not field.description:
             yield f"{part}.{name} has no description; declare it with port(default, description)"
-        if not field.is_required():
-            try:
-                only(model, name)()
-            except ValidationError as error:
-                yield f"{part}.{name} refuses its own default: {error.errors()[0]['msg']}"
+        if name in refused:
+            yield f"{part}.{name} refuses its own default: {refused[name]}"
+
+
+def _refused_defaults(model: type[PortModel]) -> dict[str, str]:
+    """What each port says of its own default, where it does not take it."""
+    required = {name for name, field in model.model_fields.items() if field.is_required()}
+    if len(required) == len(model.model_fields):
+        return {}
+    try:
+        without(model, frozenset(required))()
+    except ValidationError as error:
+        complaints: dict[str, str] = {}
+        for one in error.errors():
+            complaints.setdefault(str(one["loc"][0]), one["msg"])
+        return complaints
+    return {}
 
 
 def _choice_faults(part: str, model: type[PortModel]) -> Iterator[str]:

@@ -17,6 +17,7 @@ from bt_dualarm.tree import composites, decorators, words
 from bt_dualarm.tree.arm_tree import ArmTree, TreeNode
 from bt_dualarm.tree.binding import BoundPorts, Outputs
 from bt_dualarm.tree.board import Board
+from bt_dualarm.tree.forgetful import forget_parent
 from bt_dualarm.tree.leaf import Leaf
 from bt_dualarm.tree.leaf_reports import LeafReports
 from bt_dualarm.tree.parts import Parts
@@ -91,7 +92,10 @@ class _Builder:
     def _inner(self, spec: NodeSpec, children: tuple[Behaviour, ...]) -> Watched:
         kind = INNER[spec.kind]
         ports = BoundPorts(kind.word.ports, spec.ports, self._board)
-        return kind.of(Parts(spec.name, children, spec.slots, ports))
+        node = kind.of(Parts(spec.name, children, spec.slots, ports))
+        for child in children:
+            forget_parent(child)
+        return node
 
     def _leaf(self, spec: NodeSpec, path: str) -> Leaf:
         skill = self._skills[spec.kind]

@@ -13,6 +13,7 @@ from py_trees.common import Status
 from bt_dualarm.errors import RAISED_BY_SKILLS, Failure, Number, Overrun, SkillError
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.wording import one_line
+from bt_dualarm.tree.forgetful import Forgetful
 from bt_dualarm.tree.leaf_reports import LeafReports
 from bt_dualarm.tree.report import LeafReport
 from bt_dualarm.tree.skill_run import SkillRun
@@ -43,7 +44,7 @@ class HeldArm(Protocol):
         """Metrics of what the arm touched while the leaf moved it, but for what it was asked to."""
 
 
-class Leaf(Behaviour):
+class Leaf(Forgetful):
     """Runs a skill.
 
     ``tick`` and ``stop`` replace py_trees' own, which cost 4 to 7 times as much, mostly for log

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import ClassVar, Protocol, Self
 
-from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from bt_dualarm.errors import Number
 from bt_dualarm.spec.word import Word
+from bt_dualarm.tree.forgetful import Forgetful
 from bt_dualarm.tree.parts import Parts
 from bt_dualarm.tree.report import StatusChange, StatusName
 
@@ -69,7 +69,7 @@ class Teller:
         )
 
 
-class Watched(Behaviour):
+class Watched(Forgetful):
     """Mixed into py_trees' composites and decorators, whose every change of status it sees.
 
     Nodes are told who they are by `place` before the first tick.

@@ -9,6 +9,7 @@ import mujoco
 
 from bt_dualarm.pose import Pose
 from bt_dualarm.world import composition
+from bt_dualarm.world.weak_callback import weakly
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +38,12 @@ class Attachments:
 
     Args:
         spec: MjSpec of the world.
-        recompile: Makes the world take up a change of the spec.
+        recompile: Method of the world that takes up a change of the spec.
     """
 
     def __init__(self, spec: mujoco.MjSpec, recompile: Callable[[], None]) -> None:
         self._spec = spec
-        self._recompile = recompile
+        self._recompile = weakly(recompile)
         self._held: dict[tuple[str, str], Attachment] = {}
 
     def __iter__(self) -> Iterator[Attachment]:

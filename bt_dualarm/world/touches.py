@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.world.names import name_of_geom
+from bt_dualarm.world.weak_callback import weakly
 from bt_dualarm.world.world import World
 
 _NOBODY = -1
@@ -50,7 +51,7 @@ class Touches:
         self._world = world
         self._watches: list[TouchWatch] = []
         self._generation = -1
-        world.on_forces.append(self._look)
+        world.on_forces.append(weakly(self._look))
 
     def watch(self, arm: str) -> TouchWatch:
         """Begin to watch an arm that is in the world."""

@@ -70,7 +70,7 @@ class Kinematics(Chain):
 
     def __init__(self, robot: Robot, base: Pose, seed: int = 0) -> None:
         super().__init__(robot, base)
-        self._search = Multistart(self, _TASKS, seed)
+        self._search = Multistart(self.bare, _TASKS, seed)
         self._continuations = [self._search.continuation]
         if self._search.redundant:
             roomy = Chain(robot, base, _PATH_ROOM)

@@ -161,7 +161,7 @@ class MultiArmKinematics(Mechanism):
         key = _tasks(targets)
         _require(len({target.arm for target in targets}) == len(key), "a tool has two targets")
         if key not in self._searches:
-            self._searches[key] = Multistart(self, key, self._seed)
+            self._searches[key] = Multistart(self.bare, key, self._seed)
         return self._searches[key]
 
     def _joined(self, q: Mapping[str, Vector]) -> Vector:

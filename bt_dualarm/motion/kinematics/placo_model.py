@@ -16,6 +16,8 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     import placo
 
+_PARTS = ("joints", "lower", "upper", "placo", "_q_ids", "v_ids")
+
 
 class Mechanism:
     """Joints and links, in the configuration that was asked for last: no result depends on it.
@@ -35,6 +37,17 @@ class Mechanism:
             self.placo.set_joint_limits(name, least, most)
         self._q_ids = np.array([self.placo.get_joint_offset(name) for name in joints])
         self.v_ids = np.array([self.placo.get_joint_v_offset(name) for name in joints])
+
+    @property
+    def bare(self) -> Mechanism:
+        """These joints and links in a mechanism of their own, with which they share their state.
+
+        For what a mechanism searches with: if that referred to its owner, both would stay in memory
+        until Python looks for circles.
+        """
+        bare = object.__new__(Mechanism)
+        vars(bare).update((name, vars(self)[name]) for name in _PARTS)
+        return bare
 
     @property
     def dof(self) -> int:

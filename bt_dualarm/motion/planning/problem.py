@@ -80,11 +80,12 @@ def admitted(problem: PlanningProblem) -> PlanningProblem:
         try:
             _check_end(problem, goal)
         except Failure as refusal:
-            refusals.append(refusal)
+            # Its traceback refers to this frame, which must not refer back: it would stay.
+            refusals.append(refusal.with_traceback(None))
         else:
             goals.append(goal)
     if not goals:
-        raise refusals[0]
+        raise refusals.pop(0)
     strict = problem.checker.keeping_off((problem.start, *goals))
     return replace(problem, checker=strict, goals=tuple(goals))
 

@@ -161,6 +161,8 @@ class _Reader:
             place = self._at(error.lineno, error.offset)
             what = f"not XML: {expat.errors.messages[error.code]}"
             raise DescriptionError([Problem(place, what, self._unclosed())]) from error
+        finally:
+            del self._expat  # it refers to this reader
         assert self._top is not None  # noqa: S101  # expat refuses a text without an element
         return self._top
 
