@@ -7,10 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.motion.control.dynamics import ArmDynamics
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.stopping_distance import Flags, every
-from bt_dualarm.pose import Vector
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.friction import JointFriction
 
 SPAN: Final = 8
@@ -66,11 +65,11 @@ class CollisionWatch:
         self._count = 0
         self.change, self.threshold = np.zeros((2, len(effort)))
 
-    def take(self, dynamics: ArmDynamics, sent: SetPoint, torque: Vector) -> bool:
+    def take(self, inertia: Matrix, sent: SetPoint, torque: Vector) -> bool:
         """Take up a period; whether the arm was hit.
 
         Args:
-            dynamics: Dynamics of the arm, updated to now.
+            inertia: Inertia matrix of now, of shape (dof, dof), kg m².
             sent: Set-point of now.
             torque: Torques that nobody has asked for, of shape (dof,), N m.
         """
@@ -85,7 +84,7 @@ class CollisionWatch:
             self._grace -= bool(sent.v.any())
             return False
         turns = self._since_turn < _AFTER
-        changing = np.abs(dynamics.inertia_times(sent.a - self._asked[0]))
+        changing = np.abs(inertia @ (sent.a - self._asked[0]))
         allowed = MODEL_SHARE * changing + turns * self._turning
         self.threshold = self._factor * (allowed + DEVIATIONS * np.sqrt(self._variance))
         size = np.abs(self.change)

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.motion.control.dynamics import ArmDynamics
-from bt_dualarm.motion.control.state_observer import DRIVE_DELAY_S
+from bt_dualarm.motion.control.law import DRIVE_DELAY_S
 from bt_dualarm.motion.identification.beliefs import Beliefs
 from bt_dualarm.motion.identification.regressor import INERTIAL, TorqueRegressor, inertial_numbers
 from bt_dualarm.pose import Matrix, Pose, Vector

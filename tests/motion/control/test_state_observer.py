@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.motion.control.state_observer import DRIVE_DELAY_S, StateObserver
+from bt_dualarm.motion.chains.kernel_rows import STATE
+from bt_dualarm.motion.control.law import DRIVE_DELAY_S, law_of
+from bt_dualarm.motion.control.state_observer import StateObserver
 from bt_dualarm.pose import Vector
 
 PERIOD, STEP = 0.004, 0.002
@@ -30,7 +32,8 @@ class Joints:
 def watched(push: Vector, noise: float, seconds: float) -> tuple[StateObserver, Joints, Vector]:
     """The observer after joints have swung, the joints, and the errors of its velocities."""
     rng, joints = np.random.default_rng(4), Joints(push)
-    observer, errors = StateObserver(joints.q, PERIOD, STEP), []
+    law, state = law_of(PERIOD, STEP, np.zeros(3)), np.zeros((STATE, len(push)))
+    observer, errors = StateObserver(law, state, joints.q), []
     for k in range(round(seconds / PERIOD)):
         observer.read(joints.q + rng.normal(0.0, noise, len(push)))
         errors.append(observer.v - joints.v)

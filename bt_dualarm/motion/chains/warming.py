@@ -1,0 +1,19 @@
+"""All kernels of a chain, called once with arrays of the types that they are given later."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bt_dualarm.motion.chains.kernel_rows import CONSTANTS, LINK, ROTOR, STATE, Law
+
+
+def move_something() -> None:
+    """Have all kernels of the control law compiled."""
+    from bt_dualarm.motion.chains.observer_kernels import observe
+    from bt_dualarm.motion.chains.torque_kernels import drive
+
+    links, state = np.zeros((1, LINK)), np.zeros((STATE, 1))
+    links[:, ROTOR] = 1.0
+    law = Law(np.zeros(3), *np.ones(len(Law._fields) - 1).tolist())
+    observe(law, state)
+    drive(law, links, np.zeros((CONSTANTS, 1)), np.zeros((2, 1, 1)), True, state)

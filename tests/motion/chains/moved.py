@@ -1,0 +1,71 @@
+"""Arms that a seed draws, moved by the kernels of a chain: python -m tests.motion.chains.moved 0 1.
+
+Writes what came of it, pickled, to standard output: once compiled, once read by Python itself.
+"""
+
+from __future__ import annotations
+
+import pickle
+import sys
+
+import numpy as np
+
+from bt_dualarm.motion.chains.kernel_rows import (
+    AXIS,
+    CONSTANTS,
+    INERTIA,
+    LIMIT,
+    LINK,
+    NARROW,
+    READING,
+    RISE,
+    SENT_A,
+    SENT_Q,
+    SENT_V,
+    STATE,
+)
+from bt_dualarm.motion.chains.observer_kernels import observe
+from bt_dualarm.motion.chains.torque_kernels import drive
+from bt_dualarm.motion.control.law import law_of
+from bt_dualarm.pose import Matrix, Vector
+
+DOF = 5
+
+
+def drawn_links(rng: np.random.Generator) -> Matrix:
+    """Links with positive masses and inertias."""
+    links = rng.uniform(0.05, 0.5, (DOF, LINK))
+    links[:, AXIS : AXIS + 3] = rng.normal(size=(DOF, 3))
+    links[:, AXIS : AXIS + 3] /= np.linalg.norm(links[:, AXIS : AXIS + 3], axis=1)[:, None]
+    for row in links:
+        root = rng.normal(size=(3, 3))
+        row[INERTIA : INERTIA + 9] = (root @ root.T).ravel()
+    return links
+
+
+def moved(seed: int) -> tuple[list[int], Matrix]:
+    """How torques came out, and the state after each: fine, saturated, and no numbers."""
+    rng = np.random.default_rng(seed)
+    joints = rng.uniform(0.1, 1.0, (CONSTANTS, DOF))
+    joints[NARROW] *= -1.0
+    joints[RISE, ::2] = 0.0
+    state, inertias = np.zeros((STATE, DOF)), np.zeros((2, DOF, DOF))
+    law, links = law_of(0.004, 0.002, np.array((0.0, 0.0, -9.81))), drawn_links(rng)
+    outcomes, states = [], []
+    for step, effort in enumerate((1e6, 1e6, 40.0, 1.0, 1e6, 1e6)):
+        joints[LIMIT] = effort
+        wanted: Vector = rng.normal(size=(3, DOF)) * 0.1
+        state[SENT_Q], state[SENT_V], state[SENT_A] = wanted
+        if step == 4:
+            state[SENT_V] = state[SENT_A] = 0.0
+        if step == 5:
+            state[SENT_Q, 0] = np.nan
+        state[READING] = rng.normal(size=DOF) * 0.1
+        observe(law, state)
+        outcomes.append(drive(law, links, joints, inertias, step == 0, state))
+        states.append(state.copy())
+    return outcomes, np.concatenate(states)
+
+
+if __name__ == "__main__":
+    sys.stdout.buffer.write(pickle.dumps([moved(int(seed)) for seed in sys.argv[1:]]))
