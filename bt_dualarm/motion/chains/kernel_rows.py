@@ -91,17 +91,17 @@ class Law(NamedTuple):
     Attributes:
         gravity: Acceleration of gravity in the world, of shape (3,), m/s².
         period: Seconds for which a torque is held.
-        fall: How far an acceleration of one leads in a period, s².
+        fall: Way that an acceleration of one leads in a period, s².
         gain_q: Share of a surprise that positions take up.
-        gain_v: What velocities take up of it, 1/s.
-        gain_d: What the disturbance takes up of it, 1/s².
+        gain_v: Gain of the velocities, 1/s.
+        gain_d: Gain of the disturbance, 1/s².
         late: Share of a period until a torque acts.
-        delay: The same in s.
+        delay: Time until a torque acts, s.
         ahead: Periods from now to the middle of what a torque acts for.
         half_step: Half a step of the plant's physics, s.
         calm: Share of a tremor that is taken up in a period.
-        bandwidth: Of the error dynamics, rad/s.
-        touch_bandwidth: Of the external torques, 1/s.
+        bandwidth: Natural frequency of the error dynamics, rad/s.
+        touch_bandwidth: Bandwidth of the external torques, 1/s.
         compensated: Share of the effort with which a disturbance is made up for.
         turn: Speed over which dry friction changes sides, rad/s.
     """

@@ -1,4 +1,4 @@
-"""The links of a chain as the kernels have them, read of a MuJoCo model."""
+"""The numbers of a chain as its kernels have them: taken from a MuJoCo model."""
 
 from __future__ import annotations
 
