@@ -22,7 +22,7 @@ from tests.source import (
 
 FLOORS = (
     {"errors", "pose", "share"},
-    {"spec", "kernels"},
+    {"spec", "kernels", "recording"},
     {"world.urdf"},
     {"world.robots"},
     {"world.hardware", "world.nominal"},
@@ -43,7 +43,7 @@ FLOORS = (
     {"skill", "preflight"},
     {"tree"},
     {"runtime"},
-    {"experiments", "testing", "tuning"},
+    {"experiments", "replay", "testing", "tuning"},
     {"cli"},
     {"__main__"},
 )

@@ -79,6 +79,11 @@ class ArmRuntime:
         self._control = Periodic(parts.control_period, timestep, held_from)
 
     @property
+    def controller(self) -> Controller:
+        """What moves the arm, to be looked at."""
+        return self._controller
+
+    @property
     def at_rest(self) -> bool:
         """No motion is commanded and the arm stands still."""
         return self._controller.at_rest

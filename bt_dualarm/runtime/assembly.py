@@ -18,6 +18,7 @@ from bt_dualarm.motion.planning.process import PlanningProcess
 from bt_dualarm.motion.safety.reservation import Reservations
 from bt_dualarm.runtime.arm_runtime import ArmParts
 from bt_dualarm.runtime.arms import Arms
+from bt_dualarm.runtime.notes import Notes
 from bt_dualarm.runtime.outcome import Leniency
 from bt_dualarm.runtime.schedule import exact
 from bt_dualarm.runtime.series import SeriesLog
@@ -82,6 +83,7 @@ class _Parts:
     touches: Touches
     reservations: Reservations
     seed: int
+    notes: Notes | None
 
     def clock(self) -> float:
         return self.world.time
@@ -105,9 +107,10 @@ class _Parts:
             lambda path: self._context(arm, path),
             self.clock,
             self.on_event,
+            None if self.notes is None else self.notes.of_tree,
         )
         called = name_of_robot(spec.robot, self.world.robots[name])
-        eye = None if camera is None else _Eye(camera, self.world)
+        eye = None if camera is None else _Eye(name, camera, self.world, self.notes)
         return ArmParts(called, tree, controller, eye, 1 / exact(spec.tick_hz), period)
 
     def _rng(self, owner: str) -> np.random.Generator:
@@ -129,17 +132,23 @@ class _Parts:
 class _Eye:
     """A camera, and the world that it looks at."""
 
+    arm: str
     camera: Camera
     world: World
+    notes: Notes | None
 
     def due(self, time: float) -> bool:
         return self.camera.due(time)
 
     def capture(self) -> None:
-        self.camera.capture(self.world)
+        frame = self.camera.capture(self.world)
+        if self.notes is not None:
+            self.notes.of_frame(self.arm, frame)
 
     def deliver(self, time: float) -> None:
         self.camera.deliver(time)
+        while self.notes is not None and self.camera.looks:
+            self.notes.of_look(self.arm, self.camera.looks.popleft())
 
 
 def assemble(
@@ -149,6 +158,7 @@ def assemble(
     *,
     seed: int | None = None,
     renderer: RendererKind | None = None,
+    notes: Notes | None = None,
 ) -> Assembly:
     """Compose the world and equip its arms; nothing moves yet.
 
@@ -158,6 +168,7 @@ def assemble(
         on_event: Receiver of every change of a status.
         seed: Seed of everything random; None takes the file's.
         renderer: Renderer of the cameras; None takes the file's.
+        notes: Collector of what trees and cameras note; None where nobody reads it.
 
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
@@ -172,9 +183,8 @@ def assemble(
     world = World(file, seed)
     world.refuse_overlaps()
     series, planning, touches = SeriesLog(), PlanningProcess(), Touches(world)
-    parts = _Parts(
-        file, world, registry, drawing, on_event, series, planning, touches, Reservations(), seed
-    )
+    shared = series, planning, touches, Reservations()
+    parts = _Parts(file, world, registry, drawing, on_event, *shared, seed, notes)
     declared = {
         name: name_of_robot(arm.robot, world.robots[name]) for name, arm in file.arms.items()
     }

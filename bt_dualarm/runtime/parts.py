@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from bt_dualarm.errors import Number
+from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.runtime.outcome import Outcome
 from bt_dualarm.tree.report import LeafReport, NodeView, StatusChange, StatusName
 
@@ -44,6 +45,10 @@ class Controller(Protocol):
     @property
     def at_rest(self) -> bool:
         """No motion is commanded any more and the arm stands still."""
+
+    @property
+    def setpoint(self) -> SetPoint:
+        """The last set-point that was sent."""
 
     @property
     def clipped(self) -> int:

@@ -6,16 +6,20 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from bt_dualarm.runtime.assembly import Assembly, assemble
 from bt_dualarm.runtime.events import Watch
+from bt_dualarm.runtime.history import History
+from bt_dualarm.runtime.history_start import Start
 from bt_dualarm.runtime.log_capture import LogCapture
 from bt_dualarm.runtime.named import Named
+from bt_dualarm.runtime.notes import Notes
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.runtime.pacing import RealTime, Unpaced
 from bt_dualarm.runtime.record import Recorder
-from bt_dualarm.runtime.record_folder import RecordFolder
+from bt_dualarm.runtime.record_folder import HISTORY, RecordFolder
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
 from bt_dualarm.runtime.signals import StopRequest, ctrl_c_ends
@@ -118,21 +122,21 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
         WorldError: The parts do not compile to one world, or two of them are in one place.
         RecordError: The folder of the record cannot be used.
     """
-    log, watch = LogCapture(), Watch()
+    log, watch, notes = LogCapture(), Watch(), Notes()
     with log.during(), ExitStack() as resources:
         if options.reality is not None:
             file = file.in_reality(options.reality)
-        assembly = assemble(
-            file, registry, watch.note, seed=options.seed, renderer=options.renderer
-        )
+        assembly = _assembled(file, registry, options, watch, notes)
         resources.enter_context(closing(assembly))
         states = StateLog(assembly.world)
         watch.observers.append(states)
         recorder = folder = None
         if options.record is not None:
             folder = resources.enter_context(RecordFolder(options.record, file.arms))
-            recorder = Recorder(folder.path, assembly.world, states, log.take)
-            watch.observers.append(recorder)
+            start = _start(file, registry, options, assembly)
+            history = _history(folder.path, assembly, notes, start)
+            recorder = Recorder(folder.path, assembly.world, states, log.take, history)
+            watch.observers += recorder, history
         conditions = _conditions(file.world.time_limit, options, stop)
         watchdog = resources.enter_context(closing(conditions.watchdog))
         runner = Runner(assembly.world, assembly.arms, watch, conditions)
@@ -148,6 +152,28 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             folder,
             resources.pop_all(),
         )
+
+
+def _assembled(
+    file: TreeFile, registry: Registry, options: RunOptions, watch: Watch, notes: Notes
+) -> Assembly:
+    """World and arms; nobody notes what no record will keep."""
+    seed, renderer = options.seed, options.renderer
+    kept = None if options.record is None else notes
+    return assemble(file, registry, watch.note, seed=seed, renderer=renderer, notes=kept)
+
+
+def _start(file: TreeFile, registry: Registry, options: RunOptions, assembly: Assembly) -> Start:
+    """What the run is made from, for its history."""
+    renderer = None if assembly.renderer is None else assembly.renderer.name
+    timestep = assembly.world.timestep
+    return Start(file, registry.skills, options, assembly.seed, renderer, timestep)
+
+
+def _history(folder: Path, assembly: Assembly, notes: Notes, start: Start) -> History:
+    world = assembly.world
+    notes.clock = lambda: world.time
+    return History(folder / HISTORY, world, lambda: assembly.arms.present, notes, start.block)
 
 
 def _conditions(time_limit: float, options: RunOptions, stop: StopRequest) -> Conditions:

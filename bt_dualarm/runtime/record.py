@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol, TypeAlias
 
 from bt_dualarm.runtime.atomic_write import write_atomically, write_text
+from bt_dualarm.runtime.history import History
 from bt_dualarm.runtime.holding import Holdings, HoldingWorld
 from bt_dualarm.runtime.journal import Journal
 from bt_dualarm.runtime.outcome import Ending
@@ -16,6 +17,7 @@ from bt_dualarm.runtime.parts import IdleObserver, RunView
 from bt_dualarm.runtime.record_folder import (
     DIVERGENCE,
     EVENTS,
+    HISTORY,
     LOG,
     PARTS,
     SAMPLES,
@@ -53,6 +55,7 @@ class Recorder(IdleObserver):
         world: The world.
         states: The last states of the world, for the case that it diverges.
         log: Function that gives the lines that were logged since it was last asked.
+        history: Writer of the history, which looks on for itself; None where there is to be none.
     """
 
     def __init__(
@@ -61,11 +64,13 @@ class Recorder(IdleObserver):
         world: RecordedWorld,
         states: StateLog,
         log: Callable[[], Sequence[str]],
+        history: History | None = None,
     ) -> None:
         self._folder = folder
         self._world = world
         self._states = states
         self._log = log
+        self._history = history
         self._start = Still.of(world)
         self._tracks = Tracks(world)
         self._holdings = Holdings(world)
@@ -125,6 +130,8 @@ class Recorder(IdleObserver):
                 written.append(self._folder / name)
         for journal in self._journals.values():
             journal.close()
+        if self._history is not None:
+            self._history.close()
         if problems:
             raise self._incomplete("; ".join(problems))
         return tuple(written)
@@ -135,6 +142,9 @@ class Recorder(IdleObserver):
         if self._has_logged:
             yield LOG, lambda _: self._journals[LOG].finish()
         yield SAMPLES, self._write_samples
+        history = self._history
+        if history is not None:
+            yield HISTORY, lambda _: history.finish(result.state_sha256)
         if result.ending is Ending.DIVERGED:
             yield DIVERGENCE, lambda path: write_atomically(path, self._states.write_last)
         yield SUMMARY, lambda path: write_text(path, _as_json(self._summary(result)))

@@ -16,6 +16,7 @@ from bt_dualarm.runtime.atomic_write import leftovers
 
 SUMMARY, EVENTS, SAMPLES = "summary.json", "events.jsonl", "samples.npz"
 LOG, DIVERGENCE = "run.log", "divergence.npz"
+HISTORY: Final = "run.history"
 OVERVIEW, SCENE = "overview.png", "scene.png"
 
 PARTS: Final = "samples.parts"
@@ -24,7 +25,7 @@ PARTS: Final = "samples.parts"
 LOCK: Final = ".recording"
 """Held by the run that records to a folder; one that was killed leaves it behind."""
 
-_FILES: Final = (SUMMARY, EVENTS, SAMPLES, LOG, DIVERGENCE, OVERVIEW, SCENE)
+_FILES: Final = (SUMMARY, EVENTS, SAMPLES, LOG, DIVERGENCE, HISTORY, OVERVIEW, SCENE)
 _PLOTS: Final = ("plane", "time")
 
 _OF_OURS: Final = frozenset({"outcome", "state_sha256", "arms"})

@@ -213,9 +213,14 @@ class TreeFile(TreeContent):
 
     Attributes:
         path: Path of the file; relative paths in it start from its folder.
+        texts: Text of the file, then those of the files that it includes, by their paths; Python
+            data as JSON.
+        given: Values of its parameters, by name.
     """
 
     path: InstanceOf[Path] = Path()
+    texts: Mapping[str, str] = Field(default_factory=dict, repr=False)
+    given: Mapping[str, object] = Field(default_factory=dict, repr=False)
 
     def in_reality(self, reality: Reality) -> TreeFile:
         """The same file, whose arms all are as far from what is believed of them as given."""

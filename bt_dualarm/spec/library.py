@@ -34,10 +34,12 @@ class Libraries:
 
     Attributes:
         problems: Found so far.
+        included: Files that were included, in the order in which they were read.
     """
 
     root: FilePath
     problems: list[Problem] = field(default_factory=list)
+    included: list[Source] = field(default_factory=list)
     _known: dict[FilePath, dict[str, SubtreeSpec]] = field(default_factory=dict)
 
     def of(self, source: Source, stack: tuple[FilePath, ...] = ()) -> dict[str, SubtreeSpec]:
@@ -139,6 +141,7 @@ class Libraries:
                 source, place, f"'{shown}' does not begin with 'bt_dualarm: {FORMAT}'"
             )
         self._refuse_others(included, (), frozenset(included.data), _FIELDS)
+        self.included.append(included)
         return self.of(included, stack)
 
     def _refuse(self, source: Source, place: Path, message: str) -> dict[str, SubtreeSpec]:

@@ -118,6 +118,7 @@ class _Loading:
 
     def __post_init__(self) -> None:
         self._parser = Parser(self.problems)
+        self._texts: dict[str, str] = {}
 
     def run(self) -> TreeFile | None:
         """The file, or None; the reasons are among the problems."""
@@ -133,6 +134,7 @@ class _Loading:
         libraries = Libraries(FilePath(source.file).parent)
         library = libraries.of(source)
         self.problems += libraries.problems
+        self._texts = {each.file: each.text for each in (source, *libraries.included)}
         trees = self._trees(Site(source, ("arms",), Scope(values), library))
         examination = Examination(self.skills, declared_names(source))
         self._examine_subtrees(source, library, examination)
@@ -200,4 +202,6 @@ class _Loading:
                     source.problem(found.path, found.message, found.hint, key=found.at_key)
                 )
             return None
-        return TreeFile.model_construct(**dict(content), path=path)
+        return TreeFile.model_construct(
+            **dict(content), path=path, texts=self._texts, given=dict(values)
+        )

@@ -6,6 +6,7 @@ sensible size, depth and number of values have the caps of a file.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from pathlib import PurePath
@@ -30,6 +31,11 @@ class MappingSource(Source):
     def __init__(self, file: str, data: Data, order: Mapping[Path, int]) -> None:
         super().__init__(file, (), data)
         self._order = order
+
+    @property
+    def text(self) -> str:
+        """The data as JSON, which is YAML, too."""
+        return json.dumps(self.data)
 
     def place(self, path: Path) -> Place:
         """The value at ``path``, or the nearest one above it that is there."""

@@ -47,6 +47,11 @@ class Source:
     values: dict[Path, Span] = field(default_factory=dict)
     keys: dict[Path, Span] = field(default_factory=dict)
 
+    @property
+    def text(self) -> str:
+        """What it says, as text that can be read again."""
+        return "\n".join(self.lines)
+
     def get(self, path: Path) -> Data:
         """The value at ``path``, None where there is none."""
         data = self.data

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from pydantic import ValidationError
 
@@ -67,12 +67,20 @@ class Outputs:
         model: Types of the outputs.
         keys: Key that the file gives for an output; the others are not kept.
         board: Blackboard on which they are written, in YAML's notation.
+        wrote: Function that is told key and value after each writing.
     """
 
-    def __init__(self, model: type[PortModel], keys: Mapping[str, str], board: Board) -> None:
+    def __init__(
+        self,
+        model: type[PortModel],
+        keys: Mapping[str, str],
+        board: Board,
+        wrote: Callable[[str, Data], None] = lambda _key, _value: None,
+    ) -> None:
         self._model = model
         self._keys = keys
         self._board = board
+        self._wrote = wrote
 
     def write(self, name: str, value: object) -> None:
         """Put one output on the blackboard.
@@ -90,3 +98,4 @@ class Outputs:
         data = given.model_dump(mode="json", warnings="error")
         validated(model, data)
         self._board.write(self._keys[name], data[name])
+        self._wrote(self._keys[name], data[name])

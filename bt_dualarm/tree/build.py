@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from types import ModuleType
 from typing import Final
 
@@ -12,7 +13,8 @@ from py_trees.behaviour import Behaviour
 
 from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.ports import reference_of, written_keys
+from bt_dualarm.spec.ports import PortModel, reference_of, written_keys
+from bt_dualarm.spec.source import Data
 from bt_dualarm.tree import composites, decorators, words
 from bt_dualarm.tree.arm_tree import ArmTree, TreeNode
 from bt_dualarm.tree.binding import BoundPorts, Outputs
@@ -20,6 +22,7 @@ from bt_dualarm.tree.board import Board
 from bt_dualarm.tree.forgetful import forget_parent
 from bt_dualarm.tree.leaf import Leaf
 from bt_dualarm.tree.leaf_reports import LeafReports
+from bt_dualarm.tree.notes import KeyWritten, OnNote, PortsRead
 from bt_dualarm.tree.parts import Parts
 from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.tree.watched import Teller, Watched
@@ -52,6 +55,7 @@ def build_tree(
     make_context: Callable[[str], SkillContext],
     clock: Callable[[], float],
     on_event: Callable[[StatusChange], None],
+    on_note: OnNote | None = None,
 ) -> ArmTree:
     """Build one arm's tree with a blackboard of its own.
 
@@ -62,8 +66,9 @@ def build_tree(
         make_context: Maker of what the leaf at a path is given.
         clock: Simulated time in seconds.
         on_event: Receiver of every change of a status.
+        on_note: Receiver of ports and keys, None where nobody asks for them.
     """
-    builder = _Builder(skills, make_context, Teller(arm, clock, on_event))
+    builder = _Builder(skills, make_context, Teller(arm, clock, on_event), on_note)
     return ArmTree(builder.node(root, root.name), builder.reports)
 
 
@@ -73,10 +78,12 @@ class _Builder:
         skills: Mapping[str, type[Skill]],
         make_context: Callable[[str], SkillContext],
         teller: Teller,
+        on_note: OnNote | None,
     ) -> None:
         self._skills = {**skills, **LEAVES}
         self._make_context = make_context
         self._teller = teller
+        self._on_note = on_note
         self._board = Board()
         self.reports = LeafReports()
 
@@ -106,15 +113,27 @@ class _Builder:
         for port, output in written_keys(skill.Ports).items():
             keys[output] = spec.ports[port]
         bound = BoundPorts(skill.Ports, ports, self._board)
-        outputs = Outputs(skill.Outputs, keys, self._board)
+        outputs = Outputs(skill.Outputs, keys, self._board, partial(self._wrote, path))
         context = self._make_context(path)
         for module in skill.needs:
             importlib.import_module(module)
 
         def begin() -> Skill:
-            return skill(bound.now(), context, outputs.write)
+            now = bound.now()
+            self._began(path, now)
+            return skill(now, context, outputs.write)
 
         return Leaf(spec.name, begin, context.arm, self.reports)
+
+    def _began(self, path: str, ports: PortModel) -> None:
+        if self._on_note is not None:
+            time, arm = self._teller.clock(), self._teller.arm
+            self._on_note(PortsRead(time, arm, path, ports.model_dump(mode="json")))
+
+    def _wrote(self, path: str, key: str, value: Data) -> None:
+        if self._on_note is not None:
+            time, arm = self._teller.clock(), self._teller.arm
+            self._on_note(KeyWritten(time, arm, path, key, value))
 
 
 def _told_apart(children: tuple[NodeSpec, ...]) -> list[str]:

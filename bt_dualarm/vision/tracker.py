@@ -18,6 +18,7 @@ from bt_dualarm.vision.tracker_settings import TrackerSettings
 from bt_dualarm.world.cameras.camera import Camera
 from bt_dualarm.world.cameras.frame import Frame, Window
 from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
+from bt_dualarm.world.cameras.look import Look
 
 _MIN_DEPTH_M = 0.02
 _FORESEEN_S = 0.5  # a target that was lost is looked for where it should be after this long
@@ -102,6 +103,7 @@ class TargetTracker:
             self._missed(frame.stamp)
         else:
             self._take(chosen, frame)
+        self._camera.looks.append(self._look(frame.stamp))
 
     def window(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
         """Where the target will be seen at ``stamp``, wide enough for what is not known."""
@@ -136,6 +138,16 @@ class TargetTracker:
         if self._before_loss is None:
             return max(found, key=lambda seen: seen.detection.area_px, default=None)
         return self._returning(found, self._before_loss, frame.stamp)
+
+    def _look(self, stamp: float) -> Look:
+        """What the last frame has come to, for the record."""
+        seen, point = self.detection, None
+        if not self._hunting:
+            x, y, z = self._estimate.predict(stamp).position.tolist()
+            point = x, y, z
+        if seen is None:
+            return Look(stamp, None, 0.0, point, self.locked)
+        return Look(stamp, seen.centroid_px, seen.area_px, point, self.locked)
 
     def _found(self, frame: Frame) -> list[Seen]:
         """All that has the colour and can be where the target can be."""

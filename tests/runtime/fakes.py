@@ -6,7 +6,10 @@ from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+
 from bt_dualarm.errors import DivergenceError
+from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.runtime.arm_runtime import ArmParts
 from bt_dualarm.runtime.arms import Arms
 from bt_dualarm.runtime.events import Watch
@@ -63,6 +66,10 @@ class FakeController:
         self.stops = 0
         self.breaks_at: int | None = None
         self._world = world
+
+    @property
+    def setpoint(self) -> SetPoint:
+        return SetPoint(np.zeros(6), np.zeros(6), np.zeros(6))
 
     @property
     def at_rest(self) -> bool:

@@ -15,11 +15,13 @@ from bt_dualarm.errors import WorldError
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.cameras.calibration import Calibration
 from bt_dualarm.world.cameras.frame import Frame, Window, focal_length_px
+from bt_dualarm.world.cameras.look import Look
 from bt_dualarm.world.cameras.optics import Optics
 from bt_dualarm.world.nominal.camera_pose import camera_pose
 from bt_dualarm.world.rendering.renderer import Exposure, Region, Renderer, clip_region
 
 _CLOCK_TOLERANCE_S = 1e-9
+_MOST_LOOKS = 16  # far more than frames that are delivered in one step
 
 
 class CameraTiming(Protocol):
@@ -74,6 +76,9 @@ class Camera:
         renderer: Renderer of the images; may serve several cameras.
         rng: Source of its faults; seed 0 by default.
         calibration: What is believed of it; by default what is true.
+
+    Attributes:
+        looks: Latest finds of those who listen, for the record; taken away by who reads them.
     """
 
     def __init__(
@@ -92,6 +97,7 @@ class Camera:
         self.aim: WindowRequest | None = None
         self.latest: Frame | None = None
         self.frames = 0
+        self.looks: deque[Look] = deque(maxlen=_MOST_LOOKS)
         self._calibration = calibration
         self._optics = Optics(renderer)
         if calibration is not None:

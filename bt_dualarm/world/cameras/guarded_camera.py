@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 from bt_dualarm.errors import RAISED_BY_SKILLS
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.cameras.camera import Camera, FrameCallback, WindowRequest
 from bt_dualarm.world.cameras.frame import Frame, Window
+from bt_dualarm.world.cameras.look import Look
 
 
 class GuardedCamera:
@@ -57,6 +59,11 @@ class GuardedCamera:
         elif self._camera.aim == self._guarded_aim:
             self._camera.aim = None
         self._aim = aim
+
+    @property
+    def looks(self) -> deque[Look]:
+        """What was found in frames of late, as `Camera.looks`."""
+        return self._camera.looks
 
     def subscribe(self, callback: FrameCallback) -> Callable[[], None]:
         """Have every frame handed to ``callback``; returns how to stop it."""

@@ -1,0 +1,114 @@
+"""The history of a run, written as it goes: all that is needed to see it again and ask it why."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from bt_dualarm.recording.block import Block
+from bt_dualarm.recording.history_file import HistoryWriter
+from bt_dualarm.recording.model_pieces import ModelWriter
+from bt_dualarm.runtime.history_frames import FramedController, FramedWorld, Frames
+from bt_dualarm.runtime.notes import GuardedArm, Notes
+from bt_dualarm.runtime.parts import IdleObserver
+
+_log = logging.getLogger(__name__)
+
+
+class HistoryController(FramedController, GuardedArm, Protocol):
+    """All that is read of an arm's controller."""
+
+
+class HistoryArm(Protocol):
+    """What is read of an arm that is present."""
+
+    name: str
+
+    @property
+    def controller(self) -> HistoryController:
+        """Controller of the arm."""
+
+
+class History(IdleObserver):
+    """An observer that writes a block for each simulated second, and one for each compiled model.
+
+    What it keeps in memory is one second. Where it cannot write, the run goes on without it, and
+    the end of the record says so.
+
+    Args:
+        path: File to write.
+        world: The world.
+        arms: Function that gives the arms that are present.
+        notes: Notes that others make; taken second by second.
+        start: Maker of the first block.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        world: FramedWorld,
+        arms: Callable[[], Sequence[HistoryArm]],
+        notes: Notes,
+        start: Callable[[], Block],
+    ) -> None:
+        self._writer = HistoryWriter(path)
+        self._world, self._arms, self._notes = world, arms, notes
+        self._failure: Exception | None = None
+        self._models = ModelWriter()
+        self._frames = Frames(world)
+        self._add(start)
+        self._add(self._model)
+
+    def after_step(self, time: float) -> None:  # noqa: ARG002 - the world knows it, too
+        """Take up the step; write what is full."""
+        if self._failure is not None:
+            self._notes.take()
+            return
+        if self._frames.outdated:
+            self._flush()
+            self._add(self._model)
+        arms = self._arms()
+        if self._frames.after_step((arm.name, arm.controller) for arm in arms):
+            for arm in arms:
+                self._notes.of_guard(arm.name, arm.controller)
+        if self._frames.full:
+            self._flush()
+
+    def finish(self, sha256: str) -> None:
+        """Write what is left, and the end.
+
+        Args:
+            sha256: Hash of the states of the run, in hexadecimal.
+
+        Raises:
+            OSError: It could not be written, or the disk is full now.
+        """
+        self._flush()
+        self._add(lambda: Block("end", {"state_sha256": sha256}))
+        if isinstance(self._failure, OSError):
+            raise self._failure
+        if self._failure is not None:
+            raise ValueError(str(self._failure)) from self._failure
+        self._writer.finish()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._writer.close()
+
+    def _flush(self) -> None:
+        self._add(lambda: self._frames.block(self._notes.take()))
+
+    def _add(self, make: Callable[[], Block]) -> None:
+        if self._failure is not None:
+            return
+        try:
+            self._writer.add(make())
+        except (OSError, ValueError) as error:
+            self._failure = error
+            _log.warning("the history is not kept any further: %s", error)
+
+    def _model(self) -> Block:
+        """The compiled model, as far as it is new."""
+        return self._models.block(self._world.model, self._world.generation)

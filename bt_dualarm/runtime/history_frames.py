@@ -1,0 +1,141 @@
+"""The numbers of a run, second by second: states, checksums of all steps, set-points, torques."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
+from typing import Final, Protocol
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.motion.setpoints.set_point import SetPoint
+from bt_dualarm.pose import Vector
+from bt_dualarm.recording.block import Block
+from bt_dualarm.runtime.schedule import Periodic, exact
+from bt_dualarm.runtime.state_log import HASH_PERIOD
+
+FRAME_PERIOD: Final[Fraction] = HASH_PERIOD
+"""Seconds between two states that are kept: those that go into the hash of the run."""
+
+SECOND: Final = 1
+"""Simulated seconds in a block: what is lost at most with the process."""
+
+_KEY_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+class Hardware(Protocol):
+    """What is read of an arm's drives."""
+
+    @property
+    def commanded(self) -> Vector:
+        """Torques that were commanded last, of shape (dof,), N m."""
+
+
+class FramedWorld(Protocol):
+    """What is read of the world."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+
+    @property
+    def timestep(self) -> float:
+        """Seconds of one step."""
+
+    @property
+    def generation(self) -> int:
+        """Grows when things came or went, and the state changes its size."""
+
+    @property
+    def hardware(self) -> Mapping[str, Hardware]:
+        """Drives of the arms that are present, by name."""
+
+
+class FramedController(Protocol):
+    """What is read of an arm's controller."""
+
+    @property
+    def setpoint(self) -> SetPoint:
+        """The last set-point that was sent."""
+
+
+class Frames:
+    """Gathers the numbers of one generation of the world until a block is full.
+
+    Args:
+        world: The world.
+    """
+
+    def __init__(self, world: FramedWorld) -> None:
+        self._world = world
+        self._due = Periodic(FRAME_PERIOD, exact(world.timestep))
+        self._per_block = max(1, round(SECOND / world.timestep))
+        self._steps = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._first = self._steps
+        self._generation = self._world.generation
+        self._checksums: list[int] = []
+        self._rows: list[int] = []
+        self._states: list[npt.NDArray[np.float64]] = []
+        self._arms: dict[str, list[npt.NDArray[np.float64]]] = {}
+
+    @property
+    def outdated(self) -> bool:
+        """Whether the world was recompiled: what has been gathered belongs to another model."""
+        return self._world.generation != self._generation
+
+    @property
+    def full(self) -> bool:
+        """Whether there is enough for a block."""
+        return len(self._checksums) >= self._per_block
+
+    def after_step(self, controllers: Iterable[tuple[str, FramedController]]) -> bool:
+        """Take up the step that was made; whether it is one of those whose state is kept.
+
+        Args:
+            controllers: Arms that are present, with their controllers; looked at if one is due.
+        """
+        data = self._world.data
+        q, v = data.qpos, data.qvel
+        self._checksums.append(zlib.crc32(v, zlib.crc32(q)))
+        due = self._due.due(self._steps)
+        if due:
+            self._rows.append(self._steps)
+            self._states.append(np.concatenate(((data.time,), q, v)))
+            for name, controller in controllers:
+                sent, drives = controller.setpoint, self._world.hardware[name]
+                row = np.concatenate((sent.q, sent.v, sent.a, drives.commanded))
+                self._arms.setdefault(name, []).append(row)
+        self._steps += 1
+        return due
+
+    def block(self, notes: list[dict[str, object]]) -> Block:
+        """All that was gathered, and begin anew.
+
+        Args:
+            notes: What else has happened meanwhile, ready for JSON.
+        """
+        arrays: dict[str, npt.NDArray[np.generic]] = {
+            "checksums": np.array(self._checksums, np.uint32),
+            "rows": np.array(self._rows, np.uint32),
+        }
+        if self._states:
+            arrays["states"] = np.array(self._states)
+        if not self.outdated:
+            arrays["key"] = self._key()
+        for name, rows in self._arms.items():
+            arrays[f"arm:{name}"] = np.array(rows, np.float32)
+        data = {"first_step": self._first, "generation": self._generation, "notes": notes}
+        self._begin()
+        return Block("second", data, arrays)
+
+    def _key(self) -> npt.NDArray[np.float64]:
+        """The whole state after the last step, from which it could be stepped on."""
+        model = self._world.model
+        state = np.empty(mujoco.mj_stateSize(model, _KEY_STATE))
+        mujoco.mj_getState(model, self._world.data, state, _KEY_STATE)
+        return state

@@ -1,0 +1,71 @@
+"""What happens between two frames of a history: ports, keys, pictures, the guard's doings."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from bt_dualarm.errors import Number
+from bt_dualarm.runtime.summary import json_ready
+from bt_dualarm.tree.notes import KeyWritten, TreeNote
+from bt_dualarm.world.cameras.frame import Frame
+from bt_dualarm.world.cameras.look import Look
+
+
+class GuardedArm(Protocol):
+    """An arm whose guard keeps count of what it does."""
+
+    @property
+    def guard(self) -> Mapping[str, Number]:
+        """Counts and reasons, as in `GuardReport`."""
+
+
+class Notes:
+    """Collects notes until somebody takes them; each is ready for JSON, its ``kind`` first.
+
+    Args:
+        clock: Function that gives simulated time in seconds; set once there is a world.
+    """
+
+    def __init__(self, clock: Callable[[], float] = lambda: 0.0) -> None:
+        self.clock = clock
+        self._notes: list[dict[str, object]] = []
+        self._guards: dict[str, tuple[object, object]] = {}
+
+    def take(self) -> list[dict[str, object]]:
+        """What has been noted since the last time."""
+        taken, self._notes = self._notes, []
+        return taken
+
+    def of_tree(self, note: TreeNote) -> None:
+        """A leaf has begun, or has written a key."""
+        if isinstance(note, KeyWritten):
+            self._add("wrote", note.arm, note.time, leaf=note.path, key=note.key, value=note.value)
+        else:
+            self._add("ports", note.arm, note.time, leaf=note.path, ports=note.ports)
+
+    def of_frame(self, arm: str, frame: Frame) -> None:
+        """A camera has taken a picture: which part, and a checksum of its pixels."""
+        left, top, right, bottom = frame.region
+        crc = zlib.crc32(frame.image[top:bottom, left:right].tobytes())
+        self._add("frame", arm, self.clock(), stamp=frame.stamp, region=frame.region, crc=crc)
+
+    def of_look(self, arm: str, look: Look) -> None:
+        """Somebody has looked for a target in a frame."""
+        self._add("look", arm, self.clock(), **vars(look))
+
+    def of_guard(self, arm: str, controller: GuardedArm) -> None:
+        """See whether the guard has slowed or stopped the arm since it was last asked."""
+        guard = controller.guard
+        now = guard.get("slowed", 0), guard.get("stopped", 0)
+        before = self._guards.get(arm, (0, 0))
+        self._guards[arm] = now
+        if now == before:
+            return
+        does = "stopped" if now[1] != before[1] else "slowed"
+        self._add("guard", arm, self.clock(), does=does, reason=guard.get("last_reason", ""))
+
+    def _add(self, kind: str, arm: str, time: float, **fields: object) -> None:
+        note = {"kind": kind, "arm": arm, "time_s": time, **fields}
+        self._notes.append({name: json_ready(value) for name, value in note.items()})

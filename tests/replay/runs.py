@@ -1,0 +1,47 @@
+"""Runs that are recorded for the tests of whatever reads records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bt_dualarm
+from bt_dualarm.replay.record import Record
+
+SHORT = """\
+bt_dualarm: 1
+name: short
+include: [parts.yaml]
+world: {scene: empty, time_limit: 20}
+objects:
+  ball: {shape: sphere, size: [0.05], mass: 1, pose: {xyz: [1, 1, 0.5]}}
+arms:
+  arm1:
+    robot: ur5
+    base: {xyz: [0, 0, 0.4]}
+    posture: present
+    tree:
+      sequence:
+        - set: {key: goal, value: {xyz: [0, 0.06, 0]}}
+        - subtree: {use: aside}
+        - reach_to_pose: {offset: "{goal}"}
+"""
+PARTS = """\
+bt_dualarm: 1
+subtrees:
+  aside: {tree: {reach_to_pose: {offset: {xyz: [0, -0.06, 0]}}}}
+"""
+
+
+def write_short(folder: Path, text: str = SHORT) -> Path:
+    """The tree of one arm that goes aside and back, with its include; path of the file."""
+    folder.mkdir(exist_ok=True)
+    (folder / "parts.yaml").write_text(PARTS)
+    path = folder / "short.yaml"
+    path.write_text(text)
+    return path
+
+
+def recorded(folder: Path, text: str = SHORT, **options: object) -> Record:
+    """The record of a run of that tree."""
+    bt_dualarm.run(write_short(folder, text), record=folder / "out", **options)  # type: ignore[arg-type]
+    return Record.read(folder / "out")

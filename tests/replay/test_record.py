@@ -1,0 +1,184 @@
+"""A record holds all that is needed to see its run again, however the run ended."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import bt_dualarm
+from bt_dualarm.recording.history_file import HistoryError
+from bt_dualarm.replay.record import Record, ReplayError
+from tests.faults.test_kill import ENDLESS, PROGRAM
+from tests.replay.runs import PARTS, SHORT, recorded
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    return recorded(tmp_path_factory.mktemp("short"), seed=4)
+
+
+def test_it_has_what_the_run_was_made_from(short: Record) -> None:
+    start = short.start
+    assert list(start["texts"].values()) == [SHORT, PARTS]
+    assert (short.name, start["seed"], start["timestep"]) == ("short", 4, 0.002)
+    assert set(start["skills"]) == {"reach_to_pose"}
+    skill = Path(start["skills"]["reach_to_pose"]["file"])
+    digest = hashlib.sha256(skill.read_bytes()).hexdigest()
+    assert start["skills"]["reach_to_pose"]["sha256"] == digest
+    assert start["versions"]["mujoco"] == mujoco.__version__
+    assert start["processor"]["arithmetic"]
+    tree = short.arms["arm1"]["tree"]
+    assert [child["place"] for child in tree["children"]] == [
+        "short.yaml:14",
+        "short.yaml:15",
+        "short.yaml:16",
+    ]
+
+
+def test_its_states_are_those_that_were_hashed(short: Record) -> None:
+    """The hash of the run can be had from the record: every state is kept, to the last bit."""
+    digest = hashlib.sha256()
+    for number in range(len(short.times)):
+        moment = short.moment(number)
+        for part in (np.float64(moment.time), moment.qpos, moment.qvel):
+            digest.update(part.tobytes())
+    assert short.summary is not None
+    assert short.end is not None
+    assert digest.hexdigest() == short.summary["state_sha256"] == short.end["state_sha256"]
+
+
+def test_every_step_has_its_checksum(short: Record) -> None:
+    assert short.summary is not None
+    assert short.steps == round(short.summary["sim_time_s"] / 0.002)
+    assert len(short.checksums()) == short.steps
+
+
+def test_the_run_can_be_stepped_on_from_a_whole_state(short: Record) -> None:
+    """The state at the end of the first second leads to the next ones by MuJoCo alone, at rest."""
+    block = short.seconds[0]
+    model = short.model(0)
+    data = mujoco.MjData(model)
+    key = block.arrays["key"].astype(float)
+    mujoco.mj_setState(model, data, key, mujoco.mjtState.mjSTATE_INTEGRATION)
+    assert data.time == pytest.approx(1.0)
+    later = short.moment(short.index_at(1.0))
+    np.testing.assert_allclose(data.qpos, later.qpos, atol=1e-2)
+
+
+def test_ports_and_keys_are_noted_with_who_and_when(short: Record) -> None:
+    ports = {note["leaf"]: note for note in short.notes if note["kind"] == "ports"}
+    back = ports["sequence/reach_to_pose"]
+    assert back["ports"]["offset"]["xyz"] == [0, 0.06, 0], "the key is looked up"
+    assert back["time_s"] > 0.5
+    [written] = [note for note in short.notes if note["kind"] == "wrote"]
+    assert (written["leaf"], written["key"]) == ("sequence/set", "goal")
+    assert written["value"] == {"xyz": [0, 0.06, 0]}
+
+
+def test_set_points_and_torques_are_kept(short: Record) -> None:
+    row = short.arm_row("arm1", short.index_at(0.5))
+    assert row is not None
+    q, v, _, torque = row
+    assert [len(part) for part in row] == [6] * 4
+    np.testing.assert_allclose(q, short.moment(short.index_at(0.5)).qpos[-6:], atol=0.01)
+    assert np.abs(v).max() < 3.2
+    assert np.abs(torque).max() > 1.0
+    assert short.arm_row("arm2", 0) is None
+
+
+def test_a_time_outside_is_refused(short: Record) -> None:
+    with pytest.raises(ReplayError, match=r"99 s is outside of the record, which goes from 0 to"):
+        short.index_at(99)
+    with pytest.raises(ReplayError, match="-1 s is outside"):
+        short.index_at(-1)
+
+
+def test_a_run_is_the_same_whether_it_is_recorded_or_not(short: Record) -> None:
+    [main, *_] = short.start["texts"]
+    plain = bt_dualarm.run(Path(main), seed=4)
+    assert short.summary is not None
+    assert plain.state_sha256 == short.summary["state_sha256"]
+
+
+def test_cameras_and_what_they_found_are_noted(tmp_path: Path) -> None:
+    bt_dualarm.run("visual_tracking", record=tmp_path, duration=3.0)
+    record = Record.read(tmp_path)
+    frames = [note for note in record.notes if note["kind"] == "frame"]
+    looks = [note for note in record.notes if note["kind"] == "look"]
+    assert 80 <= len(frames) <= 91, "30 Hz for three seconds"
+    assert all(note["arm"] == "arm2" and note["crc"] for note in frames)
+    assert looks[-1]["locked"]
+    then = record.moment(record.index_at(looks[-1]["stamp"]))
+    model = record.model(then.generation)
+    address = model.joint(int(model.body("cube").jntadr[0])).qposadr[0]
+    cube = then.qpos[address : address + 3]
+    np.testing.assert_allclose(looks[-1]["point"], cube, atol=0.01)
+    size = (tmp_path / "run.history").stat().st_size
+    assert set(record.models) == {0, 1, 2}, "the cube was attached, the stand taken away"
+    per_minute = 20 * sum(len(block.encoded()) for block in record.seconds)
+    assert per_minute < 2e6
+    assert size < 8e5, "the later models share parts with the first: alone each has 0.38 MB"
+
+
+def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ReplayError, match="there is no folder"):
+        Record.read(tmp_path / "none")
+    with pytest.raises(ReplayError, match=r"holds no record: there is no run\.history in it"):
+        Record.read(tmp_path)
+    (tmp_path / "run.history").write_bytes(b"bt_dualarm history 1\n")
+    with pytest.raises(HistoryError, match="the run had hardly begun"):
+        Record.read(tmp_path)
+
+
+def test_a_full_disk_leaves_what_was_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Half of a block fits: the run goes on, the blocks before can be read, the end says so."""
+    write, blocks = os.write, []
+
+    def full(file: int, content: bytes) -> int:
+        if b"BLCK" in content[:40]:
+            blocks.append(content)
+        if len(blocks) > 3 and file_of(file).endswith("run.history"):
+            if content is blocks[-1]:
+                return write(file, content[: len(content) // 2])
+            raise OSError(28, "No space left on device")
+        return write(file, content)
+
+    monkeypatch.setattr("bt_dualarm.recording.history_file.os.write", full)
+    with pytest.raises(bt_dualarm.DualArmError, match="No space left on device"):
+        recorded(tmp_path)
+    record = Record.read(tmp_path / "out")
+    assert record.until == pytest.approx(0.98, abs=0.03)
+    assert "part of a block" in record.torn
+    assert "the history is not kept any further" in caplog.text
+
+
+def file_of(descriptor: int) -> str:
+    return str(Path(f"/proc/self/fd/{descriptor}").readlink())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lines", [6, 11, 17])
+def test_a_run_that_is_killed_leaves_all_but_its_last_second(tmp_path: Path, lines: int) -> None:
+    (tmp_path / "endless.yaml").write_text(ENDLESS)
+    command = [sys.executable, "-c", PROGRAM, str(tmp_path / "endless.yaml"), "--display", "log"]
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
+    folder = tmp_path / "out"
+    with subprocess.Popen([*command, "--record", str(folder)], **options) as process:  # type: ignore[call-overload]
+        for _ in range(lines):
+            assert "arm1" in process.stdout.readline()
+        process.send_signal(signal.SIGKILL)
+    record = Record.read(folder)
+    assert record.summary is None
+    assert record.end is None
+    last = record.events[-1]["time_s"]
+    assert last - 1.0 <= record.until <= last + 1.0
