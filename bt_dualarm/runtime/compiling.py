@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bt_dualarm.kernels.kernel import compile_once
 from bt_dualarm.motion.chains.warming import move_something
+from bt_dualarm.motion.setpoints.planar_servo import follow_something
 from bt_dualarm.motion.timing.path_timing import time_something
 from bt_dualarm.world.rendering.raycast import draw_something
 
@@ -13,4 +14,4 @@ def compile_kernels() -> None:
 
     Harmless when repeated: once on a machine it does something.
     """
-    compile_once((draw_something, time_something, move_something))
+    compile_once((draw_something, time_something, move_something, follow_something))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bt_dualarm.motion.setpoints.following_law import jerk_bandwidth
 from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
 
 _BANDWIDTH = (40.0, 230.0)  # rad/s, least and most
@@ -41,6 +40,8 @@ def briskness(camera: GuardedCamera, jerk: float) -> Briskness:
         camera: Camera of the arm.
         jerk: What the joints allow in the plane, in m/s³.
     """
+    from bt_dualarm.motion.setpoints.following_kernels import jerk_bandwidth
+
     doubt = 1.0 + camera.noise / _SHAKY_PX + (camera.latency / _OLD_S) ** 2
     least, most = _BANDWIDTH
     bandwidth = max(least, min(most, _BANDWIDTH_PER_FPS / camera.period) / doubt)

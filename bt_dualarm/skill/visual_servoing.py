@@ -6,8 +6,7 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Failure, Number
-from bt_dualarm.motion.setpoints.planar_servo import PlanarServo
-from bt_dualarm.motion.setpoints.plane_reach import plane_reach
+from bt_dualarm.motion.setpoints.planar_servo import PlanarServo, plane_reach
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.skill.briskness import briskness
 from bt_dualarm.skill.following_error import FollowingError

@@ -140,7 +140,13 @@ def times(matrix: Matrix, given: Vector, product: Vector) -> None:
 
 @kernel
 def solve(matrix: Matrix, given: Vector, found: Vector) -> None:
-    """Enter x of ``matrix x = given``: symmetric, positive definite, of shape (n, n) (Cholesky)."""
+    """Enter x of ``matrix x = given``: symmetric, positive definite, of shape (n, n)."""
+    solve_rows(matrix, given.reshape(-1, 1), found.reshape(-1, 1))
+
+
+@kernel
+def solve_rows(matrix: Matrix, given: Matrix, found: Matrix) -> None:
+    """The same for many columns at once, each of shape (n, m) (Cholesky)."""
     n = len(given)
     root = np.empty((n, n))
     for i in range(n):
@@ -149,11 +155,14 @@ def solve(matrix: Matrix, given: Vector, found: Vector) -> None:
             for k in range(j):
                 rest -= root[i, k] * root[j, k]
             root[i, j] = math.sqrt(rest) if i == j else rest / root[j, j]
-        rest = given[i]
-        for k in range(i):
-            rest -= root[i, k] * found[k]
-        found[i] = rest / root[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            found[i] -= root[k, i] * found[k]
-        found[i] /= root[i, i]
+    for column in range(given.shape[1]):
+        for i in range(n):
+            rest = given[i, column]
+            for k in range(i):
+                rest -= root[i, k] * found[k, column]
+            found[i, column] = rest / root[i, i]
+        for i in range(n - 1, -1, -1):
+            rest = found[i, column]
+            for k in range(i + 1, n):
+                rest -= root[k, i] * found[k, column]
+            found[i, column] = rest / root[i, i]

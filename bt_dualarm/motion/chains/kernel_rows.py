@@ -27,6 +27,17 @@ ROTOR: Final = 19
 """Inertia of the rotor, kg m²."""
 LINK: Final = 20
 
+# Rows of the limits of joints, of shape (5, dof).
+LOWER: Final = 0
+UPPER: Final = 1
+"""Positions, rad."""
+MOST_VELOCITY: Final = 2
+MOST_ACCELERATION: Final = 3
+MOST_JERK: Final = 4
+"""Rates, rad/s, rad/s², rad/s³."""
+ROUNDING: Final = 1e-6
+"""In rad, and as a share of a rate's limit: floating point, not motion."""
+
 # Rows of what is known of the joints, of shape (CONSTANTS, dof).
 LIMIT: Final = 0
 """Effort, N m."""

@@ -60,3 +60,19 @@ def _together(
         inertia += turn @ np.diag(model.body_inertia[body]) @ turn.T
         inertia += weight * (float(away @ away) * np.eye(3) - np.outer(away, away))
     return mass, center, inertia
+
+
+def links_by_jacobian(tool: Matrix, jacobian: Matrix) -> Matrix:
+    """Links without masses, of shape (dof, LINK), of a chain that is known by its tool only.
+
+    Args:
+        tool: Pose of the tool in the world while all joints are at zero, of shape (4, 4).
+        jacobian: Joint rates to the tool's linear, then angular velocity then, of shape (6, dof).
+    """
+    links = np.zeros((jacobian.shape[1], LINK))
+    axes = jacobian[3:].T
+    # The point of each axis that is nearest to the tool.
+    anchors = tool[:3, 3] - np.cross(jacobian[:3].T, axes)
+    links[:, AXIS : AXIS + 3] = axes
+    links[:, STEP : STEP + 3] = np.diff(anchors, axis=0, prepend=np.zeros((1, 3)))
+    return links

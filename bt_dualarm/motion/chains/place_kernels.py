@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.motion.chains.kernel_rows import AXIS, STEP
-from bt_dualarm.motion.chains.triple_kernels import triple, turned
+from bt_dualarm.motion.chains.triple_kernels import add, cross, sub, triple, turned
 from bt_dualarm.pose import Matrix, Vector
 
 
@@ -50,3 +52,33 @@ def place(links: Matrix, q: Vector, turns: Matrix, axes: Matrix, anchors: Matrix
         for column in range(3):
             axes[i, column] = axis[column]
             anchors[i, column] = step[column] + (anchors[i - 1, column] if i else 0.0)
+
+
+@kernel
+def place_tool(links: Matrix, q: Vector, frames: Matrix, jacobian: Matrix) -> None:
+    """Enter where the tool is, and its Jacobian.
+
+    Args:
+        links: Links of the chain, see `kernel_rows`.
+        q: Positions of the joints, of shape (dof,), rad.
+        frames: Rotation, row by row, and place of the tool; the second row takes those of now, the
+            third has those from the last joint while all are at zero, of shape (3, 12).
+        jacobian: Joint rates to the tool's linear, then angular velocity in the world: (6, dof).
+    """
+    dof = len(q)
+    turns, axes, anchors = np.empty((dof, 9)), np.empty((dof, 3)), np.empty((dof, 3))
+    place(links, q, turns, axes, anchors)
+    arm = turned(turns, dof - 1, 0, triple(frames, 2, 9))
+    tool = add(triple(anchors, dof - 1, 0), arm)
+    for row in range(3):
+        frames[1, 9 + row] = tool[row]
+        for column in range(3):
+            total = 0.0
+            for between in range(3):
+                total += turns[dof - 1, 3 * row + between] * frames[2, 3 * between + column]
+            frames[1, 3 * row + column] = total
+    for i in range(dof):
+        axis = triple(axes, i, 0)
+        moving = cross(axis, sub(tool, triple(anchors, i, 0)))
+        for row in range(3):
+            jacobian[row, i], jacobian[3 + row, i] = moving[row], axis[row]

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from bt_dualarm.motion.chains.kernel_rows import ROUNDING
 from bt_dualarm.motion.setpoints.online_step import OnlineStep
 from bt_dualarm.motion.setpoints.set_point import SetPoint
-from bt_dualarm.motion.setpoints.stopping_distance import (
-    ROUNDING,
-    Flags,
-    StoppingFeasibility,
-    every,
-)
+from bt_dualarm.motion.setpoints.stopping_distance import Flags, feasible, limit_rows
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
@@ -35,18 +31,21 @@ class SetPointLimiter:
     """
 
     def __init__(self, limits: JointLimits, period: float, start: Vector) -> None:
+        from bt_dualarm.motion.chains.limit_kernels import keep
+
+        self._keep = keep
         self.clipped = 0
         rest = np.zeros_like(start)
         self.sent = SetPoint(start.copy(), rest, rest)
         self._limits = limits
         self._period = period
         self._step = OnlineStep(limits, period)
-        self._stopping = StoppingFeasibility(limits)
+        self._rows = limit_rows(limits)
+        self._last, self._wanted = np.empty((2, 3, len(start)))
         rates = np.array((limits.velocity, limits.acceleration, limits.acceleration, limits.jerk))
         steps = np.array((1.0, 1.0, period, period))[:, None]
         drift = limits.acceleration * period**2
         self._bounds = np.vstack((rates * steps * (1 + ROUNDING), drift))
-        self._found = np.empty_like(self._bounds)
 
     def send(self, wanted: SetPoint) -> SetPoint:
         """The set-point to follow now: ``wanted``, or the nearest that the limits allow."""
@@ -55,22 +54,25 @@ class SetPointLimiter:
 
     def bend(self, wanted: SetPoint) -> SetPoint:
         """As ``send``, but it has not been sent yet: that is for the caller to say."""
-        q, v, a = wanted.q, wanted.v, wanted.a
-        if not every(self._within(wanted)) or not self._stopping.all_feasible(q, v, a):
+        sent, last, asked = self.sent, self._last, self._wanted
+        last[0], last[1], last[2] = sent.q, sent.v, sent.a
+        asked[0], asked[1], asked[2] = wanted.q, wanted.v, wanted.a
+        if not self._keep(self._rows, self._period, last, asked):
             self.clipped += 1
             wanted = self._bent(wanted)
         return wanted
 
     def _within(self, wanted: SetPoint) -> Flags:
         """Which limits are kept from the last set-point to this one, of shape (5, dof)."""
-        last, found = self.sent, self._found
-        found[0] = wanted.v
-        found[1] = wanted.a
-        np.subtract(wanted.v, last.v, out=found[2])
-        np.subtract(wanted.a, last.a, out=found[3])
-        np.subtract(wanted.q - last.q, (0.5 * self._period) * (wanted.v + last.v), out=found[4])
-        np.abs(found, out=found)
-        kept: Flags = found <= self._bounds
+        last = self.sent
+        found = (
+            wanted.v,
+            wanted.a,
+            wanted.v - last.v,
+            wanted.a - last.a,
+            wanted.q - last.q - (0.5 * self._period) * (wanted.v + last.v),
+        )
+        kept: Flags = np.abs(found) <= self._bounds
         return kept
 
     def _bent(self, wanted: SetPoint) -> SetPoint:
@@ -80,9 +82,9 @@ class SetPointLimiter:
         ask = np.array((wanted.q, wanted.v, wanted.a))
         known = np.isfinite(ask).all(axis=0)
         goal = np.where(known, ask, now)
-        good = known & self._within(wanted).all(axis=0) & self._stopping.feasible(*goal)
+        good = known & self._within(wanted).all(axis=0) & feasible(self._rows, *goal)
         step = self._step.towards(self._reachable(goal), now)
-        safe = known & self._stopping.feasible(*step)
+        safe = known & feasible(self._rows, *step)
         if not (safe | good).all():
             step = np.where(safe, step, self._step.to_rest(now))
         step = np.where(good, ask, step)

@@ -13,63 +13,23 @@ from bt_dualarm.world.robots.robot import JointLimits
 Flags: TypeAlias = npt.NDArray[np.bool_]
 """One answer for each joint, of shape (dof,)."""
 
-ROUNDING = 1e-6
-"""In rad, and as a share of a rate's limit: floating point, not motion."""
+
+def limit_rows(limits: JointLimits) -> Matrix:
+    """Limits of the joints as kernels have them, of shape (5, dof)."""
+    rows = limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk
+    return np.array(rows)
 
 
-class StoppingFeasibility:
-    """Tells states from which a joint can go on within its limits from those where it is too late.
+def feasible(limits: Matrix, q: Vector, v: Vector, a: Vector) -> Flags:
+    """Whether each joint can keep its limits, of shape (5, dof), from here; the others (dof,)."""
+    from bt_dualarm.motion.chains.limit_kernels import can_stop
 
-    Args:
-        limits: Limits of the arm.
-    """
-
-    def __init__(self, limits: JointLimits) -> None:
-        self._limits = limits
-        # With less speed than this no acceleration within its limit can lead past the limit.
-        self._calm = limits.velocity - limits.acceleration**2 / (2 * limits.jerk)
-        # Far from its position limits a joint can stop from whatever speed it may have.
-        still = np.zeros_like(limits.velocity)
-        rates = limits.acceleration, limits.jerk
-        longest = 1.01 * stopping_distance(limits.velocity, still, *rates)
-        self._low, self._high = limits.lower + longest, limits.upper - longest
-
-    def feasible(self, q: Vector, v: Vector, a: Vector) -> Flags:
-        """Whether each joint can keep its limits from here, all three of shape (dof,)."""
-        easy = self._far_from_limits(q, v)
-        return easy if every(easy) else easy | self._can_stop(q, v, a)
-
-    def all_feasible(self, q: Vector, v: Vector, a: Vector) -> bool:
-        """Whether all of them can."""
-        easy = self._far_from_limits(q, v)
-        return every(easy) or every(easy | self._can_stop(q, v, a))
-
-    def _far_from_limits(self, q: Vector, v: Vector) -> Flags:
-        far: Flags = (np.abs(v) < self._calm) & (q > self._low) & (q < self._high)
-        return far
-
-    def _can_stop(self, q: Vector, v: Vector, a: Vector) -> Flags:
-        limits = self._limits
-        rates = limits.acceleration, limits.jerk
-        fast = np.abs(v + a * np.abs(a) / (2 * limits.jerk))
-        ahead = q + stopping_distance(v, a, *rates)
-        behind = q - stopping_distance(-v, -a, *rates)
-        in_reach = (behind >= limits.lower - ROUNDING) & (ahead <= limits.upper + ROUNDING)
-        kept: Flags = in_reach & (fast <= limits.velocity * (1 + ROUNDING))
-        return kept
-
-
-def every(flags: Flags) -> bool:
-    """As ``flags.all()``, at a third of what that costs: it is asked at the control rate."""
-    return b"\0" not in flags.tobytes()
+    states = zip(q.tolist(), v.tolist(), a.tolist(), strict=True)
+    return np.array([can_stop(limits, i, *state) for i, state in enumerate(states)])
 
 
 def stopping_distance(v: Vector, a: Vector, acceleration: Vector, jerk: Vector) -> Vector:
     """Farthest that joints go in the positive direction before they can turn, of shape (dof,).
-
-    The jerk is at its negative limit until the acceleration is at its own, and at its positive
-    limit at the end. Velocity is point-symmetric in such a profile, so that the distance is half
-    the velocity at its start times its duration.
 
     Args:
         v: Velocity of shape (dof,), rad/s.
@@ -77,19 +37,15 @@ def stopping_distance(v: Vector, a: Vector, acceleration: Vector, jerk: Vector) 
         acceleration: Limit of the acceleration, of shape (dof,), rad/s².
         jerk: Limit of the jerk, of shape (dof,), rad/s³.
     """
-    # The profile begins where the acceleration is zero: ``lead`` seconds from now, or ago.
-    lead = a / jerk
-    top = np.maximum(v + 0.5 * a * lead, 0.0)
-    lead_distance = (v + a * lead / 3.0) * lead
-    profile = 0.5 * top * _duration(top, acceleration, jerk)
-    # Slower than the end of such a profile: it comes to rest while the acceleration fades.
-    fading = np.maximum(-a, 0.0)
-    root = np.sqrt(np.maximum(fading**2 - 2.0 * jerk * np.maximum(v, 0.0), 0.0))
-    rest = (fading - root) / jerk
-    short = (v + (0.5 * a + jerk * rest / 6.0) * rest) * rest
-    ends_short = (a < 0.0) & (2.0 * jerk * v < a * a)
-    distance = np.where(ends_short, short, lead_distance + profile)
-    return np.where((v > 0.0) | (top > 0.0), np.maximum(distance, 0.0), 0.0)
+    from bt_dualarm.motion.chains.limit_kernels import stopping_way
+
+    joints = zip(v.tolist(), a.tolist(), acceleration.tolist(), jerk.tolist(), strict=True)
+    return np.array([stopping_way(*joint) for joint in joints])
+
+
+def every(flags: Flags) -> bool:
+    """As ``flags.all()``, at a third of what that costs: it is asked at the control rate."""
+    return b"\0" not in flags.tobytes()
 
 
 def displacement_bound(v: Vector, a: Vector, limits: JointLimits, seconds: Matrix) -> Matrix:
@@ -110,10 +66,3 @@ def displacement_bound(v: Vector, a: Vector, limits: JointLimits, seconds: Matri
     half_ramp = 0.5 * limits.acceleration / limits.jerk
     distances: Matrix = fast * (seconds + fade + 0.5 * fast / limits.acceleration + half_ramp)
     return distances
-
-
-def _duration(v: Vector, acceleration: Vector, jerk: Vector) -> Vector:
-    """Seconds from a velocity without acceleration to rest."""
-    ramp = acceleration / jerk
-    reaches_limit = v >= acceleration * ramp
-    return np.where(reaches_limit, v / acceleration + ramp, 2.0 * np.sqrt(v / jerk))

@@ -9,9 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.motion.setpoints.following_law import (
-    Gains,
-    Reach,
+from bt_dualarm.motion.setpoints.following_kernels import (
     braking_speed,
     closing_velocity,
     fading_acceleration,
@@ -19,6 +17,7 @@ from bt_dualarm.motion.setpoints.following_law import (
     jerk_bandwidth,
     pole_gains,
 )
+from bt_dualarm.motion.setpoints.kernel_rows import Gains, Reach
 from bt_dualarm.motion.setpoints.stopping_distance import stopping_distance
 from bt_dualarm.pose import Matrix, Vector
 

@@ -17,10 +17,11 @@ that are chosen for the sampled system itself.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
+from bt_dualarm.kernels.kernel import kernel
+from bt_dualarm.motion.setpoints.kernel_rows import Gains, Reach
 from bt_dualarm.pose import Vector
 
 _BRAKE_ACCELERATION = 0.5  # share of the limit that is planned for slowing down before the target
@@ -28,29 +29,17 @@ _BRAKE_JERK = 0.35
 _FADE_JERK = 0.5  # share of the limit by which an acceleration is planned to fade
 
 
-class Reach(NamedTuple):
-    """What a point may do in every direction: m/s² and m/s³."""
-
-    acceleration: float
-    jerk: float
-
-
-class Gains(NamedTuple):
-    """Of the three loops: ``c`` and ``b`` in 1/s, ``f`` a share a period."""
-
-    c: float
-    b: float
-    f: float
-
-
+@kernel
 def jerk_bandwidth(jerk: float, error: float) -> float:
     """The bandwidth in rad/s at which an error in m takes all of the jerk in m/s³.
 
     A system with three poles at ``w`` answers a jump by ``e`` with a jerk of ``w³·e``.
     """
-    return math.cbrt(jerk / error)
+    bandwidth: float = np.cbrt(jerk / error)
+    return bandwidth
 
 
+@kernel
 def pole_gains(poles: tuple[float, float, float], period: float) -> Gains:
     """Gains with which the sampled, unlimited system has its poles at ``exp(-pole · period)``.
 
@@ -63,13 +52,18 @@ def pole_gains(poles: tuple[float, float, float], period: float) -> Gains:
         poles: Three real ones, in rad/s, positive.
         period: ``T`` in s.
     """
-    x, y, z = (math.exp(-pole * period) for pole in poles)
+    x, y, z = (
+        math.exp(-poles[0] * period),
+        math.exp(-poles[1] * period),
+        math.exp(-poles[2] * period),
+    )
     f = 1.0 - x * y * z
     k = (1.0 - x) * (1.0 - y) * (1.0 - z)
     m = 3.0 - f - (x + y + z) - 0.5 * k
     return Gains(k / (m * period), m / (f * period), f)
 
 
+@kernel
 def following_gains(bandwidth: float, error: float, jerk: float, period: float) -> Gains:
     """The gains of a follower.
 
@@ -83,6 +77,7 @@ def following_gains(bandwidth: float, error: float, jerk: float, period: float) 
     return pole_gains((w, w, max(w, jerk / (error * w * w))), period)
 
 
+@kernel
 def braking_speed(distance: float, reach: Reach) -> float:
     """The speed in m/s from which a point comes to rest within a distance in m.
 
@@ -92,13 +87,15 @@ def braking_speed(distance: float, reach: Reach) -> float:
     a, j = reach
     ramp = a / j
     if distance <= a * ramp * ramp:
-        return math.cbrt(distance * distance * j)
+        speed: float = np.cbrt(distance * distance * j)
+        return speed
     return 0.5 * a * (math.sqrt(ramp * ramp + 8.0 * distance / a) - ramp)
 
 
+@kernel
 def closing_velocity(away: Vector, gains: Gains, reach: Reach) -> Vector:
     """Velocity towards a target that is ``away``, of shape (2,), in m/s."""
-    distance = math.hypot(*away.tolist())
+    distance = math.hypot(away[0], away[1])
     if distance == 0.0:
         return np.zeros(2)
     planned = Reach(_BRAKE_ACCELERATION * reach.acceleration, _BRAKE_JERK * reach.jerk)
@@ -107,13 +104,14 @@ def closing_velocity(away: Vector, gains: Gains, reach: Reach) -> Vector:
     return closing
 
 
+@kernel
 def fading_acceleration(lack: Vector, gain: float, jerk: float) -> Vector:
     """Acceleration in m/s² for a lack of velocity, of shape (2,), in m/s.
 
     ``gain`` times as much, or what fades to nothing, by a share of the jerk ``j``, as the lack
     does: ``s = a²/2j``.
     """
-    size = math.hypot(*lack.tolist())
+    size = math.hypot(lack[0], lack[1])
     if size == 0.0:
         return np.zeros(2)
     acceleration: Vector = lack * min(gain, math.sqrt(2.0 * _FADE_JERK * jerk / size))

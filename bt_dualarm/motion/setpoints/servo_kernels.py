@@ -1,0 +1,197 @@
+"""A servo's set-point in two calls: where the tool is, then how its joints are accelerated."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bt_dualarm.kernels.kernel import kernel
+from bt_dualarm.motion.chains.inertia_kernels import solve_rows
+from bt_dualarm.motion.chains.kernel_rows import (
+    MOST_ACCELERATION,
+    MOST_JERK,
+)
+from bt_dualarm.motion.chains.limit_kernels import can_stop
+from bt_dualarm.motion.chains.place_kernels import place_tool
+from bt_dualarm.motion.setpoints.allowance_kernels import keep_within, passable_share
+from bt_dualarm.motion.setpoints.following_kernels import (
+    closing_velocity,
+    fading_acceleration,
+    following_gains,
+)
+from bt_dualarm.motion.setpoints.kernel_rows import (
+    ACCELERATION,
+    BRAKING_BANDWIDTH,
+    DAMPING,
+    DISPLACEMENT,
+    HOLD,
+    HOLD_BANDWIDTH,
+    INVERSE,
+    JACOBIAN,
+    JACOBIAN_BEFORE,
+    NOW_A,
+    NOW_Q,
+    NOW_V,
+    OFF,
+    POSTURE,
+    POSTURE_BANDWIDTH,
+    RATES,
+    REACH,
+    TURN,
+    VELOCITY,
+    Pursuit,
+    Reach,
+)
+from bt_dualarm.pose import Matrix, Vector
+
+_BRAKING_SHARE = 0.3  # of the way to the acceleration that brakes, a period
+
+
+@kernel
+def look(
+    links: Matrix, frames: Matrix, plane: Matrix, period: float, work: Matrix, seen: Vector
+) -> None:
+    """Enter where the tool is, and what holds it there.
+
+    Args:
+        links: Links of the arm, see the rows of `chains`.
+        frames: Rotation, row by row, and place of the tool: at the start, now, and, from the last
+            joint while all are at zero, of shape (3, 12).
+        plane: Unit vectors of the plane and its normal in the world, of shape (3, 3).
+        period: Seconds between set-points.
+        work: What the servo works with.
+        seen: What it sees.
+    """
+    place_tool(links, work[NOW_Q], frames, work[JACOBIAN : JACOBIAN + 6])
+    _invert(work)
+    twist, change = np.empty(6), np.empty(6)
+    for row in range(6):
+        twist[row] = change[row] = 0.0
+        for i in range(work.shape[1]):
+            now, before = work[JACOBIAN + row, i], work[JACOBIAN_BEFORE + row, i]
+            twist[row] += now * work[NOW_V, i]
+            change[row] += (now - before) * work[NOW_V, i] / period
+            work[JACOBIAN_BEFORE + row, i] = now
+    for axis in range(2):
+        seen[DISPLACEMENT + axis] = seen[VELOCITY + axis] = seen[ACCELERATION + axis] = 0.0
+        for along in range(3):
+            part = plane[axis, along]
+            seen[DISPLACEMENT + axis] += part * (frames[1, 9 + along] - frames[0, 9 + along])
+            seen[VELOCITY + axis] += part * twist[along]
+            total = change[along]
+            for i in range(work.shape[1]):
+                total += work[JACOBIAN + along, i] * work[NOW_A, i]
+            seen[ACCELERATION + axis] += part * total
+    _hold(frames, plane, twist, change, work, seen)
+    _reach(plane, work, seen)
+
+
+@kernel
+def _invert(work: Matrix) -> None:
+    """Enter the damped right inverse of the Jacobian: ``Jᵀ (J Jᵀ + d)⁻¹``, transposed."""
+    square = np.empty((6, 6))
+    for row in range(6):
+        for column in range(row + 1):
+            total = DAMPING if row == column else 0.0
+            for i in range(work.shape[1]):
+                total += work[JACOBIAN + row, i] * work[JACOBIAN + column, i]
+            square[row, column] = square[column, row] = total
+    solve_rows(square, work[JACOBIAN : JACOBIAN + 6], work[INVERSE : INVERSE + 6])
+
+
+@kernel
+def _hold(
+    frames: Matrix, plane: Matrix, twist: Vector, change: Vector, work: Matrix, seen: Vector
+) -> None:
+    """Enter accelerations that keep the third axis and the orientation, and a posture."""
+    w, dof = HOLD_BANDWIDTH, work.shape[1]
+    off, speed = 0.0, 0.0
+    for axis in range(3):
+        off += plane[2, axis] * (frames[0, 9 + axis] - frames[1, 9 + axis])
+        speed += plane[2, axis] * twist[axis]
+    seen[OFF] = off
+    rest = np.zeros(dof)
+    if dof > 6:
+        for i in range(dof):
+            away = work[POSTURE, i] - work[NOW_Q, i]
+            rest[i] = POSTURE_BANDWIDTH**2 * away - 2.0 * POSTURE_BANDWIDTH * work[NOW_V, i]
+    work[HOLD] = rest
+    for row in range(6):
+        if row < 3:
+            wanted = (w * w * off - 2.0 * w * speed) * plane[2, row]
+        else:
+            one, two = (row - 2) % 3, (row - 1) % 3
+            skew = 0.0
+            for along in range(3):
+                skew += frames[0, 3 * two + along] * frames[1, 3 * one + along]
+                skew -= frames[0, 3 * one + along] * frames[1, 3 * two + along]
+            seen[TURN + row - 3] = 0.5 * skew
+            wanted = 0.5 * w * w * skew - 2.0 * w * twist[row]
+        wanted -= change[row]
+        for i in range(dof):
+            wanted -= work[JACOBIAN + row, i] * rest[i]
+        for i in range(dof):
+            work[HOLD, i] += work[INVERSE + row, i] * wanted
+
+
+@kernel
+def _reach(plane: Matrix, work: Matrix, seen: Vector) -> None:
+    """Enter joint rates by those in the plane, and what the joints allow there."""
+    seen[REACH] = seen[REACH + 1] = math.inf
+    for i in range(work.shape[1]):
+        for axis in range(2):
+            work[RATES + axis, i] = 0.0
+            for along in range(3):
+                work[RATES + axis, i] += work[INVERSE + along, i] * plane[axis, along]
+        per_unit = max(math.hypot(work[RATES, i], work[RATES + 1, i]), 1e-6)
+        seen[REACH] = min(seen[REACH], work[MOST_ACCELERATION, i] / per_unit)
+        seen[REACH + 1] = min(seen[REACH + 1], work[MOST_JERK, i] / per_unit)
+
+
+@kernel
+def answer(
+    pursuit: Pursuit,
+    time_scale: float,
+    has_target: bool,
+    target: Matrix,
+    work: Matrix,
+    seen: Vector,
+    answered: Matrix,
+) -> bool:
+    """Enter accelerations for now, and positions and velocities that come of them.
+
+    Args:
+        pursuit: How it follows.
+        time_scale: Share of the velocity that it would have.
+        has_target: Whether there is a target, or it comes to rest.
+        target: Position, velocity and acceleration in the plane, of shape (3, 2).
+        work: What the servo works with, after `look`.
+        seen: What it sees, likewise.
+        answered: Takes acceleration, next position, next velocity, of shape (3, dof).
+
+    Returns:
+        Whether all joints can stop within their limits from the set-point that is asked for.
+    """
+    dt, velocity = pursuit.period, seen[VELOCITY : VELOCITY + 2]
+    reach = Reach(seen[REACH], seen[REACH + 1])
+    if has_target:
+        gains = following_gains(pursuit.bandwidth, pursuit.slack, reach.jerk, dt)
+        away = target[0] - seen[DISPLACEMENT : DISPLACEMENT + 2]
+        goal = target[1] + closing_velocity(away, gains, reach)
+        passed = min(time_scale, passable_share(work, goal))
+        wanted = fading_acceleration(passed * goal - velocity, gains.b, reach.jerk)
+        if passed == 1.0:
+            wanted += target[2]
+        share = gains.f
+    else:
+        wanted = fading_acceleration(-velocity, 2.0 * BRAKING_BANDWIDTH, reach.jerk)
+        share = _BRAKING_SHARE
+    keep_within(work, seen[ACCELERATION : ACCELERATION + 2], wanted, share, dt, answered[0])
+    feasible = True
+    for i in range(work.shape[1]):
+        q, v, a = work[NOW_Q, i], work[NOW_V, i], answered[0, i]
+        feasible = feasible and can_stop(work, i, q, v, a)
+        answered[1, i] = q + v * dt + 0.5 * a * dt * dt
+        answered[2, i] = v + a * dt
+    return feasible
