@@ -5,7 +5,8 @@
 Every robot of the catalogue stands in a posture drawn around its own, swings a little with nothing
 in its hand, is given a cube of 0.1 to 3 kg, its payload at most, and swings again. A seed is
 another robot of the batch and another posture. The mass that the arm then believes in is held
-against the simulator's. Asked for in `lab`: within 3 % or 20 g.
+against the simulator's. Asked for in `lab`: within 3 % or 20 g. One that sags under what nobody has
+told it of, further than a motion may be behind, has failed.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bt_dualarm.errors import Failure
 from bt_dualarm.motion.control.controller import JointController
 from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.safety.reservation import Reservations
@@ -117,23 +119,29 @@ def main() -> None:
     arguments = parser.parse_args()
     kinds = Registry.load().kinds
     for name in arguments.robots:
-        most = min(HEAVIEST_KG, load_robot(name).payload or HEAVIEST_KG)
-        masses = np.geomspace(LIGHTEST_KG, most, arguments.loads)
-        found = [
-            weighed(name, arguments.set, seed, float(mass), kinds)
-            for seed in range(arguments.seeds)
-            for mass in masses
-        ]
-        errors = np.array([one.told - one.true for one in found])
-        shares = np.abs(errors) / np.array([one.true for one in found])
-        doubts = np.array([one.doubt for one in found])
-        print(
-            f"{name:6} {arguments.set}: {sum(one.is_right for one in found)} of {len(found)} "
-            f"within 3 % or 20 g; at most {1e3 * np.abs(errors).max():.0f} g, "
-            f"{100 * shares.max():.1f} %; {np.abs(errors / np.maximum(doubts, 1e-9)).max():.1f} "
-            f"of its deviations; centre within {max(one.center_mm for one in found):.1f} mm",
-            flush=True,
-        )
+        print(line(name, arguments.set, arguments.seeds, arguments.loads, kinds), flush=True)
+
+
+def line(name: str, reality: str, seeds: int, loads: int, kinds: Mapping[str, Kind]) -> str:
+    """What one robot's batch makes of so many masses."""
+    most = min(HEAVIEST_KG, load_robot(name).payload or HEAVIEST_KG)
+    found, failed = [], []
+    for seed in range(seeds):
+        for mass in np.geomspace(LIGHTEST_KG, most, loads):
+            try:
+                found.append(weighed(name, reality, seed, float(mass), kinds))
+            except Failure as failure:
+                failed.append(f"; {mass:.2g} kg, seed {seed}: {failure}")
+    errors = np.array([one.told - one.true for one in found])
+    shares = np.abs(errors) / np.array([one.true for one in found])
+    z = np.abs(errors) / np.maximum([one.doubt for one in found], 1e-9)
+    return (
+        f"{name:6} {reality}: {sum(one.is_right for one in found)} of {len(found) + len(failed)} "
+        f"within 3 % or 20 g; at most {1e3 * np.abs(errors).max():.0f} g, "
+        f"{100 * shares.max():.1f} %; {np.mean(z < 1):.2f} within one of its deviations, "
+        f"{np.mean(z < 2):.2f} within two, at most {z.max():.1f}; "
+        f"centre within {max(one.center_mm for one in found):.1f} mm" + "".join(failed)
+    )
 
 
 if __name__ == "__main__":

@@ -68,9 +68,8 @@ class ComputedTorque:
         self._speed, self._torque = state[SPEED], state[TORQUE]
         self.observer = StateObserver(self._law, state, self._hardware.q)
         self.touch = MomentumObserver(state)
-        minds, effort = world.declared_arms[arm].collision, world.robots[arm].limits.effort
-        friction, factor = self._nominal.friction, minds.threshold
-        self.hits = CollisionWatch(effort, friction, factor) if minds.stop else None
+        minds, friction = world.declared_arms[arm].collision, self._nominal.friction
+        self.hits = CollisionWatch(friction, minds.threshold) if minds.stop else None
         self.was_hit = False
         self._weighing = Weighing(self._nominal, period) if self._nominal.weighs else None
         self._take_up(self._nominal.loads, grace=False)
@@ -113,7 +112,7 @@ class ComputedTorque:
     def _weigh(self, weighing: Weighing, sent: SetPoint) -> None:
         """Learn what the arm holds; what that changes, no joint feels."""
         observer = self.observer
-        if weighing.take(observer.q, observer.v, sent.a, self._hardware.commanded):
+        if weighing.take(observer.q, observer.v, sent, self._hardware.commanded):
             self._take_up(self._nominal.loads, grace=False)
             self._dynamics.update(observer.q, observer.v)
             driving = self._state[DRIVING] - self._dynamics.bias

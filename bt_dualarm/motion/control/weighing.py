@@ -11,6 +11,7 @@ from bt_dualarm.motion.control.dynamics import ArmDynamics
 from bt_dualarm.motion.control.law import DRIVE_DELAY_S
 from bt_dualarm.motion.identification.beliefs import Beliefs
 from bt_dualarm.motion.identification.regressor import INERTIAL, TorqueRegressor, inertial_numbers
+from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.nominal.nominal_arm import NominalArm
 from bt_dualarm.world.nominal.nominal_load import NominalLoad
@@ -31,9 +32,12 @@ OFF_CENTER_M: Final = 0.005
 """Deviation of a load's centre of mass from that of its shape along each axis, m."""
 
 _HEAVIEST: Final = 5.0  # kg; deviation of a mass of which nothing is known
-_NOISE: Final = 0.005  # of a torque over a window, as a share of the joint's effort
+_NOISE: Final = (
+    0.01  # of a torque over a window, as a share of the effort; some of it stays for many
+)
 _STUCK: Final = 0.05  # rad/s, below which dry friction may be anything
 _CHANGING: Final = 0.5  # of the torques of a change of acceleration in a window, that are noise
+_MISSED: Final = 2.0  # times what the arm did otherwise than it was meant to
 _MOVING: Final = 0.02  # rad/s; an arm that stands may lean on something
 _WINDOW: Final = 5  # periods that are averaged
 _MIDDLE: Final = 3  # period at whose beginning the state is that of the window
@@ -72,60 +76,65 @@ class Weighing:
         self._dynamics = self._believed = ArmDynamics(nominal)
         self._held: tuple[NominalLoad, ...] = ()
         self._asked: list[Vector] = []
-        self._sums, self._torque, self._q, self._v = np.zeros((4, dof))
+        self._sums, self._torque, self._q, self._v, self._off, self._was_off = np.zeros((6, dof))
         self._late = DRIVE_DELAY_S / period
+        self._window_s = _WINDOW * period
         self._windows = 0
 
-    def take(self, q: Vector, v: Vector, a: Vector, torque: Vector) -> bool:
+    def take(self, q: Vector, v: Vector, sent: SetPoint, torque: Vector) -> bool:
         """Take up a period; whether more is known of what the arm holds.
 
         Args:
             q: Positions at its end, of shape (dof,), rad.
             v: Velocities then, likewise.
-            a: Accelerations that were meant, likewise.
+            sent: What was meant.
             torque: Torques that were commanded for it, of shape (dof,), N m.
         """
+        self._off = v - sent.v
         if self._held is not self._nominal.loads:
             self._take_up(self._nominal.loads)
             self._begin()
             self._windows = -_SETTLING
             return False
-        self._asked.append(a)
+        self._asked.append(sent.a)
         self._sums = self._sums + torque + self._late * (self._torque - torque)
         self._torque = torque
         if len(self._asked) == _MIDDLE:
             self._q, self._v = q, v
         if len(self._asked) < _WINDOW:
             return False
-        asked = np.array(self._asked)
+        asked, missed = np.array(self._asked), (self._off - self._was_off) / self._window_s
         mean = self._sums / _WINDOW
         self._begin()
         self._windows += 1
         if self._windows <= 0 or np.abs(self._v).max() < _MOVING:
             return False
-        self._beliefs.measure(*self._measurements(self._q, self._v, asked, mean))
+        self._beliefs.measure(*self._measurements(self._q, self._v, asked, missed, mean))
         return bool(self._loads) and self._windows % _EVERY == 0 and self._tell()
 
     def _begin(self) -> None:
         """Begin a window."""
         self._asked.clear()
         self._sums = np.zeros_like(self._sums)
+        self._was_off = self._off
 
     def _measurements(
-        self, q: Vector, v: Vector, asked: Matrix, torque: Vector
+        self, q: Vector, v: Vector, asked: Matrix, missed: Vector, torque: Vector
     ) -> tuple[Matrix, Vector, Vector]:
         """Columns, values and weights of one window, a row a joint.
 
         Nothing in the columns is measured but where the arm is, for noise in them would be taken
-        for less mass: accelerations are those that were meant, and torques those of the model.
+        for less mass: accelerations are those that were meant, torques those of the model.
+        Where the arm did otherwise, by ``missed`` rad/s², the row counts for less: a load that
+        nobody has told of pulls it off its way at first.
         """
         friction, dof, a = self._nominal.friction, len(q), asked.mean(axis=0)
         links = self._regressor(q, v, a)
         own = [links[:, i] @ doubts for i, doubts in enumerate(self._doubts)]
         dry = friction.level(v) * friction.build_up(v)
         viscous = friction.viscous * v
-        rotors = self._nominal.model.dof_armature * a
         whole = self._believed.moving(q, v, a) + dry + viscous
+        rotors = self._nominal.model.dof_armature * a
         shares = FRICTION_DOUBT * dry, FRICTION_DOUBT * viscous, LINK_DOUBT * rotors
         own += [np.diag(share) for share in (*shares, -GAIN_DOUBT * whole)]
         loads = [links[:, -1] @ self._load_columns(load) for load in self._loads]
@@ -134,6 +143,7 @@ class Weighing:
         noise = _NOISE * self._effort
         dynamics.update(q, v)
         noise = noise + _CHANGING * np.abs(dynamics.inertia) @ np.ptp(asked, axis=0)
+        noise = np.hypot(noise, _MISSED * dynamics.inertia_times(missed))
         stuck = (np.abs(v) < _STUCK) & (friction.rise <= 0.0)
         noise = noise + np.where(stuck, np.maximum(friction.static, friction.coulomb), 0.0)
         return np.column_stack((*own, *loads)).reshape(dof, -1), values, 1.0 / np.square(noise)

@@ -18,10 +18,14 @@ KINDS = Registry.load().kinds
 
 
 @pytest.mark.parametrize(
-    ("robot", "seed", "mass"), [("panda", 3, 2.5), ("ur5", 4, 0.2), ("ur10", 5, 1.0)]
+    ("robot", "seed", "mass"),
+    [("panda", 3, 2.5), ("ur5", 4, 0.2), ("ur10", 5, 1.0), ("xarm7", 0, 3.0)],
 )
 def test_mass_and_centre_of_what_nobody_has_weighed(robot: str, seed: int, mass: float) -> None:
-    """Within 3 % or 20 g on a well kept robot; the centre is not worse than the file's."""
+    """Within 3 % or 20 g on a well kept robot; the centre is not worse than the file's.
+
+    The xArm7 sags at first under what nobody has told it of, and does not do what it meant to.
+    """
     found = weighed(robot, "lab", seed, mass, KINDS)
     assert found.told == pytest.approx(found.true, rel=0.03, abs=0.02), found
     assert 0.0 < found.doubt < max(0.1 * mass, 0.05)
