@@ -1,15 +1,16 @@
 """Every arm of the catalogue before a cube, in figures: does it come to rest, does it swing?
 
     python -m benchmarks.following [--robot NAME ...] [--fps N ...] [--motion rest|circle]
-                                   [--reality ideal|lab|rough] [--part I/N]
+                                   [--reality ideal|lab|rough] [--sized] [--seeds N] [--part I/N]
 
 A resting cube: robots by planes by 10, 30, 60, 120 frames a second by shares 0.1, 0.3, 1 of the
 limits by latencies of 0, 17 and 60 ms, 540 runs of about two seconds each. A slow circle, 0.1 m
-around at 0.1 m/s: robots by planes by shares, at 60 Hz. Arms start where they look squarely at the
-plane. Printed for each is the error, the highest line of the spectrum of the tool's path, and what
-misses its goal; the exit code is 1 if anything does. Where the camera is not where its calibration
-has it, the cube is off by that, and only swings and failures count. ``--part 2/11`` runs every
-eleventh, from the second on.
+around at 0.1 m/s: robots by planes by rates by shares. Arms start where they look squarely at the
+plane; with ``--sized`` they know the cube's size. A seed is a robot of the batch. Printed for each
+is the error, the highest line of the spectrum of the tool's path, and what misses its goal, as a
+loss of the cube does; the exit code is 1 if anything does. Where the camera is not where its
+calibration has it, the cube is off by that, and only swings, losses and failures count.
+``--part 2/11`` runs every eleventh, from the second on.
 """
 
 from __future__ import annotations
@@ -27,14 +28,13 @@ from bt_dualarm.world.robots.catalogue import robot_names
 FPS, SHARES, LATENCIES = (10.0, 30.0, 60.0, 120.0), (0.1, 0.3, 1.0), (0.0, 0.017, 0.06)
 
 
-def spots(robots: list[str], fps: list[float], motion: str, reality: str) -> Iterator[Spot]:
+def spots(asked: argparse.Namespace) -> Iterator[Spot]:
     """All of the family."""
-    if motion == "circle":
-        for robot, plane, share in itertools.product(robots, LOOKS, SHARES):
-            yield Spot(robot, plane, share=share, motion=motion, reality=reality)
-        return
-    for at in itertools.product(robots, LOOKS, fps, SHARES, LATENCIES):
-        yield Spot(*at, reality=reality)
+    latencies = LATENCIES if asked.motion == "rest" else (Spot.latency,)
+    each = itertools.product(asked.robot, LOOKS, asked.fps, SHARES, latencies, range(asked.seeds))
+    for robot, plane, fps, share, latency, seed in each:
+        more = asked.motion, asked.reality, asked.sized, seed
+        yield Spot(robot, plane, fps, share, latency, *more)
 
 
 def complaints(spot: Spot, found: Outcome) -> list[str]:
@@ -45,6 +45,7 @@ def complaints(spot: Spot, found: Outcome) -> list[str]:
         return [found.code]
     right = found.rms <= spot.goal or spot.reality != "ideal"
     said = [] if right else [f"RMS above {1e3 * spot.goal:g} mm"]
+    said += [f"lost {found.lost} times"] * (found.lost > 0)
     return said + ["swings"] * (spot.motion == "rest" and found.swings(spot.goal))
 
 
@@ -55,14 +56,14 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--fps", nargs="+", type=float, default=list(FPS))
     parser.add_argument("--motion", choices=("rest", "circle"), default="rest")
     parser.add_argument("--reality", choices=("ideal", "lab", "rough"), default="ideal")
+    parser.add_argument("--sized", action="store_true")
+    parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--part", default="1/1")
     asked = parser.parse_args(arguments)
     first, every = (int(number) for number in asked.part.split("/"))
     registry, failed = Registry.load(), 0
     of_group: dict[tuple[str, float], list[Outcome]] = defaultdict(list)
-    for spot in list(spots(asked.robot, asked.fps, asked.motion, asked.reality))[
-        first - 1 :: every
-    ]:
+    for spot in list(spots(asked))[first - 1 :: every]:
         found = follow(spot, registry)
         of_group[spot.robot, spot.fps].append(found)
         wrong = complaints(spot, found)

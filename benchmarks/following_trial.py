@@ -52,6 +52,8 @@ class Spot:
         latency: Age of an image when it comes, in s.
         motion: Of the cube: ``rest`` or ``circle``.
         reality: How far the arm is from what is believed of it.
+        sized: Whether the cube's size is known.
+        seed: Seed of the run: a robot of the batch.
     """
 
     robot: str
@@ -61,12 +63,15 @@ class Spot:
     latency: float = 0.017
     motion: str = "rest"
     reality: str = "ideal"
+    sized: bool = False
+    seed: int = 0
 
     def __str__(self) -> str:
         ms = round(1e3 * self.latency)
         camera = f"{self.fps:3g} Hz {ms:2d} ms"
         arm = f"{self.robot:<6} {self.plane} {camera} limits {self.share:3g}"
-        return f"{arm} {self.motion} {self.reality}"
+        sized = " sized" * self.sized
+        return f"{arm} {self.motion} {self.reality}{sized} {self.seed}"
 
     @property
     def goal(self) -> float:
@@ -87,6 +92,7 @@ class Outcome:
         peak_hz: Its frequency.
         growth: Error of the last third by that of the first.
         code: Code of a failure, or nothing.
+        lost: Number of times that the cube was lost.
     """
 
     rms: float
@@ -95,6 +101,7 @@ class Outcome:
     peak_hz: float
     growth: float
     code: str
+    lost: int = 0
 
     def __str__(self) -> str:
         return (
@@ -143,7 +150,7 @@ def follow(spot: Spot, registry: Registry) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
         tree = _tree(spot, seen.write_page(Path(folder)), place)
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
-        with Run(file, registry, RunOptions(seed=0, renderer="ray")) as run:
+        with Run(file, registry, RunOptions(seed=spot.seed, renderer="ray")) as run:
             carrier = _Carrier(run.world, place, axes, spot.motion == "circle")
             run.watch(carrier)
             arm = run.finish().arms["arm1"]
@@ -178,6 +185,8 @@ def _tree(spot: Spot, page: str, place: Vector) -> dict[str, Data]:
         "duration": _LENGTH_S[spot.motion],
         "max_error": _NOT_FOLLOWING_M,
     }
+    if spot.sized:
+        track["target_size"] = 0.05
     arm = {
         "robot": page,
         "base": {"xyz": list(xyz), "rpy": list(rpy)},
@@ -201,6 +210,7 @@ def _outcome(leaf: LeafReport, errors: Vector, rows: list[tuple[float, Vector]])
         peak_hz=peak_hz,
         growth=parts[1] / max(parts[0], 1e-9),
         code=str(leaf.code or ""),
+        lost=int(leaf.metrics.get("lost_count", 0)),
     )
 
 
