@@ -14,6 +14,7 @@ from bt_dualarm.spec.reality import RealityErrors
 from bt_dualarm.world.hardware.drawn_arm import DrawnArm, stream
 from bt_dualarm.world.hardware.drives import Drives
 from bt_dualarm.world.hardware.encoders import Encoders
+from bt_dualarm.world.hardware.kernel_rows import FRICTION
 from bt_dualarm.world.hardware.rubbing import Rubbing
 
 KEPT_S: Final = 0.25
@@ -99,7 +100,7 @@ class ArmHardware:
             return
         self.stamp = stamp = self._data.time
         encoders = self._encoders
-        encoders.read(self._true_q.copy(), self._true_v, stamp)
+        encoders.read(self._true_q, self._true_v, stamp)
         self.q, self.v = encoders.q, encoders.v
         while self._past and self._past[-1][0] >= stamp:
             self._past.pop()
@@ -134,8 +135,20 @@ class ArmHardware:
     def drive(self) -> None:
         """Let the drives act during the next step of physics."""
         if self._plant is not None and not self._drives.is_ideal:
-            self._motors[:] = self._drives.torque()
+            self._drives.drive(self._motors)
 
     def rub(self) -> None:
         """Set the joints' friction for the velocities that the plant has now."""
         self._rubbing.act()
+
+
+def sense_something() -> None:
+    """Have all kernels of sensors and drives compiled."""
+    from bt_dualarm.world.hardware import hardware_kernels as kernels
+
+    one, table = np.ones(1), np.ones((FRICTION, 1))
+    kernels.read_positions(one, one, 1.0, one)
+    kernels.difference(one, table, 0, 1, 1.0, 1.0, one)
+    kernels.pass_on(table, 0, 1.0, 1.0, one, one)
+    kernels.take_torques(one, one, one, one, one)
+    kernels.rub(table, one, one, one)

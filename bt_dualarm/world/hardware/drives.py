@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 
 import numpy as np
 
@@ -28,44 +27,39 @@ class Drives:
     """
 
     def __init__(self, errors: DriveErrors, gain: Vector, effort: Vector, timestep: float) -> None:
+        from bt_dualarm.world.hardware.hardware_kernels import pass_on, take_torques
+
+        self._pass_on, self._take = pass_on, take_torques
         whole, self._rest = divmod(round(errors.delay / timestep, 9), 1.0)
         quantum = errors.quantum if errors.quantum > _FINEST else 0.0
         # What a torque is rounded in, and what it then is at the joint.
-        self._per_step = 1.0 / (quantum * effort) if quantum else None
-        self._gain = gain * quantum * effort if quantum else gain
-        self._most, self._least = effort, -effort
+        self._per_step = 1.0 / (quantum * effort) if quantum else np.zeros_like(effort)
+        self._gain = gain * quantum * effort if quantum else 1.0 * gain
+        self._effort = effort.copy()
         corner = 2 * math.pi * errors.bandwidth * timestep
-        # An array of no dimension: with one, arrays are multiplied in half the time.
-        self._share = np.array(-math.expm1(-corner)) if corner else None
-        self._sent: deque[Vector] = deque(maxlen=int(whole) + 2)
-        self._wanted = np.zeros_like(effort)
-        self._torque: Vector | None = None
+        self._share = -math.expm1(-corner) if corner else 1.0
+        self._sent = np.zeros((int(whole) + 2, len(effort)))
+        self._newest = 0
+        self._wanted, self._asked, self._torque = np.zeros((3, len(effort)))
+        self._is_new = True
         self.is_ideal = not (errors.delay or corner or quantum) and bool((gain == 1).all())
 
     def command(self, torque: Vector) -> None:
         """Take up torques of shape (dof,), N m, that hold until the next."""
-        if self._per_step is not None:
-            torque = torque * self._per_step
-            np.rint(torque, torque)
-        wanted: Vector = self._gain * torque
-        np.minimum(wanted, self._most, wanted)
-        np.maximum(wanted, self._least, wanted)
-        self._wanted = wanted  # another array each time: older ones are still on their way
+        self._asked[:] = torque
+        self._take(self._asked, self._per_step, self._gain, self._effort, self._wanted)
 
     def torque(self) -> Vector:
         """Torque at the joints during the next step, of shape (dof,), N m."""
-        sent, wanted = self._sent, self._wanted
-        if self._torque is None:  # an arm comes as if its drives had held it for long
-            sent.extend([wanted] * (sent.maxlen or 0))
-            self._torque = wanted
-        sent.append(wanted)
-        if sent[0] is not sent[1] and self._rest:
-            wanted = sent[1] + self._rest * (sent[0] - sent[1])
-        else:
-            wanted = sent[1]
-        if self._share is not None:
-            lag = wanted - self._torque
-            np.multiply(lag, self._share, lag)
-            wanted = np.add(self._torque, lag, lag)
-        self._torque = wanted
-        return wanted
+        motors = np.empty_like(self._torque)
+        self.drive(motors)
+        return motors
+
+    def drive(self, motors: Vector) -> None:
+        """Have motors give the torque of the next step, of shape (dof,), N m."""
+        if self._is_new:  # an arm comes as if its drives had held it for long
+            self._is_new = False
+            self._sent[:] = self._torque[:] = self._wanted
+        self._newest = (self._newest + 1) % len(self._sent)
+        self._sent[self._newest] = self._wanted
+        self._pass_on(self._sent, self._newest, self._rest, self._share, self._torque, motors)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
@@ -29,18 +28,20 @@ class Encoders:
     """
 
     def __init__(self, errors: EncoderErrors, timestep: float, rng: np.random.Generator) -> None:
-        # Numbers are arrays of no dimension where they meet arrays: that costs half as much.
-        self._resolution = np.array(math.radians(errors.resolution))
-        self._steps_of = np.array(1.0 / self._resolution) if self._resolution else None
+        from bt_dualarm.world.hardware.hardware_kernels import difference, read_positions
+
+        self._read, self._differ = read_positions, difference
+        self._resolution = math.radians(errors.resolution)
         self._noise = math.radians(errors.noise)
         self._steps = max(1, round(errors.window / timestep)) if errors.window else 0
         share = -math.expm1(-2 * math.pi * errors.cutoff * timestep) if errors.cutoff else 1.0
-        self._kept = np.array(1.0 - share)
+        self._kept = 1.0 - share
         # By how many readings lie between two: what their difference adds to the velocity.
-        self._rates = [np.array(share / (n * timestep)) for n in range(1, max(1, self._steps) + 1)]
+        self._rates = [share / (max(n, 1) * timestep) for n in range(max(1, self._steps) + 1)]
         self._rng = rng
         self._drawn: Iterator[Vector] = iter(())
-        self._before: deque[Vector] = deque(maxlen=self._steps + 1)
+        self._past = np.zeros((self._steps + 1, 0))
+        self._newest, self._count = -1, 0
         self._stamp = -math.inf
         self._v_before: Vector = np.zeros(0)
         self.q: Vector = np.zeros(0)
@@ -51,44 +52,47 @@ class Encoders:
 
         A second reading of one moment takes the place of the first.
         """
-        if self._noise:
-            q = q + self._noise_of(len(q))
-        if self._steps_of is not None:
-            q = q * self._steps_of
-            np.rint(q, q)
-            np.multiply(q, self._resolution, q)
-        self.q = q
+        reading = np.empty_like(q)
+        noise = self._noise_of(len(q))
+        self._read(q, noise, self._resolution, reading)
+        self.q = reading
         if self._steps:
             self._forget(stamp)
-            self._difference(q)
+            self._difference(reading)
         else:
             self.v = v.copy()
 
     def _noise_of(self, dof: int) -> Vector:
         noise = next(self._drawn, None)
         if noise is None:
-            self._drawn = iter(self._noise * self._rng.standard_normal((_DRAWN, dof)))
+            count = (_DRAWN, dof)
+            drawn = self._rng.standard_normal(count) if self._noise else np.zeros(count)
+            self._drawn = iter(self._noise * drawn)
             noise = next(self._drawn)
         return noise
 
     def _forget(self, stamp: float) -> None:
         """What was read at this moment already, and all of it where time has gone back."""
         if stamp < self._stamp:
-            self._before.clear()
+            self._count = 0
         elif stamp == self._stamp:
-            self._before.pop()
+            self._count -= 1
+            self._newest -= 1
             self.v = self._v_before
         self._stamp = stamp
 
     def _difference(self, q: Vector) -> None:
-        before = self._before
-        if not before:
-            self.v = np.zeros_like(q)  # an arm comes into the world at rest
-        self._v_before = self.v
-        before.append(q)
-        span = len(before) - 1
+        past = self._past
+        if not self._count:  # an arm comes into the world at rest
+            self._past = past = np.zeros((len(past), len(q)))
+            self.v = np.zeros_like(q)
+        self._v_before, v = self.v, self.v.copy()
+        self._count = min(self._count + 1, len(past))
+        self._newest = newest = (self._newest + 1) % len(past)
+        span = self._count - 1
+        oldest = (newest - span) % len(past)
         if span:
-            v, new = self.v * self._kept, q - before[0]
-            np.multiply(new, self._rates[span - 1], new)
-            np.add(v, new, v)
-            self.v = v
+            self._differ(q, past, newest, oldest, self._kept, self._rates[span], v)
+        else:
+            past[newest] = q
+        self.v = v

@@ -1,0 +1,114 @@
+"""What sensors, drives and friction do at each physics step, joint by joint."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bt_dualarm.kernels.kernel import kernel
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.hardware.kernel_rows import (
+    COULOMB,
+    CREEP,
+    DROP,
+    NARROW,
+    OFFSET,
+    RISE,
+    VISCOUS,
+)
+
+
+@kernel
+def read_positions(q: Vector, noise: Vector, resolution: float, reading: Vector) -> None:
+    """Enter what encoders read: with noise, in whole steps of a resolution in rad, 0 for none."""
+    for i in range(len(q)):
+        reading[i] = q[i] + noise[i]
+        if resolution > 0.0:
+            reading[i] = np.rint(reading[i] * (1.0 / resolution)) * resolution
+
+
+@kernel
+def difference(
+    reading: Vector, past: Matrix, newest: int, oldest: int, kept: float, rate: float, v: Vector
+) -> None:
+    """Enter a reading into those of the past, and change the velocities by their difference.
+
+    Args:
+        reading: Positions, of shape (dof,), rad.
+        past: Earlier ones, of shape (n, dof).
+        newest: Row that this one takes.
+        oldest: Row that it is held against.
+        kept: Share of the velocities that stays.
+        rate: Velocity for a difference of one, 1/s.
+        v: Velocities, of shape (dof,), rad/s.
+    """
+    for i in range(len(reading)):
+        past[newest, i] = reading[i]
+        v[i] = v[i] * kept + (reading[i] - past[oldest, i]) * rate
+
+
+@kernel
+def pass_on(
+    sent: Matrix, newest: int, rest: float, share: float, torque: Vector, motors: Vector
+) -> None:
+    """Enter torques that were sent a while ago, and what a slow drive makes of them.
+
+    Args:
+        sent: Torques of the last steps, of shape (n, dof), N m: rows go round.
+        newest: Row of those of now.
+        rest: Part of a step by which they are late, beyond whole ones.
+        share: Share of the way to a torque that is gone in a step.
+        torque: Torque of the drives, of shape (dof,), N m.
+        motors: Takes the same, in the plant.
+    """
+    count = len(sent)
+    first, second = (newest + 1) % count, (newest + 2) % count
+    for i in range(len(torque)):
+        wanted = sent[second, i] + rest * (sent[first, i] - sent[second, i])
+        torque[i] = torque[i] + share * (wanted - torque[i]) if share < 1.0 else wanted
+        motors[i] = torque[i]
+
+
+@kernel
+def take_torques(
+    torque: Vector, per_step: Vector, gain: Vector, effort: Vector, wanted: Vector
+) -> None:
+    """Enter what motors are to give: in whole steps, with their gain, within their efforts.
+
+    Args:
+        torque: Torques that are commanded, of shape (dof,), N m.
+        per_step: Steps of a torque of one, of shape (dof,), 1/(N m); 0 for none.
+        gain: Torque of a step, or of one, likewise.
+        effort: Effort limits, likewise, N m.
+        wanted: Takes the torques.
+    """
+    for i in range(len(torque)):
+        asked = torque[i]
+        if per_step[i] > 0.0:
+            asked = np.rint(asked * per_step[i])
+        wanted[i] = max(min(gain[i] * asked, effort[i]), -effort[i])
+
+
+@kernel
+def rub(joints: Matrix, v: Vector, dry: Vector, damping: Vector) -> None:
+    """Enter friction at velocities of now.
+
+    Args:
+        joints: Friction of the joints, see `kernel_rows`.
+        v: Velocities, of shape (dof,), rad/s.
+        dry: Takes dry friction, of shape (dof,), N m.
+        damping: Takes what grows with speed, of shape (dof,), N m s/rad.
+    """
+    for i in range(len(v)):
+        fall = joints[DROP, i]
+        if fall != 0.0:
+            fall *= math.exp(v[i] * v[i] * joints[NARROW, i])
+        rise = joints[RISE, i]
+        if rise > 0.0:
+            speed, start = v[i] + CREEP, math.tanh(joints[OFFSET, i] / rise)
+            build_up = math.tanh((speed + joints[OFFSET, i]) / rise) - start
+            gentle = (joints[COULOMB, i] + fall) * build_up / speed
+            dry[i], damping[i] = 0.0, joints[VISCOUS, i] + gentle
+        else:
+            dry[i], damping[i] = joints[COULOMB, i] + fall, joints[VISCOUS, i]

@@ -1,0 +1,45 @@
+"""What sensors, drives and friction make of a motion: python -m tests.world.hardware.passed 0 1.
+
+Writes it, pickled, to standard output: once compiled, once read by Python itself.
+"""
+
+from __future__ import annotations
+
+import pickle
+import sys
+
+import numpy as np
+
+from bt_dualarm.pose import Matrix
+from bt_dualarm.spec.reality import DriveErrors, EncoderErrors
+from bt_dualarm.world.hardware.drives import Drives
+from bt_dualarm.world.hardware.encoders import Encoders
+from bt_dualarm.world.hardware.hardware_kernels import rub
+from bt_dualarm.world.hardware.kernel_rows import FRICTION, NARROW, RISE
+
+DOF, STEPS = 4, 20
+
+
+def passed(seed: int) -> Matrix:
+    """Readings, velocities, torques, friction and damping, of shape (STEPS, 5 DOF)."""
+    rng = np.random.default_rng(seed)
+    errors = EncoderErrors(resolution=0.01, noise=0.02, window=0.006, cutoff=80.0)
+    encoders = Encoders(errors, 0.002, rng)
+    sent = DriveErrors(delay=0.003, bandwidth=60.0, quantum=0.001)
+    drives = Drives(sent, rng.uniform(0.9, 1.1, DOF), np.full(DOF, 20.0), 0.002)
+    friction = rng.uniform(0.1, 1.0, (FRICTION, DOF))
+    friction[NARROW] *= -1.0
+    friction[RISE, ::2] = 0.0
+    rows = []
+    for step in range(STEPS):
+        v = rng.normal(size=DOF)
+        encoders.read(rng.normal(size=DOF), v, 0.002 * step)
+        drives.command(20.0 * rng.normal(size=DOF))
+        dry, damping = np.empty((2, DOF))
+        rub(friction, v, dry, damping)
+        rows.append(np.concatenate((encoders.q, encoders.v, drives.torque(), dry, damping)))
+    return np.array(rows)
+
+
+if __name__ == "__main__":
+    sys.stdout.buffer.write(pickle.dumps([passed(int(seed)) for seed in sys.argv[1:]]))
