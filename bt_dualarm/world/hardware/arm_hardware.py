@@ -147,8 +147,7 @@ def sense_something() -> None:
     from bt_dualarm.world.hardware import hardware_kernels as kernels
 
     one, table = np.ones(1), np.ones((FRICTION, 1))
-    kernels.read_positions(one, one, 1.0, one)
-    kernels.difference(one, table, 0, 1, 1.0, 1.0, one)
+    kernels.difference(one, one, 1.0, table, (0, 1), 1.0, 1.0, one)
     kernels.pass_on(table, 0, 1.0, 1.0, one, one)
     kernels.take_torques(one, one, one, one, one)
     kernels.rub(table, one, one, one)

@@ -27,9 +27,6 @@ class Drives:
     """
 
     def __init__(self, errors: DriveErrors, gain: Vector, effort: Vector, timestep: float) -> None:
-        from bt_dualarm.world.hardware.hardware_kernels import pass_on, take_torques
-
-        self._pass_on, self._take = pass_on, take_torques
         whole, self._rest = divmod(round(errors.delay / timestep, 9), 1.0)
         quantum = errors.quantum if errors.quantum > _FINEST else 0.0
         # What a torque is rounded in, and what it then is at the joint.
@@ -46,8 +43,10 @@ class Drives:
 
     def command(self, torque: Vector) -> None:
         """Take up torques of shape (dof,), N m, that hold until the next."""
+        from bt_dualarm.world.hardware.hardware_kernels import take_torques
+
         self._asked[:] = torque
-        self._take(self._asked, self._per_step, self._gain, self._effort, self._wanted)
+        take_torques(self._asked, self._per_step, self._gain, self._effort, self._wanted)
 
     def torque(self) -> Vector:
         """Torque at the joints during the next step, of shape (dof,), N m."""
@@ -57,9 +56,11 @@ class Drives:
 
     def drive(self, motors: Vector) -> None:
         """Have motors give the torque of the next step, of shape (dof,), N m."""
+        from bt_dualarm.world.hardware.hardware_kernels import pass_on
+
         if self._is_new:  # an arm comes as if its drives had held it for long
             self._is_new = False
             self._sent[:] = self._torque[:] = self._wanted
         self._newest = (self._newest + 1) % len(self._sent)
         self._sent[self._newest] = self._wanted
-        self._pass_on(self._sent, self._newest, self._rest, self._share, self._torque, motors)
+        pass_on(self._sent, self._newest, self._rest, self._share, self._torque, motors)

@@ -28,9 +28,6 @@ class Encoders:
     """
 
     def __init__(self, errors: EncoderErrors, timestep: float, rng: np.random.Generator) -> None:
-        from bt_dualarm.world.hardware.hardware_kernels import difference, read_positions
-
-        self._read, self._differ = read_positions, difference
         self._resolution = math.radians(errors.resolution)
         self._noise = math.radians(errors.noise)
         self._steps = max(1, round(errors.window / timestep)) if errors.window else 0
@@ -52,13 +49,20 @@ class Encoders:
 
         A second reading of one moment takes the place of the first.
         """
-        reading = np.empty_like(q)
         noise = self._noise_of(len(q))
-        self._read(q, noise, self._resolution, reading)
-        self.q = reading
         if self._steps:
             self._forget(stamp)
-            self._difference(reading)
+        if self._count:
+            self._difference(q, noise)
+            return
+        reading = q + noise
+        if self._resolution:
+            reading = np.rint(reading * (1.0 / self._resolution)) * self._resolution
+        self.q = reading
+        if self._steps:  # an arm comes into the world at rest
+            self._past = np.zeros((self._steps + 1, len(q)))
+            self._past[0], self._newest, self._count = reading, 0, 1
+            self.v = self._v_before = np.zeros_like(q)
         else:
             self.v = v.copy()
 
@@ -81,18 +85,14 @@ class Encoders:
             self.v = self._v_before
         self._stamp = stamp
 
-    def _difference(self, q: Vector) -> None:
-        past = self._past
-        if not self._count:  # an arm comes into the world at rest
-            self._past = past = np.zeros((len(past), len(q)))
-            self.v = np.zeros_like(q)
-        self._v_before, v = self.v, self.v.copy()
+    def _difference(self, q: Vector, noise: Vector) -> None:
+        """Read, and take the velocity from the difference to an earlier reading."""
+        from bt_dualarm.world.hardware.hardware_kernels import difference
+
+        past, v, self._v_before = self._past, self.v.copy(), self.v
         self._count = min(self._count + 1, len(past))
         self._newest = newest = (self._newest + 1) % len(past)
         span = self._count - 1
-        oldest = (newest - span) % len(past)
-        if span:
-            self._differ(q, past, newest, oldest, self._kept, self._rates[span], v)
-        else:
-            past[newest] = q
-        self.v = v
+        rows, rate = (newest, (newest - span) % len(past)), self._rates[span]
+        difference(q, noise, self._resolution, past, rows, self._kept, rate, v)
+        self.q, self.v = past[newest].copy(), v

@@ -20,32 +20,35 @@ from bt_dualarm.world.hardware.kernel_rows import (
 
 
 @kernel
-def read_positions(q: Vector, noise: Vector, resolution: float, reading: Vector) -> None:
-    """Enter what encoders read: with noise, in whole steps of a resolution in rad, 0 for none."""
-    for i in range(len(q)):
-        reading[i] = q[i] + noise[i]
-        if resolution > 0.0:
-            reading[i] = np.rint(reading[i] * (1.0 / resolution)) * resolution
-
-
-@kernel
 def difference(
-    reading: Vector, past: Matrix, newest: int, oldest: int, kept: float, rate: float, v: Vector
+    q: Vector,
+    noise: Vector,
+    resolution: float,
+    past: Matrix,
+    rows: tuple[int, int],
+    kept: float,
+    rate: float,
+    v: Vector,
 ) -> None:
-    """Enter a reading into those of the past, and change the velocities by their difference.
+    """Enter what encoders read into the readings of the past, and what velocities come of it.
 
     Args:
-        reading: Positions, of shape (dof,), rad.
-        past: Earlier ones, of shape (n, dof).
-        newest: Row that this one takes.
-        oldest: Row that it is held against.
+        q: Positions, of shape (dof,), rad.
+        noise: Noise of them, likewise.
+        resolution: Steps in which they are read, rad; 0 for none.
+        past: Earlier readings, of shape (n, dof), rad.
+        rows: Row that this one takes, and row that it is held against.
         kept: Share of the velocities that stays.
         rate: Velocity for a difference of one, 1/s.
         v: Velocities, of shape (dof,), rad/s.
     """
-    for i in range(len(reading)):
-        past[newest, i] = reading[i]
-        v[i] = v[i] * kept + (reading[i] - past[oldest, i]) * rate
+    newest, oldest = rows
+    for i in range(len(q)):
+        reading = q[i] + noise[i]
+        if resolution > 0.0:
+            reading = np.rint(reading * (1.0 / resolution)) * resolution
+        past[newest, i] = reading
+        v[i] = v[i] * kept + (reading - past[oldest, i]) * rate
 
 
 @kernel

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.hardware.kernel_rows import (
     COULOMB,
+    CREEP,
     DROP,
     FRICTION,
     NARROW,
@@ -41,7 +42,7 @@ class Rubbing:
     """
 
     def __init__(self, friction: JointFriction) -> None:
-        self.joints = _rows(friction)
+        self._friction, self.joints = friction, _rows(friction)
         self.is_none = not (
             friction.coulomb.any() or friction.static.any() or friction.viscous.any()
         )
@@ -52,10 +53,7 @@ class Rubbing:
         """Belong to an arm of a model, by the addresses of its velocities, of shape (dof,)."""
         if self.is_none:
             return
-        from bt_dualarm.world.hardware.hardware_kernels import rub
-
         part = slice(int(dofs[0]), int(dofs[-1]) + 1)  # a chain's are one after the other
-        self._rub = rub
         # Views: looking a field up costs more than what is done with it.
         self._v = data.qvel[part]
         self._dry, self._damping = model.dof_frictionloss[part], model.dof_damping[part]
@@ -65,7 +63,19 @@ class Rubbing:
         """Set friction for the velocities of now; before MuJoCo works out passive forces."""
         if self.is_none:
             return
-        self._rub(self.joints, self._v, self._dry, self._damping)
+        if not self._v.any():
+            self._rest()
+            return
+        from bt_dualarm.world.hardware.hardware_kernels import rub
+
+        rub(self.joints, self._v, self._dry, self._damping)
+
+    def _rest(self) -> None:
+        """Set friction of joints that stand."""
+        friction, gentle = self._friction, self._friction.rise > 0.0
+        slope = friction.static * friction.build_up(np.full_like(friction.rise, CREEP)) / CREEP
+        self._dry[:] = np.where(gentle, 0.0, friction.static)
+        self._damping[:] = friction.viscous + np.where(gentle, slope, 0.0)
 
 
 def _rows(friction: JointFriction) -> Matrix:
