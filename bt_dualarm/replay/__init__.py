@@ -2,5 +2,8 @@
 
 In: the folder of a record, whole or left behind by a process that was killed.
 Out: a `Record`; the story of a failure.
-Open first: `record` (all that a record holds).
+Open first: `record` (all that a record holds), `story` (why a leaf failed); others: `timeline`
+(what became of each node), `decisive` (the leaf that decided), `evidence`, `causes` (by topic:
+`board_causes`, `world_causes`, `contact_causes`, `sight_causes`, `reach_causes`, `time_causes`),
+`scene` (the world at a time), `before` (the second before), `story_text`.
 """

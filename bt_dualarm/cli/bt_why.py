@@ -1,0 +1,56 @@
+"""``bt-why``: the story of a failure, from the record of a run."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED
+
+_EPILOG = """\
+examples:
+  bt-why out                       why the run recorded in out failed, or what it waited for
+  bt-why out circle                why this leaf failed; arm2:circle for one of two
+  bt-why out 12.4                  what had failed, or was running, at 12.4 s
+  bt-why out --json                for programs
+
+exit code:
+  0 told   1 nothing failed and nothing was running   2 no such record, leaf or time
+"""
+
+
+def main(argv: Sequence[str] | None) -> int:
+    """Tell why a run failed; returns the exit code."""
+    arguments = _command_line().parse_args(argv)
+    from bt_dualarm.replay.record import Record
+    from bt_dualarm.replay.story import stories
+    from bt_dualarm.replay.story_text import state_of, story_text
+
+    record = Record.read(arguments.folder)
+    told = stories(record, arguments.about)
+    if arguments.json:
+        state = {"name": record.name, "until_s": record.until, "torn": record.torn}
+        print(json.dumps({**state, "stories": [story.as_dict() for story in told]}, indent=2))
+    else:
+        print(state_of(record))
+        for story in told:
+            print(f"\n{story_text(story)}")
+        if not told:
+            print("nothing failed" if record.summary is None else "every tree succeeded")
+    return SUCCEEDED if told else FAILED
+
+
+def _command_line() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="bt-why",
+        description="Tell why a run failed: the leaf, its cause, and what it is known by.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("folder", metavar="DIR", type=Path, help="a folder that bt-run --record wrote")
+    add("about", metavar="LEAF|TIME", nargs="?", help="a leaf by its name or path, or a time in s")
+    add("--json", action="store_true", help="one JSON object")
+    return parser

@@ -1,0 +1,59 @@
+"""Causes that lie in time: a timeout, the end of the run, an arm that waits for another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bt_dualarm.replay.evidence import Cause, Evidence
+from bt_dualarm.replay.reach_causes import other_arm
+from bt_dualarm.replay.timeline import Node
+
+
+def time_causes(e: Evidence) -> Iterator[Cause]:
+    """What the leaf waited for, or who cut it short."""
+    if e.code not in ("", "HALTED", "TIMED_OUT"):
+        return
+    held_up = _held_up(e)
+    if held_up is not None:
+        yield held_up
+        return
+    if e.code == "TIMED_OUT":
+        yield e.cause("TOO_LITTLE_TIME", e.reason)
+        return
+    limit = next((node for node in reversed(e.verdict.chain) if node.kind == "timeout"), None)
+    ran = f"{e.leaf.path!r} had run for {e.ended - e.began:.2f} s"
+    if limit is not None and limit.last("FAILURE") is not None:
+        seconds = limit.ports.get("seconds")
+        sentence = f"the timeout {limit.path!r} of {seconds} s ended it: {ran}"
+        remedy = f"more seconds than {seconds}, or a faster motion"
+        yield e.cause("TOO_LITTLE_TIME", sentence + _usual(e), remedy, leaf=limit.path)
+    elif e.verdict.end is None or _ended_with_run(e):
+        sentence = f"the run ended at {e.record.until:.2f} s: {ran}{_usual(e)}"
+        yield e.cause("TOO_LITTLE_TIME", sentence, "a later time_limit or --duration")
+
+
+def _held_up(e: Evidence) -> Cause | None:
+    """The arm that this one waited for, as its guard said."""
+    said = e.notes("guard", since=e.began, until=e.ended + 0.05)
+    reasons = [e.reason, *(str(note["reason"]) for note in reversed(said[-3:]))]
+    if e.code != "TIMED_OUT" and not (said and said[-1]["does"] == "stopped"):
+        return None
+    for reason in reasons:
+        for other in e.record.arms:
+            if other != e.arm and f"{other}/" in reason:
+                cause = other_arm(e, other)
+                return e.cause(cause.kind, f"{cause.sentence}; {reason}", cause.remedy)
+    return None
+
+
+def _usual(e: Evidence) -> str:
+    """How long the same leaf took when it was left to end."""
+    took = [end.time - e.leaf.begun(end).time for end in e.leaf.changes if end.new == "SUCCESS"]
+    return f"; it took {max(took):.2f} s another time" if took else ""
+
+
+def _ended_with_run(e: Evidence) -> bool:
+    """Whether the root was halted at the same moment."""
+    root: Node = e.verdict.chain[0]
+    last = root.changes[-1] if root.changes else None
+    return last is not None and last.new == "INVALID" and abs(last.time - e.verdict.time) < 1e-6

@@ -1,0 +1,162 @@
+"""The trees of a record with all that happened in them: which node took which status, and when."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from bt_dualarm.replay.record import Facts, Record, ReplayError
+from bt_dualarm.spec.problems import suggestion
+
+ENDED: Final = ("SUCCESS", "FAILURE")
+
+
+@dataclass(frozen=True)
+class Change:
+    """A node took another status.
+
+    Attributes:
+        index: Number of the change among all of the run.
+        time: Simulated time in s.
+        new: Status from then on.
+        old: Status until then.
+        code: Code of a failure, ``HALTED``, or empty.
+        reason: Sentence of a failure, or empty.
+        metrics: Numbers that a leaf had measured by its end.
+    """
+
+    index: int
+    time: float
+    new: str
+    old: str
+    code: str
+    reason: str
+    metrics: Mapping[str, object]
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A node of a tree as the file has it, and its changes.
+
+    Attributes:
+        arm: Name of the arm whose tree it is.
+        path: Names from the root down.
+        kind: A word of the language, or a skill's name.
+        ports: What the file gives it.
+        place: File and line.
+        children: Nodes below it.
+        changes: What became of it, in order.
+    """
+
+    arm: str
+    path: str
+    kind: str
+    ports: Mapping[str, object]
+    place: str
+    children: tuple[Node, ...]
+    changes: list[Change] = field(default_factory=list)
+
+    def walk(self) -> Iterator[Node]:
+        """This node, then those below it."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+    def leaves_at(self, time: float, status: str) -> list[Node]:
+        """Leaves below it that had this status at a time in s."""
+        leaves = (node for node in self.walk() if not node.children)
+        return [leaf for leaf in leaves if leaf.status_at(time) == status]
+
+    def last(self, *statuses: str, before: int | None = None) -> Change | None:
+        """Its last change to one of some statuses, before the change of that number."""
+        found = [
+            change
+            for change in self.changes
+            if change.new in statuses and (before is None or change.index < before)
+        ]
+        return found[-1] if found else None
+
+    def begun(self, end: Change) -> Change:
+        """The change with which the run began that this one ended."""
+        return self.last("RUNNING", before=end.index) if end.old == "RUNNING" else end  # type: ignore[return-value]  # it ran
+
+    def status_at(self, time: float) -> str:
+        """Status after all that happened until then."""
+        until = [change for change in self.changes if change.time <= time + 1e-9]
+        return until[-1].new if until else "INVALID"
+
+
+class Timeline:
+    """All trees of a record.
+
+    Args:
+        record: The record.
+
+    Attributes:
+        roots: Root of each arm's tree, by the arm's name.
+    """
+
+    def __init__(self, record: Record) -> None:
+        self.roots = {
+            name: _node(name, arm["tree"], arm["tree"]["name"]) for name, arm in record.arms.items()
+        }
+        self._nodes = {
+            (node.arm, node.path): node for root in self.roots.values() for node in root.walk()
+        }
+        for index, event in enumerate(record.events):
+            node = self._nodes.get((event["arm"], event["path"]))
+            if node is not None:
+                node.changes.append(_change(index, event))
+
+    def nodes(self) -> Iterator[Node]:
+        """Every node, arm by arm."""
+        return iter(self._nodes.values())
+
+    def leaves(self) -> Iterator[Node]:
+        """Every node without children."""
+        return (node for node in self._nodes.values() if not node.children)
+
+    def named(self, name: str) -> list[Node]:
+        """Nodes of a name: the end of a path, with the arm's name and a colon before it or not.
+
+        Raises:
+            ReplayError: There is none; names the nearest.
+        """
+        arm, _, rest = name.partition(":")
+        wanted = rest if arm in self.roots and rest else name
+        found = [
+            node
+            for node in self._nodes.values()
+            if (node.path == wanted or node.path.endswith(f"/{wanted}") or node.kind == wanted)
+            and (wanted == name or node.arm == arm)
+        ]
+        if not found:
+            names = {node.path.rpartition("/")[2] for node in self._nodes.values()}
+            raise ReplayError(f"no node is called {name!r}; {suggestion(name, names, 'node')}")
+        return found
+
+
+def _change(index: int, event: Facts) -> Change:
+    return Change(
+        index,
+        float(event["time_s"]),
+        str(event["new"]),
+        str(event["old"]),
+        str(event["code"]),
+        str(event["reason"]),
+        dict(event["metrics"]),
+    )
+
+
+def _node(arm: str, said: Facts, path: str) -> Node:
+    """A node with those below it; names of siblings are told apart as in the events."""
+    seen: Counter[str] = Counter()
+    children = []
+    for child in said["children"]:
+        name = str(child["name"])
+        seen[name] += 1
+        shown = name if seen[name] == 1 else f"{name}#{seen[name]}"
+        children.append(_node(arm, child, f"{path}/{shown}"))
+    return Node(arm, path, said["kind"], said["ports"], said["place"], tuple(children))

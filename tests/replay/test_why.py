@@ -1,0 +1,131 @@
+"""The planted cause of a failure is named first, with what belongs to it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks.why import first_cause, is_named
+from benchmarks.why_mistakes import Mistake, mistakes
+from bt_dualarm import cli
+from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.story import stories
+from tests.replay.runs import SHORT, recorded
+
+QUICK = (
+    "a pose too far for a panda",
+    "a post where the tool is to be",
+    "another colour asked for in visual_tracking",
+    "a screen before the camera",
+    "nobody picks the cube",
+    "a key that was never written",
+    "a timeout of 0.2 s",
+    "two leaves move one arm",
+)
+BACK = 'reach_to_pose: {offset: "{goal}"}'
+FAILING = SHORT.replace(BACK, "reach_to_pose: {offset: {xyz: [3, 0, 0]}}")
+
+MISTAKES = [
+    pytest.param(
+        mistake,
+        id=mistake.name.replace(" ", "_"),
+        marks=[] if mistake.name in QUICK else [pytest.mark.slow],
+    )
+    for mistake in mistakes()
+]
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_it_is_named_first(mistake: Mistake, tmp_path: Path) -> None:
+    cause = first_cause(mistake, tmp_path)
+    assert is_named(mistake, cause), cause
+
+
+def test_there_are_enough_of_them() -> None:
+    names = [mistake.name for mistake in mistakes()]
+    assert len(names) >= 40
+    assert len(set(names)) == len(names)
+    assert set(QUICK) <= set(names)
+
+
+@pytest.fixture(scope="module")
+def failed(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    return recorded(tmp_path_factory.mktemp("failed"), FAILING)
+
+
+def test_a_story_has_chain_ports_and_what_was_before(failed: Record) -> None:
+    [story] = stories(failed)
+    assert [(link["path"], link["status"]) for link in story.chain] == [
+        ("sequence", "FAILURE"),
+        ("sequence/reach_to_pose", "FAILURE"),
+    ]
+    assert story.ports["offset"]["xyz"] == [3, 0, 0]
+    assert story.place == "short.yaml:16"
+    assert story.causes[0].kind == "OUT_OF_REACH"
+    assert "the tool moved by" in story.before[0]
+    assert story.causes[0].remedy
+
+
+def test_a_leaf_that_succeeded_can_be_asked_for(failed: Record) -> None:
+    [story] = stories(failed, "set")
+    assert (story.status, story.leaf) == ("SUCCESS", "sequence/set")
+
+
+def test_a_time_tells_what_was_running_then(failed: Record) -> None:
+    [story] = stories(failed, "0.3")
+    assert (story.status, story.leaf) == ("RUNNING", "sequence/aside/reach_to_pose")
+
+
+def test_the_command_tells_it(failed: Record, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.why([str(failed.folder)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("short, seed 0, ")
+    assert "arm1: sequence/reach_to_pose (short.yaml:16) FAILURE" in out
+    assert "outside the reach of ur5" in out
+    assert "to change: bring" in out
+    assert cli.why([str(failed.folder), "reach_to_pose", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["stories"][0]["causes"][0]["kind"] == "OUT_OF_REACH"
+
+
+def test_a_run_that_succeeded_is_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recorded(tmp_path)
+    assert cli.why([str(tmp_path / "out")]) == 1
+    assert "every tree succeeded" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("about", "message"),
+    [
+        ("circel", "no node is called 'circel'"),
+        ("99", "99 s is outside of the record, which goes from 0 to"),
+        ("-3", "outside of the record"),
+        ("nan", "outside of the record"),
+    ],
+)
+def test_what_is_not_in_the_record_is_code_2(
+    failed: Record, about: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.why([str(failed.folder), "--", about]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_what_is_no_record_is_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.why([str(tmp_path / "none")]) == 2
+    assert "there is no folder" in capsys.readouterr().err
+    assert cli.why([str(tmp_path)]) == 2
+    assert "holds no record" in capsys.readouterr().err
+
+
+def test_a_record_that_was_cut_short_is_told_as_far_as_it_goes(
+    failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("run.history", "events.jsonl"):
+        content = (failed.folder / name).read_bytes()
+        (tmp_path / name).write_bytes(content[: len(content) - 30])
+    assert cli.why([str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "the run was not ended in order" in out
+    assert "part of a block" in out
