@@ -13,7 +13,8 @@ import tempfile
 from pathlib import Path
 
 import bt_dualarm
-from benchmarks.why_mistakes import Mistake, mistakes
+from benchmarks.why_mistake import Mistake
+from benchmarks.why_mistakes import mistakes
 from bt_dualarm.replay.evidence import Cause
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.story import stories

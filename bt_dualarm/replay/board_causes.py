@@ -36,8 +36,8 @@ def _without_value(e: Evidence) -> Iterator[Cause]:
             f"{key['leaf']!r} had written {key['key']} = {key['value']!r} at "
             f"{key['time_s']:.2f} s, which port {key['port']!r} does not take: {e.reason}"
         )
-        more = {"leaf": key["leaf"], "time_s": key["time_s"]}
-        yield e.cause("WRONG_VALUE", sentence, f"another value of {key['key']}", **more)
+        remedy = f"another value of {key['key']}"
+        yield e.cause("WRONG_VALUE", sentence, remedy, leaf=key["leaf"], time_s=key["time_s"])
 
 
 def _condition(e: Evidence) -> Cause:
@@ -47,8 +47,8 @@ def _condition(e: Evidence) -> Cause:
                 f"{e.reason}: {key['leaf']!r} had written {key['key']} = {key['value']!r} at "
                 f"{key['time_s']:.2f} s"
             )
-            more = {"leaf": key["leaf"], "time_s": key["time_s"]}
-            return e.cause("CONDITION", sentence, f"another value of {key['key']}", **more)
+            remedy = f"another value of {key['key']}"
+            return e.cause("CONDITION", sentence, remedy, leaf=key["leaf"], time_s=key["time_s"])
     return e.cause("CONDITION", e.reason)
 
 

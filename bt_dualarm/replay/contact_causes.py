@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from bt_dualarm.replay.evidence import LOOK_BACK_S, Cause, Evidence
 from bt_dualarm.replay.scene import Touch
@@ -91,7 +91,7 @@ def _met(e: Evidence) -> list[Touch]:
     return [deepest[pair] for pair in new or [pair for pair, _ in found.most_common()]]
 
 
-def _guard_saturated(e: Evidence) -> Any:
+def _guard_saturated(e: Evidence) -> int:
     if e.record.summary is None:
         return 0
-    return e.record.summary["arms"].get(e.arm, {}).get("guard", {}).get("saturated", 0)
+    return int(e.record.summary["arms"].get(e.arm, {}).get("guard", {}).get("saturated", 0))

@@ -78,7 +78,7 @@ class Evidence:
         return "" if self.verdict.end is None else self.verdict.end.reason
 
     @property
-    def numbers(self) -> Mapping[str, Any]:
+    def numbers(self) -> Mapping[str, Any]:  # numbers and names, as JSON has them
         """Metrics, and the numbers of its failure."""
         return {} if self.verdict.end is None else self.verdict.end.metrics
 
@@ -142,9 +142,17 @@ class Evidence:
         for number in range(count):
             yield self.scene(self.ended - span * number / count)
 
-    def cause(self, kind: str, sentence: str, remedy: str = "", **more: Any) -> Cause:
+    def cause(
+        self,
+        kind: str,
+        sentence: str,
+        remedy: str = "",
+        *,
+        leaf: str = "",
+        time_s: float | None = None,
+    ) -> Cause:
         """A cause that concerns its arm."""
-        return Cause(kind, sentence, remedy, **{"arm": self.arm, **more})
+        return Cause(kind, sentence, remedy, self.arm, leaf, time_s)
 
 
 def _only(facts: Facts, *names: str) -> Facts:

@@ -37,8 +37,8 @@ def absence(e: Evidence, name: str) -> Cause | None:
     if takers:
         node, change = takers[-1]
         sentence = f"{node.arm}:{node.path} (remove) took {name} away at {change.time:.2f} s"
-        more = {"leaf": node.path, "time_s": change.time}
-        return e.cause("TAKEN_AWAY", sentence, f"remove {name} later", **more)
+        remedy = f"remove {name} later"
+        return e.cause("TAKEN_AWAY", sentence, remedy, leaf=node.path, time_s=change.time)
     sentence = f"{name} was not in the world: spawned is false, and no leaf had spawned it"
     return e.cause("NOT_SPAWNED_YET", sentence, f"a leaf that spawns {name} before")
 
@@ -49,8 +49,8 @@ def _not_attached(e: Evidence, name: str) -> Cause:
     if lost and (not taken or lost[-1][1].index > taken[-1][1].index):
         node, change = lost[-1]
         sentence = f"{node.path!r} (detach) had let go of {name} at {change.time:.2f} s"
-        more = {"leaf": node.path, "time_s": change.time}
-        return e.cause("LET_GO", sentence, f"let go of {name} later", **more)
+        remedy = f"let go of {name} later"
+        return e.cause("LET_GO", sentence, remedy, leaf=node.path, time_s=change.time)
     if not taken:
         sentence = f"{e.arm} never took hold of {name}: no leaf had attached it before"
         return e.cause(

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.why import first_cause, is_named
-from benchmarks.why_mistakes import Mistake, mistakes
+from benchmarks.why_mistake import Mistake
+from benchmarks.why_mistakes import mistakes
 from bt_dualarm import cli
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.story import stories

@@ -1,0 +1,51 @@
+"""A mistake planted in a shipped tree, and what such trees are edited with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+TREES = Path(__file__).parents[1] / "trees"
+
+Tree = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A shipped tree with one thing wrong.
+
+    Attributes:
+        name: Name of the mistake.
+        tree: The tree, as Python data.
+        kind: Kind of the cause that was planted.
+        names: Words that its sentence must have: the object, the leaf, the key.
+        duration: Simulated seconds of the run.
+    """
+
+    name: str
+    tree: Tree
+    kind: str
+    names: tuple[str, ...] = ()
+    duration: float = 25.0
+
+
+def shipped(name: str) -> Tree:
+    """A shipped tree as Python data, ideal so that runs are short."""
+    tree: Tree = yaml.safe_load((TREES / f"{name}.yaml").read_text(encoding="utf-8"))
+    tree["world"] = {**tree.get("world", {}), "reality": "ideal"}
+    return tree
+
+
+def steps(tree: Tree, arm: str = "arm1") -> list[Tree]:
+    """The children of the sequence at the root of an arm's tree."""
+    found: list[Tree] = tree["arms"][arm]["tree"]["sequence"]
+    return found
+
+
+def box(size: tuple[float, ...], at: tuple[float, ...], color: str = "grey", **more: Any) -> Tree:
+    """A fixed box."""
+    said = {"shape": "box", "size": [*size], "mass": 5, "color": color, "fixed": True}
+    return {**said, "pose": {"xyz": [*at]}, **more}
