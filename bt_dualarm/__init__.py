@@ -44,12 +44,12 @@ if TYPE_CHECKING:
     from bt_dualarm.errors import DualArmError as DualArmError
     from bt_dualarm.errors import Failure as Failure
     from bt_dualarm.errors import WorldError as WorldError
-    from bt_dualarm.motion.paths.blending import blended as blended_path
-    from bt_dualarm.motion.paths.cartesian_path import line as line_path
-    from bt_dualarm.motion.paths.curves import circle as circle_path
-    from bt_dualarm.motion.paths.curves import lissajous as lissajous_path
-    from bt_dualarm.motion.paths.rotation import turned_about as turned_path
-    from bt_dualarm.motion.paths.spline import drawn as drawn_path
+    from bt_dualarm.motion.paths.blending import blended as _blended
+    from bt_dualarm.motion.paths.cartesian_path import line as _line
+    from bt_dualarm.motion.paths.curves import circle as _circle
+    from bt_dualarm.motion.paths.curves import lissajous as _lissajous
+    from bt_dualarm.motion.paths.rotation import turned_about as _turned_about
+    from bt_dualarm.motion.paths.spline import drawn as _drawn
     from bt_dualarm.motion.planning.planners import Planner as Planner
     from bt_dualarm.motion.timing.trajectory import Trajectory as Trajectory
     from bt_dualarm.pose import Matrix as Matrix
@@ -67,12 +67,16 @@ if TYPE_CHECKING:
     from bt_dualarm.runtime.series import Series as Series
     from bt_dualarm.skill.arrival import check_arrival as check_arrival
     from bt_dualarm.skill.following_error import FollowingError as FollowingError
+    from bt_dualarm.skill.looking_around import SIDES as SIDES
+    from bt_dualarm.skill.looking_around import go_to_camera as go_to_camera
     from bt_dualarm.skill.mark_views import MarkViews as MarkViews
     from bt_dualarm.skill.path_following import follow_curve as follow_curve
     from bt_dualarm.skill.path_skill import PathSkill as PathSkill
     from bt_dualarm.skill.scoring import TrackingScore as TrackingScore
     from bt_dualarm.skill.skill import Skill as Skill
     from bt_dualarm.skill.skill import SkillContext as SkillContext
+    from bt_dualarm.skill.still_pictures import own_camera as own_camera
+    from bt_dualarm.skill.still_pictures import still_picture as still_picture
     from bt_dualarm.skill.tracking_reference import TrackingGains as TrackingGains
     from bt_dualarm.skill.visual_servoing import PlaneTracking as PlaneTracking
     from bt_dualarm.spec.color import Color as Color
@@ -93,9 +97,21 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import PoseSpec as PoseSpec
     from bt_dualarm.spec.values import Speed as Speed
     from bt_dualarm.spec.values import Vector3 as Vector3
+    from bt_dualarm.vision.appearance import ColorlessError as ColorlessError
+    from bt_dualarm.vision.appearance import color_of as color_of
     from bt_dualarm.vision.hand_eye import MarkView as MarkView
     from bt_dualarm.vision.hand_eye import hand_eye as hand_eye
+    from bt_dualarm.vision.known_shape import KnownShape as KnownShape
+    from bt_dualarm.vision.sighted import SightedThing as SightedThing
+    from bt_dualarm.vision.sighted import SightedThings as SightedThings
     from bt_dualarm.world.world import World as World
+
+    blended_path = _blended
+    line_path = _line
+    circle_path = _circle
+    lissajous_path = _lissajous
+    turned_path = _turned_about
+    drawn_path = _drawn
 
 __version__: str
 """Version of the package that is installed."""
@@ -161,67 +177,18 @@ _CONTENTS: Final = {
     "MarkView": "vision.hand_eye:MarkView",
     "MarkViews": "skill.mark_views:MarkViews",
     "hand_eye": "vision.hand_eye:hand_eye",
+    "SIDES": "skill.looking_around:SIDES",
+    "go_to_camera": "skill.looking_around:go_to_camera",
+    "own_camera": "skill.still_pictures:own_camera",
+    "still_picture": "skill.still_pictures:still_picture",
+    "ColorlessError": "vision.appearance:ColorlessError",
+    "color_of": "vision.appearance:color_of",
+    "KnownShape": "vision.known_shape:KnownShape",
+    "SightedThing": "vision.sighted:SightedThing",
+    "SightedThings": "vision.sighted:SightedThings",
 }
 
-__all__ = [
-    "Angle",
-    "Arm",
-    "ArmName",
-    "ArmResult",
-    "CarriedPose",
-    "Color",
-    "DualArmError",
-    "Duration",
-    "Ending",
-    "Failure",
-    "FollowingError",
-    "JointAngles",
-    "LeafResult",
-    "MarkView",
-    "MarkViews",
-    "Matrix",
-    "ObjectName",
-    "Offset",
-    "Outcome",
-    "PathSkill",
-    "Plane",
-    "PlaneTracking",
-    "Planner",
-    "PortModel",
-    "Pose",
-    "PoseSpec",
-    "PostureName",
-    "Problem",
-    "Run",
-    "RunResult",
-    "Series",
-    "Skill",
-    "SkillContext",
-    "SpecError",
-    "Speed",
-    "ToolPose",
-    "TrackingGains",
-    "TrackingScore",
-    "Trajectory",
-    "Vector",
-    "Vector3",
-    "World",
-    "WorldError",
-    "__version__",
-    "blended_path",
-    "check",
-    "check_arrival",
-    "circle_path",
-    "drawn_path",
-    "follow_curve",
-    "hand_eye",
-    "line_path",
-    "lissajous_path",
-    "open",
-    "port",
-    "run",
-    "turned_path",
-]
+__all__ = ["__version__", *_CONTENTS]
 
 
 if not TYPE_CHECKING:  # a checker of types is to complain of names that are not there

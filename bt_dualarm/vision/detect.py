@@ -76,6 +76,13 @@ def detect_all(
     frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
 ) -> list[Detection]:
     """All targets of the colour and of a fitting area, in no particular order."""
+    return [found for found, _ in detect_blobs(frame, color, min_area, max_area)]
+
+
+def detect_blobs(
+    frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
+) -> list[tuple[Detection, Blob]]:
+    """As `detect_all`, each with its pixels."""
     left, top, right, bottom = frame.region
     step = frame.stride
     part = np.ascontiguousarray(frame.image[top:bottom:step, left:right:step])
@@ -88,17 +95,22 @@ def detect_all(
     for contour in contours:
         x, y, width, height = cv2.boundingRect(contour)
         if width * height * step**2 >= min_area:
-            blob = _Blob.cut(part, raw, contour, (x, y, x + width, y + height))
-            found.append(_measure(frame, blob))
-    return [d for d in found if min_area <= d.area_px <= max_area]
+            blob = Blob.cut(part, raw, contour, (x, y, x + width, y + height))
+            found.append((_measure(frame, blob), blob))
+    return [(d, blob) for d, blob in found if min_area <= d.area_px <= max_area]
 
 
 @dataclass(frozen=True, eq=False)
-class _Blob:
+class Blob:
     """One outline and the pixels around it; all arrays of the same height and width.
 
-    ``origin`` is the top left sample of the arrays within the exposed region, ``bounds`` the
-    outline's box and ``limits`` the number of samples of the region (width, height).
+    Attributes:
+        rgb: Colours.
+        raw: Which of them have the colour that is looked for.
+        filled: Which lie within the outline.
+        origin: Top left sample of the arrays within the exposed region.
+        bounds: Box around the outline.
+        limits: Number of samples of the region (width, height).
     """
 
     rgb: Image
@@ -109,7 +121,8 @@ class _Blob:
     limits: tuple[int, int]
 
     @classmethod
-    def cut(cls, rgb: Image, raw: Mask, contour: cv2.typing.MatLike, bounds: Region) -> _Blob:
+    def cut(cls, rgb: Image, raw: Mask, contour: cv2.typing.MatLike, bounds: Region) -> Blob:
+        """The part of a picture that one contour needs."""
         height, width = raw.shape
         left, top = max(bounds[0] - _MARGIN_PX, 0), max(bounds[1] - _MARGIN_PX, 0)
         part = slice(top, bounds[3] + _MARGIN_PX), slice(left, bounds[2] + _MARGIN_PX)
@@ -118,9 +131,9 @@ class _Blob:
         return cls(rgb[part], raw[part], filled, (left, top), bounds, (width, height))
 
 
-def _measure(frame: Frame, blob: _Blob) -> Detection:
+def _measure(frame: Frame, blob: Blob) -> Detection:
     step, (left, top) = frame.stride, frame.region[:2]
-    moments = cv2.moments(_coverage(blob))
+    moments = cv2.moments(coverage(blob))
     total = max(moments["m00"], 1e-9)
     # Half a sample: moments count a pixel at its index, a frame at its centre.
     x = left + step * (blob.origin[0] + moments["m10"] / total + 0.5)
@@ -140,8 +153,8 @@ def _measure(frame: Frame, blob: _Blob) -> Detection:
     )
 
 
-def _coverage(blob: _Blob) -> npt.NDArray[np.float32]:
-    """Share of each pixel that the target covers, 0..1.
+def coverage(blob: Blob) -> npt.NDArray[np.float32]:
+    """Share of each pixel that the target covers, 0..1, of the shape of the blob's arrays.
 
     Inside the outline all of it. A pixel at the edge is a linear mixture of target and
     background: along the line between their mean colours, its place between the extremes of its

@@ -45,5 +45,6 @@ SCENARIOS = {
     "remove": Scenario({"cube": ON_FLOOR}, again="FAILURE"),
     "calibrate": Scenario({"mark": MARK}, arm=LOOKING),
     "track": Scenario(TARGET, arm=LOOKING),
+    "locate": Scenario(TARGET, arm=LOOKING),
 }
 """By skill. A new skill needs one: the conformance tests say so."""

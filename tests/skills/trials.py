@@ -15,6 +15,7 @@ from tests.skills.scenarios import (
     PICK,
     PRESENTING,
     SCENARIOS,
+    TARGET,
     WALL,
     Scenario,
     Tree,
@@ -135,6 +136,8 @@ STOP_AT_ONCE: Tree = {"delay": {"seconds": 1.0, "child": {"stop": {"longest": 0.
 CARRY: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.3, -0.4, 0.6]}}}
 LET_GO: Tree = {"detach": {"object": "cube"}}
 TRACK: Tree = {"track": {"duration": 3.0, "lost_timeout": 0.5, "wait": 1.0, "reach": 0.1}}
+LOCATE: Tree = {"locate": {"object": "cube"}}
+GREY = TARGET["cube"] | {"color": "grey"}
 
 
 def moving(skill: str, node: Tree, at: float, body: str = HAND) -> dict[tuple[str, str], Trial]:
@@ -301,4 +304,10 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("track", "UNREACHABLE"): Trial(TRACK, deeds=((1.0, shifts("cube", 0.14)),), moves=True),
     **moving("track", TRACK, 1.0, "arm1/panda_hand"),
+    # Seeing
+    ("locate", "NO_CAMERA"): Trial(LOCATE, {"arm": BLIND}),
+    ("locate", "INVALID_TARGET"): Trial(LOCATE, {"objects": {"cube": GREY}}),
+    ("locate", "NOT_SEEN"): Trial({"locate": {"object": "cube", "color": "red"}}),
+    ("locate", "INACCURATE"): Trial({"locate": {"object": "cube", "views": 1}}),
+    **moving("locate", LOCATE, 0.9, "arm1/panda_hand"),
 }

@@ -1,0 +1,164 @@
+"""How far an outline in a picture is from that of a known shape, and by what that changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.vision.edges import INSIDE_PX, OutlineView
+from bt_dualarm.vision.known_shape import KnownShape
+
+UNKNOWNS: Final = 14
+"""Place and turn of the thing (3 + 3), turn and shift of the mount (3 + 3), focal length, rim."""
+
+PLACE: Final = slice(0, 3)
+TURN: Final = slice(3, 6)
+MOUNT_TURN: Final = slice(6, 9)
+MOUNT_SHIFT: Final = slice(9, 12)
+FOCAL: Final = 12
+RIM: Final = 13
+
+_NEAREST_M: Final = 0.01
+"""Depth before the camera below which nothing is seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All that is unknown about some pictures of one thing.
+
+    Attributes:
+        position: Centre of the thing in the world, of shape (3,), m.
+        rotation: Its axes in the world, of shape (3, 3).
+        mount_turn: Axes of the camera in the frame where it is believed to be, of shape (3, 3).
+        mount_shift: Place of the camera there, of shape (3,), m.
+        longer: Share by which the focal length is longer than believed.
+        rim: Pixels by which outlines are wider than what they are of.
+    """
+
+    position: Vector
+    rotation: Matrix
+    mount_turn: Matrix
+    mount_shift: Vector
+    longer: float = 0.0
+    rim: float = 0.0
+
+    @classmethod
+    def believed(cls, position: Vector, rotation: Matrix) -> Scene:
+        """A thing there, and a camera as it is believed to be."""
+        return cls(position, rotation, np.eye(3), np.zeros(3))
+
+    def moved(self, step: Vector) -> Scene:
+        """The scene after a step in all unknowns, of shape (`UNKNOWNS`,): m, rad, share, px."""
+        return replace(
+            self,
+            position=self.position + step[PLACE],
+            rotation=turn_by(step[TURN]) @ self.rotation,
+            mount_turn=self.mount_turn @ turn_by(step[MOUNT_TURN]),
+            mount_shift=self.mount_shift + step[MOUNT_SHIFT],
+            longer=self.longer + float(step[FOCAL]),
+            rim=self.rim + float(step[RIM]),
+        )
+
+
+def turn_by(vector: Vector) -> Matrix:
+    """The rotation, of shape (3, 3), about a vector of shape (3,) by its length in rad."""
+    return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=float))[0], dtype=float)
+
+
+def vector_of(turn: Matrix) -> Vector:
+    """The vector, of shape (3,), rad, that `turn_by` makes a rotation of shape (3, 3) of."""
+    return np.asarray(cv2.Rodrigues(np.asarray(turn, dtype=float))[0][:, 0], dtype=float)
+
+
+def cross_matrix(v: Vector) -> Matrix:
+    """The matrix, of shape (3, 3), that takes a vector to its product with ``v`` before it."""
+    x, y, z = v.tolist()
+    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """Points of a shape in one picture, and by what they change.
+
+    Attributes:
+        pixels: Place of each point from the image's middle, of shape (n, 2), px.
+        change: Change of each with the unknowns, of shape (n, 2, `UNKNOWNS`).
+        hull: Which points make the outline, in its order, of shape (m,).
+    """
+
+    pixels: Matrix
+    change: Matrix
+    hull: npt.NDArray[np.intp]
+
+    @property
+    def area(self) -> float:
+        """Area within the outline, square px."""
+        return float(cv2.contourArea(self.pixels[self.hull].astype(np.float32)))
+
+    @property
+    def middle(self) -> Vector:
+        """Middle of the outline's box from the image's middle, of shape (2,), px."""
+        on = self.pixels[self.hull]
+        middle: Vector = (on.min(axis=0) + on.max(axis=0)) / 2.0
+        return middle
+
+
+def project(scene: Scene, shape: KnownShape, view: OutlineView) -> Projection | None:
+    """The shape as a picture would have it; None where a part of it is behind the camera."""
+    camera = view.camera
+    inward = camera.rotation_matrix @ scene.mount_turn
+    eye = camera.apply(scene.mount_shift)
+    about = shape.seen_from(eye - scene.position, scene.rotation)
+    local = (scene.position + about - eye) @ inward
+    if float(local[:, 2].min()) < _NEAREST_M:
+        return None
+    focal = view.focal_px * (1.0 + scene.longer)
+    flat = local[:, :2] / local[:, 2:]
+    pixels = focal * flat
+    by_point = np.zeros((len(local), 2, 3))
+    by_point[:, 0, 0] = by_point[:, 1, 1] = focal / local[:, 2]
+    by_point[:, :, 2] = -pixels / local[:, 2:]
+    change = np.zeros((len(local), 2, UNKNOWNS))
+    change[:, :, PLACE] = by_place = by_point @ inward.T
+    if shape.kind != "sphere":
+        change[:, :, TURN] = np.cross(about[:, None, :], by_place)
+    change[:, :, MOUNT_TURN] = -np.cross(local[:, None, :], by_point)
+    change[:, :, MOUNT_SHIFT] = -by_point @ scene.mount_turn.T
+    change[:, :, FOCAL] = view.focal_px * flat
+    around = cv2.convexHull(pixels.astype(np.float32), returnPoints=False)
+    hull = np.asarray(around, dtype=np.intp)[:, 0]
+    return Projection(pixels, change, hull)
+
+
+def outline_error(projection: Projection, edge: Matrix, rim: float) -> tuple[Vector, Matrix]:
+    """Distance of points from an outline, outside positive, and its change with the unknowns.
+
+    Args:
+        projection: Projection of the shape.
+        edge: Points of shape (n, 2), px.
+        rim: Pixels by which they are expected outside.
+
+    Returns:
+        Distances of shape (n,), px, and their change, of shape (n, `UNKNOWNS`).
+    """
+    corners = projection.pixels[projection.hull]
+    along = np.roll(corners, -1, axis=0) - corners
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
+    outward = np.column_stack((along[:, 1], -along[:, 0])) / length[:, None]
+    if float(outward[0] @ (corners.mean(axis=0) - corners[0])) > 0.0:
+        outward = -outward
+    apart = edge @ outward.T - np.sum(corners * outward, axis=1)
+    side = apart.argmax(axis=1)
+    rows = np.arange(len(edge))
+    share = np.sum((edge - corners[side]) * along[side], axis=1) / length[side] ** 2
+    share = np.clip(share, 0.0, 1.0)[:, None, None]
+    ends = projection.change[projection.hull]
+    change = (1.0 - share) * ends[side] + share * np.roll(ends, -1, axis=0)[side]
+    jacobian: Matrix = -np.einsum("nk,nkp->np", outward[side], change)
+    jacobian[:, RIM] = -1.0
+    return apart[rows, side] + INSIDE_PX - rim, jacobian

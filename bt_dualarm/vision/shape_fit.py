@@ -1,0 +1,222 @@
+"""The pose of a thing of known shape from its outlines in several pictures, with its covariance.
+
+Least squares of the outlines' distances (bundle adjustment: Triggs and others, 2000) over the pose
+of the thing and over what is not known of the camera: its mount, its focal length, and by how much
+a colour filter sees a thing wider than it is. What the pictures do not tell of these stays in
+doubt, and that doubt is in the covariance of the pose.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.vision.edges import OutlineView
+from bt_dualarm.vision.known_shape import KnownShape
+from bt_dualarm.vision.outline_error import (
+    FOCAL,
+    MOUNT_SHIFT,
+    MOUNT_TURN,
+    PLACE,
+    RIM,
+    TURN,
+    UNKNOWNS,
+    Scene,
+    cross_matrix,
+    outline_error,
+    project,
+    vector_of,
+)
+
+MOUNT_TURN_DOUBT: Final = 0.01
+"""Deviation of the mount's rotation about each axis, rad: a neglected one's, uniform within 1°."""
+
+MOUNT_SHIFT_DOUBT: Final = 0.002
+"""Deviation of its place along each axis, m: likewise, uniform within 3 mm."""
+
+FOCAL_DOUBT: Final = 0.006
+"""Deviation of the focal length as a share: likewise, uniform within 1 %."""
+
+RIM_DOUBT: Final = 0.3
+"""Deviation of what an outline is too wide or too narrow by, px."""
+
+LEVEL_DOUBT: Final = 0.005
+"""Deviation of what lies flat from the level, rad."""
+
+EDGE_DOUBT: Final = 0.3
+"""Deviation of a point of an outline, px; distortion of the lens included."""
+
+_INDEPENDENT: Final = 12.0
+"""Points of one outline that are off for reasons of their own; the others go with them."""
+
+_FREE_TURN: Final = 1.0
+"""Deviation of a turn that nothing shows, rad."""
+
+_HUBER_PX: Final = 1.0
+_ROUNDS: Final = 25
+_DONE: Final = 1e-7
+_BEST: Final = 3
+_FAR: Final = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeFit:
+    """Where a thing is by some pictures of it.
+
+    Attributes:
+        scene: Place and turn of it, and what was found of the camera.
+        covariance: Covariance of place (m) and turn about the world's axes (rad), of shape (6, 6).
+        residual_px: Root mean square of what is left between the outlines and those of the shape.
+        cost: Half the weighted sum of squares, what was known before included.
+    """
+
+    scene: Scene
+    covariance: Matrix
+    residual_px: float
+    cost: float
+
+    @property
+    def pose(self) -> Pose:
+        """Pose of the thing in the world."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.scene.rotation, self.scene.position
+        return Pose.from_matrix(matrix)
+
+    @property
+    def sigma_m(self) -> float:
+        """Standard deviation of the place along the axis where it is largest, m."""
+        return math.sqrt(float(np.linalg.eigvalsh(self.covariance[PLACE, PLACE])[-1]))
+
+    def sigma_rad(self, shape: KnownShape) -> float:
+        """Standard deviation of the turn, likewise, as far as a turn of the shape can be seen."""
+        if shape.kind == "sphere":
+            return 0.0
+        seen = np.eye(3)
+        if shape.spins is not None:
+            axis = self.scene.rotation @ shape.spins
+            seen -= np.outer(axis, axis)
+        turn = seen @ self.covariance[TURN, TURN] @ seen
+        return math.sqrt(max(float(np.linalg.eigvalsh(turn)[-1]), 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeFitter:
+    """Fits one known shape.
+
+    Attributes:
+        shape: The shape.
+        flat: Whether it lies flat on something level.
+    """
+
+    shape: KnownShape
+    flat: bool = True
+
+    def first(self, view: OutlineView) -> list[ShapeFit]:
+        """What a single picture may show, the likeliest first; none if it cannot be this shape."""
+        guesses = [self._placed(view, axes) for axes in self.shape.guesses(flat=self.flat)]
+        ranked = sorted(
+            (scene for scene in guesses if scene is not None),
+            key=lambda scene: self._misfit(scene, view),
+        )
+        fits = [self._solved(scene, [view]) for scene in ranked[:_BEST]]
+        return sorted(fits, key=lambda fit: fit.cost)
+
+    def again(self, fits: Sequence[ShapeFit], views: Sequence[OutlineView]) -> list[ShapeFit]:
+        """What all pictures show, begun from what some of them have shown; the likeliest first."""
+        return sorted((self._solved(fit.scene, views) for fit in fits), key=lambda fit: fit.cost)
+
+    def _placed(self, view: OutlineView, axes: Matrix) -> Scene | None:
+        """A thing turned like this where the picture has one, as far away as its area says."""
+        width = self.shape.extent
+        depth = view.focal_px * width * 1.5 / math.sqrt(view.detection.area_px)
+        pixel = view.middle
+        scene = None
+        for _ in range(3):
+            ray = np.array((*(pixel / view.focal_px), 1.0))
+            scene = Scene.believed(view.camera.apply(depth * ray), axes)
+            seen = project(scene, self.shape, view)
+            if seen is None or seen.area <= 0.0:
+                return None
+            pixel = pixel + view.middle - seen.middle
+            depth *= math.sqrt(seen.area / view.detection.area_px)
+        return scene
+
+    def _misfit(self, scene: Scene, view: OutlineView) -> float:
+        seen = project(scene, self.shape, view)
+        if seen is None:
+            return _FAR
+        return float(np.mean(np.abs(outline_error(seen, view.edge, 0.0)[0])))
+
+    def _solved(self, scene: Scene, views: Sequence[OutlineView]) -> ShapeFit:
+        """Levenberg's and Marquardt's method from a scene."""
+        level = self.shape.upward(scene.rotation) if self.flat else None
+        normal, slope, cost, residual = self._equations(scene, views, level)
+        damping = 1e-3
+        for _ in range(_ROUNDS):
+            damped = normal + damping * np.diag(np.diag(normal))
+            step: Vector = -np.asarray(np.linalg.solve(damped, slope), dtype=float)
+            trial = scene.moved(step)
+            tried = self._equations(trial, views, level)
+            if tried[2] < cost:
+                gained = cost - tried[2]
+                scene, damping = trial, damping / 5.0
+                normal, slope, cost, residual = tried
+                if gained < _DONE * (1.0 + cost):
+                    break
+            else:
+                damping *= 8.0
+                if damping > _FAR:
+                    break
+        covariance = np.asarray(np.linalg.inv(normal), dtype=float)[:6, :6]
+        return ShapeFit(scene, covariance, residual, cost)
+
+    def _equations(
+        self, scene: Scene, views: Sequence[OutlineView], level: Vector | None
+    ) -> tuple[Matrix, Vector, float, float]:
+        """Normal matrix, slope, half the sum of squares, and what is left in px."""
+        normal, slope, cost = self._known_before(scene, level)
+        square, count = 0.0, 0
+        for view in views:
+            seen = project(scene, self.shape, view)
+            if seen is None:
+                return normal, slope, math.inf, math.inf
+            error, change = outline_error(seen, view.edge, scene.rim)
+            size = np.maximum(np.abs(error), 1e-12)
+            weight = _INDEPENDENT / len(error) / EDGE_DOUBT**2
+            robust = weight * np.minimum(_HUBER_PX / size, 1.0)
+            normal = normal + (change * robust[:, None]).T @ change
+            slope = slope + change.T @ (robust * error)
+            inner = np.minimum(size, _HUBER_PX)
+            cost += weight * float(np.sum(inner * (size - 0.5 * inner)))
+            square, count = square + float(error @ error), count + len(error)
+        return normal, slope, cost, math.sqrt(square / max(count, 1))
+
+    def _known_before(self, scene: Scene, level: Vector | None) -> tuple[Matrix, Vector, float]:
+        """What is known without a picture: normal matrix, slope and half the sum of squares."""
+        off = np.zeros(UNKNOWNS)
+        off[MOUNT_TURN], off[MOUNT_SHIFT] = vector_of(scene.mount_turn), scene.mount_shift
+        off[FOCAL], off[RIM] = scene.longer, scene.rim
+        doubt = np.full(UNKNOWNS, np.inf)
+        doubt[TURN] = _FREE_TURN  # towards nowhere: a turn that nothing shows stays as it is
+        doubt[MOUNT_TURN], doubt[MOUNT_SHIFT] = MOUNT_TURN_DOUBT, MOUNT_SHIFT_DOUBT
+        doubt[FOCAL], doubt[RIM] = FOCAL_DOUBT, RIM_DOUBT
+        normal, slope = np.diag(doubt**-2.0), off / doubt**2
+        cost = 0.5 * float(np.sum((off / doubt) ** 2))
+        if level is not None and self.shape.kind != "sphere":
+            up = scene.rotation @ level
+            tilt, by_turn = up[:2] / LEVEL_DOUBT, -cross_matrix(up)[:2] / LEVEL_DOUBT
+            normal[TURN, TURN] += by_turn.T @ by_turn
+            slope[TURN] += by_turn.T @ tilt
+            cost += 0.5 * float(tilt @ tilt)
+        return normal, slope, cost
+
+
+def canonical(fit: ShapeFit, shape: KnownShape) -> ShapeFit:
+    """The same, turned as the pose that looks alike and is turned least."""
+    rotation = shape.canonical(fit.pose).rotation_matrix
+    return replace(fit, scene=replace(fit.scene, rotation=rotation))

@@ -1,0 +1,118 @@
+"""Things of one colour and shape, found in pictures from several places and told apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.spec.color import Color
+from bt_dualarm.vision.colors import ColorFilter
+from bt_dualarm.vision.edges import OutlineView, outlines
+from bt_dualarm.vision.known_shape import KnownShape
+from bt_dualarm.vision.outline_error import project
+from bt_dualarm.vision.shape_fit import ShapeFit, ShapeFitter, canonical
+from bt_dualarm.world.cameras.frame import Frame
+
+UNLIKE_PX: Final = 0.8
+"""Root mean square of what an outline leaves, from which on it is of another shape, or covered."""
+
+LEAST_AREA_PX: Final = 60.0
+"""Area of an outline, in square pixels, that tells a shape."""
+
+_ASTRAY_PX: Final = 12.0
+"""Pixels from its prediction at which a thing is still taken for the same, with half its width."""
+
+
+@dataclass(eq=False)
+class SightedThing:
+    """One thing, and what was seen of it.
+
+    Attributes:
+        fits: What the pictures may show, the likeliest first.
+        views: Its outlines.
+        rejected: Number of outlines in its place that were not of a thing that stands still there.
+    """
+
+    fits: list[ShapeFit]
+    views: list[OutlineView] = field(default_factory=list)
+    rejected: int = 0
+
+    @property
+    def best(self) -> ShapeFit:
+        """The likeliest."""
+        return self.fits[0]
+
+    @property
+    def position(self) -> Vector:
+        """Place of its centre in the world, of shape (3,), m."""
+        return self.best.scene.position
+
+
+class SightedThings:
+    """Takes pictures in, and knows the things in them.
+
+    Args:
+        color: Colour of the things.
+        shape: Shape of each of them.
+        flat: Whether they lie flat on something level.
+
+    Attributes:
+        things: Things that were found, in no particular order.
+        unlike: Number of patches of the colour, in the last picture, that are of another shape.
+    """
+
+    def __init__(self, color: Color, shape: KnownShape, *, flat: bool = True) -> None:
+        self.things: list[SightedThing] = []
+        self.unlike = 0
+        self._filter = ColorFilter(color)
+        self._fitter = ShapeFitter(shape, flat)
+
+    def take(self, frame: Frame) -> None:
+        """Take one picture in: better poses of known things, and new ones."""
+        patches = outlines(frame, self._filter, LEAST_AREA_PX)
+        for thing in self.things:
+            patch = self._of(thing, patches)
+            if patch is not None:
+                patches.remove(patch)
+                self._look_again(thing, patch)
+        self.unlike = 0
+        for patch in patches:
+            fits = self._fitter.first(patch)
+            if not fits or fits[0].residual_px > UNLIKE_PX:
+                self.unlike += 1
+            elif not self._is_known(fits[0].scene.position):
+                self.things.append(SightedThing(fits, [patch]))
+
+    def pose(self, thing: SightedThing) -> Pose:
+        """Pose of a thing in the world; of those that look alike the one turned least."""
+        return canonical(thing.best, self._fitter.shape).pose
+
+    def sigma_rad(self, thing: SightedThing) -> float:
+        """Standard deviation of its turn about the worst axis, as far as one can be seen, rad."""
+        return thing.best.sigma_rad(self._fitter.shape)
+
+    def _of(self, thing: SightedThing, patches: list[OutlineView]) -> OutlineView | None:
+        """The patch that is where a thing should be seen, if there is one."""
+        if not patches:
+            return None
+        seen = project(thing.best.scene, self._fitter.shape, patches[0])
+        if seen is None:
+            return None
+        away = [float(np.linalg.norm(patch.middle - seen.middle)) for patch in patches]
+        nearest = int(np.argmin(away))
+        return patches[nearest] if away[nearest] < _ASTRAY_PX + 0.25 * seen.area**0.5 else None
+
+    def _look_again(self, thing: SightedThing, patch: OutlineView) -> None:
+        fits = self._fitter.again(thing.fits, [*thing.views, patch])
+        if fits[0].residual_px > UNLIKE_PX:
+            thing.rejected += 1
+            return
+        thing.fits = fits
+        thing.views.append(patch)
+
+    def _is_known(self, position: Vector) -> bool:
+        near = self._fitter.shape.extent
+        return any(float(np.linalg.norm(one.position - position)) < near for one in self.things)

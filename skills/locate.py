@@ -1,0 +1,233 @@
+"""Find things of known colour and shape by the arm's own camera, and say where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from bt_dualarm import (
+    SIDES,
+    Angle,
+    Color,
+    ColorlessError,
+    Failure,
+    KnownShape,
+    ObjectName,
+    PortModel,
+    Pose,
+    PoseSpec,
+    SightedThing,
+    SightedThings,
+    Skill,
+    Speed,
+    Vector,
+    color_of,
+    go_to_camera,
+    own_camera,
+    port,
+    still_picture,
+)
+
+_Length = Annotated[float, Field(ge=1e-4, le=10.0)]
+_Row = tuple[float, float, float, float, float, float]
+
+
+class Locate(Skill):
+    """Find things of a known colour and shape by the arm's own camera, and say where they are.
+
+    It looks from where the arm stands, then from around what it has seen until the place is known
+    well enough. Where things are in the file, or in truth, it does not know.
+    """
+
+    class Ports(PortModel):
+        exactly_one_of = ("object", "shape")
+
+        object: ObjectName | None = port(
+            None, "declared object whose colour, shape and size are looked for; not its pose"
+        )
+        shape: Literal["box", "cylinder", "sphere"] | None = port(
+            None, "shape to look for, where no object is named"
+        )
+        size: tuple[_Length, ...] | None = port(
+            None,
+            "edges of a box; radius and length of a cylinder; radius of a sphere",
+            unit="m",
+            min_length=1,
+            max_length=3,
+        )
+        color: Color | None = port(
+            None, "a name or HSV ranges; that of the object where it is left out"
+        )
+        flat: bool = port(True, "whether the things lie flat on something level")
+        accuracy: float = port(
+            0.001, "standard deviation of the place, at most", unit="m", ge=1e-4, le=0.1
+        )
+        angle_accuracy: Angle = port(
+            1.0, "the same of the turn, as far as one can be seen", ge=0.05, le=90
+        )
+        views: int = port(8, "places to look from, at most", ge=1, le=12)
+        frames: int = port(6, "pictures that are merged at each place", ge=1, le=100)
+        distance: float = port(0.3, "distance from which it looks again", unit="m", ge=0.08, le=2)
+        speed: Speed = port(0.5, "share of the arm's limits")
+        score: ObjectName | None = port(
+            None, "object whose true pose the metrics compare with; never used to find it"
+        )
+
+    class Outputs(PortModel):
+        pose: PoseSpec = port(..., "Pose of the first of `poses`")
+        covariance: tuple[_Row, _Row, _Row, _Row, _Row, _Row] = port(
+            ..., "Its covariance: place (m²), then turn about the world's axes (rad²)"
+        )
+        poses: tuple[PoseSpec, ...] = port(
+            ..., "Poses of all that were found, the nearest to the arm's base first"
+        )
+        count: int = port(..., "How many were found")
+
+    failures = {
+        "NO_CAMERA": "the arm has no camera of its own",
+        "INVALID_TARGET": "the object has no colour that can be found, or no size is given",
+        "NOT_SEEN": "nothing of this colour and shape is in the picture",
+        "INACCURATE": "what was seen is not known as well as asked for, or did not stand still",
+        "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "BUSY": "another leaf moves the arm",
+    }
+    example = "locate: {object: cube, accuracy: 0.002}"
+    needs_camera = True
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Look, go around until the places are known, write them on the blackboard."""
+        own_camera(self.arm)
+        color, self._shape = self._looked_for()
+        self._seen = SightedThings(color, self._shape, flat=self.ports.flat)
+        yield from self.arm.think()  # what was halted before may still be on its way
+        yield from self._look_from_here()
+        if not self._seen.things:
+            self._refuse_unseen()
+        yield from self._look_around()
+        found = sorted(filter(self._is_known, self._seen.things), key=self._from_base)
+        if not found:
+            self._refuse_inaccurate()
+        self._tell(found)
+
+    def _looked_for(self) -> tuple[Color, KnownShape]:
+        """Colour and shape, from the ports or from what the file says of the object."""
+        ports = self.ports
+        if ports.object is not None:
+            thing = self.arm.world.objects.get(ports.object)
+            if thing is None:
+                raise Failure("NOT_SEEN", f"object {ports.object!r} is not in the world")
+            try:
+                color = ports.color or color_of(thing)
+            except ColorlessError as error:
+                raise Failure("INVALID_TARGET", f"{error}: give `color`") from error
+            return color, KnownShape(thing.shape, thing.size)
+        if ports.shape is None or ports.size is None or ports.color is None:
+            raise Failure("INVALID_TARGET", "without an object, shape, size and color are needed")
+        wanted = {"box": 3, "cylinder": 2, "sphere": 1}[ports.shape]
+        if len(ports.size) != wanted:
+            reason = f"the size of a {ports.shape} has {wanted} numbers, not {len(ports.size)}"
+            raise Failure("INVALID_TARGET", reason)
+        return ports.color, KnownShape(ports.shape, ports.size)
+
+    def _look_from_here(self) -> Iterator[None]:
+        picture = yield from still_picture(self.arm, self.ports.frames)
+        if picture is not None:
+            self._looking = picture.pose.quaternion
+            self._seen.take(picture)
+
+    def _look_around(self) -> Iterator[float | None]:
+        """From one side after the other, as long as something is not known well enough."""
+        looked, looking = 1, self._looking
+        for side in SIDES:
+            open_ = [one for one in self._seen.things if not self._is_known(one)]
+            if looked >= self.ports.views or not open_:
+                return
+            middle = np.mean([thing.position for thing in open_], axis=0)
+            camera = side.camera(middle, looking, self._distance(middle))
+            if (yield from go_to_camera(self.arm, camera, self.ports.speed, self._ignored)):
+                yield from self._look_from_here()
+                looked += 1
+
+    def _distance(self, middle: Vector) -> float:
+        """As asked for, or farther where several things are to be in the picture."""
+        apart = max(float(np.linalg.norm(one.position - middle)) for one in self._seen.things)
+        return max(self.ports.distance, 3.0 * apart, 5.0 * self._shape.extent)
+
+    @property
+    def _ignored(self) -> frozenset[str]:
+        """What is looked for is nowhere yet: a plan cannot keep clear of it."""
+        return frozenset({self.ports.object} if self.ports.object else ())
+
+    def _is_known(self, thing: SightedThing) -> bool:
+        ports = self.ports
+        turned = self._seen.sigma_rad(thing)
+        return thing.best.sigma_m <= ports.accuracy and turned <= ports.angle_accuracy
+
+    def _from_base(self, thing: SightedThing) -> float:
+        base = self.arm.kinematics.base.position
+        return float(np.linalg.norm(thing.position - base))
+
+    def _tell(self, found: list[SightedThing]) -> None:
+        poses = [self._seen.pose(thing) for thing in found]
+        best = found[0].best
+        self.output("pose", _written(poses[0]))
+        self.output("covariance", tuple(map(tuple, best.covariance.tolist())))
+        self.output("poses", tuple(map(_written, poses)))
+        self.output("count", len(poses))
+        self.metrics |= {
+            "found": len(poses),
+            "views": len(found[0].views),
+            "sigma_m": best.sigma_m,
+            "sigma_rad": self._seen.sigma_rad(found[0]),
+            "residual_px": best.residual_px,
+        }
+        self._score(poses)
+
+    def _score(self, poses: list[Pose]) -> None:
+        """How far the nearest one is from the truth, which nothing else reads."""
+        name = self.ports.score or self.ports.object
+        if name not in self.arm.world.objects:
+            return
+        truth = self.arm.world.object_pose(name)
+        nearest = min(poses, key=truth.distance)
+        self.metrics |= {
+            "located_error_m": nearest.distance(truth),
+            "located_turned_rad": self._shape.angle(nearest, truth),
+        }
+
+    def _refuse_unseen(self) -> None:
+        unlike = self._seen.unlike
+        others = (
+            f"{unlike} patches are of another, or move" if unlike else "nothing has that colour"
+        )
+        raise Failure(
+            "NOT_SEEN",
+            f"nothing of this colour and shape in {self.ports.frames} pictures; {others}",
+            frames=self.ports.frames,
+            unlike=unlike,
+        )
+
+    def _refuse_inaccurate(self) -> None:
+        best = min(self._seen.things, key=lambda one: one.best.sigma_m)
+        turned = self._seen.sigma_rad(best)
+        raise Failure(
+            "INACCURATE",
+            f"from {len(best.views)} places the thing is known to {1e3 * best.best.sigma_m:.1f} mm "
+            f"and {np.degrees(turned):.1f}°"
+            + (f"; {best.rejected} pictures show it elsewhere" if best.rejected else ""),
+            views=len(best.views),
+            rejected=best.rejected,
+            sigma_m=best.best.sigma_m,
+            sigma_rad=turned,
+        )
+
+
+def _written(pose: Pose) -> PoseSpec:
+    """A pose as a file would have it."""
+    x, y, z = pose.position.tolist()
+    a, b, c, d = pose.quaternion.tolist()
+    return PoseSpec(xyz=(x, y, z), quat=(a, b, c, d))
