@@ -47,7 +47,9 @@ def _command(argv: Sequence[str] | None, stop: StopRequest) -> int:
         return _version()
     if arguments.list:
         return _list()
-    if arguments.file is None:
+    if arguments.resume is not None and arguments.real_time:
+        parser.error("--real-time and --resume exclude each other")
+    if arguments.file is None and arguments.resume is None:
         parser.error("which tree file? (bt-run --list names the shipped ones)")
     return _run(arguments, stop)
 
@@ -91,6 +93,10 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
 def _opened(arguments: argparse.Namespace, stop: StopRequest) -> Run:
     from bt_dualarm.runtime.shipped import find_tree
 
+    if arguments.resume is not None:
+        from bt_dualarm.cli.resuming import opened_again
+
+        return opened_again(arguments, stop)
     tree = find_tree(arguments.file)  # a slip is told before all that is heavy is imported
 
     from bt_dualarm.cli.skill_import import imported_skills

@@ -14,6 +14,8 @@ examples:
   bt-run my_tree.yaml --record out/first    keep summary, events, samples and plots
   bt-run circle --display log --seed 3      a line per change; another arrangement
   bt-run pick_and_track --real-time         no faster than the clock on the wall
+  bt-run --resume out@12.4                  go on from 12.4 s of the run recorded in out
+  bt-run my_tree.yaml --resume out@12.4     with a tree edited since; its past must be the same
   bt-run --list                             what is shipped
 
 exit code:
@@ -35,6 +37,11 @@ def command_line() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("file", metavar="FILE", nargs="?", help="a tree file, or the name of a shipped one")
     add("--list", action="store_true", help="list the shipped trees and end")
+    add(
+        "--resume",
+        metavar="DIR@S",
+        help="go on from S simulated seconds of the record in DIR, with its tree or with FILE",
+    )
     add(
         "--record",
         metavar="DIR",

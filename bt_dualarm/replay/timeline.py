@@ -100,7 +100,8 @@ class Timeline:
 
     def __init__(self, record: Record) -> None:
         self.roots = {
-            name: _node(name, arm["tree"], arm["tree"]["name"]) for name, arm in record.arms.items()
+            name: node_of(name, arm["tree"], arm["tree"]["name"])
+            for name, arm in record.arms.items()
         }
         self._nodes = {
             (node.arm, node.path): node for root in self.roots.values() for node in root.walk()
@@ -150,13 +151,19 @@ def _change(index: int, event: Facts) -> Change:
     )
 
 
-def _node(arm: str, said: Facts, path: str) -> Node:
-    """A node with those below it; names of siblings are told apart as in the events."""
+def node_of(arm: str, said: Facts, path: str) -> Node:
+    """A node with those below it; names of siblings are told apart as in the events.
+
+    Args:
+        arm: Name of the arm.
+        said: Facts of the node, as the record has them.
+        path: Path of the node.
+    """
     seen: Counter[str] = Counter()
     children = []
     for child in said["children"]:
         name = str(child["name"])
         seen[name] += 1
         shown = name if seen[name] == 1 else f"{name}#{seen[name]}"
-        children.append(_node(arm, child, f"{path}/{shown}"))
+        children.append(node_of(arm, child, f"{path}/{shown}"))
     return Node(arm, path, said["kind"], said["ports"], said["place"], tuple(children))

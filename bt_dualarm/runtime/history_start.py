@@ -65,7 +65,7 @@ class Start:
     def _arm(self, name: str) -> dict[str, object]:
         arm = self.file.arms[name]
         said = arm.model_dump(mode="json", exclude={"tree"})
-        return {**said, "tree": _node(arm.tree)}
+        return {**said, "tree": tree_facts(arm.tree)}
 
     def _pages(self) -> Iterator[tuple[str, Path]]:
         """Robots' pages that lie beside the tree file."""
@@ -89,15 +89,15 @@ def _reality(options: RunOptions) -> object:
     return options.reality.model_dump(mode="json", exclude_unset=True)
 
 
-def _node(node: NodeSpec) -> dict[str, object]:
+def tree_facts(node: NodeSpec) -> dict[str, object]:
     """A node with what is below it, and its place in the file."""
     place = node.place
     return {
         "kind": node.kind,
         "name": node.name,
-        "ports": dict(node.ports),
+        "ports": json_ready(dict(node.ports)),
         "place": f"{Path(place.file).name}:{place.line}" if place.line else Path(place.file).name,
-        "children": [_node(child) for child in node.children],
+        "children": [tree_facts(child) for child in node.children],
     }
 
 

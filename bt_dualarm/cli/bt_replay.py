@@ -1,0 +1,90 @@
+"""``bt-replay``: a record run anew, to see whether it repeats."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED
+from bt_dualarm.cli.words import add_skills
+
+if TYPE_CHECKING:
+    from bt_dualarm.replay.check import Agreement
+
+_EPILOG = """\
+examples:
+  bt-replay out --check            run it anew; at which step, in which number it first differs
+
+exit code:
+  0 every step is the same   1 one differs   2 no such record, or it cannot be run again
+  154 a file of skills could not be imported within 30 s
+"""
+_MOST_NUMBERS = 3
+
+
+def main(argv: Sequence[str] | None) -> int:
+    """Run a record anew; returns the exit code."""
+    parser = _command_line()
+    arguments = parser.parse_args(argv)
+    if not arguments.check:
+        parser.error("say what is to be done: --check")
+    from bt_dualarm.cli.skill_import import imported_skills
+    from bt_dualarm.replay.check import check_record
+    from bt_dualarm.replay.record import Record
+
+    record = Record.read(arguments.folder)
+    found = check_record(record, imported_skills("bt-replay", arguments.skills))
+    if arguments.json:
+        print(json.dumps(_facts(found), indent=2))
+    else:
+        print("\n".join(_lines(found)))
+    return SUCCEEDED if found.agrees else FAILED
+
+
+def _command_line() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="bt-replay",
+        description="Run the tree of a record anew and hold every step against it.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("folder", metavar="DIR", type=Path, help="a folder that bt-run --record wrote")
+    add("--check", action="store_true", help="compare states and statuses, step by step")
+    add("--json", action="store_true", help="one JSON object")
+    add_skills(parser)
+    return parser
+
+
+def _lines(found: Agreement) -> Iterator[str]:
+    for sentence in found.changed:
+        yield f"changed since: {sentence}"
+    differs = found.difference
+    if differs is None and found.agrees:
+        hashed = ", and the hash of all states" if found.hash_agrees else ""
+        yield f"the same: {found.steps} steps, {found.time_s:.3f} s{hashed}"
+        return
+    if differs is None:
+        yield f"{found.steps} steps are the same, but the hash of all states is another"
+        return
+    yield f"differs at step {differs.step}, {differs.time_s:.3f} s (of {found.until_s:.3f} s)"
+    for number in differs.numbers[:_MOST_NUMBERS]:
+        yield f"  {number.name}: {number.recorded!r} in the record, {number.now!r} now"
+    left_out = len(differs.numbers) - _MOST_NUMBERS
+    if left_out > 0:
+        yield f"  and {left_out} numbers more"
+    if differs.event:
+        yield f"  {differs.event}"
+    elif differs.doing:
+        yield f"  running then: {', '.join(differs.doing)}"
+
+
+def _facts(found: Agreement) -> dict[str, object]:
+    differs = found.difference
+    said = None
+    if differs is not None:
+        said = {**vars(differs), "numbers": [vars(number) for number in differs.numbers]}
+    return {**vars(found), "agrees": found.agrees, "difference": said}

@@ -1,0 +1,118 @@
+"""A run that is made anew is the same, or it is said at which step and in which number not."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+import bt_dualarm
+from bt_dualarm import cli
+from bt_dualarm.replay.check import check_record
+from bt_dualarm.replay.record import Record, ReplayError
+from bt_dualarm.skill.registry import Registry
+from tests.replay.runs import recorded
+
+REGISTRY = Registry.load()
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    return recorded(tmp_path_factory.mktemp("short"), seed=4, reality="lab")
+
+
+def with_text(record: Record, old: str, new: str) -> Record:
+    """A record whose tree says something else than what was run."""
+    (name, text), *rest = record.start["texts"].items()
+    assert old in text
+    start = {**record.start, "texts": {name: text.replace(old, new), **dict(rest)}}
+    return dataclasses.replace(record, start=start)
+
+
+def test_the_same_run_agrees_to_the_last_step_and_hash(short: Record) -> None:
+    found = check_record(short, REGISTRY)
+    assert found.agrees
+    assert (found.steps, found.hash_agrees) == (short.steps, True)
+    assert found.changed == ()
+
+
+def test_another_goal_differs_where_the_leaf_begins(short: Record) -> None:
+    """The goal is a tenth of a micrometre elsewhere: the joints differ from the motion's first."""
+    [set_, go] = [
+        event["time_s"] for event in short.events if event["path"] == "sequence/reach_to_pose"
+    ]
+    found = check_record(with_text(short, "[0, 0.06, 0]", "[0, 0.0600001, 0]"), REGISTRY)
+    assert not found.agrees
+    assert found.difference is not None
+    assert set_ < found.difference.time_s < go
+    assert found.difference.numbers[0].name.startswith(("position of arm1/", "velocity of arm1/"))
+    assert abs(found.difference.numbers[0].now - found.difference.numbers[0].recorded) < 1e-3
+    assert found.difference.doing == ("arm1:sequence", "arm1:sequence/reach_to_pose")
+
+
+def test_another_status_is_told(short: Record) -> None:
+    found = check_record(with_text(short, "set: {key", "set: {name: other, key"), REGISTRY)
+    assert found.difference is not None
+    assert found.difference.event == (
+        "arm1:sequence/set → SUCCESS at 0.000 s in the record; "
+        "now arm1:sequence/other → SUCCESS at 0.000 s"
+    )
+
+
+def test_other_objects_differ_in_their_count(short: Record) -> None:
+    old = "  ball: {"
+    more = "  box: {shape: box, size: [0.1, 0.1, 0.1], mass: 1, pose: {xyz: [2, 2, 1]}}\n"
+    found = check_record(with_text(short, old, more + old), REGISTRY)
+    assert found.difference is not None
+    assert found.difference.step == 1
+    assert found.difference.numbers[0].name == "count of positions"
+
+
+def test_a_run_that_was_closed_agrees_as_far_as_it_went(tmp_path: Path, short: Record) -> None:
+    with bt_dualarm.open(next(iter(short.start["texts"])), record=tmp_path) as run:
+        run.step(0.5)
+    found = check_record(Record.read(tmp_path), REGISTRY)
+    assert found.agrees
+    assert (found.steps, found.hash_agrees) == (250, None)
+
+
+def test_an_include_that_has_changed_is_refused(short: Record) -> None:
+    _, include = short.start["texts"]
+    texts = {**short.start["texts"], include: "bt_dualarm: 1\n"}
+    with pytest.raises(ReplayError, match=r"parts\.yaml, which the tree includes, is not what it"):
+        check_record(dataclasses.replace(short, start={**short.start, "texts": texts}), REGISTRY)
+
+
+def test_the_command_says_so(short: Record, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.replay([str(short.folder), "--check"]) == 0
+    out = capsys.readouterr().out
+    assert (
+        out
+        == f"the same: {short.steps} steps, {short.steps * 0.002:.3f} s, and the hash of all states\n"
+    )
+    assert cli.replay([str(short.folder), "--check", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["agrees"] is True
+
+
+def test_a_difference_is_code_1(
+    short: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = recorded(tmp_path, seed=5, reality="lab")
+    history = (other.folder / "run.history").read_bytes()
+    assert history != (short.folder / "run.history").read_bytes()
+    events = (other.folder / "events.jsonl").read_text().replace("SUCCESS", "FAILURE", 1)
+    (other.folder / "events.jsonl").write_text(events)
+    assert cli.replay([str(other.folder), "--check"]) == 1
+    out = capsys.readouterr().out
+    assert "differs at step 0, 0.000 s" in out
+    assert "→ FAILURE at 0.000 s in the record; now arm1:sequence/set → SUCCESS at 0.000 s" in out
+
+
+def test_without_a_record_it_is_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.replay([str(tmp_path), "--check"]) == 2
+    assert "holds no record" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        cli.replay([str(tmp_path)])
+    assert ended.value.code == 2

@@ -1,0 +1,93 @@
+"""A run that goes on from a time of a record is the one that was never interrupted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm import cli
+from bt_dualarm.replay.record import Record, ReplayError
+from bt_dualarm.replay.rerun import Changed
+from bt_dualarm.replay.resume import PastChangedError, parse_place, resumed
+from bt_dualarm.skill.registry import Registry
+from tests.replay.runs import SHORT, recorded, write_short
+
+REGISTRY = Registry.load()
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    return recorded(tmp_path_factory.mktemp("short"), seed=4)
+
+
+def edited(record: Record, folder: Path, old: str, new: str) -> Changed:
+    """The tree of the record with an edit."""
+    assert old in SHORT
+    return Changed(write_short(folder, SHORT.replace(old, new)))
+
+
+@pytest.mark.parametrize("time", [0.002, 0.5, 1.0])
+def test_the_hash_is_that_of_the_uninterrupted_run(short: Record, time: float) -> None:
+    with resumed(short, time, REGISTRY, Changed()) as run:
+        assert run.time == pytest.approx(time)
+        result = run.finish()
+    assert short.end is not None
+    assert result.state_sha256 == short.end["state_sha256"]
+
+
+def test_a_tree_edited_after_that_time_goes_on(short: Record, tmp_path: Path) -> None:
+    change = edited(short, tmp_path, '{offset: "{goal}"}', "{offset: {xyz: [0, 0, 0.05]}}")
+    with resumed(short, 0.3, REGISTRY, change) as run:
+        result = run.finish()
+    assert result.outcome == "SUCCESS"
+    assert short.end is not None
+    assert result.state_sha256 != short.end["state_sha256"]
+
+
+def test_a_tree_edited_before_that_time_is_refused_with_its_node(
+    short: Record, tmp_path: Path
+) -> None:
+    change = edited(short, tmp_path, "value: {xyz: [0, 0.06, 0]}", "value: {xyz: [0, 0.05, 0]}")
+    end = short.until - 0.1
+    with pytest.raises(PastChangedError) as refused:
+        resumed(short, end, REGISTRY, change)
+    assert "the past is not that of the record: it differs from" in str(refused.value)
+    assert "arm1:sequence/set began at 0.00 s and has another value now" in str(refused.value)
+
+
+def test_another_kind_of_node_is_told(short: Record, tmp_path: Path) -> None:
+    change = edited(short, tmp_path, "- subtree: {use: aside}", "- wait: {name: aside, seconds: 9}")
+    with pytest.raises(
+        PastChangedError, match=r"sequence/aside began at 0\.00 s and is a wait now"
+    ):
+        resumed(short, 0.4, REGISTRY, change)
+
+
+@pytest.mark.parametrize("time", [0.0001, 99.0])
+def test_a_time_outside_is_refused(short: Record, time: float) -> None:
+    with pytest.raises(ReplayError, match="the record goes from 0 to"):
+        resumed(short, time, REGISTRY, Changed())
+
+
+@pytest.mark.parametrize("text", ["out", "out@", "@3", "out@x", "out@-1", "out@0", "out@inf"])
+def test_a_place_has_a_folder_and_a_time(text: str) -> None:
+    with pytest.raises(ReplayError, match="takes DIR@SECONDS"):
+        parse_place(text)
+    assert parse_place("a@b@12.4s") == (Path("a@b"), 12.4)
+
+
+def test_the_command_goes_on(
+    short: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = f"{short.folder}@0.4"
+    assert cli.run(["--resume", place, "--record", str(tmp_path / "again")]) == 0
+    out, err = capsys.readouterr()
+    assert f"the past is that of {short.folder} up to 0.400 s" in err
+    assert "SUCCESS  short" in out
+    again = Record.read(tmp_path / "again")
+    assert again.end == short.end
+    assert cli.run(["--resume", place, "--record", str(short.folder)]) == 2
+    assert "--record needs another folder" in capsys.readouterr().err
+    assert cli.run(["--resume", f"{tmp_path}@1"]) == 2
+    assert "holds no record" in capsys.readouterr().err
