@@ -6,6 +6,7 @@ from bt_dualarm.kernels.kernel import compile_once
 from bt_dualarm.motion.chains.warming import move_something
 from bt_dualarm.motion.setpoints.planar_servo import follow_something
 from bt_dualarm.motion.timing.path_timing import time_something
+from bt_dualarm.vision.motion_model import predict_something
 from bt_dualarm.world.hardware.arm_hardware import sense_something
 from bt_dualarm.world.rendering.raycast import draw_something
 
@@ -16,4 +17,4 @@ def compile_kernels() -> None:
     Harmless when repeated: once on a machine it does something.
     """
     motion = move_something, follow_something, time_something
-    compile_once((draw_something, sense_something, *motion))
+    compile_once((draw_something, sense_something, predict_something, *motion))

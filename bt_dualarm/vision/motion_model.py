@@ -6,7 +6,6 @@ in SI units. Noise enters continuously, so that results do not depend on the fra
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -20,7 +19,6 @@ Stack = npt.NDArray[np.float64]
 """One 4 by 4 matrix an axis, of shape (n, 4, 4)."""
 
 _STATES = 4
-_MIN_FREQUENCY = 1e-3
 
 
 class MotionModel(Protocol):
@@ -68,26 +66,18 @@ class Oscillator:
 
     def move(self, state: Matrix, dt: float) -> Matrix:
         """The sine through position, velocity and acceleration."""
-        # Plain floats: asked at the control rate, and numpy is slower on three numbers.
-        return np.array([_swing(p, v, a, w, dt) for p, v, a, w in state.tolist()])
+        from bt_dualarm.vision.oscillator_kernels import swing
+
+        moved = np.empty_like(state)
+        swing(state, dt, moved)
+        return moved
 
     def jacobian(self, state: Matrix, dt: float) -> Stack:
         """Exact, by differentiating the sine."""
-        _, v, a, frequency = state.T
-        w = np.maximum(np.abs(frequency), _MIN_FREQUENCY)
-        sine, cosine = np.sin(w * dt), np.cos(w * dt)
-        integral = sine / w
-        double = 2.0 * np.square(np.sin(0.5 * w * dt) / w)
-        jacobian = np.zeros((len(state), _STATES, _STATES))
-        jacobian[:, 0, 0] = jacobian[:, 3, 3] = 1.0
-        jacobian[:, 0, 1] = jacobian[:, 1, 2] = integral
-        jacobian[:, 0, 2] = double
-        jacobian[:, 1, 1] = jacobian[:, 2, 2] = cosine
-        jacobian[:, 2, 1] = -w * sine
-        by_frequency = (dt * cosine - integral) / w
-        jacobian[:, 0, 3] = v * by_frequency + a * (dt * integral - 2.0 * double) / w
-        jacobian[:, 1, 3] = a * by_frequency - v * dt * sine
-        jacobian[:, 2, 3] = -a * dt * sine - v * (sine + w * dt * cosine)
+        from bt_dualarm.vision.oscillator_kernels import differentiate
+
+        jacobian = np.empty((len(state), _STATES, _STATES))
+        differentiate(state, dt, jacobian)
         return jacobian
 
     def noise(self, dt: float) -> Matrix:
@@ -111,20 +101,6 @@ def at_rest(position: Vector) -> Matrix:
     return state
 
 
-def _swing(
-    p: float, v: float, a: float, frequency: float, dt: float
-) -> tuple[float, float, float, float]:
-    """One axis of a sine, ``dt`` seconds on."""
-    w = max(abs(frequency), _MIN_FREQUENCY)
-    sine, cosine, half = math.sin(w * dt), math.cos(w * dt), math.sin(0.5 * w * dt)
-    return (
-        p + v * sine / w + a * 2.0 * (half / w) ** 2,
-        v * cosine + a * sine / w,
-        a * cosine - v * w * sine,
-        frequency,
-    )
-
-
 @lru_cache(maxsize=256)
 def chain_noise(dt: float) -> Matrix:
     """Covariance of four integrators driven by white noise of density one, of shape (4, 4).
@@ -136,3 +112,10 @@ def chain_noise(dt: float) -> Matrix:
     power = order[:, None] + order[None, :] + 1
     noise: Matrix = abs(dt) ** power / (power * factorial[:, None] * factorial[None, :])
     return noise
+
+
+def predict_something() -> None:
+    """Have all kernels of motion models compiled."""
+    model = Oscillator()
+    model.move(np.ones((1, _STATES)), 1.0)
+    model.jacobian(np.ones((1, _STATES)), 1.0)

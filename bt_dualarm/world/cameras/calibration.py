@@ -14,7 +14,7 @@ from bt_dualarm.errors import WorldError
 from bt_dualarm.pose import Pose
 from bt_dualarm.spec.spread import Spread
 from bt_dualarm.world.hardware.drawn_arm import stream
-from bt_dualarm.world.rendering.renderer import Image, Region
+from bt_dualarm.world.rendering.renderer import Image, Region, enter_blocks
 from bt_dualarm.world.world import World
 
 EVEN: Final = Spread()
@@ -53,19 +53,25 @@ class Calibration:
         init=False, default_factory=lambda: np.zeros((2, 0), np.uint8)
     )
 
-    def suffered(self, image: Image, region: Region) -> Image:
-        """The picture as it arrives; what was not exposed stays black."""
+    def suffered(self, image: Image, region: Region, stride: int = 1) -> Image:
+        """The picture as it arrives; what was not exposed stays black.
+
+        Args:
+            image: Picture as it was exposed; it is changed.
+            region: Part that was.
+            stride: Edge in pixels of the blocks that share a colour.
+        """
         if not (self.noise or self.light.most):
             return image
         left, top, right, bottom = region
         light = 1.0 + float(self.light.draw(self.rng, 1)[0])
-        part = np.ascontiguousarray(image[top:bottom, left:right])
+        part = np.ascontiguousarray(image[top:bottom:stride, left:right:stride])
         more, less = self._noise_of(part.size)
         # OpenCV keeps to the levels that there are.
         bright = cv2.add(cv2.convertScaleAbs(part, alpha=light), more.reshape(part.shape))
-        arrived = image.copy()
-        arrived[top:bottom, left:right] = cv2.subtract(bright, less.reshape(part.shape))
-        return arrived
+        dark = cv2.subtract(bright, less.reshape(part.shape))
+        enter_blocks(image, region, stride, np.asarray(dark, dtype=np.uint8))
+        return image
 
     def _noise_of(self, count: int) -> npt.NDArray[np.uint8]:
         """What so many pixels have more and less, of shape (2, count).

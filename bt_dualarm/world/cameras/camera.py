@@ -146,7 +146,8 @@ class Camera:
         region = self._exposed(window)
         shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
         exposure = Exposure(camera_id, self.width, self.height, region, window.stride)
-        image = known.suffered(self._optics.picture(model, data, exposure, shake), region)
+        image = self._optics.picture(model, data, exposure, shake)
+        image = known.suffered(image, region, window.stride)
         frame = Frame(stamp, image, pose, known.fov_rad, region, window.stride, self.noise)
         if self._rng.random() >= self.drop:
             self._pending.append(frame)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.world.rendering.renderer import Exposure, Image, clip_region
+from bt_dualarm.world.rendering.renderer import Exposure, Image, clip_region, enter_blocks
 
 _RADII: Final = 4096
 """Radii at which the formula is worked out; between two of them it is a line."""
@@ -56,16 +56,17 @@ class Lens:
 
     def bent(self, image: Image, exposure: Exposure) -> Image:
         """The picture behind the lens, black outside of the exposure's region."""
-        left, top, right, bottom = clip_region(exposure.region, *self._size)
+        left, top, right, bottom = exposure.clipped
         arrived: Image = np.zeros_like(image)
         if right <= left or bottom <= top:
             return arrived
-        part = slice(top, bottom), slice(left, right)
-        columns, rows = self._columns[part], self._rows[part]
+        step = exposure.stride  # one ray a block: nobody looks at more of it than its corner
+        part = slice(top, bottom, step), slice(left, right, step)
+        columns, rows = (np.ascontiguousarray(one[part]) for one in (self._columns, self._rows))
         seen = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         if self._is_seen is not None:
             seen[~self._is_seen[part]] = 0
-        arrived[part] = seen
+        enter_blocks(arrived, exposure.clipped, step, np.asarray(seen, dtype=np.uint8))
         return arrived
 
 

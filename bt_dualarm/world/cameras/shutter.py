@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.world.cameras.frame import focal_length_px
-from bt_dualarm.world.rendering.renderer import Exposure, Image, clip_region
+from bt_dualarm.world.rendering.renderer import Exposure, Image
 
 SHARP_PX: Final = 0.5
 """Motion during an exposure that no picture shows: it is drawn once."""
@@ -50,11 +50,14 @@ class Shutter:
         if motion < SHARP_PX:
             return draw(data, exposure)
         count = min(1 + math.ceil(motion), MOST_PICTURES)
-        total = np.zeros((exposure.height, exposure.width, 3), np.uint16)
+        left, top, right, bottom = exposure.clipped
+        part = slice(top, bottom), slice(left, right)
+        total = np.full((bottom - top, right - left, 3), count // 2, np.uint16)
         for offset in (np.arange(count) + 0.5) / count - 0.5:
-            total += draw(self._state(model, data, float(offset) * self._open_s), exposure)
-        mean: Image = ((total + count // 2) // count).astype(np.uint8)
-        return mean
+            image = draw(self._state(model, data, float(offset) * self._open_s), exposure)
+            total += image[part]
+        image[part] = total // count  # the rest of the last one is as black as that of all
+        return image
 
     def _state(self, model: mujoco.MjModel, data: mujoco.MjData, later: float) -> mujoco.MjData:
         """What everything is in, so many seconds later."""
@@ -112,7 +115,7 @@ def _is_shown(exposure: Exposure, focal_px: float, place: Sequence[float], radiu
     x, y, z = place
     if z > -_NEAREST_M:
         return False
-    left, top, right, bottom = clip_region(exposure.region, exposure.width, exposure.height)
+    left, top, right, bottom = exposure.clipped
     scale = focal_px / -z
     column, row, room = (
         exposure.width / 2 + x * scale,

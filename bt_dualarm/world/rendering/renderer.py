@@ -52,16 +52,21 @@ class Exposure:
                 is empty.
         """
         image: Image = np.zeros((self.height, self.width, 3), dtype=np.uint8)
-        left, top, right, bottom = clip_region(self.region, self.width, self.height)
+        left, top, right, bottom = self.clipped
         if right <= left or bottom <= top:
             return image
         step = self.stride
         blocks = draw((_covering(top, bottom, step), _covering(left, right, step)))
-        if step > 1:
+        if left % step or top % step:
             blocks = blocks.repeat(step, axis=0).repeat(step, axis=1)
-        y, x = top % step, left % step
-        image[top:bottom, left:right] = blocks[y : y + bottom - top, x : x + right - left]
+            blocks, step = blocks[top % step :, left % step :], 1
+        enter_blocks(image, self.clipped, step, blocks)
         return image
+
+    @property
+    def clipped(self) -> Region:
+        """The part that is drawn, inside the image; may be empty."""
+        return clip_region(self.region, self.width, self.height)
 
 
 class Renderer(Protocol):
@@ -88,6 +93,27 @@ def clip_region(region: Region | None, width: int, height: int) -> Region:
         return 0, 0, width, height
     left, top = min(max(region[0], 0), width), min(max(region[1], 0), height)
     return left, top, max(left, min(region[2], width)), max(top, min(region[3], height))
+
+
+def enter_blocks(image: Image, region: Region, step: int, blocks: Image) -> None:
+    """Enter blocks into a region of an image, of shape (height, width, 3).
+
+    Args:
+        image: Image that takes them.
+        region: Part that they cover, from its corner on; the last ones may be cut off.
+        step: Edge of a block in pixels.
+        blocks: Their colours, of shape (rows, columns, 3).
+    """
+    left, top, right, bottom = region
+    part = image[top:bottom, left:right]
+    height, width = part.shape[:2]
+    if step == 1:
+        part[:] = blocks[:height, :width]
+        return
+    for row in range(step):
+        for column in range(step):
+            corner = part[row::step, column::step]
+            corner[:] = blocks[: corner.shape[0], : corner.shape[1]]
 
 
 def _covering(start: int, stop: int, stride: int) -> slice:

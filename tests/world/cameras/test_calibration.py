@@ -90,7 +90,7 @@ def suffered(noise: float, light: float, count: int = 1) -> Image:
     known = Calibration(lambda _: Pose.identity(), 1.0, noise=noise, light=Spread(uniform=light))
     image = np.zeros((60, 80, 3), np.uint8)
     image[10:50, 20:70] = GREY
-    return np.array([known.suffered(image, (20, 10, 70, 50)) for _ in range(count)])
+    return np.array([known.suffered(image.copy(), (20, 10, 70, 50)) for _ in range(count)])
 
 
 def test_pixels_have_the_noise_that_is_given_and_the_rest_stays_black() -> None:
