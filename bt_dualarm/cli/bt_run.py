@@ -134,7 +134,10 @@ def _show_trees(arguments: argparse.Namespace, opened: Run) -> int:
 
 
 def _show(arguments: argparse.Namespace, opened: Run) -> int:
-    """Run it before somebody's eyes; the terminal is given back before the last words."""
+    """Run it before somebody's eyes; the terminal is given back before the last words.
+
+    Nobody waits for pictures to hear how it went.
+    """
     from rich.console import Console
 
     from bt_dualarm.runtime.display import Caption, open_display, suited_mode, suited_symbols
@@ -149,14 +152,11 @@ def _show(arguments: argparse.Namespace, opened: Run) -> int:
     with open_display(mode, console, symbols, caption, time.perf_counter) as display:
         opened.watch(display)
         result = opened.finish()
-    complete = _written(opened)
     _say_what_broke(result, arguments.record)
-    report = Report(opened.name, result, arguments.record, symbols)
-    if mode != "quiet":
-        console.print(report)
-    elif result.outcome != "SUCCESS":
-        Console(stderr=True, highlight=False).print(report)
-    return _code(result, complete=complete)
+    if mode != "quiet" or result.outcome != "SUCCESS":
+        console = Console(stderr=mode == "quiet", highlight=False)
+        console.print(Report(opened.name, result, arguments.record, symbols))
+    return _code(result, complete=_written(opened))
 
 
 def _code(result: RunResult, *, complete: bool) -> int:

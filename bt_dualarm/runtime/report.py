@@ -20,6 +20,9 @@ _MOST_METRICS = 6
 
 _SHOWN_AS = {"m": (1e3, "mm"), "rad": (180 / math.pi, "deg"), "s": (1.0, "s")}
 
+_DRAWN = " (its pictures are being drawn)"
+"""The outcome is said first: nobody waits for pictures to hear it."""
+
 _INDENT = " " * 6
 
 _READABLE = 36
@@ -43,13 +46,13 @@ class Report:
     symbols: Symbols
 
     def __rich_console__(self, _console: Console, options: ConsoleOptions) -> RenderResult:
-        """A headline, a paragraph per arm, and where the record is."""
+        """A headline, a paragraph per arm, and where the record comes to lie."""
         yield self._headline()
         for arm in self.result.arms.values():
             yield Text("  ").append_text(self._arm(arm))
             yield from _entries(arm, options.max_width - len(_INDENT))
         if self.folder is not None:
-            yield Text.assemble(("record: ", "dim"), str(self.folder))
+            yield Text.assemble(("record: ", "dim"), str(self.folder), (_DRAWN, "dim"))
 
     def _headline(self) -> Text:
         result, dot = self.result, self.symbols.dot

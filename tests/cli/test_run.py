@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm import cli
+from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.shipped import NoSuchTree, find_tree, shipped_trees
 from bt_dualarm.share import share_dir
 
@@ -87,6 +88,26 @@ def test_quiet_success_says_nothing(waiting: Path, capsys: pytest.CaptureFixture
 def test_ascii_is_ascii(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cli.run([str(waiting), "--ascii"])
     assert capsys.readouterr().out.isascii()
+
+
+def test_nobody_waits_for_pictures_to_hear_how_it_went(
+    waiting: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said: list[str] = []
+    write = Run.write_record
+
+    def noting(opened: Run) -> None:
+        said.append(capsys.readouterr().out.replace("\n", ""))
+        write(opened)
+
+    monkeypatch.setattr(Run, "write_record", noting)
+    assert cli.run([str(waiting), "--record", str(tmp_path / "out")]) == 0
+    assert "SUCCESS  waiting" in said[0]
+    assert "its pictures are being drawn" in said[0]
+    assert (tmp_path / "out" / "overview.png").is_file()
 
 
 def test_the_record(waiting: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
