@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from array import array
+
 import numpy as np
 import scipy
 
@@ -43,9 +45,9 @@ class TrackingScore:
         self._from: float | None = None
         self._sampled: float | None = None
         self._gone_s = 0.0
-        self.times: list[float] = []
-        self._tool: list[Vector] = []
-        self._truth: list[Vector] = []
+        self.times = array("d")  # eight bytes a number, however long it goes on
+        self._tool = array("d")
+        self._truth = array("d")
 
     def sample(self, tracking: PlaneTracking) -> None:
         """Take one sample, once a tick; the clock starts with the first lock."""
@@ -61,8 +63,8 @@ class TrackingScore:
         if self._target not in world.objects or self._arm.time < self._from:
             return
         self.times.append(self._arm.time)
-        self._tool.append(world.arms[self._arm.name].tool_pose.position)
-        self._truth.append(world.object_pose(self._target).position)
+        self._tool.extend(world.arms[self._arm.name].tool_pose.position.tolist())
+        self._truth.extend(world.object_pose(self._target).position.tolist())
 
     def metrics(self, tracking: PlaneTracking) -> dict[str, Number]:
         """Metrics of the samples; none when nothing was followed long enough.
@@ -76,7 +78,7 @@ class TrackingScore:
         gone: dict[str, Number] = {"score_gone_s": self._gone_s} if self._gone_s > 0.0 else {}
         if len(self.times) < 2:
             return gone
-        tool, truth = np.array(self._tool) @ self._axes.T, np.array(self._truth) @ self._axes.T
+        tool, truth = _points(self._tool) @ self._axes.T, _points(self._truth) @ self._axes.T
         away = self.errors()
         rms, most = float(np.sqrt(np.mean(away**2))), float(away.max())
         return {
@@ -92,7 +94,7 @@ class TrackingScore:
         """Distance from the truth in the plane in m at ``times``, a constant offset aside."""
         if not self.times:
             return np.zeros(0)
-        error = (np.array(self._tool) - np.array(self._truth)) @ self._axes.T
+        error = (_points(self._tool) - _points(self._truth)) @ self._axes.T
         away: Vector = np.linalg.norm(error - error.mean(axis=0), axis=1)
         return away
 
@@ -103,11 +105,11 @@ class TrackingScore:
         """
         if not self.times:
             return {}
-        tool, truth = np.array(self._tool), np.array(self._truth)
+        tool, truth = _points(self._tool), _points(self._truth)
         return {"target": truth, "tracked": tool - (tool - truth).mean(axis=0)}
 
     def _sighting_sd(self, stamps: Vector, points: Matrix) -> float:
-        times, truth = np.array(self.times), np.array(self._truth) @ self._axes.T
+        times, truth = np.array(self.times), _points(self._truth) @ self._axes.T
         during = (stamps >= times[0]) & (stamps <= times[-1])
         if not during.any():
             return 0.0
@@ -124,6 +126,11 @@ class TrackingScore:
         }
         name = min(away, key=away.__getitem__, default=None)
         return name if name is not None and away[name] < _NEAR_M else None
+
+
+def _points(numbers: array[float]) -> Matrix:
+    """Points, of shape (n, 3), whose coordinates stand one after the other."""
+    return np.array(numbers).reshape(-1, 3)
 
 
 def lag(leader: Matrix, follower: Matrix, period: float) -> float:

@@ -158,8 +158,8 @@ class PlaneTracking:
         Raises:
             Failure: ``NOT_FOLLOWING``.
         """
-        new = self._tracker.sightings[self._watched :]
-        self._watched += len(new)
+        seen = self._tracker.sightings
+        new, self._watched = seen.newest(len(seen) - self._watched), len(seen)
         # Frames that got lost are no absence, though a late camera is `in_view` no more meanwhile.
         if not self._tracker.locked:
             self._stillness.interrupt()
@@ -180,9 +180,7 @@ class PlaneTracking:
 
     def sightings(self) -> tuple[Vector, Matrix]:
         """When and where in the world the target was seen: shapes (n,) and (n, 3)."""
-        seen = self._tracker.sightings
-        points = np.array([sighting.point for sighting in seen]).reshape(-1, 3)
-        return np.array([sighting.stamp for sighting in seen]), points
+        return self._tracker.sightings.places()
 
     def metrics(self) -> dict[str, Number]:
         """Frames looked at, how often the target was lost, and motion towards old data.

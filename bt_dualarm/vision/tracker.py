@@ -14,6 +14,7 @@ from bt_dualarm.vision.detect import Detection, detect_all
 from bt_dualarm.vision.estimate import Motion, TargetEstimate
 from bt_dualarm.vision.localise import LocaliseError, Localiser, Sighting
 from bt_dualarm.vision.outline import Outline, Seen
+from bt_dualarm.vision.sightings import Sightings
 from bt_dualarm.vision.tracker_settings import TrackerSettings
 from bt_dualarm.world.cameras.camera import Camera
 from bt_dualarm.world.cameras.frame import Frame, Window
@@ -51,7 +52,7 @@ class TargetTracker:
         self.lost_count = 0
         self.last_stamp = -math.inf
         self.lost_since: float | None = None
-        self.sightings: list[Sighting] = []
+        self.sightings = Sightings()
         self._color = ColorFilter(color)
         self._localiser = localiser
         self._outline = Outline(localiser)
@@ -219,11 +220,11 @@ class TargetTracker:
 
     def _relocate(self, stamp: float) -> None:
         """Estimate anew from what was seen of late, where it was by what is known now."""
-        newest = self.sightings[-1]
+        (newest,) = self.sightings.newest(1)
         if abs(self._localiser.relocate(newest).side / newest.side - 1.0) > _RESIZED:
             self._outline.forget()
         self._estimate = self._estimate.anew()
-        for sighting in self.sightings[-min(_RELOCATED, self._in_row) :]:
+        for sighting in self.sightings.newest(min(_RELOCATED, self._in_row)):
             if sighting.stamp > stamp - _RELOCATED_S:
                 now = self._localiser.relocate(sighting)
                 self._estimate.update(now.stamp, now.point, now.sigma)

@@ -267,7 +267,7 @@ def test_what_is_first_seen_from_aside_is_known_whole_from_ahead(
         return offset[0] * away, offset[1] * away
 
     follow(studio, tracker, coming, 0.0, 1.5)
-    late = [sighting for sighting in tracker.sightings if sighting.stamp > 0.6]
+    late = [sighting for sighting in tracker.sightings.newest() if sighting.stamp > 0.6]
     errors = np.array([sighting.point - CENTRE for sighting in late])
     assert len(late) > 20
     assert np.abs(errors[:, [0, 2]]).max() < 0.2e-3
@@ -289,8 +289,8 @@ def test_what_is_first_seen_in_part_is_known_whole_when_it_is(
         edge = -0.025 + 0.05 * hidden - 0.5 * max(time - 0.5, 0.0)
         studio.place(-0.5 + edge, 0.0, "screen", y=-0.03)
         follow(studio, tracker, at_rest, time, time + 0.02)
-    assert tracker.sightings[-1].point[[0, 2]] == pytest.approx(CENTRE[[0, 2]], abs=0.2e-3)
-    assert tracker.sightings[-1].point[1] == pytest.approx(CENTRE[1], abs=3e-3)
+    assert tracker.sightings.newest(1)[0].point[[0, 2]] == pytest.approx(CENTRE[[0, 2]], abs=0.2e-3)
+    assert tracker.sightings.newest(1)[0].point[1] == pytest.approx(CENTRE[1], abs=3e-3)
     assert tracker.locked
 
 
