@@ -168,11 +168,11 @@ class PlaneTracking:
             self._error.interrupt()
         if not self._tracker.locked:
             return
-        for seen in new:
-            self._stillness.take(look(seen, self._axes))
+        for one in new:
+            self._stillness.take(look(one, self._axes))
             if may_follow:
-                off = seen.point - seen.camera.apply(self._middle)
-                self._error.take(seen.stamp, self._axes @ off)
+                off = one.point - one.camera.apply(self._middle)
+                self._error.take(one.stamp, self._axes @ off)
 
     def close(self) -> None:
         """Let go of the camera."""
