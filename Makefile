@@ -89,6 +89,6 @@ $(STAMP): pyproject.toml requirements.lock
 		|| { cat $(VENV)/install.log >&2; exit 1; }
 	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet \
 		--no-deps --no-build-isolation --editable .
-	@echo "Compiling what has to be fast: about ten seconds"
+	@echo "Compiling what has to be fast: about a minute"
 	@$(BIN)/python -c 'from bt_dualarm.runtime.compiling import compile_kernels; compile_kernels()'
 	@touch $(STAMP)

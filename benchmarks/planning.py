@@ -29,8 +29,8 @@ from bt_dualarm.motion.planning.problem import (
     PlanningProblem,
     admitted,
     is_free,
-    path_around,
 )
+from bt_dualarm.motion.planning.way import way_around
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.world import World
 
@@ -72,7 +72,7 @@ def solve(world: World, name: str, problem: PlanningProblem) -> Outcome:
     with contextlib.suppress(Failure):
         problem = admitted(problem)
         outcome.straight = is_free(problem.checker, problem.straight)
-        corners = problem.straight if outcome.straight else path_around(problem)
+        corners = problem.straight if outcome.straight else way_around(problem).corners
     outcome.plan_s, outcome.cpu_s = time.perf_counter() - wall, time.process_time() - cpu
     if corners is None:
         return outcome
@@ -118,7 +118,7 @@ def is_solvable(world: World, name: str, problem: PlanningProblem) -> bool:
     for planner, seed in others:
         harder = replace(problem, planner=planner, seed=seed, checks=10 * problem.checks)
         try:
-            corners = path_around(harder)
+            corners = way_around(harder).corners
         except Failure:
             continue
         return replayed(world, name, corners, radii)[0] <= OVERLAP_M

@@ -36,6 +36,7 @@ FLOORS = (
         "motion.collision",
         "motion.chains",
     },
+    {"motion.search"},
     {"vision", "motion.planning", "motion.setpoints", "motion.identification"},
     {"motion.safety"},
     {"motion", "motion.control"},

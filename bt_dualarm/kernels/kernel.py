@@ -83,7 +83,7 @@ def compile_once(warm_ups: Sequence[Callable[[], object]]) -> None:
     mark = folder() / f"compiled-{sys.implementation.cache_tag}-{version('numba')}"
     if mark.exists():
         return
-    _LOG.info("Compiling kernels, once on this machine: about ten seconds")
+    _LOG.info("Compiling kernels, once on this machine: about a minute")
     with _alone():
         if mark.exists():
             return

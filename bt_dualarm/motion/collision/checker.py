@@ -66,6 +66,9 @@ class CollisionChecker:
         joints: Names of the arm's joints, base to tip.
         present: Positions of the joints now, of shape (dof,), rad.
         moving: Shapes that move with the arm, those that it holds included.
+        joint_ids: Ids of the joints in the model, base to tip.
+        least: Distances that shapes keep from one another, negative where they may be in one
+            another, of shape (ngeom, ngeom), m.
     """
 
     def __init__(
@@ -79,7 +82,7 @@ class CollisionChecker:
         self.joints = body.robot.joints
         self.present = world.hardware[arm].q
         self._addresses = body.qpos_ids
-        self._joint_ids = world.model.dof_jntid[body.dof_ids]
+        self.joint_ids = world.model.dof_jntid[body.dof_ids]
         self._scratch = scratch = ScratchModel(world, (arm,))
         held = {world.object_geom(name) for name in world.attachments.attached_to(arm)}
         self.moving = scratch.marks(body.geom_ids | held)
@@ -93,9 +96,9 @@ class CollisionChecker:
                 marks = scratch.marks(other.geom_ids)
                 scratch.report_gaps(marks, kept)
                 least[marks] = kept
-        self._least = np.maximum(least[:, None], least)
+        self.least = np.maximum(least[:, None], least)
         gripping = scratch.marks(body.tool_geom_ids | held)
-        self._least[_touching_by_design(scratch.marks(held), gripping)] = -np.inf
+        self.least[_touching_by_design(scratch.marks(held), gripping)] = -np.inf
         self._let_stand(gripping)
 
     @property
@@ -113,7 +116,7 @@ class CollisionChecker:
         """Metres that a point of the arm moves at most per radian of a joint, of shape (dof,)."""
         self.place(self.present)  # the last digits hang on where the arm is
         model, data = self.model, self.data
-        links = model.jnt_bodyid[self._joint_ids].tolist()
+        links = model.jnt_bodyid[self.joint_ids].tolist()
         moved = {
             geom: last
             for geom in np.flatnonzero(self.moving).tolist()
@@ -121,7 +124,7 @@ class CollisionChecker:
         }
         geoms = list(moved)
         return stretched(
-            data.xanchor[self._joint_ids],
+            data.xanchor[self.joint_ids],
             list(moved.values()),
             data.geom_xpos[geoms],
             model.geom_rbound[geoms],
@@ -136,12 +139,12 @@ class CollisionChecker:
             ends: Configurations, each of shape (dof,), rad.
         """
         strict = copy.copy(self)
-        strict._least = np.where(self._least == -TOUCH, 0.0, self._least)
+        strict.least = np.where(self.least == -TOUCH, 0.0, self.least)
         for q in ends:
             self.place(q)
             for first, second in self.data.contact.geom.tolist():
-                strict._least[first, second] = self._least[first, second]
-                strict._least[second, first] = self._least[second, first]
+                strict.least[first, second] = self.least[first, second]
+                strict.least[second, first] = self.least[second, first]
         return strict
 
     def contact(self, q: Vector) -> Contact | None:
@@ -179,7 +182,7 @@ class CollisionChecker:
             return None
         found = data.contact
         first, second = found.geom.T
-        excess = self._least[first, second] - found.dist
+        excess = self.least[first, second] - found.dist
         worst = int(excess.argmax())
         return worst if excess[worst] > 0.0 else None
 
@@ -189,8 +192,8 @@ class CollisionChecker:
         contacts = zip(self.data.contact.geom.tolist(), self.data.contact.dist, strict=True)
         for (first, second), distance in contacts:
             if (gripping[first] or gripping[second]) and -STANDING < distance <= 0.0:
-                least = min(self._least[first, second], float(distance) - TOUCH)
-                self._least[first, second] = self._least[second, first] = least
+                least = min(self.least[first, second], float(distance) - TOUCH)
+                self.least[first, second] = self.least[second, first] = least
 
 
 def _touching_by_design(held: Marks, gripping: Marks) -> npt.NDArray[np.bool_]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Callable
 
 import numpy as np
 
-from bt_dualarm.motion.collision.checker import CollisionChecker
-from bt_dualarm.motion.collision.sweep import FINE, interpolated
+from bt_dualarm.motion.collision.sweep import interpolated
 from bt_dualarm.motion.paths.bezier import corner_curve
 from bt_dualarm.pose import Matrix, Vector
 
@@ -18,17 +17,21 @@ _SPACING = 0.02
 """Most that a point of the arm moves between two samples, in metres."""
 
 
-def rounded(corners: Matrix, checker: CollisionChecker) -> list[Matrix]:
+def rounded(corners: Matrix, radii: Vector, is_free: Callable[[Matrix], bool]) -> list[Matrix]:
     """Smooth pieces, each of shape (m, dof), that lead through corners, of shape (n, dof).
 
     At a corner that cannot be cut without touching something, one piece ends and the next begins:
     the arm stops there.
+
+    Args:
+        corners: The corners.
+        radii: Metres that the arm moves at most per radian of each joint, of shape (dof,).
+        is_free: Whether a path of straight pieces, given by its corners, touches nothing.
     """
-    radii = checker.radii
     pieces: list[list[Matrix]] = [[]]
     begin = corners[0]
     for i in range(1, len(corners) - 1):
-        cut = _cut(corners[i - 1], corners[i], corners[i + 1], checker)
+        cut = _cut(corners[i - 1], corners[i], corners[i + 1], radii, is_free)
         enter = corners[i] if cut is None else cut[0]
         pieces[-1].append(interpolated(begin, enter, radii, _SPACING))
         if cut is None:
@@ -41,16 +44,20 @@ def rounded(corners: Matrix, checker: CollisionChecker) -> list[Matrix]:
     return [np.vstack(piece) for piece in pieces]
 
 
-def _cut(before: Vector, corner: Vector, after: Vector, checker: CollisionChecker) -> Matrix | None:
+def _cut(
+    before: Vector,
+    corner: Vector,
+    after: Vector,
+    radii: Vector,
+    is_free: Callable[[Matrix], bool],
+) -> Matrix | None:
     """The longest free curve from the piece before a corner to the piece after it."""
-    radii = checker.radii
     arriving, leaving = before - corner, after - corner
     length = min(np.abs(arriving) @ radii, np.abs(leaving) @ radii)
     for share in _CUTS:
         start = corner + arriving * (share * length / (np.abs(arriving) @ radii))
         end = corner + leaving * (share * length / (np.abs(leaving) @ radii))
         curve = corner_curve(start, corner, end)
-        steps = itertools.pairwise(curve)
-        if all(checker.first_contact(interpolated(a, b, radii, FINE)) is None for a, b in steps):
+        if is_free(curve):
             return curve
     return None

@@ -11,7 +11,8 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.motion.collision.checker import CollisionChecker
 from bt_dualarm.motion.collision.sweep import FINE
 from bt_dualarm.motion.planning.corner_rounding import rounded
-from bt_dualarm.motion.planning.problem import PlanningProblem, is_free, path_around
+from bt_dualarm.motion.planning.problem import PlanningProblem, is_free
+from bt_dualarm.motion.planning.way import Way, way_around
 from bt_dualarm.motion.timing.point_to_point import point_to_point, time_path
 from bt_dualarm.motion.timing.trajectory import LONG, Trajectory
 from bt_dualarm.pose import Matrix, Vector
@@ -36,19 +37,21 @@ def motion_around(
     Raises:
         Failure: ``NO_PLAN``.
     """
-    corners = path_around(problem, abandoned)
-    motion = _rounded_motion(problem, corners)
+    way = way_around(problem, abandoned)
+    motion = _rounded_motion(problem, way)
+    if way.keeps_off(outline(motion, problem.checker.radii, FINE)):
+        return motion
     try:
         refuse_contact(problem.checker, motion)
     except Failure:  # a spline that leaves its samples by more than there is room
-        return _motion_by_corners(problem, corners)
+        return _motion_by_corners(problem, way.corners)
     return motion
 
 
-def _rounded_motion(problem: PlanningProblem, corners: Matrix) -> Trajectory:
+def _rounded_motion(problem: PlanningProblem, way: Way) -> Trajectory:
     """Through the corners, cut where there is room."""
-    motion = Trajectory.rest(corners[0], problem.dt)
-    for piece in rounded(corners, problem.checker):
+    motion = Trajectory.rest(way.corners[0], problem.dt)
+    for piece in rounded(way.corners, problem.checker.radii, way.is_free):
         motion = motion.then(time_path(piece, problem.limits, problem.dt))
     return motion
 

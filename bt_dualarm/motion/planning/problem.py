@@ -33,8 +33,8 @@ _ATTEMPTS = ((1.5, 0.1), (0.7, 0.4), (0.35, 1.0))
 """Longest edges of the trees, in metres that the arm moves, and the share of all checks after which
 the next one is tried: long ones are quick, short ones find their way through narrow places."""
 
-CHECKS = 60_000
-"""Configurations that may be looked at in all; about one and a half seconds."""
+CHECKS = 240_000
+"""Configurations that may be looked at in all; a few seconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ def is_free(checker: CollisionChecker, corners: Matrix) -> bool:
     return all(checker.first_contact(rows) is None for rows in pieces)
 
 
-def path_around(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False) -> Matrix:
+def path_by_ompl(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False) -> Matrix:
     """Corners of a free path to one of the goals, of shape (n, dof).
 
     Between corners the path is straight in joint space, and checked every ``FINE`` metres. A short

@@ -12,7 +12,8 @@ from bt_dualarm.motion.collision.sweep import interpolated
 from bt_dualarm.motion.planning.corner_rounding import rounded
 from bt_dualarm.motion.planning.joint_motion import motion_around, refuse_contact, straight_motion
 from bt_dualarm.motion.planning.planners import PLANNERS, Planner
-from bt_dualarm.motion.planning.problem import admitted, is_free, path_around
+from bt_dualarm.motion.planning.problem import admitted, is_free
+from bt_dualarm.motion.planning.way import way_around
 from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.world.world import World
 from tests.motion.walls import ABOVE, LEFT, RIGHT, locked_world, problem_in, walled_world
@@ -43,7 +44,7 @@ def test_no_way_leads_through_a_thin_wall(world: World, checker: CollisionChecke
     """A wall of 10 mm is not stepped through, on any line between corners."""
     problem = problem_in(world, RIGHT, LEFT)
     assert straight_motion(problem) is None
-    corners = path_around(problem)
+    corners = way_around(problem).corners
     assert len(corners) > 2
     np.testing.assert_allclose(corners[[0, -1]], [RIGHT, LEFT], atol=1e-12)
     for before, after in itertools.pairwise(corners):
@@ -55,10 +56,10 @@ def test_no_way_leads_through_a_thin_wall(world: World, checker: CollisionChecke
 
 def test_one_seed_gives_one_way(world: World) -> None:
     problem = problem_in(world, RIGHT, LEFT, seed=3)
-    first = path_around(problem)
-    path_around(problem_in(world, LEFT, RIGHT, seed=4))
-    np.testing.assert_array_equal(path_around(problem), first)
-    other = path_around(problem_in(world, RIGHT, LEFT, seed=4))
+    first = way_around(problem).corners
+    way_around(problem_in(world, LEFT, RIGHT, seed=4))
+    np.testing.assert_array_equal(way_around(problem).corners, first)
+    other = way_around(problem_in(world, RIGHT, LEFT, seed=4)).corners
     assert other.shape != first.shape or not np.allclose(other, first)
 
 
@@ -66,9 +67,9 @@ def test_one_seed_gives_one_way(world: World) -> None:
 def test_every_planner_finds_a_way_and_the_same_one_again(planner: Planner) -> None:
     """Those that optimise use all their checks, so few are given."""
     problem = problem_in(walled_world(), RIGHT, LEFT, planner=planner, checks=4000)
-    corners = path_around(problem)
+    corners = way_around(problem).corners
     assert is_free(problem.checker, corners)
-    np.testing.assert_array_equal(path_around(problem), corners)
+    np.testing.assert_array_equal(way_around(problem).corners, corners)
 
 
 def test_goals_in_which_the_arm_cannot_stand_are_left_out(world: World) -> None:
@@ -79,7 +80,7 @@ def test_goals_in_which_the_arm_cannot_stand_are_left_out(world: World) -> None:
 def test_of_several_goals_one_that_has_a_way_is_reached() -> None:
     """No way leads to the first one; the straight way to the second one is free."""
     near = RIGHT + np.array((-0.2, 0.0, 0.0, 0.0, 0.3, 0.0))
-    corners = path_around(problem_in(locked_world(), RIGHT, LEFT, near, checks=3000))
+    corners = way_around(problem_in(locked_world(), RIGHT, LEFT, near, checks=3000)).corners
     np.testing.assert_allclose(corners, [RIGHT, near], atol=1e-12)
 
 
@@ -103,7 +104,7 @@ def test_an_end_beyond_a_limit_is_refused_by_the_joint_s_name(world: World) -> N
 def test_where_there_is_no_way_the_failure_says_what_was_tried() -> None:
     problem = problem_in(locked_world(), RIGHT, LEFT, planner="RRT", checks=2000)
     with pytest.raises(Failure) as caught:
-        path_around(problem)
+        way_around(problem)
     assert caught.value.code == "NO_PLAN"
     assert caught.value.numbers["planner"] == "RRT"
     assert 2000 <= int(caught.value.numbers["states"]) < 2100
@@ -112,9 +113,9 @@ def test_where_there_is_no_way_the_failure_says_what_was_tried() -> None:
 def test_a_search_that_nobody_waits_for_ends_early() -> None:
     asked: Iterator[int] = itertools.count()
     with pytest.raises(Failure) as caught:
-        path_around(problem_in(locked_world(), RIGHT, LEFT), lambda: next(asked) > 2)
+        way_around(problem_in(locked_world(), RIGHT, LEFT), lambda: next(asked) > 2)
     assert caught.value.code == "INTERRUPTED"
-    assert next(asked) == 4
+    assert next(asked) == 5
 
 
 def test_the_motion_around_a_wall_keeps_the_limits_and_touches_nothing(
@@ -128,8 +129,8 @@ def test_the_motion_around_a_wall_keeps_the_limits_and_touches_nothing(
 
 
 def test_corners_are_rounded_without_touching(world: World, checker: CollisionChecker) -> None:
-    corners = path_around(problem_in(world, RIGHT, LEFT))
-    pieces = rounded(corners, checker)
+    corners = way_around(problem_in(world, RIGHT, LEFT)).corners
+    pieces = rounded(corners, checker.radii, lambda rows: is_free(checker, rows))
     np.testing.assert_array_equal(pieces[0][0], corners[0])
     np.testing.assert_array_equal(pieces[-1][-1], corners[-1])
     for piece in pieces:

@@ -1,0 +1,62 @@
+"""What the compiled search takes for free is free: MuJoCo says so wherever one looks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.motion.collision.sweep import interpolated
+from bt_dualarm.motion.search.quick_search import QuickSearch
+from bt_dualarm.motion.search.sweep_kernels import WHOLE, first_too_near, free_share
+from bt_dualarm.motion.search.swept import swept
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from tests.motion.search.cluttered import anywhere, checker_in
+
+SPAN_M = 1e-3
+"""Most that the arm moves between two looks of the judge."""
+
+
+@pytest.mark.parametrize("robot", robot_names())
+def test_configurations_are_judged_as_mujoco_does(robot: str) -> None:
+    """Nothing that touches is free; what is free is taken for it, but for what is very near."""
+    rng, tried, alarms = np.random.default_rng(1), 0, 0
+    for seed in range(3):
+        checker = checker_in(robot, seed)
+        limits = load_robot(robot).limits
+        arm = swept(checker)
+        search = QuickSearch(arm, checker.present, (checker.present,), limits, checker.radii, 1)
+        for _ in range(150):
+            q = anywhere(limits, rng)
+            near = np.array((q, q + 0.02, q))  # so far from the ends that all of `SPARE` is kept
+            free = search.is_free(near)
+            theirs = checker.free(q)
+            assert theirs or not free
+            tried += theirs
+            alarms += theirs and not free
+    assert tried > 60
+    assert alarms < 0.2 * tried
+
+
+@pytest.mark.parametrize("robot", robot_names())
+def test_a_way_that_is_free_is_free_at_every_millimetre(robot: str) -> None:
+    """So is the share of it that is said to be free; and the same by many configurations on it."""
+    rng, whole, parts = np.random.default_rng(2), 0, 0
+    for seed in range(3):
+        checker = checker_in(robot, seed)
+        arm, radii = swept(checker), checker.radii
+        pairs, centers = arm.pairs, arm.shapes.centers
+        hints, spent = centers[pairs.first] - centers[pairs.second] + 1e-6, np.zeros(1, np.int64)
+        for _ in range(20):
+            start = anywhere(load_robot(robot).limits, rng)
+            if not checker.free(start):
+                continue
+            end = start + rng.normal(0.0, 0.6, len(start))
+            share = free_share(arm, start, end, 0.1, hints, spent)
+            rows = interpolated(start, start + share * (end - start), radii, SPAN_M)
+            assert all(checker.free(q) for q in rows)
+            whole, parts = whole + (share == 1.0), parts + (0.0 < share < 1.0)
+            assert (free_share(arm, start, end, WHOLE, hints, spent) == 1.0) == (share == 1.0)
+            if share == 1.0:
+                assert first_too_near(arm, rows, radii, hints, spent) == len(rows)
+    assert whole > 2
+    assert parts > 2
