@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from bt_dualarm.motion.collision.arm_distance import HORIZON, ArmDistance, Gap
-from bt_dualarm.motion.collision.bounding_spheres import BoundingSpheres, apart
+from bt_dualarm.motion.collision.bounding_spheres import apart
 from bt_dualarm.motion.safety.closest_approach import ClosestApproach
 from bt_dualarm.motion.safety.reservation import Reservation, Reservations
 from bt_dualarm.motion.setpoints.set_point import SetPoint
@@ -79,10 +80,17 @@ class FailSafeCheck:
         self._limits = world.robots[arm].limits
         self._generation = world.generation
         self._stance: _Stance | None = None
-        self._separation = ArmDistance(world, arm)
-        self._hulls = {name: BoundingSpheres(world, name) for name in world.arms}
-        self._approach = ClosestApproach(arm, self._separation, self._hulls, period)
+        self._hulls = reservations.hulls(world)
         self.others = tuple(name for name in world.arms if name != arm and self._meets(name))
+
+    @cached_property
+    def _separation(self) -> ArmDistance:
+        """Distances to the other arms; an arm that can meet none needs none."""
+        return ArmDistance(self._world, self._arm)
+
+    @cached_property
+    def _approach(self) -> ClosestApproach:
+        return ClosestApproach(self._arm, self._separation, self._hulls, self._period)
 
     def present(self, q: Vector, time: float) -> dict[str, Gap]:
         """Distances by other arm, where all are to be now; own set-point of shape (dof,), rad."""

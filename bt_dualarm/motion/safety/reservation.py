@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from bt_dualarm.motion.collision.bounding_spheres import BoundingSpheres
 from bt_dualarm.pose import Matrix
+from bt_dualarm.world.world import World
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,15 @@ class Reservations:
 
     def __init__(self) -> None:
         self._of: dict[str, Reservation] = {}
+        self._hulls: dict[str, BoundingSpheres] = {}
+        self._looked_at: tuple[World, int] | None = None
+
+    def hulls(self, world: World) -> Mapping[str, BoundingSpheres]:
+        """Spheres around all arms of a world as it is composed now, for all controllers."""
+        if self._looked_at != (world, world.generation):
+            self._looked_at = world, world.generation
+            self._hulls = {name: BoundingSpheres(world, name) for name in world.arms}
+        return self._hulls
 
     def of(self, arm: str) -> Reservation | None:
         """The reservation of an arm; None until its controller has published one."""

@@ -1,0 +1,119 @@
+"""Two states of this project against each other, in fresh processes by turns.
+
+    python -m benchmarks.alternating 41cfa06 [--tree pick_and_track] [--pairs 6]
+
+The first state is a revision of this repository, or a folder with a checkout; the second is this
+checkout. Each runs the tree once to warm its caches, then both run it by turns, without a record.
+A line for each pair has the CPU seconds of both processes, from the first import to the last, and
+those of the run itself; the last line their medians, and the median of the pairs' ratios: other
+programs slow both of a pair down.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+
+_RUN = """
+import json, os, sys, time
+import bt_dualarm as bt
+began = time.process_time()
+result = bt.run(sys.argv[1], renderer="ray")
+spent = os.times()
+print(json.dumps([
+    spent.user + spent.system + spent.children_user + spent.children_system,
+    time.process_time() - began, result.real_time_factor, result.outcome,
+]))
+"""
+
+
+class Cost(NamedTuple):
+    """What one process took.
+
+    Attributes:
+        whole_s: CPU seconds of the process, and of those that it began.
+        run_s: CPU seconds of the run in it.
+        factor: Real-time factor of the run, by the clock on the wall.
+        outcome: Outcome of the run.
+    """
+
+    whole_s: float
+    run_s: float
+    factor: float
+    outcome: str
+
+
+def cost(checkout: Path, tree: str) -> Cost:
+    """Run a tree of a checkout in a process of its own.
+
+    Raises:
+        subprocess.CalledProcessError: It could not be run.
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", _RUN, str(checkout / "trees" / f"{tree}.yaml")],
+        cwd=checkout,
+        env=os.environ | {"PYTHONPATH": str(checkout)},
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    return Cost(*json.loads(done.stdout.splitlines()[-1]))
+
+
+@contextmanager
+def checkout_of(state: str) -> Iterator[Path]:
+    """A folder with a state: itself, or a worktree of a revision for as long as it is needed."""
+    if Path(state).is_dir():
+        yield Path(state).resolve()
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        place, git = Path(folder) / "before", ["git", "-C", str(ROOT), "worktree"]
+        subprocess.run([*git, "add", "--quiet", "--detach", str(place), state], check=True)
+        try:
+            yield place
+        finally:
+            subprocess.run([*git, "remove", "--force", str(place)], check=True)
+
+
+def main() -> None:
+    """Print a line for each pair, and one for all."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("before")
+    parser.add_argument("--tree", default="pick_and_track")
+    parser.add_argument("--pairs", type=int, default=6)
+    arguments = parser.parse_args()
+    with checkout_of(arguments.before) as before:
+        for state in (before, ROOT):
+            cost(state, arguments.tree)
+        pairs = []
+        for number in range(arguments.pairs):
+            order = (before, ROOT) if number % 2 == 0 else (ROOT, before)
+            found = {state: cost(state, arguments.tree) for state in order}
+            pairs.append((found[before], found[ROOT]))
+            report(f"pair {number + 1}", *pairs[-1])
+    whole = median(old.whole_s / new.whole_s for old, new in pairs)
+    run = median(old.run_s / new.run_s for old, new in pairs)
+    best = max(new.factor for _, new in pairs)
+    print(f"median ratio: process {whole:.2f}, run {run:.2f}; best real-time factor {best:.2f}")
+
+
+def report(name: str, old: Cost, new: Cost) -> None:
+    """Print a line for one pair."""
+    told = f"{name}: process {old.whole_s:.2f} s -> {new.whole_s:.2f} s CPU, "
+    told += f"run {old.run_s:.2f} s -> {new.run_s:.2f} s, "
+    told += f"real-time factor {old.factor:.2f} -> {new.factor:.2f}, "
+    print(told + f"{old.outcome} {new.outcome}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
