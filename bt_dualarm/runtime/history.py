@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 from bt_dualarm.recording.block import Block
 from bt_dualarm.recording.history_file import HistoryWriter
@@ -13,6 +13,9 @@ from bt_dualarm.recording.model_pieces import ModelWriter
 from bt_dualarm.runtime.history_frames import FramedController, FramedWorld, Frames
 from bt_dualarm.runtime.notes import GuardedArm, Notes
 from bt_dualarm.runtime.parts import IdleObserver
+
+_GUARD_EVERY: Final = 5
+"""States from one look at the guards' counts to the next: a tenth of a second."""
 
 _log = logging.getLogger(__name__)
 
@@ -58,6 +61,7 @@ class History(IdleObserver):
         self._failure: Exception | None = None
         self._models = ModelWriter()
         self._frames = Frames(world)
+        self._kept = 0
         self._add(start)
         self._add(self._model)
 
@@ -69,12 +73,18 @@ class History(IdleObserver):
         if self._frames.outdated:
             self._flush()
             self._add(self._model)
+        if self._frames.after_step():
+            self._keep()
+            if self._frames.full:
+                self._flush()
+
+    def _keep(self) -> None:
         arms = self._arms()
-        if self._frames.after_step((arm.name, arm.controller) for arm in arms):
+        self._frames.keep((arm.name, arm.controller) for arm in arms)
+        self._kept += 1
+        if self._kept % _GUARD_EVERY == 0:
             for arm in arms:
                 self._notes.of_guard(arm.name, arm.controller)
-        if self._frames.full:
-            self._flush()
 
     def finish(self, sha256: str) -> None:
         """Write what is left, and the end.

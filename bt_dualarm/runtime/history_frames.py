@@ -78,6 +78,8 @@ class Frames:
     def _begin(self) -> None:
         self._first = self._steps
         self._generation = self._world.generation
+        data = self._world.data
+        self._q, self._v = data.qpos, data.qvel  # views: looking them up costs more than reading
         self._checksums: list[int] = []
         self._rows: list[int] = []
         self._states: list[npt.NDArray[np.float64]] = []
@@ -93,25 +95,24 @@ class Frames:
         """Whether there is enough for a block."""
         return len(self._checksums) >= self._per_block
 
-    def after_step(self, controllers: Iterable[tuple[str, FramedController]]) -> bool:
-        """Take up the step that was made; whether it is one of those whose state is kept.
+    def after_step(self) -> bool:
+        """Take up the step that was made; whether its state is to be kept, too."""
+        self._checksums.append(zlib.crc32(self._v, zlib.crc32(self._q)))
+        self._steps += 1
+        return self._due.due(self._steps - 1)
+
+    def keep(self, controllers: Iterable[tuple[str, FramedController]]) -> None:
+        """Keep the state after the step that was made, and what the arms were sent.
 
         Args:
-            controllers: Arms that are present, with their controllers; looked at if one is due.
+            controllers: Arms that are present, with their controllers.
         """
-        data = self._world.data
-        q, v = data.qpos, data.qvel
-        self._checksums.append(zlib.crc32(v, zlib.crc32(q)))
-        due = self._due.due(self._steps)
-        if due:
-            self._rows.append(self._steps)
-            self._states.append(np.concatenate(((data.time,), q, v)))
-            for name, controller in controllers:
-                sent, drives = controller.setpoint, self._world.hardware[name]
-                row = np.concatenate((sent.q, sent.v, sent.a, drives.commanded))
-                self._arms.setdefault(name, []).append(row)
-        self._steps += 1
-        return due
+        self._rows.append(self._steps - 1)
+        self._states.append(np.concatenate(((self._world.data.time,), self._q, self._v)))
+        for name, controller in controllers:
+            sent, drives = controller.setpoint, self._world.hardware[name]
+            row = np.concatenate((sent.q, sent.v, sent.a, drives.commanded))
+            self._arms.setdefault(name, []).append(row)
 
     def block(self, notes: list[dict[str, object]]) -> Block:
         """All that was gathered, and begin anew.

@@ -48,12 +48,18 @@ class Notes:
     def of_frame(self, arm: str, frame: Frame) -> None:
         """A camera has taken a picture: which part, and a checksum of its pixels."""
         left, top, right, bottom = frame.region
+        said = {"kind": "frame", "arm": arm, "time_s": self.clock(), "stamp": float(frame.stamp)}
         crc = zlib.crc32(frame.image[top:bottom, left:right].tobytes())
-        self._add("frame", arm, self.clock(), stamp=frame.stamp, region=frame.region, crc=crc)
+        self._notes.append({**said, "region": (left, top, right, bottom), "crc": crc})
 
     def of_look(self, arm: str, look: Look) -> None:
         """Somebody has looked for a target in a frame."""
-        self._add("look", arm, self.clock(), **vars(look))
+        said = {"kind": "look", "arm": arm, "time_s": self.clock(), "stamp": float(look.stamp)}
+        pixel = look.pixel and (round(float(look.pixel[0]), 2), round(float(look.pixel[1]), 2))
+        point = look.point and tuple(round(float(x), 6) for x in look.point)
+        area = round(float(look.area_px), 1)
+        found = {"pixel": pixel, "area_px": area, "point": point, "locked": bool(look.locked)}
+        self._notes.append({**said, **found})
 
     def of_guard(self, arm: str, controller: GuardedArm) -> None:
         """See whether the guard has slowed or stopped the arm since it was last asked."""

@@ -1,0 +1,71 @@
+"""What a record costs: CPU time of a run with a history and without, in turns, and its size.
+
+    python -m benchmarks.recording [TREE] [--rounds 5]
+
+One run records, the other does not: events, samples and history are what differs. Prints the ratio
+of the least CPU times, the median of the ratios of rounds, and bytes a simulated minute. Plots,
+which are drawn after a run, are not counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import bt_dualarm
+from bt_dualarm.recording.history_file import read_history
+from bt_dualarm.runtime.record_folder import HISTORY
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one run took.
+
+    Attributes:
+        cpu_s: CPU time of the run itself, in s.
+        simulated_s: Simulated time of it, in s.
+    """
+
+    cpu_s: float
+    simulated_s: float
+
+
+def run_of(tree: str, folder: Path | None) -> Cost:
+    """Run a tree to its end; its record is written, or there is none."""
+    with bt_dualarm.open(tree, record=folder) as run:
+        before = time.process_time()
+        result = run.finish()
+        return Cost(time.process_time() - before, result.sim_time_s)
+
+
+def main() -> None:
+    """Take turns."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("tree", nargs="?", default="pick_and_track")
+    parser.add_argument("--rounds", type=int, default=5)
+    arguments = parser.parse_args()
+    run_of(arguments.tree, None)
+    pairs = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for number in range(arguments.rounds):
+            order = (None, folder) if number % 2 else (folder, None)
+            costs = {place: run_of(arguments.tree, place) for place in order}
+            pairs.append((costs[None].cpu_s, costs[folder].cpu_s))
+            print(f"without a record {pairs[-1][0]:.2f} s, with one {pairs[-1][1]:.2f} s of CPU")
+        simulated = costs[folder].simulated_s
+        blocks = read_history(folder / HISTORY).blocks
+        size = (folder / HISTORY).stat().st_size
+    plain, recorded = (min(column) for column in zip(*pairs, strict=True))
+    median = statistics.median(b / a for a, b in pairs)
+    grows = sum(len(block.encoded()) for block in blocks if block.kind == "second")
+    print(f"ratio of the least {recorded / plain:.3f}, median of the ratios {median:.3f}")
+    print(f"{size / 1e6:.2f} MB for {simulated:.1f} s; {60e-6 * grows / simulated:.2f} MB a minute")
+
+
+if __name__ == "__main__":
+    main()
