@@ -1,7 +1,7 @@
 """The commands: the only place that reads arguments, prints, and decides an exit code.
 
 In: the arguments of `bt-run`, `bt-check`, `bt-robot`, `bt-skills`, `bt-tune-color`,
-`bt-experiments`, `bt-why`, `bt-replay`; the terminal.
+`bt-experiments`, `bt-why`, `bt-replay`, `bt-record`; the terminal.
 Out: what is printed on standard output and standard error; the exit code.
 Open first: `bt_run` (from a tree file to an exit code); `entry` has what happens to any command
 (errors, Ctrl-C, a full disk) and the codes, `words` the arguments that commands share.
@@ -13,7 +13,17 @@ from collections.abc import Sequence
 
 from bt_dualarm.cli.entry import entered
 
-__all__ = ["check", "experiments", "replay", "robot", "run", "skills", "tune_color", "why"]
+__all__ = [
+    "check",
+    "experiments",
+    "record",
+    "replay",
+    "robot",
+    "run",
+    "skills",
+    "tune_color",
+    "why",
+]
 
 
 def run(argv: Sequence[str] | None = None) -> int:
@@ -58,3 +68,8 @@ def why(argv: Sequence[str] | None = None) -> int:
 def replay(argv: Sequence[str] | None = None) -> int:
     """``bt-replay``: run a record anew and compare; as `run`."""
     return entered("bt-replay", argv)
+
+
+def record(argv: Sequence[str] | None = None) -> int:
+    """``bt-record``: export a record; as `run`."""
+    return entered("bt-record", argv)

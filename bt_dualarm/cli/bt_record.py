@@ -1,0 +1,77 @@
+"""``bt-record``: records in forms that other programs read."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bt_dualarm.cli.entry import SUCCEEDED
+from bt_dualarm.errors import DualArmError
+
+if TYPE_CHECKING:
+    from bt_dualarm.replay.record import Record
+
+_EPILOG = """\
+examples:
+  bt-record export out --html out.html     one page: scene, slider, trees, reasons; no network
+  bt-record export out --csv tables        a folder of tables: events, notes, arms, states
+
+exit code:
+  0 written   2 no such record, or it cannot be written there
+"""
+
+
+def main(argv: Sequence[str] | None) -> int:
+    """Export a record; returns the exit code."""
+    parser = _command_line()
+    arguments = parser.parse_args(argv)
+    wanted = [(name, getattr(arguments, name)) for name in _FORMATS]
+    wanted = [(name, target) for name, target in wanted if target is not None]
+    if not wanted:
+        parser.error(f"to which form? {', '.join(f'--{name}' for name in _FORMATS)}")
+    from bt_dualarm.replay.record import Record
+
+    record = Record.read(arguments.folder)
+    for name, target in wanted:
+        try:
+            _FORMATS[name](record, target)
+        except OSError as error:
+            raise DualArmError(f"cannot write {target}: {error.strerror or error}") from error
+        print(f"written: {target}")
+    return SUCCEEDED
+
+
+def _command_line() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="bt-record",
+        description="Export the record of a run.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("deed", choices=("export",), metavar="export", help="what is to be done: export")
+    add("folder", metavar="DIR", type=Path, help="a folder that bt-run --record wrote")
+    add("--html", metavar="FILE", type=Path, help="one self-contained page")
+    add("--csv", metavar="FOLDER", type=Path, help="tables, in a folder")
+    return parser
+
+
+def _html(record: Record, target: Path) -> None:
+    from bt_dualarm.replay.html_page import html_of
+    from bt_dualarm.runtime.atomic_write import write_text
+
+    write_text(target, html_of(record))
+
+
+def _csv(record: Record, target: Path) -> None:
+    from bt_dualarm.replay.tables import tables_of
+    from bt_dualarm.runtime.atomic_write import write_text
+
+    target.mkdir(parents=True, exist_ok=True)
+    for name, content in tables_of(record):
+        write_text(target / name, content)
+
+
+_FORMATS: dict[str, Callable[[Record, Path], None]] = {"html": _html, "csv": _csv}

@@ -1,0 +1,141 @@
+"""A record is exported to forms that need nothing of this project: a page, tables."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm import cli
+from bt_dualarm.replay.html_page import html_of, page_data
+from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.tables import tables_of
+from tests.replay.runs import SHORT, recorded
+
+BACK = 'reach_to_pose: {offset: "{goal}"}'
+FAILING = SHORT.replace(BACK, "reach_to_pose: {offset: {xyz: [3, 0, 0]}}")
+
+
+@pytest.fixture(scope="module")
+def failed(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    return recorded(tmp_path_factory.mktemp("failed"), FAILING)
+
+
+def test_the_page_asks_nobody_for_anything(failed: Record) -> None:
+    """No address, no file: what it shows is in it."""
+    page = html_of(failed)
+    own = page.replace(json.dumps(page_data(failed)).replace("<", "\\u003c"), "")
+    assert len(own) < 20_000, "the data is left out"
+    assert not re.findall(r"https?:|wss?:|//[a-z]|\bsrc=|\bhref=|@import|fetch\(|XMLHttp", own)
+    assert "default-src 'none'" in page
+    assert page.count("<script") == page.count("</script>") == 2
+
+
+def test_text_of_a_tree_cannot_end_the_script(tmp_path: Path) -> None:
+    said = SHORT.replace(
+        "- subtree", "- set: {key: other, value: '</script><b>'}\n        - subtree"
+    )
+    page = html_of(recorded(tmp_path, said))
+    assert page.count("</script>") == 2
+
+
+def test_the_page_has_scene_trees_and_reasons(failed: Record) -> None:
+    data = page_data(failed)
+    assert data["until"] == pytest.approx(failed.until, abs=1e-3)
+    [tree] = data["trees"]
+    assert [node["name"] for node in tree["nodes"]] == [
+        "sequence",
+        "set",
+        "aside",
+        "reach_to_pose",
+        "reach_to_pose",
+    ]
+    assert tree["nodes"][-1]["changes"][-1][1] == "FAILURE"
+    assert "outside the reach" in data["why"]
+    [segment] = data["segments"]
+    assert segment["times"][-1] == pytest.approx(failed.until, abs=1e-3)
+    assert {shape["name"] for shape in data["generations"][0]["shapes"]} >= {"plane", "sphere"}
+    assert len(data["meshes"]) >= 6
+
+
+def browsed(page: Path, *times: float, gl: bool = True) -> dict[str, Any]:
+    """What the page shows at some times, by its own script."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("there is no node to run the page's script")
+    script = Path(__file__).with_name("page.js")
+    command = [node, script, page, "gl" if gl else "nogl", *map(str, times)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+    shown: dict[str, Any] = json.loads(done.stdout)
+    return shown
+
+
+@pytest.mark.parametrize("gl", [True, False])
+def test_the_page_s_script_shows_the_trees_at_a_time(
+    failed: Record, tmp_path: Path, gl: bool
+) -> None:
+    (tmp_path / "page.html").write_text(html_of(failed), encoding="utf-8")
+    shown = browsed(tmp_path / "page.html", 0.3, failed.until, gl=gl)
+    early, late = shown["shown"]
+    assert [row[0] for row in early] == [
+        "node RUNNING",
+        "node SUCCESS",
+        "node RUNNING",
+        "node RUNNING",
+        "node INVALID",
+    ]
+    assert late[-1][0] == "node FAILURE"
+    assert late[-1][1].startswith("INVALID_TARGET: ")
+    assert shown["board"] == [["arm1:goal", '{"xyz": [0, 0.06, 0]}', "sequence/set at 0.00 s"]]
+    assert (shown["drawn"] > 20) == gl
+
+
+def test_tables_have_what_the_record_has(failed: Record) -> None:
+    tables = dict(tables_of(failed))
+    assert set(tables) == {"events.csv", "notes.csv", "arm_arm1.csv", "states_0.csv"}
+    events = [*csv.DictReader(tables["events.csv"].splitlines())]
+    assert [event["new"] for event in events] == [event["new"] for event in failed.events]
+    states = [*csv.reader(tables["states_0.csv"].splitlines())]
+    assert len(states) == len(failed.times) + 1
+    assert len(states[0]) == len(set(states[0])) == len(states[1])
+    last = failed.moment(len(failed.times) - 1)
+    np.testing.assert_array_equal(
+        np.array(states[-1], dtype=float), [last.time, *last.qpos, *last.qvel]
+    )
+    arm = [*csv.reader(tables["arm_arm1.csv"].splitlines())]
+    assert arm[0][:2] == ["time_s", "q_rad[0]"]
+    assert len(arm[0]) == 25
+
+
+def test_the_command_writes_them(
+    failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, tables = tmp_path / "a.html", tmp_path / "deep" / "tables"
+    command = ["export", str(failed.folder), "--html", str(page), "--csv", str(tables)]
+    assert cli.record(command) == 0
+    assert capsys.readouterr().out == f"written: {page}\nwritten: {tables}\n"
+    assert page.read_text(encoding="utf-8") == html_of(failed)
+    assert (tables / "events.csv").exists()
+
+
+def test_what_cannot_be_written_is_code_2(
+    failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        cli.record(["export", str(failed.folder), "--html", str(tmp_path / "no" / "a.html")]) == 2
+    )
+    assert "No such file or directory" in capsys.readouterr().err
+    assert cli.record(["export", str(tmp_path), "--html", str(tmp_path / "a.html")]) == 2
+    assert "holds no record" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        cli.record(["export", str(failed.folder)])
+    assert ended.value.code == 2
+    assert "to which form?" in capsys.readouterr().err
