@@ -7,6 +7,7 @@ what a URDF lacks: acceleration and jerk limits, postures, the tool frame, camer
 from __future__ import annotations
 
 import os
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,25 @@ def load_robot(name: str, root: Path | None = None) -> Robot:
     Raises:
         CatalogueError: No such arm, or its file is wrong; the message names file and entry.
     """
-    file = RobotFile(_robot_file(name, root))
+    path = _robot_file(name, root)
+    if is_page(name):
+        return _read(path)
+    state = path.stat()
+    return _catalogued(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=64)
+def _catalogued(path: Path, _changed: int, _size: int) -> Robot:
+    """A shipped arm, read again only when its page has changed: its URDF is of a package."""
+    robot = _read(path)
+    for given in (robot.rotor_inertia, *robot.postures.values(), *vars(robot.limits).values()):
+        if isinstance(given, np.ndarray):
+            given.setflags(write=False)  # everybody has the same
+    return robot
+
+
+def _read(path: Path) -> Robot:
+    file = RobotFile(path)
     entry, found = file.entry, description_of(file)
     return Robot(
         name=file.path.stem,
