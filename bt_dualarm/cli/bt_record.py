@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _EPILOG = """\
 examples:
   bt-record export out --html out.html     one page: scene, slider, trees, reasons; no network
+  bt-record export out --mcap out.mcap     for Foxglove and other viewers and plotters
   bt-record export out --csv tables        a folder of tables: events, notes, arms, states
 
 exit code:
@@ -54,6 +55,7 @@ def _command_line() -> argparse.ArgumentParser:
     add("deed", choices=("export",), metavar="export", help="what is to be done: export")
     add("folder", metavar="DIR", type=Path, help="a folder that bt-run --record wrote")
     add("--html", metavar="FILE", type=Path, help="one self-contained page")
+    add("--mcap", metavar="FILE", type=Path, help="messages over time, in JSON")
     add("--csv", metavar="FOLDER", type=Path, help="tables, in a folder")
     return parser
 
@@ -65,6 +67,17 @@ def _html(record: Record, target: Path) -> None:
     write_text(target, html_of(record))
 
 
+def _mcap(record: Record, target: Path) -> None:
+    from importlib.metadata import version
+
+    from bt_dualarm.replay.mcap_file import mcap_of
+    from bt_dualarm.replay.messages import messages_of
+    from bt_dualarm.runtime.atomic_write import write_atomically
+
+    content = mcap_of(messages_of(record), f"bt_dualarm {version('bt_dualarm')}")
+    write_atomically(target, lambda file: file.write(content))
+
+
 def _csv(record: Record, target: Path) -> None:
     from bt_dualarm.replay.tables import tables_of
     from bt_dualarm.runtime.atomic_write import write_text
@@ -74,4 +87,4 @@ def _csv(record: Record, target: Path) -> None:
         write_text(target / name, content)
 
 
-_FORMATS: dict[str, Callable[[Record, Path], None]] = {"html": _html, "csv": _csv}
+_FORMATS: dict[str, Callable[[Record, Path], None]] = {"html": _html, "mcap": _mcap, "csv": _csv}
