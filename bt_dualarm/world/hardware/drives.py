@@ -8,6 +8,7 @@ import numpy as np
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.spec.reality import DriveErrors
+from bt_dualarm.world.hardware.encoders import kernels
 
 _FINEST = 1e-12
 """Step of a torque, as a share of the effort limit, that numbers themselves have."""
@@ -43,10 +44,8 @@ class Drives:
 
     def command(self, torque: Vector) -> None:
         """Take up torques of shape (dof,), N m, that hold until the next."""
-        from bt_dualarm.world.hardware.hardware_kernels import take_torques
-
         self._asked[:] = torque
-        take_torques(self._asked, self._per_step, self._gain, self._effort, self._wanted)
+        kernels().take_torques(self._asked, self._per_step, self._gain, self._effort, self._wanted)
 
     def torque(self) -> Vector:
         """Torque at the joints during the next step, of shape (dof,), N m."""
@@ -56,11 +55,9 @@ class Drives:
 
     def drive(self, motors: Vector) -> None:
         """Have motors give the torque of the next step, of shape (dof,), N m."""
-        from bt_dualarm.world.hardware.hardware_kernels import pass_on
-
         if self._is_new:  # an arm comes as if its drives had held it for long
             self._is_new = False
             self._sent[:] = self._torque[:] = self._wanted
         self._newest = (self._newest + 1) % len(self._sent)
         self._sent[self._newest] = self._wanted
-        pass_on(self._sent, self._newest, self._rest, self._share, self._torque, motors)
+        kernels().pass_on(self._sent, self._newest, self._rest, self._share, self._torque, motors)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cache
+from types import ModuleType
 
 import numpy as np
 
@@ -87,12 +89,18 @@ class Encoders:
 
     def _difference(self, q: Vector, noise: Vector) -> None:
         """Read, and take the velocity from the difference to an earlier reading."""
-        from bt_dualarm.world.hardware.hardware_kernels import difference
-
         past, v, self._v_before = self._past, self.v.copy(), self.v
         self._count = min(self._count + 1, len(past))
         self._newest = newest = (self._newest + 1) % len(past)
         span = self._count - 1
         rows, rate = (newest, (newest - span) % len(past)), self._rates[span]
-        difference(q, noise, self._resolution, past, rows, self._kept, rate, v)
+        kernels().difference(q, noise, self._resolution, past, rows, self._kept, rate, v)
         self.q, self.v = past[newest].copy(), v
+
+
+@cache
+def kernels() -> ModuleType:
+    """The kernels: an import statement costs as much as they do."""
+    from bt_dualarm.world.hardware import hardware_kernels
+
+    return hardware_kernels

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Callable
+from typing import Final, TypeAlias
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.pose import Matrix
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.hardware.kernel_rows import (
     COULOMB,
     CREEP,
@@ -24,6 +25,10 @@ from bt_dualarm.world.robots.friction import JointFriction
 STIFF: Final = (0.004, 1.0), (0.9999, 0.9999)
 """Reference and impedance of the constraint by which MuJoCo has dry friction: with its defaults a
 joint that sticks creeps at 0.05 rad/s under half of the load that it bears, with these at 1e-5."""
+
+
+Rub: TypeAlias = Callable[[Matrix, Vector, Vector, Vector], None]
+"""Sets friction and damping of joints for their velocities."""
 
 
 class Rubbing:
@@ -43,6 +48,7 @@ class Rubbing:
 
     def __init__(self, friction: JointFriction) -> None:
         self._friction, self.joints = friction, _rows(friction)
+        self._rub: Rub | None = None  # before anything moves nobody waits for machine code
         self.is_none = not (
             friction.coulomb.any() or friction.static.any() or friction.viscous.any()
         )
@@ -63,12 +69,15 @@ class Rubbing:
         """Set friction for the velocities of now; before MuJoCo works out passive forces."""
         if self.is_none:
             return
-        if not self._v.any():
-            self._rest()
-            return
-        from bt_dualarm.world.hardware.hardware_kernels import rub
+        if self._rub is not None:
+            self._rub(self.joints, self._v, self._dry, self._damping)
+        elif self._v.any():
+            from bt_dualarm.world.hardware.hardware_kernels import rub
 
-        rub(self.joints, self._v, self._dry, self._damping)
+            self._rub = rub
+            self.act()
+        else:
+            self._rest()
 
     def _rest(self) -> None:
         """Set friction of joints that stand."""

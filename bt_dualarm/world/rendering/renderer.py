@@ -106,14 +106,10 @@ def enter_blocks(image: Image, region: Region, step: int, blocks: Image) -> None
     """
     left, top, right, bottom = region
     part = image[top:bottom, left:right]
-    height, width = part.shape[:2]
-    if step == 1:
-        part[:] = blocks[:height, :width]
-        return
-    for row in range(step):
-        for column in range(step):
-            corner = part[row::step, column::step]
-            corner[:] = blocks[: corner.shape[0], : corner.shape[1]]
+    wide = blocks if step == 1 else blocks.repeat(step, axis=1)
+    for first in range(step):  # whole rows: single blocks cost five times as much
+        rows = part[first::step]
+        rows[:] = wide[: rows.shape[0], : rows.shape[1]]
 
 
 def _covering(start: int, stop: int, stride: int) -> slice:
