@@ -17,6 +17,7 @@ _EPILOG = """\
 examples:
   bt-record export out --html out.html     one page: scene, slider, trees, reasons; no network
   bt-record export out --mcap out.mcap     for Foxglove and other viewers and plotters
+  bt-record export out --mp4 out.mp4       a film: the scene, the trees beside it
   bt-record export out --csv tables        a folder of tables: events, notes, arms, states
 
 exit code:
@@ -56,6 +57,7 @@ def _command_line() -> argparse.ArgumentParser:
     add("folder", metavar="DIR", type=Path, help="a folder that bt-run --record wrote")
     add("--html", metavar="FILE", type=Path, help="one self-contained page")
     add("--mcap", metavar="FILE", type=Path, help="messages over time, in JSON")
+    add("--mp4", metavar="FILE", type=_film, help="a film, 25 pictures a simulated second")
     add("--csv", metavar="FOLDER", type=Path, help="tables, in a folder")
     return parser
 
@@ -78,6 +80,18 @@ def _mcap(record: Record, target: Path) -> None:
     write_atomically(target, lambda file: file.write(content))
 
 
+def _film(text: str) -> Path:
+    if Path(text).suffix != ".mp4":
+        raise argparse.ArgumentTypeError(f"{text!r} does not end with .mp4")
+    return Path(text)
+
+
+def _mp4(record: Record, target: Path) -> None:
+    from bt_dualarm.replay.video import write_film
+
+    write_film(record, target)
+
+
 def _csv(record: Record, target: Path) -> None:
     from bt_dualarm.replay.tables import tables_of
     from bt_dualarm.runtime.atomic_write import write_text
@@ -87,4 +101,9 @@ def _csv(record: Record, target: Path) -> None:
         write_text(target / name, content)
 
 
-_FORMATS: dict[str, Callable[[Record, Path], None]] = {"html": _html, "mcap": _mcap, "csv": _csv}
+_FORMATS: dict[str, Callable[[Record, Path], None]] = {
+    "html": _html,
+    "mcap": _mcap,
+    "mp4": _mp4,
+    "csv": _csv,
+}

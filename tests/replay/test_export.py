@@ -10,6 +10,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -124,6 +125,27 @@ def test_the_command_writes_them(
     assert capsys.readouterr().out == f"written: {page}\nwritten: {tables}\n"
     assert page.read_text(encoding="utf-8") == html_of(failed)
     assert (tables / "events.csv").exists()
+
+
+def test_a_film_has_a_picture_for_every_second_state(
+    failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    film = tmp_path / "a.mp4"
+    assert cli.record(["export", str(failed.folder), "--mp4", str(film)]) == 0
+    reader = cv2.VideoCapture(str(film))
+    assert reader.get(cv2.CAP_PROP_FRAME_COUNT) == -(-len(failed.times) // 2)
+    assert reader.get(cv2.CAP_PROP_FPS) == 25
+    good, first = reader.read()
+    assert good
+    assert first.shape == (480, 960, 3)
+    assert len(np.unique(first[:, :640])) > 50, "a scene, not one colour"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
+    nowhere = str(tmp_path / "no" / "a.mp4")
+    assert cli.record(["export", str(failed.folder), "--mp4", nowhere]) == 2
+    assert "cannot write" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        cli.record(["export", str(failed.folder), "--mp4", "film.avi"])
+    assert "does not end with .mp4" in capsys.readouterr().err
 
 
 def test_what_cannot_be_written_is_code_2(
