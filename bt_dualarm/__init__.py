@@ -68,11 +68,15 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.arrival import check_arrival as check_arrival
     from bt_dualarm.skill.following_error import FollowingError as FollowingError
     from bt_dualarm.skill.looking_around import SIDES as SIDES
+    from bt_dualarm.skill.looking_around import camera_now as camera_now
+    from bt_dualarm.skill.looking_around import gazes as gazes
     from bt_dualarm.skill.looking_around import go_to_camera as go_to_camera
+    from bt_dualarm.skill.looking_around import look_at as look_at
     from bt_dualarm.skill.mark_views import MarkViews as MarkViews
     from bt_dualarm.skill.path_following import follow_curve as follow_curve
     from bt_dualarm.skill.path_skill import PathSkill as PathSkill
     from bt_dualarm.skill.scoring import TrackingScore as TrackingScore
+    from bt_dualarm.skill.sight_ports import SightPorts as SightPorts
     from bt_dualarm.skill.skill import Skill as Skill
     from bt_dualarm.skill.skill import SkillContext as SkillContext
     from bt_dualarm.skill.still_pictures import own_camera as own_camera
@@ -97,8 +101,6 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import PoseSpec as PoseSpec
     from bt_dualarm.spec.values import Speed as Speed
     from bt_dualarm.spec.values import Vector3 as Vector3
-    from bt_dualarm.vision.appearance import ColorlessError as ColorlessError
-    from bt_dualarm.vision.appearance import color_of as color_of
     from bt_dualarm.vision.hand_eye import MarkView as MarkView
     from bt_dualarm.vision.hand_eye import hand_eye as hand_eye
     from bt_dualarm.vision.known_shape import KnownShape as KnownShape
@@ -179,10 +181,12 @@ _CONTENTS: Final = {
     "hand_eye": "vision.hand_eye:hand_eye",
     "SIDES": "skill.looking_around:SIDES",
     "go_to_camera": "skill.looking_around:go_to_camera",
+    "look_at": "skill.looking_around:look_at",
+    "camera_now": "skill.looking_around:camera_now",
+    "gazes": "skill.looking_around:gazes",
+    "SightPorts": "skill.sight_ports:SightPorts",
     "own_camera": "skill.still_pictures:own_camera",
     "still_picture": "skill.still_pictures:still_picture",
-    "ColorlessError": "vision.appearance:ColorlessError",
-    "color_of": "vision.appearance:color_of",
     "KnownShape": "vision.known_shape:KnownShape",
     "SightedThing": "vision.sighted:SightedThing",
     "SightedThings": "vision.sighted:SightedThings",

@@ -12,6 +12,7 @@ from bt_dualarm import (
     ObjectName,
     PortModel,
     Pose,
+    PoseSpec,
     Skill,
     Speed,
     Trajectory,
@@ -21,6 +22,7 @@ from bt_dualarm import (
 )
 
 _ALONG = 0.7  # cosine
+_SEARCHED = 0.01  # m beyond where the surface was seen: it may lie lower
 _TURNS = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])
 
 
@@ -37,6 +39,9 @@ class ApproachAndAttach(Skill):
 
     class Ports(PortModel):
         object: ObjectName = port(..., "object to attach")
+        at: PoseSpec | None = port(
+            None, "pose of the object, as `locate` writes it; its true one is then not looked at"
+        )
         direction: Vector3 = port((0.0, 0.0, -1.0), "way of the straight approach, world axes")
         standoff: float = port(0.10, "distance before the straight part", unit="m", ge=0.01, le=0.5)
         proximity: float = port(0.005, "gap at which to attach", unit="m", ge=1e-4, le=0.1)
@@ -84,7 +89,7 @@ class ApproachAndAttach(Skill):
     def _go(self) -> Iterator[float | None]:
         """Move until the object is near, and stop there."""
         approach = yield from self._approach()
-        for progress in self.arm.follow(approach.to_standoff):
+        for progress in self.arm.follow(approach.to_standoff, self._unseen):
             yield 0.7 * progress
         motion = self.arm.begin(approach.to_surface, may_touch=True)
         while not motion.done and not self._near():
@@ -118,8 +123,8 @@ class ApproachAndAttach(Skill):
         if length < 1e-6:
             raise Failure("INVALID_TARGET", "the approach direction has no length")
         direction = direction / length
-        center = self.arm.world.object_pose(self.ports.object)
-        surface = self.arm.world.surface_point(self.ports.object, -direction)
+        center = self._seen or self.arm.world.object_pose(self.ports.object)
+        surface = self.arm.world.surface_point(self.ports.object, -direction, center)
         x, y, _ = center.rotation_matrix.T
         # Seen along its x axis, an object's own small tilt would be all that tells a side.
         side = y if abs(x @ direction) > _ALONG else x
@@ -130,16 +135,36 @@ class ApproachAndAttach(Skill):
         arm, ports = self.arm, self.ports
         standoff = surface @ Pose.from_rpy((0, 0, -ports.standoff))
         q_line = arm.line(standoff, surface @ Pose.from_rpy((0, 0, self._depth())))
-        arm.refuse_load(ports.object, q_line[-1])
+        arm.refuse_load(ports.object, q_line[-1], self._seen)
         touched = frozenset({ports.object})
         arm.refuse_collision_along(q_line, ignore=touched)
-        to_standoff = yield from arm.plan([q_line[0]], ports.speed)
+        to_standoff = yield from arm.plan([q_line[0]], ports.speed, self._unseen)
+        self._keep_off(to_standoff)
         return Approach(to_standoff, arm.time_path(q_line, ports.approach_speed))
+
+    @property
+    def _seen(self) -> Pose | None:
+        """Where it lies by sight, where the port says so."""
+        return None if self.ports.at is None else self.ports.at.pose
+
+    @property
+    def _unseen(self) -> frozenset[str]:
+        """What a plan does not know the place of: by sight the object is where it was seen."""
+        return frozenset() if self._seen is None else frozenset({self.ports.object})
+
+    def _keep_off(self, motion: Trajectory) -> None:
+        """Refuse a way of the tool through what was seen, which the plan does not know of."""
+        if self._seen is None:
+            return
+        away = np.linalg.norm(self.arm.planned_tool_positions(motion) - self._seen.position, axis=1)
+        nearest, end = float(away.min()), float(away[-1])
+        if nearest < min(float(away[0]), end) - self.ports.standoff:
+            raise Failure("NO_PLAN", "the way to the object leads through it", nearest_m=nearest)
 
     def _depth(self) -> float:
         """Metres by which the straight part leads beyond the surface; the tool stops before."""
         if self.ports.contact:
-            return 0.002  # so that it does touch
+            return 0.002 if self._seen is None else _SEARCHED  # so that it does touch
         return -min(0.8 * self.ports.proximity, 0.5 * self.ports.standoff)
 
     def _gap(self) -> float:
@@ -167,7 +192,7 @@ class ApproachAndAttach(Skill):
                 gap_m=gap,
                 touching=touching,
             )
-        self.arm.attach(self.ports.object)
+        self.arm.attach(self.ports.object, self._seen)
         self.metrics["gap_m"] = gap
 
 

@@ -3,35 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
 
 from bt_dualarm import (
     SIDES,
     Angle,
-    Color,
-    ColorlessError,
     Failure,
-    KnownShape,
     ObjectName,
     PortModel,
     Pose,
     PoseSpec,
     SightedThing,
     SightedThings,
+    SightPorts,
     Skill,
     Speed,
     Vector,
-    color_of,
     go_to_camera,
     own_camera,
     port,
     still_picture,
 )
 
-_Length = Annotated[float, Field(ge=1e-4, le=10.0)]
 _Row = tuple[float, float, float, float, float, float]
 
 
@@ -42,26 +36,7 @@ class Locate(Skill):
     well enough. Where things are in the file, or in truth, it does not know.
     """
 
-    class Ports(PortModel):
-        exactly_one_of = ("object", "shape")
-
-        object: ObjectName | None = port(
-            None, "declared object whose colour, shape and size are looked for; not its pose"
-        )
-        shape: Literal["box", "cylinder", "sphere"] | None = port(
-            None, "shape to look for, where no object is named"
-        )
-        size: tuple[_Length, ...] | None = port(
-            None,
-            "edges of a box; radius and length of a cylinder; radius of a sphere",
-            unit="m",
-            min_length=1,
-            max_length=3,
-        )
-        color: Color | None = port(
-            None, "a name or HSV ranges; that of the object where it is left out"
-        )
-        flat: bool = port(True, "whether the things lie flat on something level")
+    class Ports(SightPorts):
         accuracy: float = port(
             0.001, "standard deviation of the place, at most", unit="m", ge=1e-4, le=0.1
         )
@@ -101,7 +76,7 @@ class Locate(Skill):
     def run(self) -> Iterator[float | None]:
         """Look, go around until the places are known, write them on the blackboard."""
         own_camera(self.arm)
-        color, self._shape = self._looked_for()
+        color, self._shape = self.ports.looked_for(self.arm)
         self._seen = SightedThings(color, self._shape, flat=self.ports.flat)
         yield from self.arm.think()  # what was halted before may still be on its way
         yield from self._look_from_here()
@@ -112,26 +87,6 @@ class Locate(Skill):
         if not found:
             self._refuse_inaccurate()
         self._tell(found)
-
-    def _looked_for(self) -> tuple[Color, KnownShape]:
-        """Colour and shape, from the ports or from what the file says of the object."""
-        ports = self.ports
-        if ports.object is not None:
-            thing = self.arm.world.objects.get(ports.object)
-            if thing is None:
-                raise Failure("NOT_SEEN", f"object {ports.object!r} is not in the world")
-            try:
-                color = ports.color or color_of(thing)
-            except ColorlessError as error:
-                raise Failure("INVALID_TARGET", f"{error}: give `color`") from error
-            return color, KnownShape(thing.shape, thing.size)
-        if ports.shape is None or ports.size is None or ports.color is None:
-            raise Failure("INVALID_TARGET", "without an object, shape, size and color are needed")
-        wanted = {"box": 3, "cylinder": 2, "sphere": 1}[ports.shape]
-        if len(ports.size) != wanted:
-            reason = f"the size of a {ports.shape} has {wanted} numbers, not {len(ports.size)}"
-            raise Failure("INVALID_TARGET", reason)
-        return ports.color, KnownShape(ports.shape, ports.size)
 
     def _look_from_here(self) -> Iterator[None]:
         picture = yield from still_picture(self.arm, self.ports.frames)
@@ -148,7 +103,7 @@ class Locate(Skill):
                 return
             middle = np.mean([thing.position for thing in open_], axis=0)
             camera = side.camera(middle, looking, self._distance(middle))
-            if (yield from go_to_camera(self.arm, camera, self.ports.speed, self._ignored)):
+            if (yield from go_to_camera(self.arm, camera, self.ports.speed, self.ports.ignored)):
                 yield from self._look_from_here()
                 looked += 1
 
@@ -156,11 +111,6 @@ class Locate(Skill):
         """As asked for, or farther where several things are to be in the picture."""
         apart = max(float(np.linalg.norm(one.position - middle)) for one in self._seen.things)
         return max(self.ports.distance, 3.0 * apart, 5.0 * self._shape.extent)
-
-    @property
-    def _ignored(self) -> frozenset[str]:
-        """What is looked for is nowhere yet: a plan cannot keep clear of it."""
-        return frozenset({self.ports.object} if self.ports.object else ())
 
     def _is_known(self, thing: SightedThing) -> bool:
         ports = self.ports

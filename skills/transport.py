@@ -50,13 +50,20 @@ class Transport(Skill):
         held = arm.world.attachments.find(arm.name, name)
         if held is None:
             raise Failure("NOT_ATTACHED", f"object {name!r} is not attached to {arm.name}")
-        object_in_tool = arm.tool_pose.inverse @ arm.world.object_pose(name)
+        object_in_tool = arm.tool_pose.inverse @ self._lies(name)
         goal = self.ports.to.pose_from(arm.commanded_tool_pose @ object_in_tool)
         tool_goal = goal @ object_in_tool.inverse
         configurations = arm.kinematics.solutions(tool_goal, arm.setpoint.q)
         yield from arm.travel(configurations, self.ports.speed, planner=self.ports.planner)
         self._note_weight(name)
         self._verify(name, goal)
+
+    def _lies(self, name: str) -> Pose:
+        """Pose of the object; of one that was taken by sight, by where it was seen."""
+        held = self.arm.world.attachments.find(self.arm.name, name)
+        if held is not None and held.was_seen:
+            return self.arm.tool_pose @ self.arm.robot.tool.inverse @ held.relative
+        return self.arm.world.object_pose(name)
 
     def _note_weight(self, name: str) -> None:
         """What the arm has found the object to weigh, where nobody has told it."""
@@ -67,7 +74,7 @@ class Transport(Skill):
     def _verify(self, name: str, goal: Pose) -> None:
         if name not in self.arm.held:
             raise Failure("NOT_ATTACHED", f"object {name!r} was lost on the way")
-        pose = self.arm.world.object_pose(name)
+        pose = self._lies(name)
         away, turn = pose.distance(goal), pose.angle(goal)
         self.metrics |= {"object_error_m": away, "object_turned_rad": turn}
         if away > self.ports.tolerance or turn > self.ports.angle_tolerance:

@@ -51,10 +51,15 @@ class Arm(ArmState):
             state, self._lease, shared.planning, shared.carrying, shared.seed
         )
 
-    def attach(self, thing: str) -> None:
-        """Weld an object to the tool as it lies now; again changes nothing."""
+    def attach(self, thing: str, seen: Pose | None = None) -> None:
+        """Weld an object to the tool as it lies now; again changes nothing.
+
+        Args:
+            thing: Name of the object.
+            seen: Pose in the world where it was seen to lie; by default its true one is believed.
+        """
         self._lease.refuse_other_threads()
-        self.world.attach(self.name, thing)
+        self.world.attach(self.name, thing, seen)
 
     def correct_camera(self, correction: Pose) -> None:
         """Believe the camera to be there, in the frame where it was believed to be so far."""
@@ -159,10 +164,10 @@ class Arm(ArmState):
         """The motion, as much slower as what the arm holds asks for; itself where it may be."""
         return self._carrying.within_efforts(motion)
 
-    def refuse_load(self, thing: str, q: Vector) -> None:
-        """Check an object before the arm takes hold of it in a configuration ``q``, (dof,), rad."""
+    def refuse_load(self, thing: str, q: Vector, seen: Pose | None = None) -> None:
+        """Check an object, where it was ``seen`` or is, before it is taken at ``q`` (dof,), rad."""
         link = self.kinematics.forward(q) @ self.robot.tool.inverse
-        self._carrying.refuse(thing, q, link)
+        self._carrying.refuse(thing, q, link, seen)
 
     def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
         """Positions of the tool in the world at a motion's set-points, of shape (n, 3), m."""

@@ -35,20 +35,22 @@ class Carrying:
             self._dynamics = ArmDynamics(nominal, self._held)
         return within_efforts(motion, nominal.robot, self._dynamics)
 
-    def refuse(self, thing: str, q: Vector, tool_link: Pose) -> None:
+    def refuse(self, thing: str, q: Vector, tool_link: Pose, seen: Pose | None = None) -> None:
         """Check an object before the arm takes hold of it, as far as its mass is known.
 
         Args:
             thing: Name of the object, where it lies.
             q: Configuration in which it is taken, of shape (dof,), rad.
             tool_link: Pose of the tool's link there, in the world.
+            seen: Pose of the object in the world by sight; its true one by default.
 
         Raises:
             Failure: ``OVERLOADED`` if it is more than the arm's payload, or than what its joints
                 can hold in that configuration.
         """
         world, nominal = self._world, self._world.nominal[self._name]
-        pose, robot = tool_link.inverse @ world.object_pose(thing), nominal.robot
+        lies, robot = seen or world.object_pose(thing), nominal.robot
+        pose = tool_link.inverse @ lies
         new = NominalLoad.of(thing, world.objects[thing], pose, known=not nominal.weighs)
         loads = (*nominal.loads, new)
         mass = sum(load.mass for load in loads if load.mass is not None)

@@ -1,8 +1,8 @@
-"""Places from which an arm's camera looks at one point from around it."""
+"""Places from which an arm's camera looks at one point, and how it gets there."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,7 +12,14 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Failure
 from bt_dualarm.pose import Pose, Vector
 
-_NO_WAY: Final = {"UNREACHABLE", "JOINT_LIMIT", "IN_COLLISION", "NO_PLAN", "SINGULAR"}
+_NO_WAY: Final = {
+    "INVALID_TARGET",  # outside of the workspace
+    "UNREACHABLE",
+    "JOINT_LIMIT",
+    "IN_COLLISION",
+    "NO_PLAN",
+    "SINGULAR",
+}
 
 
 @dataclass(frozen=True)
@@ -79,8 +86,7 @@ def go_to_camera(
     Raises:
         Failure: As `Arm.travel`, but for a pose that cannot be reached.
     """
-    nominal, q = arm.world.nominal[arm.name], arm.q
-    camera_in_tool = nominal.tool_pose_at(q).inverse @ nominal.camera_pose_at(q)
+    camera_in_tool = arm.tool_pose.inverse @ camera_now(arm)
     try:
         goals = arm.kinematics.solutions(camera @ camera_in_tool.inverse, arm.setpoint.q)
         yield from arm.travel(goals, speed, ignore)
@@ -89,3 +95,73 @@ def go_to_camera(
             raise
         return False
     return True
+
+
+def gazes(
+    point: Vector, distance: float, direction: Vector, lean: float, near: Pose
+) -> Iterator[Pose]:
+    """Poses of a camera that looks at a point, those that are wanted most first.
+
+    Args:
+        point: Place in the middle of its image, of shape (3,), m.
+        distance: Distance from it, m.
+        direction: Line of sight in the world, of shape (3,), of any length but none.
+        lean: Angle by which the line of sight may differ from that, rad.
+        near: Pose of the camera now: of turns about the line of sight the nearest come first.
+    """
+    along = direction / np.linalg.norm(direction)
+    side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    side /= np.linalg.norm(side)
+    for share, around in _LEANS:
+        turn = np.cos(around) * side + np.sin(around) * np.cross(along, side)
+        sight = np.cos(share * lean) * along + np.sin(share * lean) * turn
+        rolled = [_gaze(point, distance, sight, side, roll) for roll in _ROLLS]
+        yield from sorted(rolled, key=near.angle)
+
+
+_ROLLS: Final = tuple(np.radians(np.arange(0, 360, 30)).tolist())
+_LEANS: Final = (
+    (0.0, 0.0),
+    *((share, around) for share in (0.5, 1.0) for around in np.radians(np.arange(0, 360, 60))),
+)
+"""Shares of the angle by which it may lean, and to which side, rad."""
+
+
+def _gaze(point: Vector, distance: float, sight: Vector, side: Vector, roll: float) -> Pose:
+    x = side - (side @ sight) * sight
+    x /= np.linalg.norm(x)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.column_stack((x, np.cross(sight, x), sight))
+    matrix[:3, 3] = point - distance * sight
+    return Pose.from_matrix(matrix) @ Pose.from_rpy((0, 0, 0), (0, 0, roll))
+
+
+def look_at(
+    arm: Arm,
+    cameras: Iterator[Pose],
+    speed: float,
+    ignore: frozenset[str] = frozenset(),
+) -> Generator[float | None, None, Pose | None]:
+    """Bring the arm's own camera to the first of several poses to which there is a way.
+
+    Args:
+        arm: Arm with a camera of its own.
+        cameras: Poses of the camera in the world, the one wanted most first.
+        speed: Share of the limits, above 0 to 1.
+        ignore: Names of objects that may be touched.
+
+    Returns:
+        The pose; None where there is no way to any of them.
+
+    Raises:
+        Failure: As `go_to_camera`.
+    """
+    for camera in cameras:
+        if (yield from go_to_camera(arm, camera, speed, ignore)):
+            return camera
+    return None
+
+
+def camera_now(arm: Arm) -> Pose:
+    """Pose of the arm's own camera in the world, by its encoders and its page."""
+    return arm.world.nominal[arm.name].camera_pose_at(arm.q)

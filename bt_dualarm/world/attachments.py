@@ -18,14 +18,16 @@ class Attachment:
 
     Attributes:
         relative: Pose of the object in the arm's tool link at the moment of attaching, by the
-            arm's encoders.
+            arm's encoders; of one that was seen, by where it was seen.
         since: Simulated time in seconds.
+        was_seen: Whether that pose is by sight, and not the true one.
     """
 
     arm: str
     object: str
     relative: Pose
     since: float
+    was_seen: bool = False
 
     @property
     def name(self) -> str:

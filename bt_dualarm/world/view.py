@@ -72,14 +72,15 @@ class WorldView:
         body = self.object_body(name)
         return Pose(self.data.xpos[body].copy(), self.data.xquat[body].copy())
 
-    def surface_point(self, name: str, direction: Vector) -> Vector:
+    def surface_point(self, name: str, direction: Vector, pose: Pose | None = None) -> Vector:
         """Where a ray from an object's centre leaves it, of shape (3,), in the world.
 
         Args:
             name: Name of the object.
             direction: Direction of the ray in the world, of unit length.
+            pose: Pose that it is believed to have; its true one by default.
         """
-        pose = self.object_pose(name)
+        pose = self.object_pose(name) if pose is None else pose
         ray = np.abs(direction @ pose.rotation_matrix) + 1e-12
         thing = self.objects[name]
         if thing.shape == "box":

@@ -158,8 +158,8 @@ class World(WorldView):
         del self.objects[name]
         self._recompile()
 
-    def attach(self, arm: str, thing: str) -> Attachment:
-        """Weld an object to an arm's tool link with the relative pose of this moment.
+    def attach(self, arm: str, thing: str, seen: Pose | None = None) -> Attachment:
+        """Weld an object to an arm's tool link as it is now; believed to be where it was ``seen``.
 
         Raises:
             WorldError: Arm or object is not present, or the object is fixed.
@@ -170,7 +170,7 @@ class World(WorldView):
             raise WorldError(f"object {thing!r} is fixed: no arm can carry it")
         pose, link = self.object_pose(thing), f"{arm}/{self.robots[arm].tool_link}"
         believed = self.nominal[arm].tool_link_pose_at(self.hardware[arm].q)
-        held = Attachment(arm, thing, believed.inverse @ pose, self.time)
+        held = Attachment(arm, thing, believed.inverse @ (seen or pose), self.time, bool(seen))
         return self.attachments.attach(held, link, self.arms[arm].tool_link_pose.inverse @ pose)
 
     def restore(self, state: Vector) -> None:

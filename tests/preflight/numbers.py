@@ -120,7 +120,20 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
     ),
     "rotate_tool": ({"angle": 10, "axis": [0, 0, 1]},),
     "spawn": ({"object": "cube", "at": {"xyz": [0.6, 0, 0.3]}},),
-    "approach_and_attach": ({"object": "cube", "direction": [0, 0, -1]},),
+    "approach_and_attach": (
+        {"object": "cube", "direction": [0, 0, -1]},
+        {"object": "cube", "at": {"xyz": [0.40, -0.45, 0.425]}},
+    ),
+    "look_at": ({"at": {"xyz": [0.68, 0.11, 0.70]}, "direction": [-1, 0, 0]},),
+    "scan": (
+        {
+            "shape": "box",
+            "size": [0.05, 0.05, 0.05],
+            "color": {
+                "ranges": [{"hue": [42.0, 70.0], "saturation": [0.4, 1.0], "value": [0.2, 1.0]}]
+            },
+        },
+    ),
     "locate": (
         {
             "shape": "box",

@@ -24,6 +24,7 @@ IN_FRONT = WALL | {"spawned": True, "size": [0.1, 0.4, 0.4], "pose": {"xyz": [0.
 MARK = {"shape": "sphere", "size": [0.03], "mass": 0.1, "fixed": True, "color": "yellow"} | {
     "pose": {"xyz": [0.68, 0.11, 0.70]}
 }
+ABOVE_TABLE = {"robot": "ur5", "base": ABOVE, "camera": {}}
 ON_FLOOR = CUBE | {"pose": {"xyz": [0.6, 0, 0.025]}}
 
 SCENARIOS = {
@@ -46,5 +47,7 @@ SCENARIOS = {
     "calibrate": Scenario({"mark": MARK}, arm=LOOKING),
     "track": Scenario(TARGET, arm=LOOKING),
     "locate": Scenario(TARGET, arm=LOOKING),
+    "look_at": Scenario(TARGET, arm=LOOKING),
+    "scan": Scenario(ON_TABLE, arm=ABOVE_TABLE, scene="table"),
 }
 """By skill. A new skill needs one: the conformance tests say so."""

@@ -129,7 +129,7 @@ def located(file: dict[str, Any], stage: Stage, spoil: bool) -> tuple[Any, Play]
 
 
 def _poison(play: Play) -> None:
-    """Let `World.object_pose` and `surface_point` tell of another place."""
+    """Let `World.object_pose` tell of another place."""
     world = play.world
     true = world.object_pose
 

@@ -9,6 +9,7 @@ from typing import Any
 from bt_dualarm.world.world import World
 from tests.plays import Deed
 from tests.skills.scenarios import (
+    ABOVE,
     CUBE,
     LOOKING,
     ON_TABLE,
@@ -136,6 +137,8 @@ STOP_AT_ONCE: Tree = {"delay": {"seconds": 1.0, "child": {"stop": {"longest": 0.
 CARRY: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.3, -0.4, 0.6]}}}
 LET_GO: Tree = {"detach": {"object": "cube"}}
 TRACK: Tree = {"track": {"duration": 3.0, "lost_timeout": 0.5, "wait": 1.0, "reach": 0.1}}
+LOOK: Tree = {"look_at": {"at": {"xyz": [0.68, 0.11, 0.7]}, "direction": [-1, 0, 0]}}
+SCAN: Tree = {"scan": {"object": "cube", "center": [0.4, -0.4, 0.4], "width": 0.2, "depth": 0.2}}
 LOCATE: Tree = {"locate": {"object": "cube"}}
 GREY = TARGET["cube"] | {"color": "grey"}
 
@@ -310,4 +313,17 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("locate", "NOT_SEEN"): Trial({"locate": {"object": "cube", "color": "red"}}),
     ("locate", "INACCURATE"): Trial({"locate": {"object": "cube", "views": 1}}),
     **moving("locate", LOCATE, 0.9, "arm1/panda_hand"),
+    ("look_at", "NO_CAMERA"): Trial(LOOK, {"arm": BLIND}),
+    ("look_at", "INVALID_TARGET"): Trial(
+        {"look_at": {"at": {"xyz": [0.68, 0.11, 0.7]}, "direction": [0, 0, 0]}}
+    ),
+    ("look_at", "OUT_OF_REACH"): Trial({"look_at": {"at": {"xyz": [-2.0, 0.11, 0.7]}}}),
+    **moving("look_at", LOOK, 0.6, "arm1/panda_hand"),
+    ("scan", "NO_CAMERA"): Trial(SCAN, {"arm": {"robot": "ur5", "base": ABOVE}}),
+    ("scan", "INVALID_TARGET"): Trial(SCAN, {"objects": {"cube": GREY}}),
+    ("scan", "NOT_SEEN"): Trial({"scan": SCAN["scan"] | {"color": "red"}}, moves=True),
+    ("scan", "OUT_OF_REACH"): Trial(
+        {"scan": {"object": "cube", "color": "red", "center": [3.0, 0, 0]}}
+    ),
+    **moving("scan", {"scan": SCAN["scan"] | {"color": "red"}}, 0.8),
 }
