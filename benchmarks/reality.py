@@ -5,7 +5,8 @@
 Each tree is run as `bt-run` does, on so many robots of the batch. A line has, for one tree and one
 reality: how many runs succeeded, and why the first of the others did not; the worst of the metrics
 that a motion or a tracking has, which are measured by the encoders or scored against the truth; and
-simulated seconds a second of CPU, as a share of those in the first reality.
+simulated seconds a second of CPU, as a share of those in the first reality: the median over the
+robots, each of which runs in all realities by turns, after a run that counts for nothing.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from statistics import median
 
 import bt_dualarm as bt
 from bt_dualarm.spec.reality import REALITY_NAMES
@@ -22,41 +24,35 @@ METRICS = ("path_rms_m", "path_max_m", "yz_rms_m", "yz_max_m", "position_error_m
 TREES = ("circle", "lissajous", "pick_and_transport", "pick_and_track")
 
 
-@dataclass(frozen=True)
+@dataclass
 class Batch:
     """What the robots of a batch did with a tree.
 
     Attributes:
         succeeded: Number of runs that did.
-        runs: Number of all runs.
         reason: Why the first of the others did not; empty if there are none.
         worst: Largest value of each metric, by name, over all runs and leaves.
-        pace: Simulated seconds a second of CPU.
+        paces: Simulated seconds a second of CPU, by run.
     """
 
-    succeeded: int
-    runs: int
-    reason: str
-    worst: dict[str, float]
-    pace: float
+    succeeded: int = 0
+    reason: str = ""
+    worst: dict[str, float] = field(default_factory=dict)
+    paces: list[float] = field(default_factory=list)
 
-
-def batch(tree: str, reality: str, seeds: int) -> Batch:
-    """Run a shipped tree on so many robots."""
-    succeeded, reason, simulated, began = 0, "", 0.0, time.process_time()
-    worst: dict[str, float] = {}
-    for seed in range(seeds):
+    def add(self, tree: str, reality: str, seed: int) -> None:
+        """Run a shipped tree on one robot more."""
+        began = time.process_time()
         result = bt.run(tree, reality=reality, seed=seed, renderer="ray")
-        simulated += result.sim_time_s
-        succeeded += result.outcome == "SUCCESS"
-        reason = reason or next(reasons(result), "")
+        self.paces.append(result.sim_time_s / (time.process_time() - began))
+        self.succeeded += result.outcome == "SUCCESS"
+        self.reason = self.reason or next(reasons(result), "")
         for arm in result.arms.values():
             for leaf in arm.runs:
                 for name in METRICS:
                     value = leaf.metrics.get(name)
                     if isinstance(value, float):
-                        worst[name] = max(worst.get(name, 0.0), value)
-    return Batch(succeeded, seeds, reason, worst, simulated / (time.process_time() - began))
+                        self.worst[name] = max(self.worst.get(name, 0.0), value)
 
 
 def reasons(result: bt.RunResult) -> Iterator[str]:
@@ -75,15 +71,18 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     arguments = parser.parse_args()
     for tree in arguments.trees:
-        first = 0.0
+        batches = {reality: Batch() for reality in arguments.sets}
         bt.run(tree, reality=arguments.sets[0], renderer="ray")  # what is imported once is no price
-        for reality in arguments.sets:
-            done = batch(tree, reality, arguments.seeds)
-            first = first or done.pace
-            told = ", ".join(f"{name} {1e3 * value:.3f} mm" for name, value in done.worst.items())
+        for seed in range(arguments.seeds):
+            for reality, batch in batches.items():
+                batch.add(tree, reality, seed)
+        first = batches[arguments.sets[0]].paces
+        for reality, batch in batches.items():
+            pace = median(one / other for one, other in zip(batch.paces, first, strict=True))
+            told = ", ".join(f"{name} {1e3 * value:.3f} mm" for name, value in batch.worst.items())
             print(
-                f"{tree:18} {reality:6} {done.succeeded}/{done.runs}  {told}  "
-                f"pace {done.pace / first:.2f}  {done.reason}",
+                f"{tree:18} {reality:6} {batch.succeeded}/{len(first)}  {told}  "
+                f"pace {pace:.2f}  {batch.reason}",
                 flush=True,
             )
 
