@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bt_dualarm.kernels.kernel import compile_once
 from bt_dualarm.motion.chains.warming import move_something
+from bt_dualarm.motion.collision.bounding_spheres import bound_something
 from bt_dualarm.motion.search.quick_search import search_something
 from bt_dualarm.motion.setpoints.planar_servo import follow_something
 from bt_dualarm.motion.timing.path_timing import time_something
@@ -17,5 +18,6 @@ def compile_kernels() -> None:
 
     Harmless when repeated: once on a machine it does something.
     """
+    world = draw_something, sense_something, predict_something, bound_something
     motion = move_something, follow_something, time_something, search_something
-    compile_once((draw_something, sense_something, predict_something, *motion))
+    compile_once((*world, *motion))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cache
+from types import ModuleType
+
 import mujoco
 import numpy as np
-import scipy
 
 from bt_dualarm.motion.collision.sweep import last_joint, stretched
 from bt_dualarm.pose import Matrix, Vector
@@ -32,19 +34,19 @@ class BoundingSpheres:
         held = [world.object_geom(name) for name in world.attachments.attached_to(arm)]
         self._shapes = np.array(sorted((*body.geom_ids, *held)))
         self._bounds = model.geom_rbound[self._shapes]
-        self._joints = model.dof_jntid[body.dof_ids]
+        self._joints = model.dof_jntid[body.dof_ids].astype(np.int64)
         links = model.jnt_bodyid[self._joints].tolist()
         bodies = model.geom_bodyid[self._shapes].tolist()
         last = [last_joint(model, links, body) for body in bodies]
         self._turned = np.array([_turning(joint, len(links)) for joint in last])
         pieces = [_spheres(model, geom) for geom in self._shapes]
         repeats = [len(piece) for piece in pieces]
-        self._of_sphere = np.repeat(self._shapes, repeats)
+        self._of_sphere = np.repeat(self._shapes, repeats).astype(np.int64)
         self._moved = np.repeat(self._turned, repeats, axis=0)
         self._placed = np.vstack(pieces)
         data = world.sensed
         # Views: looking a field up costs as much as a product of matrices.
-        self._places, self._frames = data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)
+        self._places, self._frames = data.geom_xpos, data.geom_xmat
         self._anchors, self._axes = data.xanchor, data.xaxis
         self.span, self.spans = self._reach(
             [joint for joint, count in zip(last, repeats, strict=True) for _ in range(count)]
@@ -53,12 +55,8 @@ class BoundingSpheres:
 
     def spheres(self) -> Matrix:
         """Centres and radii now, of shape (n, 4), m."""
-        spheres = self._placed.copy()
-        centers = spheres[:, :3]
-        np.einsum(
-            "nij,nj->ni", self._frames.take(self._of_sphere, 0), self._placed[:, :3], out=centers
-        )
-        centers += self._places.take(self._of_sphere, 0)
+        spheres = np.empty_like(self._placed)
+        kernels().place(self._placed, self._of_sphere, self._places, self._frames, spheres)
         return spheres
 
     def levers(self, spheres: Matrix) -> Matrix:
@@ -66,15 +64,8 @@ class BoundingSpheres:
 
         Zero where the joint does not move it.
         """
-        anchors, axes = self._anchors.take(self._joints, 0), self._axes.take(self._joints, 0)
-        arms = spheres[:, None, :3] - anchors
-        along = np.einsum("nij,ij->ni", arms, axes)
-        levers: Matrix = np.einsum("nij,nij->ni", arms, arms)
-        levers -= along * along
-        np.maximum(levers, 0.0, out=levers)
-        np.sqrt(levers, out=levers)
-        levers += spheres[:, 3:]
-        levers *= self._moved
+        levers = np.empty_like(self._moved)
+        kernels().lever(spheres, self._joints, self._anchors, self._axes, self._moved, levers)
         return levers
 
     def reach(self, levers: Matrix, way: Vector) -> float:
@@ -89,7 +80,11 @@ class BoundingSpheres:
         """
         total = float(way.sum())
         most = self.span * total
-        return min(float((levers @ way).max()) / (1.0 - total), most) if total < 1.0 else most
+        if total >= 1.0:
+            return most
+        return min(
+            float(kernels().farthest(levers, np.ascontiguousarray(way))) / (1.0 - total), most
+        )
 
     def centers(self, data: mujoco.MjData) -> Matrix:
         """Of the shapes, of shape (m, 3), in a state of the model."""
@@ -120,10 +115,26 @@ class BoundingSpheres:
 
 def apart(first: Matrix, second: Matrix) -> float:
     """The least distance in m of two sets of spheres, of shape (n, 4) and (m, 4)."""
-    gaps = scipy.spatial.distance.cdist(first[:, :3], second[:, :3])
-    gaps -= first[:, 3:]
-    gaps -= second[:, 3]
-    return float(gaps.min())
+    return float(kernels().nearest(first, second))
+
+
+@cache
+def kernels() -> ModuleType:
+    """The kernels: an import statement costs as much as they do."""
+    from bt_dualarm.motion.collision import sphere_kernels
+
+    return sphere_kernels
+
+
+def bound_something() -> None:
+    """Have all kernels of spheres compiled."""
+    spheres, one = np.ones((1, 4)), np.zeros(1, np.int64)
+    kernels().place(spheres, one, np.ones((1, 3)), np.ones((1, 9)), spheres)
+    kernels().lever(
+        spheres, one, np.ones((1, 3)), np.ones((1, 3)), np.ones((1, 1)), np.ones((1, 1))
+    )
+    kernels().farthest(np.ones((1, 1)), np.ones(1))
+    kernels().nearest(spheres, spheres)
 
 
 def _spheres(model: mujoco.MjModel, geom: int) -> Matrix:

@@ -1,0 +1,85 @@
+"""Spheres around an arm: where they are, how far they turn, how near they are to others."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.kernels.kernel import kernel
+from bt_dualarm.pose import Matrix, Vector
+
+Numbers: TypeAlias = npt.NDArray[np.int64]
+
+
+@kernel
+def place(own: Matrix, geoms: Numbers, places: Matrix, frames: Matrix, spheres: Matrix) -> None:
+    """Enter where spheres are.
+
+    Args:
+        own: Centres in their shapes' frames, and radii, of shape (n, 4), m.
+        geoms: Number of each one's shape, of shape (n,).
+        places: Places of all shapes, of shape (ngeom, 3), m.
+        frames: Axes of all shapes, row by row, of shape (ngeom, 9).
+        spheres: Takes centres and radii in the world, of shape (n, 4), m.
+    """
+    for i in range(len(own)):
+        geom = geoms[i]
+        for row in range(3):
+            total = places[geom, row]
+            for column in range(3):
+                total += frames[geom, 3 * row + column] * own[i, column]
+            spheres[i, row] = total
+        spheres[i, 3] = own[i, 3]
+
+
+@kernel
+def lever(
+    spheres: Matrix, joints: Numbers, anchors: Matrix, axes: Matrix, moved: Matrix, levers: Matrix
+) -> None:
+    """Enter the farthest distance of a sphere's points from each joint's axis.
+
+    Args:
+        spheres: Centres and radii, of shape (n, 4), m.
+        joints: Number of each joint, of shape (dof,).
+        anchors: Places of all joints, of shape (njnt, 3), m.
+        axes: Axes of all joints, likewise.
+        moved: Whether a joint moves a sphere, 1 or 0, of shape (n, dof).
+        levers: Takes the distances, of shape (n, dof), m; zero where the joint does not move it.
+    """
+    for i in range(len(spheres)):
+        for j in range(len(joints)):
+            square, along = 0.0, 0.0
+            for k in range(3):
+                arm = spheres[i, k] - anchors[joints[j], k]
+                square += arm * arm
+                along += arm * axes[joints[j], k]
+            away = math.sqrt(max(square - along * along, 0.0)) + spheres[i, 3]
+            levers[i, j] = away * moved[i, j]
+
+
+@kernel
+def farthest(levers: Matrix, way: Vector) -> float:
+    """The most that joints that turn by ``way``, of shape (dof,), rad, move one of the spheres."""
+    most = 0.0
+    for i in range(len(levers)):
+        total = 0.0
+        for j in range(len(way)):
+            total += levers[i, j] * way[j]
+        most = max(most, total)
+    return most
+
+
+@kernel
+def nearest(first: Matrix, second: Matrix) -> float:
+    """The least distance in m of two sets of spheres, of shape (n, 4) and (m, 4)."""
+    least = math.inf
+    for i in range(len(first)):
+        for j in range(len(second)):
+            square = 0.0
+            for k in range(3):
+                square += (first[i, k] - second[j, k]) ** 2
+            least = min(least, math.sqrt(square) - first[i, 3] - second[j, 3])
+    return least
