@@ -10,8 +10,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Final
 
-from bt_dualarm.runtime.arm_runtime import ArmRuntime
-from bt_dualarm.tree.leaf import Leaf
+_LEAF: Final = "bt_dualarm.tree.leaf", "Leaf"
+_ARM: Final = "bt_dualarm.runtime.arm_runtime", "ArmRuntime"
+"""Module and name of what code of a run belongs to. Not imported here: py_trees takes long, and
+where nobody has imported them yet, no code of them is under way."""
 
 _PACKAGE: Final = str(Path(__file__).parents[1])
 _LIBRARIES: Final = (
@@ -61,10 +63,10 @@ class Whereabouts:
         frames, arm, leaf = [], None, None
         for frame in _outwards(sys._current_frames().get(thread)):
             owner = frame.f_locals.get("self") if _is_of_a_run(frame) else None
-            if isinstance(owner, ArmRuntime):
+            if _is_a(owner, _ARM):
                 arm = owner
                 break
-            leaf = leaf or (owner if isinstance(owner, Leaf) else None)
+            leaf = leaf or (owner if _is_a(owner, _LEAF) else None)
             frames.append(frame)
         own = [frame for frame in frames if not _is_of_a_library(frame)]
         return cls(
@@ -93,7 +95,13 @@ def _module(frame: FrameType) -> str:
 
 def _is_of_a_run(frame: FrameType) -> bool:
     """Others' variables are left alone: to look at them has a price."""
-    return _module(frame) in (Leaf.__module__, ArmRuntime.__module__)
+    return _module(frame) in (_LEAF[0], _ARM[0])
+
+
+def _is_a(owner: object, kind: tuple[str, str]) -> bool:
+    """Whether it is of a class, given by its module and name."""
+    module, name = kind
+    return isinstance(owner, getattr(sys.modules.get(module), name, ()))
 
 
 def _waits(frame: FrameType) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from xml.sax.saxutils import quoteattr
+from typing import Final
 
 from bt_dualarm.world.urdf.attributes import Origin
 from bt_dualarm.world.urdf.link import Inertial
@@ -12,12 +12,26 @@ from bt_dualarm.world.urdf.part import Part
 ROOT = "world"
 """Link above the base: MuJoCo takes the first link of a URDF for its world."""
 
+_ENTITIES: Final = str.maketrans(
+    {
+        "&": "&amp;",
+        "<": "&lt;",
+        ">": "&gt;",
+        '"': "&quot;",
+        "\n": "&#10;",
+        "\r": "&#13;",
+        "\t": "&#9;",
+    }
+)
+"""What an attribute's value cannot hold as it is; the standard library's own way to write it brings
+in what downloads web pages."""
+
 _NOTHING = Inertial(0.0, Origin(), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def kinematic_text(parts: Iterable[Part]) -> str:
     """A URDF without shapes: links, inertias, joints with their limits."""
-    lines = [f"<link name={quoteattr(ROOT)}/>"]
+    lines = [f"<link name={_quoted(ROOT)}/>"]
     for part in parts:
         lines += _link(part)
     for part in parts:
@@ -27,7 +41,7 @@ def kinematic_text(parts: Iterable[Part]) -> str:
 
 def _link(part: Part) -> Iterator[str]:
     """A link; without an inertia MuJoCo would put the centre of mass somewhere else."""
-    yield f"<link name={quoteattr(part.link)}>{_inertial(part.inertial or _NOTHING)}</link>"
+    yield f"<link name={_quoted(part.link)}>{_inertial(part.inertial or _NOTHING)}</link>"
 
 
 def _inertial(inertial: Inertial) -> str:
@@ -42,13 +56,18 @@ def _joint(part: Part) -> Iterator[str]:
     """The joint of a link; that of a fixed one has a name that no URDF can have."""
     kind = "fixed" if part.joint is None else "revolute"
     name = f"{part.link}/fixed" if part.joint is None else part.joint.name
-    yield f'<joint name={quoteattr(name)} type="{kind}">{_origin(part.origin)}'
-    yield f"<parent link={quoteattr(part.parent or ROOT)}/><child link={quoteattr(part.link)}/>"
+    yield f'<joint name={_quoted(name)} type="{kind}">{_origin(part.origin)}'
+    yield f"<parent link={_quoted(part.parent or ROOT)}/><child link={_quoted(part.link)}/>"
     if part.axis is not None and part.stops is not None:
         stops, axis = part.stops, part.axis.tolist()
         yield f'<axis xyz="{_numbers(axis)}"/><limit lower="{stops.lower!r}" '
         yield f'upper="{stops.upper!r}" velocity="{stops.velocity!r}" effort="{stops.effort!r}"/>'
     yield "</joint>"
+
+
+def _quoted(value: str) -> str:
+    """The value of an attribute (XML 1.0, 2.3 and 3.3.3)."""
+    return f'"{value.translate(_ENTITIES)}"'
 
 
 def _origin(origin: Origin) -> str:
