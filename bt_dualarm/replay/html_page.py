@@ -13,6 +13,7 @@ from bt_dualarm.replay.timeline import Node, Timeline
 from bt_dualarm.share import share_dir
 
 _PLACE = "DATA_OF_THE_RECORD"
+_SCRIPT = "SCRIPT_OF_THE_SCENE"
 
 
 def html_of(record: Record) -> str:
@@ -21,9 +22,17 @@ def html_of(record: Record) -> str:
     Raises:
         ReplayError: The record has no state, or this MuJoCo cannot read its models.
     """
-    page = (share_dir("assets") / "pages" / "replay.html").read_text(encoding="utf-8")
     # In a script nothing but its end tag is looked for.
-    return page.replace(_PLACE, json.dumps(page_data(record)).replace("<", "\\u003c"))
+    return page_with_scene("replay.html").replace(
+        _PLACE, json.dumps(page_data(record)).replace("<", "\\u003c")
+    )
+
+
+def page_with_scene(name: str) -> str:
+    """A shipped page with the script in it that draws scenes."""
+    pages = share_dir("assets") / "pages"
+    script = (pages / "scene.js").read_text(encoding="utf-8")
+    return (pages / name).read_text(encoding="utf-8").replace(_SCRIPT, script)
 
 
 def page_data(record: Record) -> Facts:
@@ -37,7 +46,6 @@ def page_data(record: Record) -> Facts:
         "facts": state_of(record),
         "until": round(record.until, 4),
         "begin": round(begin, 4),
-        "size": 2.5,
         "trees": [_tree(record, root) for root in Timeline(record).roots.values()],
         "keys": [
             [note["time_s"], note["arm"], note["leaf"], note["key"], json.dumps(note["value"])]
