@@ -45,6 +45,7 @@ FLOORS = (
     {"tree"},
     {"runtime"},
     {"experiments", "replay", "testing", "tuning"},
+    {"live"},
     {"cli"},
     {"__main__"},
 )

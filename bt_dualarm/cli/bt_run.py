@@ -85,9 +85,24 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
             opened.watchdog.last_resort = last_resort
             for number in early.numbers:  # one that was lost on its way through the imports
                 stop.receive(number)
-            code = _show(arguments, opened)
+            with _viewed(arguments, opened, stop):
+                code = _show(arguments, opened)
             opened.close()
             return code
+
+
+@contextmanager
+def _viewed(arguments: argparse.Namespace, opened: Run, stop: StopRequest) -> Iterator[None]:
+    """Nothing of it is imported unless it is asked for."""
+    if not arguments.view:
+        yield
+        return
+    from bt_dualarm.live.view import LiveView
+
+    with LiveView(opened, stop, arguments.view_port) as view:
+        print(f"held until you let it go: {view.url}", file=sys.stderr, flush=True)
+        view.gate.hold()
+        yield
 
 
 def _opened(arguments: argparse.Namespace, stop: StopRequest) -> Run:

@@ -16,6 +16,7 @@ examples:
   bt-run pick_and_track --real-time         no faster than the clock on the wall
   bt-run --resume out@12.4                  go on from 12.4 s of the run recorded in out
   bt-run my_tree.yaml --resume out@12.4     with a tree edited since; its past must be the same
+  bt-run pick_and_track --view              look at it in a browser; pause, step, breakpoints
   bt-run --list                             what is shipped
 
 exit code:
@@ -78,6 +79,8 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
         choices=("ideal", "lab", "rough"),
         help="how far all arms are from what is believed of them (default: the file's)",
     )
+    add("--view", action="store_true", help="show it in a browser, held until you let it go")
+    add("--view-port", metavar="N", type=_port, default=0, help="port of the page (default: any)")
     add("--real-time", action="store_true", help="run no faster than the clock on the wall")
     add(
         "--watchdog",
@@ -110,6 +113,12 @@ def _seconds(text: str) -> float:
     if not (seconds > 0 and math.isfinite(seconds)):
         raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds above 0")
     return seconds
+
+
+def _port(text: str) -> int:
+    if not text.isascii() or not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port from 0 to 65535")
+    return int(text)
 
 
 def _budget(text: str) -> float:

@@ -116,6 +116,12 @@ class PageScene:
         return name
 
 
+def shapes_of(model: mujoco.MjModel) -> tuple[list[Facts], dict[str, Facts]]:
+    """Shapes of a model, and the meshes among them by name, ready for JSON."""
+    scene = PageScene()
+    return [*scene._shapes(model)], scene.meshes
+
+
 def _lifted(model: mujoco.MjModel, geom: int, lift: float) -> list[float]:
     turned = np.zeros(3)
     mujoco.mju_rotVecQuat(turned, np.array((0.0, 0.0, lift)), model.geom_quat[geom])
