@@ -97,7 +97,7 @@ class PlanarServo:
         from bt_dualarm.motion.setpoints.servo_kernels import answer, look
 
         self._look, self._answer = look, answer
-        self._pursuit = Pursuit(period, bandwidth, slack)
+        self._pursuit = Pursuit(float(period), float(bandwidth), float(slack))
         self._target = target
         self._sent = self._now = start
         self._brake = OnlineStep(limits, period)
