@@ -15,7 +15,6 @@ from bt_dualarm import (
     Pose,
     PoseSpec,
     SightedThing,
-    SightedThings,
     SightPorts,
     Skill,
     Speed,
@@ -76,8 +75,7 @@ class Locate(Skill):
     def run(self) -> Iterator[float | None]:
         """Look, go around until the places are known, write them on the blackboard."""
         own_camera(self.arm)
-        color, self._shape = self.ports.looked_for(self.arm)
-        self._seen = SightedThings(color, self._shape, flat=self.ports.flat)
+        self._seen = self.ports.sighted(self.arm)
         yield from self.arm.think()  # what was halted before may still be on its way
         yield from self._look_from_here()
         if not self._seen.things:
@@ -110,7 +108,7 @@ class Locate(Skill):
     def _distance(self, middle: Vector) -> float:
         """As asked for, or farther where several things are to be in the picture."""
         apart = max(float(np.linalg.norm(one.position - middle)) for one in self._seen.things)
-        return max(self.ports.distance, 3.0 * apart, 5.0 * self._shape.extent)
+        return max(self.ports.distance, 3.0 * apart, 5.0 * self._seen.shape.extent)
 
     def _is_known(self, thing: SightedThing) -> bool:
         ports = self.ports
@@ -146,7 +144,7 @@ class Locate(Skill):
         nearest = min(poses, key=truth.distance)
         self.metrics |= {
             "located_error_m": nearest.distance(truth),
-            "located_turned_rad": self._shape.angle(nearest, truth),
+            "located_turned_rad": self._seen.shape.angle(nearest, truth),
         }
 
     def _refuse_unseen(self) -> None:

@@ -61,8 +61,7 @@ class Scan(Skill):
     def run(self) -> Iterator[float | None]:
         """Look from where the arm is, then from above one part of the area after the other."""
         own_camera(self.arm)
-        color, shape = self.ports.looked_for(self.arm)
-        seen = SightedThings(color, shape, flat=self.ports.flat)
+        seen = self.ports.sighted(self.arm)
         yield from self.arm.think()  # what was halted before may still be on its way
         looked = 0
         for number, point in enumerate((None, *self._points())):

@@ -63,7 +63,15 @@ SIDES: Final = (
     Side(across=-20, share=1.2),
     Side(along=20, share=1.2),
     Side(along=-20, share=1.2),
-    Side(),
+    Side(across=10, roll=60),
+    Side(across=-10, roll=-60),
+    Side(along=10, roll=90),
+    Side(along=-10, roll=-90),
+    Side(across=8, along=-8, roll=20, share=0.8),
+    Side(across=-8, along=8, roll=-20, share=0.8),
+    Side(across=24, along=8, roll=45, share=1.2),
+    Side(across=-24, along=8, roll=-45, share=1.2),
+    Side(share=0.8),
     Side(share=1.4, roll=20),
 )
 """Turns to either side, so that what is not known of the camera's mount shows in the pictures."""

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, Final, Literal, TypeAlias
 
+import numpy as np
 from pydantic import Field
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Failure
 from bt_dualarm.spec.color import Color
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.marker import MarkerSpec
 from bt_dualarm.spec.ports import PortModel, port
 from bt_dualarm.spec.values import ObjectName
 from bt_dualarm.vision.appearance import ColorlessError, color_of
 from bt_dualarm.vision.known_shape import KnownShape
+from bt_dualarm.vision.sighted import SightedThings
+from bt_dualarm.world.marker_bodies import marker_height
 
 _Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
 
@@ -21,12 +26,18 @@ _NUMBERS: Final = {"box": 3, "cylinder": 2, "sphere": 1}
 
 
 class SightPorts(PortModel):
-    """What is looked for: the kind of a declared object, or a shape with its size and colour."""
+    """What is looked for: the kind of a declared object, a shape with size and colour, a marker."""
 
-    exactly_one_of = ("object", "shape")
+    exactly_one_of = ("object", "shape", "marker")
 
     object: ObjectName | None = port(
         None, "declared object whose colour, shape and size are looked for; not its pose"
+    )
+    by: Literal["color", "marker"] = port(
+        "color", "what the object is found by: its colour and shape, or the marker on it"
+    )
+    marker: MarkerSpec | None = port(
+        None, "marker to look for, where no object is named; its pose has z out of it"
     )
     shape: Literal["box", "cylinder", "sphere"] | None = port(
         None, "shape to look for, where no object is named"
@@ -41,30 +52,45 @@ class SightPorts(PortModel):
     color: Color | None = port(
         None, "a name or HSV ranges; that of the object where it is left out"
     )
-    flat: bool = port(True, "whether the things lie flat on something level")
+    flat: bool = port(
+        True, "whether they lie flat on something level: one of their axes is upright"
+    )
 
-    def looked_for(self, arm: Arm) -> tuple[Color, KnownShape]:
-        """Colour and shape, from the ports or from what the file says of the object.
+    def sighted(self, arm: Arm) -> SightedThings:
+        """What takes pictures in and finds such things in them.
 
         Raises:
-            Failure: ``INVALID_TARGET`` for what has no colour or size; ``NOT_SEEN`` for an object
-                that is not in the world.
+            Failure: ``INVALID_TARGET`` for what has no colour, size or marker; ``NOT_SEEN`` for an
+                object that is not in the world.
         """
         if self.object is not None:
             thing = arm.world.objects.get(self.object)
             if thing is None:
                 raise Failure("NOT_SEEN", f"object {self.object!r} is not in the world")
-            try:
-                return self.color or color_of(thing), KnownShape(thing.shape, thing.size)
-            except ColorlessError as error:
-                raise Failure("INVALID_TARGET", f"{error}: give `color`") from error
+            return self._like(thing)
+        if self.marker is not None:
+            return SightedThings.of_marker(self.marker, flat=self.flat)
         if self.shape is None or self.size is None or self.color is None:
-            raise Failure("INVALID_TARGET", "without an object, shape, size and color are needed")
+            raise Failure("INVALID_TARGET", "a shape has to come with its size and its color")
         wanted = _NUMBERS[self.shape]
         if len(self.size) != wanted:
             reason = f"the size of a {self.shape} has {wanted} numbers, not {len(self.size)}"
             raise Failure("INVALID_TARGET", reason)
-        return self.color, KnownShape(self.shape, self.size)
+        shape = KnownShape(self.shape, self.size)
+        return SightedThings.of_color(self.color, shape, flat=self.flat)
+
+    def _like(self, thing: ObjectSpec) -> SightedThings:
+        """Things that look like a declared object."""
+        if self.by == "marker":
+            if thing.marker is None:
+                raise Failure("INVALID_TARGET", f"object {self.object!r} bears no marker")
+            below = np.array((0.0, 0.0, -marker_height(thing)))
+            return SightedThings.of_marker(thing.marker, below, flat=self.flat)
+        try:
+            color = self.color or color_of(thing)
+        except ColorlessError as error:
+            raise Failure("INVALID_TARGET", f"{error}: give `color`") from error
+        return SightedThings.of_color(color, KnownShape(thing.shape, thing.size), flat=self.flat)
 
     @property
     def ignored(self) -> frozenset[str]:

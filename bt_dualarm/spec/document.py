@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from bt_dualarm.spec.camera import CameraSpec
+from bt_dualarm.spec.marker import MarkerSpec
 from bt_dualarm.spec.name import Name, written_as
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import port
@@ -99,6 +100,7 @@ class ObjectSpec(Value):
     ] = port("grey", "Colour by name, or as red, green, blue (, opacity) from 0 to 1")
     pose: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its centre in the world")
     noise: NoiseSpec = port(NoiseSpec(), "Bounds within which the seed may move it")
+    marker: MarkerSpec | None = port(None, "Marker on its top face, if it has one")
     spawned: bool = port(True, "Whether it is there from the start")
     fixed: bool = port(False, "Whether it is held in place, whatever pushes it")
 
@@ -108,6 +110,19 @@ class ObjectSpec(Value):
         if len(self.size) != len(meaning):
             wanted = ", ".join(meaning)
             raise ValueError(f"the size of a {self.shape} is [{wanted}], not {list(self.size)}")
+        return self
+
+    @model_validator(mode="after")
+    def _marker_fits(self) -> ObjectSpec:
+        if self.marker is not None:
+            if self.shape == "sphere":
+                raise ValueError("a sphere has no face for a marker")
+            room = min(self.size[:2]) if self.shape == "box" else 2**0.5 * self.size[0]
+            if self.marker.board > room + 1e-9:
+                raise ValueError(
+                    f"its marker takes {1e3 * self.marker.board:.1f} mm with the white around it; "
+                    f"its top has {1e3 * room:.1f} mm"
+                )
         return self
 
     @property

@@ -87,6 +87,14 @@ class ShapeFit:
         matrix[:3, :3], matrix[:3, 3] = self.scene.rotation, self.scene.position
         return Pose.from_matrix(matrix)
 
+    def about(self, point: Vector) -> ShapeFit:
+        """The same for another point of the thing, in its frame, of shape (3,), m."""
+        arm = self.scene.rotation @ point
+        lever = np.eye(6)
+        lever[PLACE, TURN] = -cross_matrix(arm)
+        moved = replace(self.scene, position=self.scene.position + arm)
+        return replace(self, scene=moved, covariance=lever @ self.covariance @ lever.T)
+
     @property
     def sigma_m(self) -> float:
         """Standard deviation of the place along the axis where it is largest, m."""
@@ -186,8 +194,8 @@ class ShapeFitter:
             if seen is None:
                 return normal, slope, math.inf, math.inf
             error, change = outline_error(seen, view.edge, scene.rim)
-            size = np.maximum(np.abs(error), 1e-12)
             weight = _INDEPENDENT / len(error) / EDGE_DOUBT**2
+            size = np.maximum(np.abs(error), 1e-12)
             robust = weight * np.minimum(_HUBER_PX / size, 1.0)
             normal = normal + (change * robust[:, None]).T @ change
             slope = slope + change.T @ (robust * error)

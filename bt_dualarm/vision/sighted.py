@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -9,9 +10,11 @@ import numpy as np
 
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.spec.color import Color
+from bt_dualarm.spec.marker import MarkerSpec
 from bt_dualarm.vision.colors import ColorFilter
 from bt_dualarm.vision.edges import OutlineView, outlines
 from bt_dualarm.vision.known_shape import KnownShape
+from bt_dualarm.vision.markers import MarkerFitter, SquareCorners, markers_in
 from bt_dualarm.vision.outline_error import project
 from bt_dualarm.vision.shape_fit import ShapeFit, ShapeFitter, canonical
 from bt_dualarm.world.cameras.frame import Frame
@@ -34,16 +37,18 @@ class SightedThing:
         fits: What the pictures may show, the likeliest first.
         views: Its outlines.
         rejected: Number of outlines in its place that were not of a thing that stands still there.
+        middle: Its middle in the frame of what is fitted, of shape (3,), m.
     """
 
     fits: list[ShapeFit]
     views: list[OutlineView] = field(default_factory=list)
     rejected: int = 0
+    middle: Vector = field(default_factory=lambda: np.zeros(3))
 
     @property
     def best(self) -> ShapeFit:
-        """The likeliest."""
-        return self.fits[0]
+        """The likeliest, at the thing's middle."""
+        return self.fits[0].about(self.middle) if self.middle.any() else self.fits[0]
 
     @property
     def position(self) -> Vector:
@@ -55,24 +60,50 @@ class SightedThings:
     """Takes pictures in, and knows the things in them.
 
     Args:
-        color: Colour of the things.
-        shape: Shape of each of them.
-        flat: Whether they lie flat on something level.
+        find: Function that finds what may be one of the things in a picture.
+        fitter: Fitter of their shape.
+        middle: Middle of a thing in the frame of what is fitted, of shape (3,), m; by default its
+            origin.
 
     Attributes:
         things: Things that were found, in no particular order.
         unlike: Number of patches of the colour, in the last picture, that are of another shape.
     """
 
-    def __init__(self, color: Color, shape: KnownShape, *, flat: bool = True) -> None:
+    def __init__(
+        self,
+        find: Callable[[Frame], list[OutlineView]],
+        fitter: ShapeFitter,
+        middle: Vector | None = None,
+    ) -> None:
         self.things: list[SightedThing] = []
         self.unlike = 0
-        self._filter = ColorFilter(color)
-        self._fitter = ShapeFitter(shape, flat)
+        self._find = find
+        self._fitter = fitter
+        self._middle: Vector = np.zeros(3) if middle is None else middle
+
+    @classmethod
+    def of_color(cls, color: Color, shape: KnownShape, *, flat: bool = True) -> SightedThings:
+        """Things of a colour and a shape, which may lie flat on something level."""
+        seen = ColorFilter(color)
+        return cls(lambda frame: outlines(frame, seen, LEAST_AREA_PX), ShapeFitter(shape, flat))
+
+    @classmethod
+    def of_marker(
+        cls, marker: MarkerSpec, middle: Vector | None = None, *, flat: bool = True
+    ) -> SightedThings:
+        """Things that bear a marker, whose middle is there in the marker's frame, (3,), m."""
+        fitter = MarkerFitter(SquareCorners("box", (marker.size,)), flat)
+        return cls(lambda frame: markers_in(frame, marker), fitter, middle)
+
+    @property
+    def shape(self) -> KnownShape:
+        """Shape that is fitted."""
+        return self._fitter.shape
 
     def take(self, frame: Frame) -> None:
         """Take one picture in: better poses of known things, and new ones."""
-        patches = outlines(frame, self._filter, LEAST_AREA_PX)
+        patches = self._find(frame)
         for thing in self.things:
             patch = self._of(thing, patches)
             if patch is not None:
@@ -84,7 +115,7 @@ class SightedThings:
             if not fits or fits[0].residual_px > UNLIKE_PX:
                 self.unlike += 1
             elif not self._is_known(fits[0].scene.position):
-                self.things.append(SightedThing(fits, [patch]))
+                self.things.append(SightedThing(fits, [patch], middle=self._middle))
 
     def pose(self, thing: SightedThing) -> Pose:
         """Pose of a thing in the world; of those that look alike the one turned least."""
@@ -98,7 +129,7 @@ class SightedThings:
         """The patch that is where a thing should be seen, if there is one."""
         if not patches:
             return None
-        seen = project(thing.best.scene, self._fitter.shape, patches[0])
+        seen = project(thing.fits[0].scene, self._fitter.shape, patches[0])
         if seen is None:
             return None
         away = [float(np.linalg.norm(patch.middle - seen.middle)) for patch in patches]

@@ -11,6 +11,7 @@ import numpy as np
 from bt_dualarm.pose import Pose
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.world.hardware.drawn_arm import LinkFactors
+from bt_dualarm.world.marker_bodies import add_marker
 from bt_dualarm.world.nominal.nominal_load import inertia_per_mass
 from bt_dualarm.world.robots.geom_groups import OBJECT_GROUP
 from bt_dualarm.world.robots.primitives import GEOM_TYPES, half_sizes
@@ -32,6 +33,7 @@ def add_object(
         friction=(thing.friction, 0.005, 0.0001),
         group=OBJECT_GROUP,
     )
+    add_marker(body, thing)
     if drawn.shift.any():
         body.mass, body.ipos = thing.mass * drawn.mass, drawn.shift
         body.inertia = body.mass * inertia_per_mass(thing)

@@ -39,6 +39,7 @@ FILE: Tree = {
             "color": [0.9, 0.9, 0.1, 1.0],
             "pose": {"xyz": [0.7, 0.5, 0.3], "rpy": [0, 0, 10]},
             "noise": {"xyz": [0.01, 0.01, 0.01], "yaw": 5.0},
+            "marker": {"id": 3, "size": 0.03},
         },
         "ball": {
             "shape": "sphere",
@@ -126,6 +127,7 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
     ),
     "look_at": ({"at": {"xyz": [0.68, 0.11, 0.70]}, "direction": [-1, 0, 0]},),
     "scan": (
+        {"marker": {"id": 3, "size": 0.03}},
         {
             "shape": "box",
             "size": [0.05, 0.05, 0.05],
@@ -135,6 +137,7 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
         },
     ),
     "locate": (
+        {"marker": {"id": 3, "size": 0.03}},
         {
             "shape": "box",
             "size": [0.05, 0.05, 0.05],

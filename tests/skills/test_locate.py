@@ -21,6 +21,12 @@ SHAPES: dict[str, dict[str, Any]] = {
 }
 
 
+MARKED = {"shape": "box", "size": [0.06, 0.06, 0.04], "mass": 0.1, "color": "grey"} | {
+    "marker": {"dictionary": "apriltag_36h11", "id": 5, "size": 0.045}
+}
+AT_TABLE: dict[str, Any] = {"base": {"xyz": [0.35, 0, 0.4], "rpy": [0, 0, -90]}}
+
+
 def before_camera(robot: str, tree: Any, shape: str = "cube", **world: Any) -> dict[str, Any]:
     """A file with an arm at rest and a thing before its camera, turned a little."""
     arm = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}, "camera": {}}
@@ -63,6 +69,30 @@ def test_every_shape_is_located(shape: str, stage: Stage) -> None:
     away, turned = errors(stage.run(file, seed=2))
     assert away < 0.002
     assert np.degrees(turned) < 1.0
+
+
+@pytest.mark.parametrize("reality", ["lab", "rough"])
+@pytest.mark.parametrize("robot", ["panda", "ur3", "ur5", "ur10", "xarm7"])
+def test_every_robot_knows_where_a_marker_is(robot: str, reality: str, stage: Stage) -> None:
+    """Within 1 mm and half a degree, on a grey block that no colour tells."""
+    x, y = (0.35, -0.36) if robot == "ur3" else (0.37, -0.45)
+    file: dict[str, Any] = {
+        "world": {"scene": "table", "time_limit": 60, "reality": reality},
+        "objects": {"thing": MARKED | {"pose": {"xyz": [x, y, 0.42], "rpy": [0, 0, 130]}}},
+        "arms": {"arm1": {"robot": robot, "camera": {}, **AT_TABLE}},
+    }
+    look = {"look_at": {"at": {"xyz": [x + 0.02, y, 0.44]}, "distance": 0.3}}
+    find = {"locate": {"object": "thing", "by": "marker"}}
+    file["arms"]["arm1"]["tree"] = {"sequence": [look, find]}
+    away, turned = errors(stage.run(file, seed=3))
+    assert away < 0.001
+    assert np.degrees(turned) < 0.5
+
+
+def test_an_object_without_a_marker_is_refused(stage: Stage) -> None:
+    file = before_camera("ur5", {"locate": {"object": "thing", "by": "marker"}})
+    leaf = stage.run(file).leaf("locate")
+    assert (leaf.code, leaf.reason) == ("INVALID_TARGET", "object 'thing' bears no marker")
 
 
 TABLE = """
