@@ -4,8 +4,9 @@
 
 The tree is run as ``bt-run`` does without a record; then, in the same process, MuJoCo alone goes
 through the same steps with the same torques, and the renderer alone draws the same parts of the
-same frames. Prints the real-time factor, the ratio of the two wall times, and what each part of a
-run costs. Times are the best of the repeats: other programs only ever add to them.
+same frames. Prints the real-time factor by the clock on the wall, and in seconds of CPU what the
+run takes, the ratio of the two, and what each part of a run costs. Times are the best of the
+repeats: other programs only ever add to them.
 """
 
 from __future__ import annotations
@@ -77,26 +78,26 @@ class Script:
         return original(model, data, *rest, **options)
 
     def replay(self, render: Callable[..., Any] | None) -> float:
-        """Wall time in s of the same steps, with the same frames if there is a renderer."""
+        """CPU time in s of the same steps, with the same frames if there is a renderer."""
         took = 0.0
         for segment in self.segments:
             data = mujoco.MjData(segment.model)
             kind = mujoco.mjtState.mjSTATE_INTEGRATION
             mujoco.mj_setState(segment.model, data, segment.state, kind)
             frames = list(reversed(segment.frames)) if render else []
-            began = time.perf_counter()
+            began = time.thread_time()
             for number, torques in enumerate(segment.torques):
                 while frames and frames[-1][0] == number:
                     _, rest, options = frames.pop()
                     render and render(segment.model, data, *rest, **options)
                 data.ctrl[:] = torques
                 mujoco.mj_step(segment.model, data)
-            took += time.perf_counter() - began
+            took += time.thread_time() - began
         return took
 
 
 class Stopwatch:
-    """Wall time spent in each part of a run."""
+    """CPU time spent in each part of a run."""
 
     def __init__(self, opened: Run) -> None:
         self.spent: dict[str, float] = {}
@@ -112,11 +113,11 @@ class Stopwatch:
 
     def _timed(self, part: str) -> Callable[..., Any]:
         def measured(original: Callable[..., Any], *arguments: Any) -> Any:
-            began = time.perf_counter()
+            began = time.thread_time()
             try:
                 return original(*arguments)
             finally:
-                self.spent[part] = self.spent.get(part, 0.0) + time.perf_counter() - began
+                self.spent[part] = self.spent.get(part, 0.0) + time.thread_time() - began
 
         return measured
 
@@ -132,13 +133,14 @@ def _leave_alone(opened: Run) -> None:
     del opened
 
 
-def play(tree: str, renderer: Any, look: Callable[[Run], None]) -> RunResult:
-    """Run a tree to its end."""
+def play(tree: str, renderer: Any, look: Callable[[Run], None]) -> tuple[RunResult, float]:
+    """Run a tree to its end; its result, and the seconds of CPU that its steps took."""
     registry = Registry.load()
     file = load_tree_file(find_tree(tree), registry.kinds)
     with Run(file, registry, RunOptions(renderer=renderer)) as opened:
         look(opened)
-        return opened.finish()
+        began = time.thread_time()
+        return opened.finish(), time.thread_time() - began
 
 
 def main() -> int:
@@ -149,13 +151,14 @@ def main() -> int:
     parser.add_argument("--renderer", choices=("auto", "gl", "ray"), default="ray")
     arguments = parser.parse_args()
 
-    def again(look: Callable[[Run], None]) -> RunResult:
+    def again(look: Callable[[Run], None]) -> tuple[RunResult, float]:
         return play(arguments.tree, arguments.renderer, look)
 
     plain = [again(_leave_alone) for _ in range(arguments.repeats)]
-    run = min(plain, key=lambda result: result.wall_time_s)
+    run = min((result for result, _ in plain), key=lambda result: result.wall_time_s)
+    spent = min(spent for _, spent in plain)
     watches: list[Stopwatch] = []
-    watched = again(lambda opened: watches.append(Stopwatch(opened)))
+    _, watched = again(lambda opened: watches.append(Stopwatch(opened)))
     scripts: list[Script] = []
     renderers: list[Any] = []
 
@@ -169,32 +172,34 @@ def main() -> int:
     floor = min(script.replay(render) for _ in range(arguments.repeats))
     frames = sum(len(segment.frames) for segment in script.segments)
     steps = sum(len(segment.torques) for segment in script.segments)
-    report(run, (physics, steps), (floor, frames))
+    report(run, spent, (physics, steps), (floor, frames))
     breakdown(watched, watch)
     return 0 if run.outcome == "SUCCESS" else 1
 
 
-def report(run: RunResult, bare: tuple[float, int], drawn: tuple[float, int]) -> None:
+def report(run: RunResult, spent: float, bare: tuple[float, int], drawn: tuple[float, int]) -> None:
     """Print the two figures that matter, and what they are made of.
 
     Args:
         run: Result of the run as it is.
+        spent: Seconds of CPU that it took.
         bare: Seconds and number of the steps of physics alone.
         drawn: Seconds of both, and number of frames.
     """
     (physics, steps), (floor, frames) = bare, drawn
     print(f"{run.outcome}: {run.sim_time_s:.2f} s simulated in {run.wall_time_s:.2f} s")
     print(f"real-time factor  {run.real_time_factor:6.2f}")
+    print(f"run               {spent:6.2f} s of CPU: {run.sim_time_s / spent:.2f} simulated s a s")
     print(f"bare physics      {physics:6.2f} s ({1e6 * physics / steps:.1f} us a step)")
     print(f"and {frames:4} frames   {floor:6.2f} s")
-    print(f"run / bare        {run.wall_time_s / floor:6.2f}")
+    print(f"run / bare        {spent / floor:6.2f}")
 
 
-def breakdown(run: RunResult, watch: Stopwatch) -> None:
-    """Print what each part of a run costs, of a run with stopwatches in it."""
-    rest = run.wall_time_s - sum(watch.spent.values())
+def breakdown(whole: float, watch: Stopwatch) -> None:
+    """Print what each part of a run of so many seconds costs, with stopwatches in it."""
+    rest = whole - sum(watch.spent.values())
     for part, seconds in {**watch.spent, "the rest": rest}.items():
-        share = np.divide(100 * seconds, run.wall_time_s)
+        share = np.divide(100 * seconds, whole)
         print(f"  {part:18} {seconds:6.2f} s  {share:4.1f} %")
 
 
