@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,9 @@ from bt_dualarm.pose import Matrix
 
 _SAMPLES = 12
 """Configurations on a path at which MuJoCo confirms what the compiled search says."""
+
+_NEAR_ENDS_M = 0.005
+"""So near to its ends it confirms all of them: there the arm may touch something, as it stands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +45,12 @@ class Way:
         """Whether nothing is touched on the way through many configurations, of shape (n, dof)."""
         if self.quick is None or not self.quick.keeps_off(rows):
             return False
-        return _is_confirmed(self.checker, rows)
+        moved = np.abs(np.diff(rows, axis=0)) @ self.checker.radii
+        near = np.cumsum(moved) < _NEAR_ENDS_M, np.cumsum(moved[::-1]) < _NEAR_ENDS_M
+        first, last = (int(side.sum()) for side in near)
+        return _is_confirmed(
+            self.checker, rows, (*range(first), *range(len(rows) - last, len(rows)))
+        )
 
 
 def way_around(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False) -> Way:
@@ -77,7 +85,7 @@ def _quick_search(problem: PlanningProblem) -> QuickSearch | None:
     )
 
 
-def _is_confirmed(checker: CollisionChecker, rows: Matrix) -> bool:
+def _is_confirmed(checker: CollisionChecker, rows: Matrix, more: Sequence[int] = ()) -> bool:
     """Whether MuJoCo finds nothing in some configurations of a path, its ends among them."""
-    picked = np.unique(np.linspace(0, len(rows) - 1, _SAMPLES).astype(int))
-    return all(checker.free(rows[i]) for i in picked)
+    picked = np.linspace(0, len(rows) - 1, _SAMPLES).astype(int).tolist()
+    return all(checker.free(rows[i]) for i in {*picked, *more})

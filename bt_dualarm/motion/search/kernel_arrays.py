@@ -15,7 +15,7 @@ Draws: TypeAlias = npt.NDArray[np.uint64]
 """State of a sequence of random numbers, of shape (1,); not zero."""
 
 Frames: TypeAlias = npt.NDArray[np.float64]
-"""Transforms, of shape (n, 3, 4): a rotation, and a place in the last column."""
+"""Transforms, of shape (n, 3, 4): a rotation, and a place in the last column; or without it."""
 
 
 class Joints(NamedTuple):
@@ -42,8 +42,10 @@ class Shapes(NamedTuple):
         heaps: First corner of each shape, the first after its last, and the number of joints that
             move it, of shape (n, 3).
         radii: Metres by which each is rounded, of shape (n,).
-        centers: Centres of spheres around them, of shape (n, 3), m.
-        bounds: Radii of these spheres; inf for a half space, of shape (n,), m.
+        centers: Centres of spheres and of boxes around them, of shape (n, 3), m.
+        bounds: Radii of the spheres; inf for a half space, of shape (n,), m.
+        turns: Axes of the boxes as columns, of shape (n, 3, 3).
+        halves: Half of the edges of the boxes, of shape (n, 3), m.
         normals: Outward normals of half spaces, zero of the others, of shape (n, 3).
         reaches: Metres that any point of each is moved at most by a radian of each joint, (n, dof).
     """
@@ -53,6 +55,8 @@ class Shapes(NamedTuple):
     radii: Vector
     centers: Matrix
     bounds: Vector
+    turns: Frames
+    halves: Matrix
     normals: Matrix
     reaches: Matrix
 

@@ -15,17 +15,17 @@ from bt_dualarm.world.robots.robot import JointLimits
 _NODES: Final = 4000
 """Most nodes of a tree."""
 
-_ATTEMPTS: Final = ((1.0, 2_000), (0.5, 10_000), (0.25, 30_000), (0.5, 60_000))
+_ATTEMPTS: Final = ((2.0, 2_000), (1.0, 10_000), (0.5, 30_000), (0.25, 60_000))
 """Longest branches of the trees, in metres that the arm moves, and the number of configurations at
 which the next one is tried; the first search is for the preferred goal, the others for any."""
 
-_ENOUGH: Final = 1_000
+_ENOUGH: Final = 500
 """Configurations after which a search that has a path looks for no shorter one."""
 
-_PATHS: Final = 4
+_PATHS: Final = 3
 """Paths of which the shortest is taken."""
 
-_TRIES: Final = 40
+_TRIES: Final = 30
 """Shortcuts that are tried."""
 
 _ROOM: Final = 200
@@ -168,6 +168,8 @@ def search_something() -> None:
         radii=np.full(3, 0.1),
         centers=places,
         bounds=np.array((0.1, 0.1, np.inf)),
+        turns=np.tile(np.eye(3), (3, 1, 1)),
+        halves=np.full((3, 3), 0.1),
         normals=np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))),
         reaches=np.ones((3, 2)),
     )

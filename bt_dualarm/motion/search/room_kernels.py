@@ -38,6 +38,7 @@ class Course(NamedTuple):
     frames: Frames
     centers: Matrix
     scratch: Matrix
+    needs: Vector
 
 
 @kernel
@@ -52,6 +53,7 @@ def course_of(swept: Swept, start: Vector, end: Vector) -> Course:
         np.empty((dof + 1, 3, 4)),
         centers.copy(),
         np.empty(SCRATCH),
+        np.empty(len(centers)),
     )
 
 
@@ -109,23 +111,25 @@ def room_around(
     """
     # Fields are looked up here, not in the loop: that would count references each time.
     firsts, seconds, leasts = swept.pairs
-    corners, heaps, radii, _, bounds, normals, _ = swept.shapes
-    _, _, ways, here, frames, centers, scratch = course
+    corners, heaps, radii, _, bounds, turns, halves, normals, _ = swept.shapes
+    _, _, ways, here, frames, centers, scratch, needs = course
     best = most
     for index in range(len(active)):
         p = active[index]
         first, second, least = firsts[p], seconds[p], leasts[p]
+        if index == 1:  # the nearest one has been looked at
+            enter_needs(heaps, ways, here, best, needs)
+        gap = _gap(centers, bounds, normals, first, second) - least
+        if index and gap >= max(needs[first], SPARE):
+            continue
         last, before = heaps[first, 2], heaps[second, 2]
         way, turn = ways[first + 1, last] - ways[first + 1, before], ways[0, last] - ways[0, before]
-        local = here[first, last] - here[first, before]
-        spare = min(SPARE, _LEAVING * way * away)
-        need = best * way
-        if best * turn < 1.0:
-            need = min(need, best * local / (1.0 - best * turn))
-        enough, low = least + max(need, spare), least + spare
-        if _gap(centers, bounds, normals, first, second) >= enough:
+        local, spare = here[first, last] - here[first, before], min(SPARE, _LEAVING * way * away)
+        enough, low = max(_need(best, way, local, turn), spare), spare
+        by_box = _boxes_gap(frames, heaps, turns, halves, bounds, centers, first, second)
+        if by_box >= enough + least:
             continue
-        rounding = radii[first] + radii[second]
+        rounding = radii[first] + radii[second] + least
         enough, low = enough + rounding, low + rounding
         if math.isinf(bounds[second]):
             apart = _above(corners, heaps, normals, centers, frames, first, second, scratch)
@@ -136,9 +140,69 @@ def room_around(
         active[index], active[0] = active[0], p  # the first to be asked at the next look
         if apart < low:
             return -1.0
-        room = apart - rounding - least
+        room = apart - rounding
         best = max(room / way, room / (local + room * turn))
-    return best
+    return float(best)
+
+
+@kernel
+def _boxes_gap(
+    frames: Frames,
+    heaps: Numbers,
+    turns: Frames,
+    halves: Matrix,
+    bounds: Vector,
+    centers: Matrix,
+    first: int,
+    second: int,
+) -> float:
+    """The distance of the box around one shape from the sphere around the other, in m."""
+    if math.isinf(bounds[second]):
+        return -1.0
+    one = _box_gap(frames, heaps, turns, halves, centers, second, first) - bounds[first]
+    other = _box_gap(frames, heaps, turns, halves, centers, first, second) - bounds[second]
+    return float(max(one, other))
+
+
+@kernel
+def _box_gap(
+    frames: Frames,
+    heaps: Numbers,
+    turns: Frames,
+    halves: Matrix,
+    centers: Matrix,
+    boxed: int,
+    other: int,
+) -> float:
+    """The distance of the centre of a shape from the box around another one, in m."""
+    f, square = heaps[boxed, 2], 0.0
+    x = centers[other, 0] - centers[boxed, 0]
+    y = centers[other, 1] - centers[boxed, 1]
+    z = centers[other, 2] - centers[boxed, 2]
+    u = frames[f, 0, 0] * x + frames[f, 1, 0] * y + frames[f, 2, 0] * z
+    v = frames[f, 0, 1] * x + frames[f, 1, 1] * y + frames[f, 2, 1] * z
+    w = frames[f, 0, 2] * x + frames[f, 1, 2] * y + frames[f, 2, 2] * z
+    for i in range(3):
+        along = turns[boxed, 0, i] * u + turns[boxed, 1, i] * v + turns[boxed, 2, i] * w
+        beyond = max(abs(along) - halves[boxed, i], 0.0)
+        square += beyond * beyond
+    return math.sqrt(square)
+
+
+@kernel
+def _need(share: float, way: float, local: float, turn: float) -> float:
+    """Metres of room that are needed for a share of the way, as `room_around` has it."""
+    if share * turn < 1.0:
+        return min(share * way, share * local / (1.0 - share * turn))
+    return share * way
+
+
+@kernel
+def enter_needs(heaps: Numbers, ways: Matrix, here: Matrix, share: float, needs: Vector) -> None:
+    """Enter the room that each shape needs for a share of the way, from what stands still, in m."""
+    for n in range(len(needs)):
+        last = heaps[n, 2]
+        needs[n] = _need(share, ways[n + 1, last], here[n, last], ways[0, last])
 
 
 @kernel

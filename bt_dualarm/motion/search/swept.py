@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import mujoco
@@ -16,6 +17,9 @@ _SIDES: Final = 24
 """Sides of the prism that stands for a cylinder; it is 0.9 % wider than the cylinder is."""
 
 _GEOM: Final = mujoco.mjtGeom
+
+_SIGNS: Final = np.array(np.meshgrid((-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0))).T.reshape(-1, 3)
+"""Corners of a cube."""
 
 
 class UnknownShapeError(ValueError):
@@ -85,37 +89,38 @@ def _shapes(checker: CollisionChecker, geoms: Numbers, joints: Joints) -> Shapes
     """These geoms, where they are now."""
     model, data = checker.model, checker.data
     links = model.jnt_bodyid[checker.joint_ids].tolist()
-    frames, normals, solids, rounding = [], [], [], []
-    for geom in geoms.tolist():
-        moves = (
-            last_joint(model, links, int(model.geom_bodyid[geom])) if checker.moving[geom] else None
-        )
-        frames.append(0 if moves is None else moves + 1)
-        local, radius = _solid(model, geom)
-        turn = data.geom_xmat[geom].reshape(3, 3)
-        solids.append(local @ turn.T + data.geom_xpos[geom])
-        rounding.append(radius)
-        flat = model.geom_type[geom] == _GEOM.mjGEOM_PLANE
-        normals.append(turn[:, 2] if flat else np.zeros(3))
-    ends = np.cumsum([len(solid) for solid in solids])
-    middles = [0.5 * (solid.min(axis=0) + solid.max(axis=0)) for solid in solids]
-    bounds = [
-        np.inf if normal.any() else float(np.linalg.norm(solid - middle, axis=1).max()) + radius
-        for solid, middle, radius, normal in zip(solids, middles, rounding, normals, strict=True)
+    local, radii = zip(*(_solid(model, geom) for geom in geoms.tolist()), strict=True)
+    rounding, turns = np.array(radii), data.geom_xmat[geoms].reshape(-1, 3, 3)
+    low, high = (np.array([end(solid, axis=0) for solid in local]) for end in (np.min, np.max))
+    middles = 0.5 * (low + high)
+    far = [((one - mid) ** 2).sum(axis=1).max() for one, mid in zip(local, middles, strict=True)]
+    flat = model.geom_type[geoms] == _GEOM.mjGEOM_PLANE
+    places = data.geom_xpos[geoms]
+    corners = [
+        solid @ turn.T + place for solid, turn, place in zip(local, turns, places, strict=True)
     ]
-    reaches = [
-        _reaches(joints, frame, solid, radius)
-        for frame, solid, radius in zip(frames, solids, rounding, strict=True)
-    ]
+    moved = [_moved(checker, links, geom) for geom in geoms.tolist()]
+    ends = np.cumsum([len(solid) for solid in local])
+    pieces = zip(moved, corners, rounding, strict=True)
     return Shapes(
-        corners=np.vstack(solids),
-        heaps=np.stack((np.concatenate(((0,), ends[:-1])), ends, np.array(frames)), axis=1),
-        radii=np.array(rounding),
-        centers=np.array(middles),
-        bounds=np.array(bounds),
-        normals=np.array(normals),
-        reaches=np.array(reaches),
+        corners=np.vstack(corners),
+        heaps=np.stack((np.concatenate(((0,), ends[:-1])), ends, np.array(moved)), axis=1),
+        radii=rounding,
+        centers=places + np.einsum("nij,nj->ni", turns, middles),
+        bounds=np.where(flat, np.inf, np.sqrt(far) + rounding),
+        turns=turns.copy(),
+        halves=0.5 * (high - low) + rounding[:, None],
+        normals=np.where(flat[:, None], turns[:, :, 2], 0.0),
+        reaches=np.array([_reaches(joints, *piece) for piece in pieces]),
     )
+
+
+def _moved(checker: CollisionChecker, links: list[int], geom: int) -> int:
+    """How many joints move a geom."""
+    if not checker.moving[geom]:
+        return 0
+    last = last_joint(checker.model, links, int(checker.model.geom_bodyid[geom]))
+    return 0 if last is None else last + 1
 
 
 def _reaches(joints: Joints, moved: int, corners: Matrix, radius: float) -> Vector:
@@ -128,12 +133,12 @@ def _reaches(joints: Joints, moved: int, corners: Matrix, radius: float) -> Vect
     if moved == 0:
         return reaches
     arms = corners - joints.anchors[moved - 1]
-    along = arms @ joints.axes[moved - 1]
-    across = np.sqrt(np.maximum((arms**2).sum(axis=1) - along**2, 0.0))
-    reaches[moved - 1] = across.max() + radius
-    farthest = np.linalg.norm(arms, axis=1).max() + radius
+    squares = (arms**2).sum(axis=1)
+    across = squares - (arms @ joints.axes[moved - 1]) ** 2
+    reaches[moved - 1] = math.sqrt(max(across.max(), 0.0)) + radius
+    farthest = math.sqrt(squares.max()) + radius
     for k in range(moved - 2, -1, -1):
-        farthest += np.linalg.norm(joints.anchors[k + 1] - joints.anchors[k])
+        farthest += math.dist(joints.anchors[k + 1], joints.anchors[k])
         reaches[k] = farthest
     return reaches
 
@@ -141,9 +146,8 @@ def _reaches(joints: Joints, moved: int, corners: Matrix, radius: float) -> Vect
 def _solid(model: mujoco.MjModel, geom: int) -> tuple[Matrix, float]:
     """Corners in the geom's own frame, of shape (n, 3), and the radius that rounds them, in m."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
-    signs = np.array(np.meshgrid((-1, 1), (-1, 1), (-1, 1))).T.reshape(-1, 3)
     if kind == _GEOM.mjGEOM_BOX:
-        return signs * size, 0.0
+        return _SIGNS * size, 0.0
     if kind == _GEOM.mjGEOM_MESH:
         mesh = int(model.geom_dataid[geom])
         start, graph = int(model.mesh_vertadr[mesh]), int(model.mesh_graphadr[mesh])

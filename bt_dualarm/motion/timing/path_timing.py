@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 
 from bt_dualarm.motion.timing.jerk_limited import StretchedMotion, shortest_motion, stretch_of
@@ -112,8 +113,15 @@ def _checked(q_samples: Matrix, limits: JointLimits) -> Matrix:
 
 def _distinct(samples: Matrix) -> Matrix:
     """The samples without those that repeat the one before."""
-    if (np.abs(np.diff(samples, axis=0)) > _NOWHERE).any(axis=1).all():
-        return samples
+    moves: npt.NDArray[np.bool_] = np.any(np.abs(np.diff(samples, axis=0)) > _NOWHERE, axis=1)
+    if not moves[-1:].all() or not (moves[1:] | moves[:-1]).all():
+        return _one_by_one(samples)
+    distinct: Matrix = samples[np.insert(moves, 0, True)]
+    return distinct
+
+
+def _one_by_one(samples: Matrix) -> Matrix:
+    """As `_distinct`, where several follow that are hardly apart, or where they do at the end."""
     kept = [0]
     for i in range(1, len(samples)):
         if np.abs(samples[i] - samples[kept[-1]]).max() > _NOWHERE:
