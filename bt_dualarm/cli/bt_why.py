@@ -13,7 +13,7 @@ _EPILOG = """\
 examples:
   bt-why out                       why the run recorded in out failed, or what it waited for
   bt-why out circle                why this leaf failed; arm2:circle for one of two
-  bt-why out 12.4                  what had failed, or was running, at 12.4 s
+  bt-why out 12.4                  what every arm was doing at 12.4 s, and what had just failed
   bt-why out --json                for programs
 
 exit code:

@@ -15,11 +15,13 @@ class Verdict:
         chain: Nodes from the root to the leaf.
         end: Change that ended the leaf; None while it runs.
         others: Leaves that failed before it, in a node that goes on to its next child.
+        at: Time in s that was asked for, before the end of the leaf; None for its end.
     """
 
     chain: tuple[Node, ...]
     end: Change | None
     others: tuple[Node, ...] = ()
+    at: float | None = None
 
     @property
     def leaf(self) -> Node:
@@ -28,8 +30,10 @@ class Verdict:
 
     @property
     def time(self) -> float:
-        """When it ended, or infinity while it runs; in s."""
-        return float("inf") if self.end is None else self.end.time
+        """When it ended, or what was asked for, or infinity while it runs; in s."""
+        if self.end is not None:
+            return self.end.time
+        return float("inf") if self.at is None else self.at
 
 
 def failures(timeline: Timeline) -> list[Verdict]:

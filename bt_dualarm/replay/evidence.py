@@ -93,8 +93,9 @@ class Evidence:
         end = self.verdict.end
         if end is not None:
             return self.leaf.begun(end).time
-        running = self.leaf.last("RUNNING")
-        return 0.0 if running is None else running.time
+        until = self.ended + 1e-9
+        running = [each for each in self.leaf.changes if each.new == "RUNNING"]
+        return max((each.time for each in running if each.time <= until), default=0.0)
 
     @cached_property
     def ports(self) -> Facts:

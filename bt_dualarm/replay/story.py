@@ -11,6 +11,9 @@ from bt_dualarm.replay.evidence import Cause, Evidence
 from bt_dualarm.replay.record import Facts, Record, ReplayError
 from bt_dualarm.replay.timeline import Node, Timeline
 
+_JUST_S = 1.0
+"""Seconds for which a failure is told about at a time after it, besides what runs then."""
+
 
 @dataclass(frozen=True)
 class Story:
@@ -27,6 +30,7 @@ class Story:
         numbers: Numbers that it measured by its end.
         began_s: When this run of it began in s.
         ended_s: When it ended in s; None while it ran.
+        at_s: Time in s that is told about: its end, the time asked for, or the record's end.
         chain: Nodes from the root down: path, kind, place, status at that time.
         ports: Ports with the values that they had.
         keys: Keys behind its ports: value, writer and time.
@@ -45,6 +49,7 @@ class Story:
     numbers: Facts
     began_s: float
     ended_s: float | None
+    at_s: float
     chain: tuple[Facts, ...]
     ports: Facts
     keys: tuple[Facts, ...]
@@ -89,13 +94,13 @@ def _verdicts(record: Record, timeline: Timeline, asked: str | None) -> list[Ver
         if end.new == "FAILURE" and end.time <= time + 1e-9
     ]
     running = [
-        Verdict(chain_of(timeline.roots[leaf.arm], leaf), None)
+        Verdict(chain_of(timeline.roots[leaf.arm], leaf), None, at=time)
         for leaf in timeline.leaves()
         if leaf.status_at(time) == "RUNNING"
     ]
     nearest = max(failed, key=lambda verdict: verdict.time, default=None)
-    if nearest is not None and (not running or time - nearest.time <= 1.0):
-        return [nearest]
+    if nearest is not None and (not running or time - nearest.time <= _JUST_S):
+        return [nearest, *running]
     return running
 
 
@@ -145,6 +150,7 @@ def _told(e: Evidence) -> Story:
         numbers=dict(e.numbers),
         began_s=e.began,
         ended_s=None if end is None else end.time,
+        at_s=e.ended,
         chain=tuple(_link(node, e) for node in e.verdict.chain),
         ports=e.ports,
         keys=tuple(e.keys),

@@ -17,7 +17,9 @@ def story_text(story: Story) -> str:
 
 
 def _lines(story: Story) -> Iterator[str]:
-    when = "still ran" if story.ended_s is None else f"{story.status} at {story.ended_s:.2f} s"
+    when = f"{story.status} at {story.at_s:.2f} s"
+    if story.ended_s is None:
+        when = f"ran at {story.at_s:.2f} s, for {story.at_s - story.began_s:.2f} s"
     code = f" {story.code}" if story.code and story.code != story.status else ""
     yield f"{story.arm}: {story.leaf} ({story.place}) {when}{code}"
     for number, cause in enumerate(story.causes):

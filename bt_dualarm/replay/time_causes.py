@@ -22,14 +22,29 @@ def time_causes(e: Evidence) -> Iterator[Cause]:
         return
     limit = next((node for node in reversed(e.verdict.chain) if node.kind == "timeout"), None)
     ran = f"{e.leaf.path!r} had run for {e.ended - e.began:.2f} s"
-    if limit is not None and limit.last("FAILURE") is not None:
+    if e.verdict.at is None and limit is not None and limit.last("FAILURE") is not None:
         seconds = limit.ports.get("seconds")
         sentence = f"the timeout {limit.path!r} of {seconds} s ended it: {ran}"
         remedy = f"more seconds than {seconds}, or a faster motion"
         yield e.cause("TOO_LITTLE_TIME", sentence + _usual(e), remedy, leaf=limit.path)
+    elif e.verdict.at is not None:
+        yield _at_work(e)
     elif e.verdict.end is None or _ended_with_run(e):
         sentence = f"the run ended at {e.record.until:.2f} s: {ran}{_usual(e)}"
         yield e.cause("TOO_LITTLE_TIME", sentence, "a later time_limit or --duration")
+
+
+def _at_work(e: Evidence) -> Cause:
+    """What a leaf was about at a time, and what came of it."""
+    later = [each for each in e.leaf.changes if each.time > e.ended and each.old == "RUNNING"]
+    came = "it was still running at the end of the record"
+    if later:
+        end = later[0]
+        what = {"SUCCESS": "it succeeded", "FAILURE": f"it failed with {end.code}"}
+        came = f"{what.get(end.new, 'it was halted')} at {end.time:.2f} s"
+    waits = ": it waits for its time to pass" if e.leaf.kind == "wait" else ", nothing held it up"
+    sentence = f"{e.leaf.path!r} had run for {e.ended - e.began:.2f} s{waits}; {came}"
+    return e.cause("RUNNING", sentence)
 
 
 def _held_up(e: Evidence) -> Cause | None:

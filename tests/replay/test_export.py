@@ -99,6 +99,32 @@ def test_the_page_s_script_shows_the_trees_at_a_time(
     assert (shown["drawn"] > 20) == gl
 
 
+@pytest.mark.slow
+def test_a_real_browser_shows_the_scene_and_no_excuse(failed: Record, tmp_path: Path) -> None:
+    """What is hidden is not shown, no error is told, and the picture has a scene in it."""
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("there is no chromium to look at the page with")
+    look = (
+        "<script>document.title = [getComputedStyle(get('none')).display, get('now').textContent,"
+        "document.querySelectorAll('.FAILURE').length].join('|')</script></body>"
+    )
+    page, picture = tmp_path / "page.html", tmp_path / "page.png"
+    page.write_text(html_of(failed).replace("</body>", look), encoding="utf-8")
+    command = [chromium, "--headless", "--no-sandbox", "--use-angle=swiftshader"]
+    command += ["--enable-unsafe-swiftshader", "--virtual-time-budget=4000"]
+    command += ["--window-size=1200,800", f"--user-data-dir={tmp_path / 'profile'}"]
+    told = [*command, "--dump-dom", page.as_uri()]
+    dom = subprocess.run(told, capture_output=True, text=True, check=False, timeout=120).stdout
+    title = re.findall(r"<title>(.*?)</title>", dom)
+    assert title == [f"none|{failed.until:.2f} s of {failed.until:.2f}|2"]
+    shot = [*command, f"--screenshot={picture}", page.as_uri()]
+    subprocess.run(shot, capture_output=True, check=False, timeout=120)
+    image = cv2.imread(str(picture))
+    assert image is not None
+    assert len(np.unique(image[100:600, 100:700].reshape(-1, 3), axis=0)) > 50
+
+
 def test_tables_have_what_the_record_has(failed: Record) -> None:
     tables = dict(tables_of(failed))
     assert set(tables) == {"events.csv", "notes.csv", "arm_arm1.csv", "states_0.csv"}

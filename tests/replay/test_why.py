@@ -77,6 +77,12 @@ def test_a_leaf_that_succeeded_can_be_asked_for(failed: Record) -> None:
 def test_a_time_tells_what_was_running_then(failed: Record) -> None:
     [story] = stories(failed, "0.3")
     assert (story.status, story.leaf) == ("RUNNING", "sequence/aside/reach_to_pose")
+    assert (story.at_s, story.began_s) == (0.3, 0.0)
+    assert story.causes[0].kind == "RUNNING"
+    assert "had run for 0.30 s, nothing held it up; it succeeded at 0." in story.causes[0].sentence
+    assert [link["status"] for link in story.chain] == ["RUNNING"] * 3
+    [end] = stories(failed)
+    assert story.before != end.before, "the second before that time, not before the end"
 
 
 def test_the_command_tells_it(failed: Record, capsys: pytest.CaptureFixture[str]) -> None:
