@@ -70,14 +70,10 @@ def _html(record: Record, target: Path) -> None:
 
 
 def _mcap(record: Record, target: Path) -> None:
-    from importlib.metadata import version
-
-    from bt_dualarm.replay.mcap_file import mcap_of
+    from bt_dualarm.replay.mcap_export import write_mcap
     from bt_dualarm.replay.messages import messages_of
-    from bt_dualarm.runtime.atomic_write import write_atomically
 
-    content = mcap_of(messages_of(record), f"bt_dualarm {version('bt_dualarm')}")
-    write_atomically(target, lambda file: file.write(content))
+    write_mcap(messages_of(record), target)
 
 
 def _film(text: str) -> Path:

@@ -2,16 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import mujoco
 
-from bt_dualarm.replay.mcap_file import Message
 from bt_dualarm.replay.record import Facts, Record
 
 _EVERY: Final = 2
 """States from one message of bodies to the next: 25 a second."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message.
+
+    Attributes:
+        topic: Name of its channel.
+        schema: Name of what it says; viewers know those that begin with ``foxglove.``.
+        time_s: Simulated time in s.
+        content: Fields, ready for JSON.
+    """
+
+    topic: str
+    schema: str
+    time_s: float
+    content: Mapping[str, object]
+
+    @property
+    def nanoseconds(self) -> int:
+        """Simulated time in ns."""
+        return round(1e9 * self.time_s)
 
 
 def messages_of(record: Record) -> list[Message]:

@@ -6,12 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from bt_dualarm.errors import DualArmError
 from bt_dualarm.replay.record import Record, ReplayError
 from bt_dualarm.replay.timeline import Node, Timeline
 from bt_dualarm.world.rendering.still import Still, best_viewpoint
@@ -36,27 +34,33 @@ Picture = npt.NDArray[np.uint8]
 
 
 def write_film(record: Record, path: Path) -> None:
-    """Write a film in MPEG-4, whole or not at all.
+    """Write a film in H.264, whole or not at all.
 
     Args:
         record: The record.
         path: File to write; its name ends with ``.mp4``.
 
     Raises:
-        ReplayError: There is nothing to be seen in the record.
-        DualArmError: The film cannot be written there.
+        ReplayError: There is nothing to be seen in the record, or imageio-ffmpeg is not installed.
+        OSError: The film cannot be written there.
     """
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        message = "--mp4 needs the package imageio-ffmpeg (the extra bt_dualarm[export])"
+        raise ReplayError(message) from error
     beside = path.with_name(f".{path.stem}.half.mp4")
     size = (_SCENE[0] + _PANEL, _SCENE[1])
+    film = imageio_ffmpeg.write_frames(str(beside), size, fps=FPS, codec="libx264")
     try:
-        film = cv2.VideoWriter(str(beside), cv2.VideoWriter.fourcc(*"mp4v"), FPS, size)
-        if not film.isOpened():
-            raise DualArmError(f"cannot write {path}: the folder is not there, or not writable")
+        beside.touch()
+        film.send(None)
         for picture in pictures(record):
-            film.write(np.ascontiguousarray(picture[:, :, ::-1]))
-        film.release()
+            film.send(np.ascontiguousarray(picture).tobytes())
+        film.close()
         beside.replace(path)
     finally:
+        film.close()
         beside.unlink(missing_ok=True)
 
 
