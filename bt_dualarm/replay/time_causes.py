@@ -42,7 +42,7 @@ def _at_work(e: Evidence) -> Cause:
         end = later[0]
         what = {"SUCCESS": "it succeeded", "FAILURE": f"it failed with {end.code}"}
         came = f"{what.get(end.new, 'it was halted')} at {end.time:.2f} s"
-    waits = ": it waits for its time to pass" if e.leaf.kind == "wait" else ", nothing held it up"
+    waits = ": it waits for its time to pass" if e.leaf.kind == "wait" else ""
     sentence = f"{e.leaf.path!r} had run for {e.ended - e.began:.2f} s{waits}; {came}"
     return e.cause("RUNNING", sentence)
 

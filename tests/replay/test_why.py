@@ -79,7 +79,7 @@ def test_a_time_tells_what_was_running_then(failed: Record) -> None:
     assert (story.status, story.leaf) == ("RUNNING", "sequence/aside/reach_to_pose")
     assert (story.at_s, story.began_s) == (0.3, 0.0)
     assert story.causes[0].kind == "RUNNING"
-    assert "had run for 0.30 s, nothing held it up; it succeeded at 0." in story.causes[0].sentence
+    assert "had run for 0.30 s; it succeeded at 0." in story.causes[0].sentence
     assert [link["status"] for link in story.chain] == ["RUNNING"] * 3
     [end] = stories(failed)
     assert story.before != end.before, "the second before that time, not before the end"
