@@ -101,6 +101,16 @@ WORDS: tuple[Tree, ...] = (
     {"compare": {"value": 1.0, "relation": "near", "to": 1.0, "tolerance": 1e-6}},
 )
 _POSE = {"xyz": [0.35, 0.1, 0.55]}
+LOOKED_FOR: tuple[Tree, ...] = (
+    {"marker": {"id": 3, "size": 0.03}},
+    {
+        "shape": "box",
+        "size": [0.05, 0.05, 0.05],
+        "color": {"ranges": [{"hue": [42.0, 70.0], "saturation": [0.4, 1.0], "value": [0.2, 1.0]}]},
+    },
+)
+"""What skills may look for."""
+
 FORMS: Mapping[str, tuple[Tree, ...]] = {
     "circle": ({"plane": {"normal": [0.0, 0.0, 1.0]}},),
     "move_joints": (
@@ -126,26 +136,7 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
         {"object": "cube", "at": {"xyz": [0.40, -0.45, 0.425]}},
     ),
     "look_at": ({"at": {"xyz": [0.68, 0.11, 0.70]}, "direction": [-1, 0, 0]},),
-    "scan": (
-        {"marker": {"id": 3, "size": 0.03}},
-        {
-            "shape": "box",
-            "size": [0.05, 0.05, 0.05],
-            "color": {
-                "ranges": [{"hue": [42.0, 70.0], "saturation": [0.4, 1.0], "value": [0.2, 1.0]}]
-            },
-        },
-    ),
-    "locate": (
-        {"marker": {"id": 3, "size": 0.03}},
-        {
-            "shape": "box",
-            "size": [0.05, 0.05, 0.05],
-            "color": {
-                "ranges": [{"hue": [42.0, 70.0], "saturation": [0.4, 1.0], "value": [0.2, 1.0]}]
-            },
-        },
-    ),
+    **dict.fromkeys(("scan", "locate", "count", "wait_for"), LOOKED_FOR),
     "track": (
         {
             "color": {

@@ -48,6 +48,8 @@ SCENARIOS = {
     "track": Scenario(TARGET, arm=LOOKING),
     "locate": Scenario(TARGET, arm=LOOKING),
     "look_at": Scenario(TARGET, arm=LOOKING),
+    "wait_for": Scenario(TARGET, arm=LOOKING),
+    "count": Scenario(TARGET, arm=LOOKING),
     "scan": Scenario(ON_TABLE, arm=ABOVE_TABLE, scene="table"),
 }
 """By skill. A new skill needs one: the conformance tests say so."""

@@ -135,6 +135,36 @@ def test_things_of_another_colour_or_shape_are_left_alone(
     assert play.result.outcome == "SUCCESS"
 
 
+@pytest.mark.parametrize(
+    ("what", "count"), [("{object: a}", 2), ("{object: d}", 1), ("{object: d, color: green}", 0)]
+)
+def test_what_is_in_view_is_counted(what: str, count: int, stage: Stage) -> None:
+    """None is a count, too; a ball among cubes is none of them."""
+    tree = TABLE.replace("locate: LOCATE", "count: LOCATE").replace("COUNT", str(count))
+    play = stage.run(tree.replace("LOCATE", what.replace("}", ", count: '{count}'}")))
+    assert play.result is not None
+    assert play.result.outcome == "SUCCESS"
+    assert play.leaf("count").metrics["found"] == count
+
+
+def test_one_waits_for_what_comes_into_view(stage: Stage) -> None:
+    """Until it has been there for three pictures, and not longer."""
+    file = before_camera("panda", {"wait_for": {"object": "thing", "every": 0.1}})
+    x, y, z = file["objects"]["thing"]["pose"]["xyz"]
+    del x, z
+
+    def away(world: bt.World) -> None:
+        world.model.body_pos[world.object_body("thing"), 1] = y + 1.0
+
+    def back(world: bt.World) -> None:
+        world.model.body_pos[world.object_body("thing"), 1] = y
+
+    play = stage.run(file, deeds=((0.0, away), (1.5, back)))
+    leaf = play.leaf("wait_for")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert 1.7 <= float(leaf.metrics["waited_s"]) <= 2.0
+
+
 def test_the_nearest_to_the_base_comes_first(stage: Stage) -> None:
     """The first pose is that of cube ``a``, whichever of the two is asked for."""
     tree = TABLE.replace("LOCATE", "{object: b, score: a, pose: '{p}', count: '{count}'}")

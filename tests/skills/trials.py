@@ -139,6 +139,8 @@ LET_GO: Tree = {"detach": {"object": "cube"}}
 TRACK: Tree = {"track": {"duration": 3.0, "lost_timeout": 0.5, "wait": 1.0, "reach": 0.1}}
 LOOK: Tree = {"look_at": {"at": {"xyz": [0.68, 0.11, 0.7]}, "direction": [-1, 0, 0]}}
 SCAN: Tree = {"scan": {"object": "cube", "center": [0.4, -0.4, 0.4], "width": 0.2, "depth": 0.2}}
+WAIT_FOR: Tree = {"wait_for": {"object": "cube"}}
+COUNT: Tree = {"count": {"object": "cube"}}
 LOCATE: Tree = {"locate": {"object": "cube"}}
 GREY = TARGET["cube"] | {"color": "grey"}
 
@@ -313,6 +315,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("locate", "NOT_SEEN"): Trial({"locate": {"object": "cube", "color": "red"}}),
     ("locate", "INACCURATE"): Trial({"locate": {"object": "cube", "views": 1}}),
     **moving("locate", LOCATE, 0.9, "arm1/panda_hand"),
+    ("wait_for", "NO_CAMERA"): Trial(WAIT_FOR, {"arm": BLIND}),
+    ("wait_for", "INVALID_TARGET"): Trial(WAIT_FOR, {"objects": {"cube": GREY}}),
+    ("wait_for", "NOT_SEEN"): Trial({"wait_for": {"object": "cube", "color": "red", "wait": 0.5}}),
+    ("count", "NO_CAMERA"): Trial(COUNT, {"arm": BLIND}),
+    ("count", "INVALID_TARGET"): Trial(COUNT, {"objects": {"cube": GREY}}),
+    ("count", "NOT_SEEN"): Trial(COUNT, {"before": REMOVED}),
     ("look_at", "NO_CAMERA"): Trial(LOOK, {"arm": BLIND}),
     ("look_at", "INVALID_TARGET"): Trial(
         {"look_at": {"at": {"xyz": [0.68, 0.11, 0.7]}, "direction": [0, 0, 0]}}
