@@ -80,7 +80,9 @@ def compile_once(warm_ups: Sequence[Callable[[], object]]) -> None:
     Args:
         warm_ups: Call all the kernels, with arrays of the types that they are given later.
     """
-    mark = folder() / f"compiled-{sys.implementation.cache_tag}-{version('numba')}"
+    # Without docstrings (``-OO``) the byte code is another, and so is what is made of it.
+    kind = f"{sys.implementation.cache_tag}-{sys.flags.optimize}"
+    mark = folder() / f"compiled-{kind}-{version('numba')}"
     if mark.exists():
         return
     _LOG.info("Compiling kernels, once on this machine: about a minute")

@@ -27,6 +27,8 @@ def test_python_without_docstrings_runs_the_same(tmp_path: Path) -> None:
     hashes = set()
     for flag in ("-B", "-OO"):
         folder = tmp_path / flag
+        compiling = "from bt_dualarm.runtime.compiling import compile_kernels; compile_kernels()"
+        subprocess.run([sys.executable, flag, "-c", compiling], check=True)
         command = [sys.executable, flag, "-m", "bt_dualarm", str(tmp_path / "tree.yaml")]
         done = subprocess.run(
             [*command, "--display", "quiet", "--record", str(folder)],
