@@ -126,12 +126,13 @@ class ScratchModel:
 
     def _carry(self) -> None:
         """Put what arms hold where their tool links now are."""
-        data = self.data
+        data, place, turn = self.data, np.empty(3), np.empty(4)
         for held in self._carried:
-            link = Pose(data.xpos[held.link].copy(), data.xquat[held.link].copy())
-            pose = link @ held.relative
-            data.qpos[held.address : held.address + 3] = pose.position
-            data.qpos[held.address + 3 : held.address + 7] = pose.quaternion
+            relative = held.relative
+            link = data.xpos[held.link], data.xquat[held.link]
+            mujoco.mju_mulPose(place, turn, *link, relative.position, relative.quaternion)
+            data.qpos[held.address : held.address + 3] = place
+            data.qpos[held.address + 3 : held.address + 7] = turn
 
     def _fresh_data(self) -> mujoco.MjData:
         data = mujoco.MjData(self.model)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bt_dualarm.errors import BlockedFailure
+from bt_dualarm.motion.collision.bounding_spheres import BoundingSpheres, apart
 from bt_dualarm.motion.collision.checker import CollisionChecker, Contact
 from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
 from bt_dualarm.pose import Matrix, Vector
@@ -38,6 +39,7 @@ class PlanMonitor:
     ) -> None:
         self._world, self._arm = world, arm
         self._motion, self._ignore = motion, ignore
+        self._bounds, self._bounded = BoundingSpheres(world, arm), world.model
         self._next = world.time + LOOK_S
         self._seen = self._others()
         self._moved: set[str] = set()
@@ -72,8 +74,11 @@ class PlanMonitor:
 
     def _look_ahead(self) -> None:
         """Check what comes next of the motion, as far as it has not been checked yet."""
-        checker = CollisionChecker(self._world, self._arm, ignore=self._ignore)
         ahead = self._row() + round(AHEAD_S / self._motion.trajectory.dt)
+        if not self._can_meet(max(self._row(), self._checked), ahead):
+            self._checked = ahead
+            return
+        checker = CollisionChecker(self._world, self._arm, ignore=self._ignore)
         waiting = False
         for q in self._rows(max(self._row(), self._checked), ahead, checker.radii):
             contact = checker.contact(q)
@@ -84,6 +89,33 @@ class PlanMonitor:
             waiting = True
         if not waiting:  # an arm that moves now may stop there
             self._checked = ahead
+
+    def _can_meet(self, first: int, end: int) -> bool:
+        """Whether something that has moved is within reach of a part of the motion."""
+        world, motion = self._world, self._motion.trajectory
+        rows = motion.piece(min(first, len(motion) - 1), min(end, len(motion))).q
+        way = np.abs(rows - world.hardware[self._arm].q).max(axis=0)
+        if self._bounded is not world.model:  # it was compiled anew
+            self._bounds, self._bounded = BoundingSpheres(world, self._arm), world.model
+        mine = self._bounds.spheres()
+        reach = self._bounds.reach(self._bounds.levers(mine), way) + _STEP
+        there = self._moved & (world.arms.keys() | world.objects.keys())
+        return any(apart(mine, self._spheres(name)) < reach for name in there)
+
+    def _spheres(self, name: str) -> Matrix:
+        """Around the shapes of an object, or of an arm and what it holds, of shape (n, 4), m."""
+        world, arm = self._world, self._world.arms.get(name)
+        if arm is None:
+            geoms = [world.object_geom(name)]
+        else:
+            held = world.attachments.attached_to(name)
+            geoms = [*arm.geom_ids, *(world.object_geom(one) for one in held)]
+        spheres: Matrix = np.empty((len(geoms), 4))
+        spheres[:, :3], spheres[:, 3] = (
+            world.sensed.geom_xpos[geoms],
+            world.model.geom_rbound[geoms],
+        )
+        return spheres
 
     def _row(self) -> int:
         """Row of the trajectory that the motion has come to."""
