@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from bt_dualarm.runtime.run import Run as Run
     from bt_dualarm.runtime.series import Series as Series
     from bt_dualarm.skill.arrival import check_arrival as check_arrival
+    from bt_dualarm.skill.directions import unit_vector as unit_vector
     from bt_dualarm.skill.following_error import FollowingError as FollowingError
     from bt_dualarm.skill.looking_around import SIDES as SIDES
     from bt_dualarm.skill.looking_around import camera_now as camera_now
@@ -179,6 +180,7 @@ _CONTENTS: Final = {
     "MarkView": "vision.hand_eye:MarkView",
     "MarkViews": "skill.mark_views:MarkViews",
     "hand_eye": "vision.hand_eye:hand_eye",
+    "unit_vector": "skill.directions:unit_vector",
     "SIDES": "skill.looking_around:SIDES",
     "go_to_camera": "skill.looking_around:go_to_camera",
     "look_at": "skill.looking_around:look_at",

@@ -19,6 +19,7 @@ from bt_dualarm import (
     Vector,
     Vector3,
     port,
+    unit_vector,
 )
 
 _ALONG = 0.7  # cosine
@@ -118,11 +119,7 @@ class ApproachAndAttach(Skill):
 
     def _targets(self) -> list[Pose]:
         """Tool poses on the object's surface, tool axis along the direction."""
-        direction = np.asarray(self.ports.direction)
-        length = float(np.linalg.norm(direction))
-        if length < 1e-6:
-            raise Failure("INVALID_TARGET", "the approach direction has no length")
-        direction = direction / length
+        direction = unit_vector(self.ports.direction)
         center = self._seen or self.arm.world.object_pose(self.ports.object)
         surface = self.arm.world.surface_point(self.ports.object, -direction, center)
         x, y, _ = center.rotation_matrix.T

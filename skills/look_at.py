@@ -20,6 +20,7 @@ from bt_dualarm import (
     look_at,
     own_camera,
     port,
+    unit_vector,
 )
 
 
@@ -48,9 +49,7 @@ class LookAt(Skill):
         """Try the places one after the other; `travel` ends only where the arm stands there."""
         arm, ports = self.arm, self.ports
         own_camera(arm)
-        direction = np.array(ports.direction)
-        if float(np.linalg.norm(direction)) < 1e-6:
-            raise Failure("INVALID_TARGET", "the line of sight has no length")
+        direction = unit_vector(ports.direction)
         yield from arm.think()  # what was halted before may still be on its way
         point = ports.at.pose.position
         places = gazes(point, ports.distance, direction, ports.lean, camera_now(arm))

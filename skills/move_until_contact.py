@@ -7,7 +7,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bt_dualarm import Failure, PortModel, Pose, Skill, Speed, Vector, Vector3, line_path, port
+from bt_dualarm import (
+    Failure,
+    PortModel,
+    Pose,
+    Skill,
+    Speed,
+    Vector3,
+    line_path,
+    port,
+    unit_vector,
+)
 
 _TARE_S = (0.1, 0.5)
 """How long ago the force was that counts as none: friction and masses that are off are in it."""
@@ -38,7 +48,7 @@ class MoveUntilContact(Skill):
 
     def run(self) -> Iterator[float | None]:
         """Go, compare the force with what it was a moment ago, stop, no longer press."""
-        way = self._way()
+        way = unit_vector(self.ports.direction)
         start = self.arm.commanded_tool_pose
         end = Pose(start.position + self.ports.distance * way, start.quaternion)
         q = self.arm.kinematics.follow(line_path(start, end).poses, self.arm.setpoint.q)
@@ -60,13 +70,6 @@ class MoveUntilContact(Skill):
             f"the tool felt nothing on {1e3 * self.ports.distance:.0f} mm",
             distance_m=self.ports.distance,
         )
-
-    def _way(self) -> Vector:
-        direction = np.asarray(self.ports.direction)
-        length = float(np.linalg.norm(direction))
-        if length < 1e-6:
-            raise Failure("INVALID_TARGET", "the direction has no length")
-        return direction / length
 
     def _rise(self, felt: deque[tuple[float, float]], force: float) -> float:
         """By how much a force in N is more than it was a moment ago."""
