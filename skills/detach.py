@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 
-import numpy as np
+from bt_dualarm import Duration, Failure, ObjectName, PortModel, Pose, Skill, port
 
-from bt_dualarm import Duration, Failure, ObjectName, PortModel, Skill, port
-
-_STILL = 0.01  # m/s and rad/s
-_REST_S = 0.1  # still for so long: what was let go in the air is slow, too, for a moment
+_REST_S = 0.1
+_STILL_M, _STILL_RAD = 1e-4, 1e-3
+"""Farthest that what rests was from where it is now, in the last ``_REST_S``: a tool that trembles on
+it, or an edge that it rocks on, moves it to and fro at any speed, but nowhere."""
 
 
 class Detach(Skill):
@@ -36,15 +37,13 @@ class Detach(Skill):
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
         left_at = world.object_pose(name)
         self.arm.detach(name)
-        began = still_since = self.arm.time
+        began = self.arm.time
+        been: deque[tuple[float, Pose]] = deque()
         while True:
             yield
             if name not in world.objects:
                 raise Failure("NOT_THERE", f"object {name!r} was taken out of the world")
-            speed = float(np.abs(world.object_velocity(name)).max())
-            if speed > _STILL:
-                still_since = self.arm.time
-            rested = self.arm.time - still_since >= _REST_S
+            rested = _rests(been, self.arm.time, world.object_pose(name))
             if rested or self.arm.time - began > max(self.ports.settle, _REST_S):
                 break
         if name in self.arm.held:
@@ -54,7 +53,23 @@ class Detach(Skill):
         if moved > self.ports.tolerance or not rested:
             raise Failure(
                 "NOT_AT_REST",
-                f"{name!r} moved {1000 * moved:.1f} mm after it was let go",
+                f"{name!r} moved {1000 * moved:.1f} mm after it was let go"
+                + ("" if rested else f", and still moves after {self.ports.settle:g} s"),
                 moved_m=moved,
-                speed=speed,
             )
+
+
+def _rests(been: deque[tuple[float, Pose]], now: float, pose: Pose) -> bool:
+    """Take where a thing is in, and tell whether it has been there for long enough.
+
+    Args:
+        been: Where it was and when, in s; of these as many stay as are asked for the next time.
+        now: Time in s.
+        pose: Where it is.
+    """
+    been.append((now, pose))
+    while len(been) > 1 and now - been[1][0] >= _REST_S:
+        been.popleft()
+    return now - been[0][0] >= _REST_S and all(
+        pose.distance(was) <= _STILL_M and pose.angle(was) <= _STILL_RAD for _, was in been
+    )

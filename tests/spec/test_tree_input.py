@@ -36,12 +36,12 @@ def registry() -> Registry:
 
 
 def written(loaded: Loaded) -> dict[str, Any]:
-    """All that the file says, with its trees; not where it lies."""
+    """All that the file says, with its trees; not where it lies, nor how it is written."""
     file = loaded.runnable()
     arms = {"arms": {"__all__": {"tree"}}}
     nodes = [node for arm in file.arms.values() for node in arm.tree.walk()]
     return {
-        "file": file.model_dump(exclude={"path": True, "name": True, **arms}),
+        "file": file.model_dump(exclude={"path": True, "name": True, "texts": True, **arms}),
         "nodes": [(node.kind, node.name, dict(node.ports), node.slots) for node in nodes],
     }
 
