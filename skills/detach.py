@@ -9,8 +9,8 @@ from bt_dualarm import Duration, Failure, ObjectName, PortModel, Pose, Skill, po
 
 _REST_S = 0.1
 _STILL_M, _STILL_RAD = 1e-4, 1e-3
-"""Farthest that what rests was from where it is now, in the last ``_REST_S``: a tool that trembles on
-it, or an edge that it rocks on, moves it to and fro at any speed, but nowhere."""
+"""Farthest that what rests was from where it is now, in the last ``_REST_S``: a tool that trembles
+on it, or an edge that it rocks on, moves it to and fro at any speed, but nowhere."""
 
 
 class Detach(Skill):
