@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, Protocol
@@ -37,6 +38,7 @@ class HistoryArm(Protocol):
 class History(IdleObserver):
     """An observer that writes a block for each simulated second, and one for each compiled model.
 
+    The file begins with the first step: of a run that never began there is none.
     What it keeps in memory is one second. Where it cannot write, the run goes on without it, and
     the end of the record says so.
 
@@ -62,11 +64,15 @@ class History(IdleObserver):
         self._models = ModelWriter()
         self._frames = Frames(world)
         self._kept = 0
-        self._add(start)
-        self._add(self._model)
+        self._begun = False
+        self._waiting: deque[Block] = deque()
+        self._add(start, self._model)
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - the world knows it, too
         """Take up the step; write what is full."""
+        if not self._begun:
+            self._begun = True
+            self._add()
         if self._failure is not None:
             self._notes.take()
             return
@@ -95,6 +101,7 @@ class History(IdleObserver):
         Raises:
             OSError: It could not be written, or the disk is full now.
         """
+        self._begun = True
         self._flush()
         self._add(lambda: Block("end", {"state_sha256": sha256}))
         if isinstance(self._failure, OSError):
@@ -110,13 +117,17 @@ class History(IdleObserver):
     def _flush(self) -> None:
         self._add(lambda: self._frames.block(self._notes.take()))
 
-    def _add(self, make: Callable[[], Block]) -> None:
+    def _add(self, *makers: Callable[[], Block]) -> None:
+        """Make blocks; write them and those that wait, once the run has begun."""
         if self._failure is not None:
             return
         try:
-            self._writer.add(make())
+            self._waiting.extend(make() for make in makers)
+            while self._begun and self._waiting:
+                self._writer.add(self._waiting.popleft())
         except (OSError, ValueError) as error:
             self._failure = error
+            self._waiting.clear()
             _log.warning("the history is not kept any further: %s", error)
 
     def _model(self) -> Block:

@@ -116,7 +116,8 @@ class PoseSpec(Value):
 
     @model_validator(mode="after")
     def _one_orientation(self) -> PoseSpec:
-        given = [name for name in ("rpy", "quat", "look_at") if getattr(self, name) is not None]
+        notations = (name for name in type(self).model_fields if name != "xyz")
+        given = [name for name in notations if getattr(self, name) is not None]
         if len(given) > 1:
             raise ValueError(f"gives its orientation twice: {' and '.join(given)}")
         if self.quat is not None and abs(math.hypot(*self.quat) - 1.0) > 1e-3:

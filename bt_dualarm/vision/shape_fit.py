@@ -57,6 +57,9 @@ _INDEPENDENT: Final = 12.0
 _FREE_TURN: Final = 1.0
 """Deviation of a turn that nothing shows, rad."""
 
+_FREE_PLACE: Final = 100.0
+"""Deviation of a place that nothing shows, m."""
+
 _HUBER_PX: Final = 1.0
 _ROUNDS: Final = 25
 _DONE: Final = 1e-7
@@ -209,8 +212,9 @@ class ShapeFitter:
         off = np.zeros(UNKNOWNS)
         off[MOUNT_TURN], off[MOUNT_SHIFT] = vector_of(scene.mount_turn), scene.mount_shift
         off[FOCAL], off[RIM] = scene.longer, scene.rim
-        doubt = np.full(UNKNOWNS, np.inf)
-        doubt[TURN] = _FREE_TURN  # towards nowhere: a turn that nothing shows stays as it is
+        doubt = np.empty(UNKNOWNS)
+        doubt[PLACE] = _FREE_PLACE  # towards nowhere: what nothing shows stays as it is
+        doubt[TURN] = _FREE_TURN  # likewise
         doubt[MOUNT_TURN], doubt[MOUNT_SHIFT] = MOUNT_TURN_DOUBT, MOUNT_SHIFT_DOUBT
         doubt[FOCAL], doubt[RIM] = FOCAL_DOUBT, RIM_DOUBT
         normal, slope = np.diag(doubt**-2.0), off / doubt**2

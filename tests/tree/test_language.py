@@ -31,6 +31,7 @@ OTHER_THINGS = {
     ("runtime/display.py", "log"),
     ("spec/reality.py", "set"),  # the name of a set of numbers
     ("runtime/summary.py", "guard"),  # the gate on set-points, in summary.json
+    ("runtime/notes.py", "guard"),  # likewise, in run.history
 }
 """Texts that are spelt like a word and mean something else."""
 
