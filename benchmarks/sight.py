@@ -7,7 +7,8 @@ looked at from 0.35 m above by each robot of the catalogue in turn; the error is
 simulator, which no skill reads. Markers of 30 to 45 mm likewise, on a grey block. Picking: the
 shipped tree ``pick_by_sight`` with a Panda or a UR5 and a box or cylinder anywhere within reach.
 The thing is picked if it was lifted and stands where it was carried, in truth; it is placed if the
-tree says SUCCESS, too: it then came to rest as it was let go, which thin cylinders do not always.
+tree says SUCCESS, too: it then came to rest as it was let go. A SUCCESS after which it is not there
+is counted as a lie, also where the hand drew it up afterwards.
 Exit code 1 if a figure is missed in `lab`: 2 mm and 1° in 95 % of the located, 1 mm and 0.5° of
 those with a marker, 98 % of the picks, no false success.
 """
