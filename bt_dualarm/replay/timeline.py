@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final
 
 from bt_dualarm.replay.record import Facts, Record, ReplayError
 from bt_dualarm.spec.problems import suggestion
-
-ENDED: Final = ("SUCCESS", "FAILURE")
 
 
 @dataclass(frozen=True)
