@@ -2,8 +2,10 @@
 
     python -m benchmarks.resuming [--times 10] [--seed 0]
 
-Each of five shipped trees is recorded once, then resumed at random times. Prints how many final
-hashes are those of the uninterrupted run, and how much faster than real time the past was made.
+Each of five runs is recorded once, then resumed at random times: with two arms and a camera, in
+`rough`, by sight alone, by a marker, with another value of a parameter, with arms that are spawned.
+Prints how many final hashes are those of the uninterrupted run, and how much faster than real time
+the past was made, without drawing its pictures again.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import argparse
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +24,44 @@ from bt_dualarm.replay.rerun import Changed
 from bt_dualarm.replay.resume import resumed
 from bt_dualarm.skill.registry import Registry
 
-TREES = ("circle", "reach_to_pose", "pick_and_transport", "visual_tracking", "pick_and_track")
+MARKED = """\
+bt_dualarm: 1
+name: marked
+params:
+  speed: {type: number, default: 0.4, range: [0.1, 1]}
+world: {scene: empty, reality: rough, time_limit: 60}
+objects:
+  block:
+    shape: box
+    size: [0.06, 0.06, 0.04]
+    mass: 0.1
+    pose: {xyz: [0.45, 0, 0.02]}
+    marker: {dictionary: apriltag_36h11, id: 5, size: 0.045}
+arms:
+  finder:
+    robot: panda
+    camera: {mount: wrist, resolution: [320, 240], fov: 50, fps: 30}
+    tree:
+      sequence:
+        - look_at: {at: {xyz: [0.45, 0, 0.02]}, distance: 0.35}
+        - locate: {object: block, by: marker, pose: "{block}"}
+        - go_home
+  artist:
+    robot: ur5
+    base: {xyz: [0, 1.5, 0]}
+    tree:
+      sequence:
+        - reach_to_pose: {posture: present, speed: "{speed}"}
+        - circle: {plane: yz, radius: 0.08, speed: "{speed}"}
+"""
+
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    "pick_and_track": ("pick_and_track", {}),
+    "pick_and_track, rough, seed 5": ("pick_and_track", {"reality": "rough", "seed": 5}),
+    "pick_by_sight": ("pick_by_sight", {"seed": 2}),
+    "a marker and two arms, rough, speed=0.7": (MARKED, {"params": {"speed": 0.7}}),
+    "spawn_and_command": ("spawn_and_command", {}),
+}
 
 
 def main() -> None:
@@ -33,9 +73,9 @@ def main() -> None:
     rng, registry = np.random.default_rng(arguments.seed), Registry.load()
     same = tried = 0
     with tempfile.TemporaryDirectory() as name:
-        for tree in TREES:
-            folder = Path(name) / tree
-            sha256 = bt_dualarm.run(tree, record=folder).state_sha256
+        for number, (case, (tree, options)) in enumerate(CASES.items()):
+            folder = Path(name) / str(number)
+            sha256 = bt_dualarm.run(tree, record=folder, **options).state_sha256
             record = Record.read(folder)
             factors = []
             for at in rng.uniform(0.1, record.until, arguments.times):
@@ -45,7 +85,7 @@ def main() -> None:
                     same += run.finish().state_sha256 == sha256
                 tried += 1
             median = float(np.median(factors))
-            print(f"{tree}: {median:.1f} s of the past in a second of CPU (median)", flush=True)
+            print(f"{case}: {median:.1f} s of the past in a second of CPU (median)", flush=True)
     print(f"{same} of {tried} final hashes are those of the uninterrupted run")
 
 

@@ -6,7 +6,8 @@ Open first: `record` (all that a record holds), `story` (why a leaf failed); oth
 (what became of each node), `decisive` (the leaf that decided), `evidence`, `causes` (by topic:
 `board_causes`, `world_causes`, `contact_causes`, `sight_causes`, `reach_causes`, `time_causes`),
 `scene` (the world at a time), `before` (the second before), `story_text`; `check` (does a run
-repeat?) and `resume` (go on from a time), which make it anew (`rerun`, `past`); `html_page` (with
+repeat?) and `resume` (go on from a time), which make it anew (`rerun`, `past`,
+`known_pictures`); `html_page` (with
 `page_scene`), `mcap_export` (with `messages`), `video` and `tables`
 (exports).
 """

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bt_dualarm.preflight.check import check
-from bt_dualarm.replay.record import Facts, Record, ReplayError
+from bt_dualarm.replay.record import Facts, Record
 from bt_dualarm.runtime.options import RunOptions, checked_reality
 from bt_dualarm.runtime.processor import processor
 from bt_dualarm.runtime.run import Run
@@ -29,11 +29,13 @@ class Changed:
         tree: Path of another tree file; None takes the record's own text.
         options: Options that the record's are replaced by, by their names.
         params: Values of parameters, besides those of the record.
+        includes: Whether files that the record's tree includes are taken as they are now.
     """
 
     tree: Path | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     params: Mapping[str, object] = field(default_factory=dict)
+    includes: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +63,10 @@ def made_anew(
         stop: Request to end early that somebody else may make.
 
     Raises:
-        ReplayError: A file that the tree included is not there any more, or is another.
         DualArmError: The run cannot be made, as in `bt_dualarm.runtime.api.open`.
     """
     start = record.start
-    tree: Path | Source = changed.tree or _own_text(record)
+    tree = changed.tree or _own_text(record, from_disk=changed.includes)
     params = {**start["params"], **dict(changed.params)}
     checked = check(tree, registry.kinds, params, build=False)
     reality = start["reality"]
@@ -94,6 +95,9 @@ def differences(record: Record, registry: Registry) -> Iterator[str]:
             yield f"{name} is {version}, and was {was.get(name, 'not there')}"
     for name, said in record.start["skills"].items():
         yield from _of_skill(name, said, registry)
+    for path, text in _included(record).items():
+        if _lines_of(Path(path)) != text.splitlines():
+            yield f"{path}, which the tree includes, is not what it was"
     root = Path(record.start["path"]).parent
     for page, digest in record.start["pages"].items():
         if _digest(root / page) != digest:
@@ -107,19 +111,36 @@ def _of_skill(name: str, said: Facts, registry: Registry) -> Iterator[str]:
         yield f"the code of {name} ({said['file']}) is not what it was"
 
 
-def _own_text(record: Record) -> Source:
-    """The record's own text of the tree; what it includes must be what it was."""
-    (name, text), *included = record.start["texts"].items()
-    for path, was in included:
-        try:
-            now = Path(path).read_text(encoding="utf-8")
-        except (OSError, ValueError) as error:
-            raise ReplayError(
-                f"{path}, which the tree includes, cannot be read: {error}"
-            ) from error
-        if now.splitlines() != was.splitlines():
-            raise ReplayError(f"{path}, which the tree includes, is not what it was")
-    return read_text(text, name)
+def _own_text(record: Record, *, from_disk: bool) -> Source:
+    """The record's own text of the tree, with what it includes.
+
+    Args:
+        record: The record.
+        from_disk: Whether included files are taken as they are now, those that are still there.
+    """
+    source = read_text(next(iter(record.start["texts"].values())), record.start["path"])
+    source.texts = {
+        path: text
+        for path, text in _included(record).items()
+        if not (from_disk and Path(path).is_file())
+    }
+    return source
+
+
+def _included(record: Record) -> dict[str, str]:
+    """Texts of the files that the tree included, by their absolute paths."""
+    (name, _), *included = record.start["texts"].items()
+    there, given = Path(record.start["path"]), Path(name)
+    # The paths may start from the folder that the run was started in.
+    root = Path() if given.is_absolute() else there.parents[len(given.parts) - 1]
+    return {str(root / path): text for path, text in included}
+
+
+def _lines_of(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, ValueError):
+        return []
 
 
 def _digest(path: Path) -> str:

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
+from bt_dualarm.replay.known_pictures import known_pictures
 from bt_dualarm.replay.past import Past
 from bt_dualarm.replay.record import Record, ReplayError
 from bt_dualarm.replay.rerun import Changed, Remade, differences, made_anew
 from bt_dualarm.replay.timeline import Node, Timeline, node_of
 from bt_dualarm.runtime.history_start import tree_facts
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.runtime.sights import KnownPicture
 from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node import NodeSpec
 
 _AT_A_TIME_S = 0.1
+
+_log = logging.getLogger(__name__)
 
 
 class PastChangedError(ReplayError):
@@ -29,7 +35,9 @@ def resumed(
     changed: Changed,
     stop: StopRequest | None = None,
 ) -> Run:
-    """Run the past again, at full speed and with pictures, checking every step; then hand it over.
+    """Run the past again, at full speed, checking every step; then hand it over.
+
+    What was found in its pictures stands in the record; they are drawn where that leads elsewhere.
 
     Args:
         record: The record.
@@ -47,24 +55,56 @@ def resumed(
         DualArmError: The run cannot be made.
     """
     timestep = float(record.start["timestep"])
-    steps = round(time / timestep)
+    steps, last = round(time / timestep), record.steps * timestep
     if not 0 < steps <= record.steps:
-        last = record.steps * timestep
         raise ReplayError(f"cannot resume at {time:g} s: the record goes from 0 to {last:.2f} s")
     stop = stop or StopRequest()
-    remade = made_anew(record, registry, changed, stop)
-    try:
-        past = _relived(record, remade.run, steps, stop)
-        if past.steps < steps and not stop.asked:
-            raise PastChangedError(_explained(record, remade, past, registry))
-    except BaseException:
+    changed = replace(changed, includes=True)
+    known = known_pictures(record, (steps - 0.5) * timestep)
+    for pictures in (known, {}):
+        remade = made_anew(record, registry, changed, stop)
+        try:
+            past = _relived(record, remade.run, steps, stop, pictures)
+            if past.steps == steps or stop.asked:
+                return remade.run
+            _refuse_unless_pictures_do(record, remade, past, registry)
+        except BaseException:
+            remade.run.close()
+            raise
         remade.run.close()
-        raise
-    return remade.run
+    raise AssertionError("no picture is taken from where there are none")
 
 
-def _relived(record: Record, run: Run, steps: int, stop: StopRequest) -> Past:
+def _refuse_unless_pictures_do(
+    record: Record, remade: Remade, past: Past, registry: Registry
+) -> None:
+    """Say so where pictures that were not drawn may be the reason; else there is no other try.
+
+    Raises:
+        PastChangedError: The past is another one.
+    """
+    time = past.steps * float(record.start["timestep"])
+    if any(edited(record, remade.trees, time)) or not _took_pictures(remade.run):
+        raise PastChangedError(_explained(record, remade, past, registry))
+    _log.warning(
+        "what the record has of pictures leads elsewhere from %.3f s on: they are drawn again", time
+    )
+
+
+def _took_pictures(run: Run) -> bool:
+    return any(sights.taken for sights in run.assembly.sights.values())
+
+
+def _relived(
+    record: Record,
+    run: Run,
+    steps: int,
+    stop: StopRequest,
+    pictures: Mapping[str, Mapping[float, KnownPicture]],
+) -> Past:
     timestep = float(record.start["timestep"])
+    for arm, known in pictures.items():
+        run.assembly.sights[arm].known = known
     past = Past(record, run.world, steps)
     run.watch(past)
     while past.steps < steps and not past.differs and not run.done and not stop.asked:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -22,6 +22,7 @@ from bt_dualarm.runtime.notes import Notes
 from bt_dualarm.runtime.outcome import Leniency
 from bt_dualarm.runtime.schedule import exact
 from bt_dualarm.runtime.series import SeriesLog
+from bt_dualarm.runtime.sights import Sights
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.document import TreeFile
@@ -51,6 +52,7 @@ class Assembly:
         planning: Planning process of all arms; to be closed.
         touches: What the arms really touch, to be looked at after each step.
         seed: Seed of everything random.
+        sights: What the cameras' pictures show, by the arm's name.
     """
 
     world: World
@@ -61,6 +63,7 @@ class Assembly:
     planning: PlanningProcess
     touches: Touches
     seed: int
+    sights: Mapping[str, Sights]
 
     def close(self) -> None:
         """Give the renderer back, end the process that plans."""
@@ -84,6 +87,7 @@ class _Parts:
     reservations: Reservations
     seed: int
     notes: Notes | None
+    sights: Mapping[str, Sights]
 
     def clock(self) -> float:
         return self.world.time
@@ -94,7 +98,8 @@ class _Parts:
         camera = None
         if spec.camera is not None and self.renderer is not None:
             eye_name, known = f"{name}/camera", calibration_of(self.world, name, self.seed)
-            camera = Camera(eye_name, spec.camera, self.renderer, self._rng(eye_name), known)
+            rng, sights = self._rng(eye_name), self.sights[name]
+            camera = Camera(eye_name, spec.camera, self.renderer, rng, known, sights)
         period = control_period(self.world.timestep)
         controller = JointController(self.world, name, float(period), self.reservations)
         arm = SharedArm(
@@ -110,7 +115,7 @@ class _Parts:
             None if self.notes is None else self.notes.of_tree,
         )
         called = name_of_robot(spec.robot, self.world.robots[name])
-        eye = None if camera is None else _Eye(name, camera, self.world, self.notes)
+        eye = None if camera is None else _Eye(camera, self.world, self.sights[name])
         return ArmParts(called, tree, controller, eye, 1 / exact(spec.tick_hz), period)
 
     def _rng(self, owner: str) -> np.random.Generator:
@@ -132,23 +137,21 @@ class _Parts:
 class _Eye:
     """A camera, and the world that it looks at."""
 
-    arm: str
     camera: Camera
     world: World
-    notes: Notes | None
+    sights: Sights
 
     def due(self, time: float) -> bool:
         return self.camera.due(time)
 
     def capture(self) -> None:
-        frame = self.camera.capture(self.world)
-        if self.notes is not None:
-            self.notes.of_frame(self.arm, frame)
+        self.sights.note(self.camera.capture(self.world))
 
     def deliver(self, time: float) -> None:
         self.camera.deliver(time)
-        while self.notes is not None and self.camera.looks:
-            self.notes.of_look(self.arm, self.camera.looks.popleft())
+        notes = self.sights.notes
+        while notes is not None and self.camera.looks:
+            notes.of_look(self.sights.arm, self.camera.looks.popleft())
 
 
 def assemble(
@@ -184,7 +187,8 @@ def assemble(
     world.refuse_overlaps()
     series, planning, touches = SeriesLog(), PlanningProcess(), Touches(world)
     shared = series, planning, touches, Reservations()
-    parts = _Parts(file, world, registry, drawing, on_event, *shared, seed, notes)
+    sights = {name: Sights(name, notes) for name in file.arms}
+    parts = _Parts(file, world, registry, drawing, on_event, *shared, seed, notes, sights)
     declared = {
         name: name_of_robot(arm.robot, world.robots[name]) for name, arm in file.arms.items()
     }
@@ -192,7 +196,7 @@ def assemble(
         name: Leniency(arm.removable, arm.last_life_counts) for name, arm in file.arms.items()
     }
     arms = Arms(declared, parts.equip, world, leniency)
-    return Assembly(world, arms, drawing, message, series, planning, touches, seed)
+    return Assembly(world, arms, drawing, message, series, planning, touches, seed, sights)
 
 
 def name_of_robot(given: str, robot: Robot) -> str:

@@ -9,7 +9,7 @@ from typing import Protocol
 from bt_dualarm.errors import Number
 from bt_dualarm.runtime.summary import json_ready
 from bt_dualarm.tree.notes import KeyWritten, TreeNote
-from bt_dualarm.world.cameras.frame import Frame
+from bt_dualarm.world.cameras.frame import Frame, Plain
 from bt_dualarm.world.cameras.look import Look
 
 
@@ -45,12 +45,25 @@ class Notes:
         else:
             self._add("ports", note.arm, note.time, leaf=note.path, ports=note.ports)
 
-    def of_frame(self, arm: str, frame: Frame) -> None:
-        """A camera has taken a picture: which part, and a checksum of its pixels."""
+    def of_frame(self, arm: str, frame: Frame, crc: int | None = None) -> None:
+        """A camera has taken a picture: which part, how finely, and a checksum of its pixels.
+
+        Args:
+            arm: Name of the arm.
+            frame: The frame.
+            crc: Checksum, where it is known.
+        """
         left, top, right, bottom = frame.region
         said = {"kind": "frame", "arm": arm, "time_s": self.clock(), "stamp": float(frame.stamp)}
-        crc = zlib.crc32(frame.image[top:bottom, left:right].tobytes())
-        self._notes.append({**said, "region": (left, top, right, bottom), "crc": crc})
+        if crc is None:
+            crc = zlib.crc32(frame.image[top:bottom, left:right].tobytes())
+        part = {"region": (left, top, right, bottom), "stride": frame.stride}
+        self._notes.append({**said, **part, "crc": crc})
+
+    def of_answer(self, arm: str, stamp: float, question: str, answer: Plain) -> None:
+        """Somebody has looked for something in a picture; what was found, to the last bit."""
+        said = {"kind": "found", "arm": arm, "time_s": self.clock(), "stamp": float(stamp)}
+        self._notes.append({**said, "asked": question, "answer": answer})
 
     def of_look(self, arm: str, look: Look) -> None:
         """Somebody has looked for a target in a frame."""

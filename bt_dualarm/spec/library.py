@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Final
@@ -10,7 +10,7 @@ from typing import Final
 from bt_dualarm.spec.params import declared
 from bt_dualarm.spec.ports import KEY
 from bt_dualarm.spec.problems import Problem, SpecError, suggestion
-from bt_dualarm.spec.reader import read_file
+from bt_dualarm.spec.reader import read_file, read_text
 from bt_dualarm.spec.site import SubtreeSpec
 from bt_dualarm.spec.source import Path, Source
 from bt_dualarm.spec.wording import in_words
@@ -31,6 +31,7 @@ class Libraries:
 
     Args:
         root: No file outside of this folder is read, wherever a symlink leads.
+        texts: Texts of files, by their paths, that are taken in place of those on the disk.
 
     Attributes:
         problems: Found so far.
@@ -38,6 +39,7 @@ class Libraries:
     """
 
     root: FilePath
+    texts: Mapping[str, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     included: list[Source] = field(default_factory=list)
     _known: dict[FilePath, dict[str, SubtreeSpec]] = field(default_factory=dict)
@@ -132,7 +134,8 @@ class Libraries:
         self, source: Source, place: Path, shown: FilePath, stack: tuple[FilePath, ...]
     ) -> dict[str, SubtreeSpec]:
         try:
-            included = read_file(shown)
+            text = self.texts.get(str(shown))
+            included = read_file(shown) if text is None else read_text(text, str(shown))
         except SpecError as error:
             self.problems += error.problems
             return self._refuse(source, place, f"'{shown}' cannot be used")

@@ -131,7 +131,7 @@ class _Loading:
         specs = declared(source, ("params",), self.problems)
         values, complaints = chosen(specs, self.given, source.file)
         self.problems += complaints
-        libraries = Libraries(FilePath(source.file).parent)
+        libraries = Libraries(FilePath(source.file).parent, source.texts)
         library = libraries.of(source)
         self.problems += libraries.problems
         self._texts = {each.file: each.text for each in (source, *libraries.included)}

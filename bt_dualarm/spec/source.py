@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -39,6 +39,7 @@ class Source:
         data: Data that it says.
         values: Span of each value.
         keys: Span of the key of each value in a mapping.
+        texts: Texts of files that it includes, by their paths, in place of those on the disk.
     """
 
     file: str
@@ -46,6 +47,7 @@ class Source:
     data: Data = None
     values: dict[Path, Span] = field(default_factory=dict)
     keys: dict[Path, Span] = field(default_factory=dict)
+    texts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def text(self) -> str:

@@ -20,10 +20,14 @@ class ColorFilter:
 
     Args:
         color: A pixel that lies in any of its ranges has it.
+
+    Attributes:
+        name: Text of its ranges, which tells it from others.
     """
 
     def __init__(self, color: Color) -> None:
         self._boxes = color.bounds
+        self.name = " ".join(f"{low.tolist()}-{high.tolist()}" for low, high in self._boxes)
 
     def mask(self, image: Image) -> Mask:
         """Which pixels have the colour, of an image (red, green, blue) of shape (h, w, 3)."""

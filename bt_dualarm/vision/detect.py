@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.vision.colors import ColorFilter, Mask
-from bt_dualarm.world.cameras.frame import Frame
+from bt_dualarm.world.cameras.frame import Frame, Plain
 from bt_dualarm.world.rendering.renderer import Image, Region
 
 _KERNEL = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
@@ -42,6 +42,42 @@ class Detection:
     bounds_px: Region
     confidence: float
     touches_border: bool
+
+    @classmethod
+    def at(
+        cls,
+        frame: Frame,
+        place: tuple[float, float],
+        area: float,
+        bounds: Region,
+        confidence: float = 1.0,
+        touches_border: bool = False,
+    ) -> Detection:
+        """One in a frame, by what was measured: place and bounds in px, area in square px."""
+        x, y = place
+        return cls(
+            stamp=frame.stamp,
+            centroid=(2.0 * x / frame.width - 1.0, 2.0 * y / frame.height - 1.0),
+            centroid_px=(x, y),
+            area_px=area,
+            size=math.sqrt(area) / frame.height,
+            bounds_px=bounds,
+            confidence=confidence,
+            touches_border=touches_border,
+        )
+
+    @property
+    def plain(self) -> Plain:
+        """What was measured, as `Frame.answer` has it."""
+        measured = [self.centroid_px, self.area_px, self.bounds_px, self.confidence]
+        return [*measured, self.touches_border]
+
+    @classmethod
+    def of_plain(cls, frame: Frame, plain: Plain) -> Detection:
+        """The detection of that frame again, to the last bit."""
+        (x, y), area, (left, top, right, bottom), confidence, touches_border = plain
+        box = (left, top, right, bottom)
+        return cls.at(frame, (x, y), area, box, confidence, touches_border)
 
 
 def detect(
@@ -76,7 +112,12 @@ def detect_all(
     frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
 ) -> list[Detection]:
     """All targets of the colour and of a fitting area, in no particular order."""
-    return [found for found, _ in detect_blobs(frame, color, min_area, max_area)]
+
+    def look() -> Plain:
+        return [found.plain for found, _ in detect_blobs(frame, color, min_area, max_area)]
+
+    found = frame.answer(f"detect {color.name} from {min_area!r} to {max_area!r} px", look)
+    return [Detection.of_plain(frame, each) for each in found]
 
 
 def detect_blobs(
@@ -138,18 +179,15 @@ def _measure(frame: Frame, blob: Blob) -> Detection:
     # Half a sample: moments count a pixel at its index, a frame at its centre.
     x = left + step * (blob.origin[0] + moments["m10"] / total + 0.5)
     y = top + step * (blob.origin[1] + moments["m01"] / total + 0.5)
-    area = total * step**2
     filled = cv2.countNonZero(blob.filled)
     x0, y0, x1, y1 = blob.bounds
-    return Detection(
-        stamp=frame.stamp,
-        centroid=(2.0 * x / frame.width - 1.0, 2.0 * y / frame.height - 1.0),
-        centroid_px=(x, y),
-        area_px=area,
-        size=math.sqrt(area) / frame.height,
-        bounds_px=(left + x0 * step, top + y0 * step, left + x1 * step, top + y1 * step),
-        confidence=cv2.countNonZero(cv2.bitwise_and(blob.filled, blob.raw)) / max(filled, 1),
-        touches_border=x0 == 0 or y0 == 0 or x1 == blob.limits[0] or y1 == blob.limits[1],
+    return Detection.at(
+        frame,
+        (x, y),
+        total * step**2,
+        (left + x0 * step, top + y0 * step, left + x1 * step, top + y1 * step),
+        cv2.countNonZero(cv2.bitwise_and(blob.filled, blob.raw)) / max(filled, 1),
+        x0 == 0 or y0 == 0 or x1 == blob.limits[0] or y1 == blob.limits[1],
     )
 
 

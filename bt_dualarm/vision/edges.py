@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
@@ -11,7 +11,9 @@ import numpy as np
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.vision.colors import ColorFilter
 from bt_dualarm.vision.detect import Blob, Detection, coverage, detect_blobs
-from bt_dualarm.world.cameras.frame import Frame
+from bt_dualarm.world.cameras.frame import Frame, Plain
+from bt_dualarm.world.cameras.undrawn import UndrawnFrame
+from bt_dualarm.world.rendering.renderer import Image
 
 _FINER: Final = 4
 """Samples a pixel along each direction between which an edge is looked for."""
@@ -52,8 +54,12 @@ def merged(frames: list[Frame]) -> Frame:
     Args:
         frames: Frames, one at least, of one region and stride.
     """
-    mean = np.mean([frame.image for frame in frames], axis=0)
-    return replace(frames[-1], image=np.rint(mean).astype(np.uint8))
+
+    def mean() -> Image:
+        exact = np.mean([frame.image for frame in frames], axis=0)
+        return np.asarray(np.rint(exact), dtype=np.uint8)
+
+    return UndrawnFrame.of(frames[-1], mean, merges=len(frames))
 
 
 def outlines(frame: Frame, color: ColorFilter, min_area: float) -> list[OutlineView]:
@@ -64,10 +70,22 @@ def outlines(frame: Frame, color: ColorFilter, min_area: float) -> list[OutlineV
         color: Filter of the colour.
         min_area: Least area in square pixels.
     """
+
+    def look() -> Plain:
+        return [
+            [_edge(frame, blob).ravel().tolist(), detection.plain]
+            for detection, blob in detect_blobs(frame, color, min_area)
+            if not detection.touches_border
+        ]
+
     found = [
-        OutlineView(frame.pose, frame.focal_px, _edge(frame, blob), detection)
-        for detection, blob in detect_blobs(frame, color, min_area)
-        if not detection.touches_border
+        OutlineView(
+            frame.pose,
+            frame.focal_px,
+            np.array(edge, float).reshape(-1, 2),
+            Detection.of_plain(frame, seen),
+        )
+        for edge, seen in frame.answer(f"outline {color.name} from {min_area!r} px", look)
     ]
     return sorted(found, key=lambda view: -view.detection.area_px)
 

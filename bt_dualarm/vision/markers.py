@@ -16,7 +16,7 @@ from bt_dualarm.vision.edges import OutlineView
 from bt_dualarm.vision.known_shape import KnownShape
 from bt_dualarm.vision.outline_error import Scene
 from bt_dualarm.vision.shape_fit import ShapeFit, ShapeFitter
-from bt_dualarm.world.cameras.frame import Frame
+from bt_dualarm.world.cameras.frame import Frame, Plain
 from bt_dualarm.world.marker_bodies import DICTIONARIES
 
 Grey: TypeAlias = npt.NDArray[np.uint8]
@@ -70,40 +70,39 @@ class SquareCorners(KnownShape):
 
 def markers_in(frame: Frame, marker: MarkerSpec) -> list[OutlineView]:
     """All markers of one number in a picture."""
+    middle = np.array((frame.width, frame.height)) / 2.0
+    asked = f"marker {marker.dictionary} {marker.id}"
+    views: list[OutlineView] = []
+    for edge, four, bounds, area in frame.answer(asked, lambda: _look(frame, marker)):
+        corners = np.array(four, float).reshape(4, 2)
+        x, y = corners.mean(axis=0).tolist()
+        box = (bounds[0], bounds[1], bounds[2], bounds[3])
+        detection = Detection.at(frame, (x, y), area, box)
+        around = np.array(edge, float).reshape(-1, 2)
+        views.append(
+            MarkerView(frame.pose, frame.focal_px, around - middle, detection, corners - middle)
+        )
+    return views
+
+
+def _look(frame: Frame, marker: MarkerSpec) -> Plain:
+    """Edge, corners, box and area of each such marker, in px from the image's corner."""
     grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     large = cv2.resize(grey, None, fx=_LARGER, fy=_LARGER, interpolation=cv2.INTER_LINEAR)
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     known = cv2.aruco.getPredefinedDictionary(DICTIONARIES[marker.dictionary])
-    corners, ids, _ = cv2.aruco.ArucoDetector(known, settings).detectMarkers(large)
-    if ids is None:
-        return []
-    seen = [
-        _view(frame, grey, (np.asarray(four, dtype=float).reshape(4, 2) + 0.5) / _LARGER, marker)
-        for four, number in zip(corners, ids.ravel().tolist(), strict=True)
-        if number == marker.id
-    ]
-    return [view for view in seen if len(view.edge)]
-
-
-def _view(frame: Frame, grey: Grey, corners: Matrix, marker: MarkerSpec) -> MarkerView:
-    """The view of a marker with these corners, in px from the image's corner, of shape (4, 2)."""
-    middle = np.array((frame.width, frame.height)) / 2.0
-    area = float(cv2.contourArea(corners.astype(np.float32)))
-    x, y = corners.mean(axis=0).tolist()
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    detection = Detection(
-        stamp=frame.stamp,
-        centroid=(2.0 * x / frame.width - 1.0, 2.0 * y / frame.height - 1.0),
-        centroid_px=(x, y),
-        area_px=area,
-        size=area**0.5 / frame.height,
-        bounds_px=(int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1),
-        confidence=1.0,
-        touches_border=False,
-    )
-    edge = _edge(grey, corners, marker.cells)
-    return MarkerView(frame.pose, frame.focal_px, edge - middle, detection, corners - middle)
+    all_corners, ids, _ = cv2.aruco.ArucoDetector(known, settings).detectMarkers(large)
+    found: Plain = []
+    for four, number in zip(all_corners, () if ids is None else ids.ravel(), strict=False):
+        corners = (np.asarray(four, dtype=float).reshape(4, 2) + 0.5) / _LARGER
+        edge = _edge(grey, corners, marker.cells) if number == marker.id else np.zeros((0, 2))
+        if len(edge):
+            area = float(cv2.contourArea(corners.astype(np.float32)))
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            bounds = (int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1)
+            found.append([edge.ravel().tolist(), corners.ravel().tolist(), bounds, area])
+    return found
 
 
 def _edge(grey: Grey, corners: Matrix, cells: int) -> Matrix:

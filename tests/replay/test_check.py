@@ -11,7 +11,7 @@ import pytest
 import bt_dualarm
 from bt_dualarm import cli
 from bt_dualarm.replay.check import check_record
-from bt_dualarm.replay.record import Record, ReplayError
+from bt_dualarm.replay.record import Record
 from bt_dualarm.skill.registry import Registry
 from tests.replay.runs import recorded
 
@@ -78,11 +78,13 @@ def test_a_run_that_was_closed_agrees_as_far_as_it_went(tmp_path: Path, short: R
     assert (found.steps, found.hash_agrees) == (250, None)
 
 
-def test_an_include_that_has_changed_is_refused(short: Record) -> None:
-    _, include = short.start["texts"]
-    texts = {**short.start["texts"], include: "bt_dualarm: 1\n"}
-    with pytest.raises(ReplayError, match=r"parts\.yaml, which the tree includes, is not what it"):
-        check_record(dataclasses.replace(short, start={**short.start, "texts": texts}), REGISTRY)
+def test_an_include_that_has_changed_since_is_taken_from_the_record(tmp_path: Path) -> None:
+    record = recorded(tmp_path)
+    (tmp_path / "parts.yaml").write_text("bt_dualarm: 1\n")
+    found = check_record(record, REGISTRY)
+    assert found.agrees
+    (changed,) = found.changed
+    assert changed.endswith("parts.yaml, which the tree includes, is not what it was")
 
 
 def test_the_command_says_so(short: Record, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ from bt_dualarm.replay.record import Record, ReplayError
 from bt_dualarm.replay.rerun import Changed
 from bt_dualarm.replay.resume import PastChangedError, parse_place, resumed
 from bt_dualarm.skill.registry import Registry
-from tests.replay.runs import SHORT, recorded, write_short
+from tests.replay.runs import PARTS, SHORT, recorded, write_short
 
 REGISTRY = Registry.load()
 
@@ -54,6 +54,28 @@ def test_a_tree_edited_before_that_time_is_refused_with_its_node(
         resumed(short, end, REGISTRY, change)
     assert "the past is not that of the record: it differs from" in str(refused.value)
     assert "arm1:sequence/set began at 0.00 s and has another value now" in str(refused.value)
+
+
+def test_an_included_file_that_changed_counts_from_where_its_past_did(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a comment or a later node says is no matter; the record goes by its own texts."""
+    parts = tmp_path / "parts.yaml"
+    record = recorded(tmp_path)
+    assert record.end is not None
+    monkeypatch.chdir("/")
+    parts.write_text(f"# said otherwise\n{PARTS}")
+    with resumed(record, 0.5, REGISTRY, Changed()) as run:
+        assert run.finish().state_sha256 == record.end["state_sha256"]
+    parts.write_text(PARTS.replace("-0.06", "-0.05"))
+    with pytest.raises(PastChangedError) as refused:
+        resumed(record, 0.5, REGISTRY, Changed())
+    assert "arm1:sequence/aside/reach_to_pose began at" in str(refused.value)
+    assert "has another offset now" in str(refused.value)
+    assert f"{parts}, which the tree includes, is not what it was" in str(refused.value)
+    parts.unlink()
+    with resumed(record, 0.5, REGISTRY, Changed()) as run:
+        assert run.finish().state_sha256 == record.end["state_sha256"]
 
 
 def test_another_kind_of_node_is_told(short: Record, tmp_path: Path) -> None:

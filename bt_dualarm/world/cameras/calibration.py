@@ -61,17 +61,27 @@ class Calibration:
             region: Part that was.
             stride: Edge in pixels of the blocks that share a colour.
         """
+        return self.suffering(region, stride)(image)
+
+    def suffering(self, region: Region, stride: int = 1) -> Callable[[Image], Image]:
+        """What the next picture will suffer, as it was drawn now; arguments as of ``suffered``."""
         if not (self.noise or self.light.most):
-            return image
+            return lambda image: image
         left, top, right, bottom = region
         light = 1.0 + float(self.light.draw(self.rng, 1)[0])
-        part = np.ascontiguousarray(image[top:bottom:stride, left:right:stride])
-        more, less = self._noise_of(part.size)
-        # OpenCV keeps to the levels that there are.
-        bright = cv2.add(cv2.convertScaleAbs(part, alpha=light), more.reshape(part.shape))
-        dark = cv2.subtract(bright, less.reshape(part.shape))
-        enter_blocks(image, region, stride, np.asarray(dark, dtype=np.uint8))
-        return image
+        rows, columns = slice(top, bottom, stride), slice(left, right, stride)
+        blocks = len(range(top, bottom, stride)) * len(range(left, right, stride))
+        more, less = self._noise_of(3 * blocks)
+
+        def suffer(image: Image) -> Image:
+            part = np.ascontiguousarray(image[rows, columns])
+            # OpenCV keeps to the levels that there are.
+            bright = cv2.add(cv2.convertScaleAbs(part, alpha=light), more.reshape(part.shape))
+            dark = cv2.subtract(bright, less.reshape(part.shape))
+            enter_blocks(image, region, stride, np.asarray(dark, dtype=np.uint8))
+            return image
+
+        return suffer
 
     def _noise_of(self, count: int) -> npt.NDArray[np.uint8]:
         """What so many pixels have more and less, of shape (2, count).

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Protocol, TypeAlias
 
 import mujoco
@@ -14,11 +13,12 @@ import numpy as np
 from bt_dualarm.errors import WorldError
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.cameras.calibration import Calibration
-from bt_dualarm.world.cameras.frame import Frame, Window, focal_length_px
+from bt_dualarm.world.cameras.frame import Frame, Memory, Window, focal_length_px
 from bt_dualarm.world.cameras.look import Look
 from bt_dualarm.world.cameras.optics import Optics
+from bt_dualarm.world.cameras.undrawn import Scenery, UndrawnFrame
 from bt_dualarm.world.nominal.camera_pose import camera_pose
-from bt_dualarm.world.rendering.renderer import Exposure, Region, Renderer, clip_region
+from bt_dualarm.world.rendering.renderer import Exposure, Image, Region, Renderer, clip_region
 
 _CLOCK_TOLERANCE_S = 1e-9
 _MOST_LOOKS = 16  # far more than frames that are delivered in one step
@@ -76,6 +76,7 @@ class Camera:
         renderer: Renderer of the images; may serve several cameras.
         rng: Source of its faults; seed 0 by default.
         calibration: What is believed of it; by default what is true.
+        memory: Memory of what is found in its pictures; those that it knows are not drawn.
 
     Attributes:
         looks: Latest finds of those who listen, for the record; taken away by who reads them.
@@ -88,6 +89,7 @@ class Camera:
         renderer: Renderer,
         rng: np.random.Generator | None = None,
         calibration: Calibration | None = None,
+        memory: Memory | None = None,
     ) -> None:
         self.name = name
         self.latency = float(spec.latency)
@@ -99,6 +101,7 @@ class Camera:
         self.frames = 0
         self.looks: deque[Look] = deque(maxlen=_MOST_LOOKS)
         self._calibration = calibration
+        self._memory = memory
         self._optics = Optics(renderer)
         if calibration is not None:
             self._optics = Optics(renderer, calibration.exposure_s, calibration.bend)
@@ -146,9 +149,17 @@ class Camera:
         region = self._exposed(window)
         shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
         exposure = Exposure(camera_id, self.width, self.height, region, window.stride)
-        image = self._optics.picture(model, data, exposure, shake)
-        image = known.suffered(image, region, window.stride)
-        frame = Frame(stamp, image, pose, known.fov_rad, region, window.stride, self.noise)
+        suffer = known.suffering(region, window.stride)
+
+        def draw(state: mujoco.MjData) -> Image:
+            return suffer(self._optics.picture(model, state, exposure, shake))
+
+        facts = pose, known.fov_rad, region, window.stride, self.noise, self._memory
+        if self._memory is not None and self._memory.knows(stamp, region, window.stride):
+            then, size = Scenery.of(model, data), (self.width, self.height)
+            frame: Frame = UndrawnFrame(size, lambda: draw(then.data()), stamp, *facts)
+        else:
+            frame = Frame(stamp, draw(data), *facts)
         if self._rng.random() >= self.drop:
             self._pending.append(frame)
         self._next_index = math.floor((time + _CLOCK_TOLERANCE_S) / self.period) + 1
@@ -167,7 +178,7 @@ class Camera:
             frame = self._pending.popleft()
             if self._calibration is not None and self._calibration.stamp_s > 0:
                 # Where the arm is at the time of the stamp was not known at the exposure.
-                frame = replace(frame, pose=self._calibration.pose_at(frame.stamp))
+                frame = frame.posed(self._calibration.pose_at(frame.stamp))
             self.latest = frame
             ready.append(frame)
             for callback in tuple(self._callbacks):

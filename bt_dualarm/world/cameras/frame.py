@@ -3,13 +3,34 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.rendering.renderer import Image, Region
+
+Plain: TypeAlias = list[Any]
+"""What was found in a picture as JSON can say it: numbers, texts, lists of them."""
+
+
+class Memory(Protocol):
+    """What was found in a camera's pictures: kept for a record, or known from one."""
+
+    def knows(self, stamp: float, region: Region, stride: int) -> bool:
+        """Whether such a picture is known, and what those who looked at it found."""
+
+    def recall(self, stamp: float, question: str, look: Callable[[], Plain]) -> Plain:
+        """The answer to a question about the picture of a stamp.
+
+        Args:
+            stamp: Stamp of the picture in s.
+            question: Text that says what is looked for, and how.
+            look: Function that looks at the pixels for it.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +48,8 @@ class Frame:
         region: Part of the image that was exposed.
         stride: Edge of the blocks of pixels that share one sample; 1 for a full image.
         noise_px: Standard deviation along x and y of a shift of the whole image.
+        memory: Memory of what is found in it, None where nobody keeps that.
+        merges: Number of pictures that it is the mean of.
     """
 
     stamp: float
@@ -36,6 +59,18 @@ class Frame:
     region: Region
     stride: int = 1
     noise_px: float = 0.0
+    memory: Memory | None = None
+    merges: int = 1
+
+    def posed(self, pose: Pose) -> Frame:
+        """The same picture, by a camera that is believed to have been elsewhere."""
+        return replace(self, pose=pose)
+
+    def answer(self, question: str, look: Callable[[], Plain]) -> Plain:
+        """What is found in it; not looked for where that is known; arguments as of `Memory`."""
+        if self.memory is None:
+            return look()
+        return self.memory.recall(self.stamp, f"{question} in {self.merges}", look)
 
     @property
     def width(self) -> int:

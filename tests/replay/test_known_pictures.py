@@ -1,0 +1,112 @@
+"""What was found in pictures need not be looked for again: nothing of the run changes by that."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import bt_dualarm
+from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.rerun import Changed
+from bt_dualarm.replay.resume import PastChangedError, resumed
+from bt_dualarm.skill.registry import Registry
+
+REGISTRY = Registry.load()
+
+TREE = """\
+bt_dualarm: 1
+name: looking
+world: {scene: empty, reality: rough, seed: 3, time_limit: 30}
+objects:
+  block:
+    shape: box
+    size: [0.06, 0.06, 0.04]
+    mass: 0.1
+    color: yellow
+    pose: {xyz: [0.45, 0, 0.02]}
+    marker: {dictionary: apriltag_36h11, id: 5, size: 0.045}
+arms:
+  arm1:
+    robot: panda
+    camera: {mount: wrist, resolution: [320, 240], fov: 50, fps: 30, latency: 0.05, drop: 0.1}
+    tree:
+      sequence:
+        - look_at: {at: {xyz: [0.45, 0, 0.02]}, distance: 0.35}
+        - count: {object: block}
+        - locate: {object: block, by: marker, pose: "{block}"}
+        - track: {color: yellow, plane: xy, duration: 1.0}
+        - reach_to_pose: {offset: {xyz: [0, 0, 0.05]}}
+"""
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    folder = tmp_path_factory.mktemp("looking")
+    assert bt_dualarm.run(TREE, record=folder).outcome == "SUCCESS"
+    return Record.read(folder)
+
+
+def of_tracking(record: Record) -> float:
+    """A time in s in the middle of the tracking."""
+    frames = [note["time_s"] for note in record.notes if note["kind"] == "look"]
+    return float(frames[len(frames) // 2])
+
+
+def test_no_picture_of_before_is_drawn_and_the_hash_is_the_same(record: Record) -> None:
+    with resumed(record, of_tracking(record), REGISTRY, Changed()) as run:
+        sights = run.assembly.sights["arm1"]
+        frames = [n for n in record.notes if n["kind"] == "frame" and n["time_s"] < run.time]
+        assert (sights.taken, sights.drawn) == (len(frames), 0)
+        assert len(frames) > 50
+        result = run.finish()
+    assert record.end is not None
+    assert result.state_sha256 == record.end["state_sha256"]
+
+
+def test_a_question_that_is_not_in_the_record_is_asked_of_the_same_picture(record: Record) -> None:
+    """Pictures that are drawn late are those of their exposure: each answer is the same."""
+    forgotten = [
+        note for note in record.notes if note["kind"] != "found" or note["time_s"] % 0.3 < 0.1
+    ]
+    time = of_tracking(record)
+    with resumed(replace(record, notes=tuple(forgotten)), time, REGISTRY, Changed()) as run:
+        assert 0 < run.assembly.sights["arm1"].drawn < run.assembly.sights["arm1"].taken
+        result = run.finish()
+    assert record.end is not None
+    assert result.state_sha256 == record.end["state_sha256"]
+
+
+def test_answers_that_lead_elsewhere_are_dropped_and_all_is_drawn(
+    record: Record, caplog: pytest.LogCaptureFixture
+) -> None:
+    wrong = [note | {"answer": []} if note["kind"] == "found" else note for note in record.notes]
+    false = replace(record, notes=tuple(wrong))
+    with (
+        caplog.at_level(logging.WARNING),
+        resumed(false, of_tracking(record), REGISTRY, Changed()) as run,
+    ):
+        assert run.assembly.sights["arm1"].taken == 0
+        result = run.finish()
+    assert "what the record has of pictures leads elsewhere from" in caplog.text
+    assert record.end is not None
+    assert result.state_sha256 == record.end["state_sha256"]
+
+
+def test_another_colour_is_looked_for_anew(record: Record, tmp_path: Path) -> None:
+    tree = tmp_path / "looking.yaml"
+    tree.write_text(TREE.replace("track: {color: yellow", "track: {color: red"))
+    with pytest.raises(PastChangedError, match=r"sequence/track began at .* has another color now"):
+        resumed(record, of_tracking(record), REGISTRY, Changed(tree))
+
+
+def test_the_record_of_a_resumed_run_is_that_of_one_never_interrupted(
+    record: Record, tmp_path: Path
+) -> None:
+    """Checksums of pictures and answers, too, though they were not made again."""
+    changed = Changed(options={"record": tmp_path / "again"})
+    with resumed(record, of_tracking(record), REGISTRY, changed) as run:
+        run.finish()
+    assert Record.read(tmp_path / "again").notes == record.notes
