@@ -35,6 +35,7 @@ FLOORS = (
         "motion.kinematics",
         "motion.collision",
         "motion.chains",
+        "motion.grasping",
     },
     {"motion.search"},
     {"vision", "motion.planning", "motion.setpoints", "motion.identification"},

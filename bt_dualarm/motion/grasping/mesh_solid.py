@@ -1,0 +1,138 @@
+"""A closed surface of triangles as a solid: its distances, and what a ray through it meets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull
+
+from bt_dualarm.pose import Matrix, Vector
+
+_GRAZING = 1e-12
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSolid:
+    """Triangles that bound a volume; their corners run anticlockwise seen from outside.
+
+    Attributes:
+        corners: Corners of the triangles, of shape (n, 3, 3): triangle, corner, coordinate; m.
+    """
+
+    corners: npt.NDArray[np.float64]
+
+    @classmethod
+    def hull_of(cls, points: Matrix) -> MeshSolid:
+        """The convex hull of points of shape (n, 3), m."""
+        hull = ConvexHull(points)
+        corners = points[hull.simplices]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        inward = np.einsum("ij,ij->i", normal, hull.equations[:, :3]) < 0.0
+        corners[inward] = corners[inward][:, ::-1]
+        return cls(corners)
+
+    @cached_property
+    def normals(self) -> Matrix:
+        """Unit normals of the triangles, outward, of shape (n, 3)."""
+        across = np.cross(
+            self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]
+        )
+        unit: Matrix = across / np.linalg.norm(across, axis=1)[:, None]
+        return unit
+
+    @cached_property
+    def is_convex(self) -> bool:
+        """Whether no corner lies outside the plane of any triangle."""
+        return bool((self.corners.reshape(-1, 3) @ self.normals.T - self._planes).max() < _SAME)
+
+    @cached_property
+    def _planes(self) -> Vector:
+        """Distances of the triangles' planes from the origin, of shape (n,), m."""
+        planes: Vector = np.einsum("ij,ij->i", self.corners[:, 0], self.normals)
+        return planes
+
+    def reach(self, direction: Vector) -> float:
+        """As `Solid.reach`: at one of the corners."""
+        return float((self.corners.reshape(-1, 3) @ direction).max())
+
+    def distance(self, points: Matrix) -> Vector:
+        """As `Solid.distance`: to the nearest triangle, inside where the surface winds around.
+
+        From outside a convex solid it is that of the farthest plane, which is never more.
+        Winding number by solid angles: Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 1983.
+        """
+        if self.is_convex:
+            beyond: Vector = (points @ self.normals.T - self._planes).max(axis=1)
+            return beyond
+        away = np.empty(len(points))
+        for i, point in enumerate(points):
+            to = self.corners - point
+            away[i] = _nearest(to) * (-1.0 if _winding(to) > 0.5 else 1.0)
+        return away
+
+    def sample(self, number: int, rng: np.random.Generator) -> tuple[Matrix, Matrix]:
+        """Points spread evenly over the surface, and their normals, each of shape (number, 3)."""
+        a, b, c = self.corners.transpose(1, 0, 2)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        chosen = rng.choice(len(area), number, p=area / area.sum())
+        s, t = np.sqrt(rng.uniform(size=number))[:, None], rng.uniform(size=number)[:, None]
+        points = (1 - s) * a[chosen] + s * (1 - t) * b[chosen] + s * t * c[chosen]
+        return points, self.normals[chosen]
+
+    def farthest_hit(self, origin: Vector, direction: Vector) -> tuple[Vector, Vector] | None:
+        """Where a ray leaves the solid for good, and the normal there, each of shape (3,).
+
+        Args:
+            origin: Beginning of the ray, of shape (3,), m.
+            direction: Direction of it, of unit length.
+
+        Returns:
+            None where it meets nothing; by Möller and Trumbore, J. Graphics Tools 1997.
+        """
+        first = self.corners[:, 0]
+        one, two = self.corners[:, 1] - first, self.corners[:, 2] - first
+        across = np.cross(direction, two)
+        volume = np.einsum("ij,ij->i", one, across)
+        safe = np.where(np.abs(volume) < _GRAZING, np.inf, volume)
+        to = origin - first
+        u = np.einsum("ij,ij->i", to, across) / safe
+        turned = np.cross(to, one)
+        v = turned @ direction / safe
+        along = np.einsum("ij,ij->i", two, turned) / safe
+        within = (u >= -_SAME) & (v >= -_SAME) & (u + v <= 1 + _SAME) & np.isfinite(safe)
+        met = np.flatnonzero(within & (along > _SAME))
+        if not len(met):
+            return None
+        last = met[int(along[met].argmax())]
+        return origin + along[last] * direction, self.normals[last]
+
+
+def _winding(to: npt.NDArray[np.float64]) -> float:
+    """How often the surface winds around a point, from its corners seen from there."""
+    a, b, c = to.transpose(1, 0, 2)
+    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    dots = (np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a)))
+    ab, bc, ca = dots
+    angles = 2.0 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
+    return float(angles.sum() / (4.0 * np.pi))
+
+
+def _nearest(to: npt.NDArray[np.float64]) -> float:
+    """Distance in m from a point to the nearest triangle, from corners seen from there."""
+    normal = np.cross(to[:, 1] - to[:, 0], to[:, 2] - to[:, 0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    height = np.einsum("ij,ij->i", to[:, 0], normal)
+    foot = height[:, None] * normal
+    inside = np.ones(len(to), dtype=bool)
+    nearest = np.full(len(to), np.inf)
+    for i in range(3):
+        start, edge = to[:, i], to[:, (i + 1) % 3] - to[:, i]
+        inside &= np.einsum("ij,ij->i", np.cross(edge, foot - start), normal) >= 0.0
+        share = np.clip(-np.einsum("ij,ij->i", start, edge) / (edge**2).sum(axis=1), 0.0, 1.0)
+        nearest = np.minimum(nearest, np.linalg.norm(start + share[:, None] * edge, axis=1))
+    return float(np.where(inside, np.abs(height), nearest).min())

@@ -1,0 +1,110 @@
+"""Which grasp first: by margin, by what is around, and by how the arm gets there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bt_dualarm.motion.grasping.grasp import Grasp
+from bt_dualarm.motion.grasping.gripper_measures import JawMeasures
+from bt_dualarm.motion.grasping.solids import Solid
+from bt_dualarm.pose import Matrix, Pose
+
+ENOUGH_ROOM = 0.02
+"""Clearance in m beyond which more of it counts for nothing."""
+
+_ENOUGH_MARGIN = 4.0
+_TOUCHING = 1e-4  # m, that rounding takes
+_POINTS = 4  # along the longest edge of a finger
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """Something that stands around.
+
+    Attributes:
+        solid: Shape of it, in its own frame.
+        pose: Pose in the world.
+    """
+
+    solid: Solid
+    pose: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class RankedGrasp:
+    """A grasp where the object lies.
+
+    Attributes:
+        grasp: Grasp on the object.
+        tool: Pose of the tool in the world.
+        clearance: Least distance in m of the open fingers from what stands around.
+        cost: What it is ranked by, the less the better.
+    """
+
+    grasp: Grasp
+    tool: Pose
+    clearance: float
+    cost: float
+
+
+def ranked(
+    grasps: Sequence[Grasp],
+    lies: Pose,
+    jaw: JawMeasures | None,
+    obstacles: Sequence[Obstacle],
+    reach: Callable[[Pose], float],
+) -> tuple[RankedGrasp, ...]:
+    """Grasps that have room and may be reached, the best first.
+
+    Margin up to four times the load, clearance up to `ENOUGH_ROOM` and the effort of the arm count
+    alike; more of the first two is worth nothing.
+
+    Args:
+        grasps: Grasps on the object.
+        lies: Pose of the object in the world.
+        jaw: Measures of a parallel gripper; None of a cup, which asks for no room beside it.
+        obstacles: What stands around, the object itself not among it.
+        reach: Effort of the arm to get to a tool pose in the world, from 0 to 1; infinite where it
+            does not get there.
+    """
+    found = []
+    for grasp in grasps:
+        tool = lies @ grasp.tool
+        room = math.inf if jaw is None else _room(jaw, grasp, tool, obstacles)
+        if room < -_TOUCHING:
+            continue
+        effort = reach(tool)
+        if math.isinf(effort):
+            continue
+        lacks_margin = 1.0 - min(grasp.margin - 1.0, _ENOUGH_MARGIN - 1.0) / (_ENOUGH_MARGIN - 1.0)
+        lacks_room = 1.0 - min(max(room, 0.0), ENOUGH_ROOM) / ENOUGH_ROOM
+        found.append(RankedGrasp(grasp, tool, room, lacks_margin + lacks_room + effort))
+    return tuple(sorted(found, key=lambda one: one.cost))
+
+
+def finger_points(jaw: JawMeasures, opening: float) -> Matrix:
+    """Points all over the surfaces of both fingers, in the tool frame, of shape (n, 3), m.
+
+    Args:
+        jaw: Measures of the gripper.
+        opening: Distance of the pads in m.
+    """
+    steps = np.linspace(-0.5, 0.5, _POINTS)
+    x = steps * jaw.pad_width
+    y = 0.5 * opening + np.array([0.0, jaw.thickness])
+    z = np.linspace(-jaw.palm, jaw.tip, 2 * _POINTS)
+    one = np.array(np.meshgrid(x, y, z)).reshape(3, -1).T
+    return np.vstack((one, one * np.array([1.0, -1.0, 1.0])))
+
+
+def _room(jaw: JawMeasures, grasp: Grasp, tool: Pose, obstacles: Sequence[Obstacle]) -> float:
+    """Least distance in m of fingers, open or shut on the object, from what stands around."""
+    if not obstacles:
+        return math.inf
+    openings = jaw.widest_opening, grasp.width
+    points = tool.apply(np.vstack([finger_points(jaw, opening) for opening in openings]))
+    return min(float(one.solid.distance(one.pose.inverse.apply(points)).min()) for one in obstacles)
