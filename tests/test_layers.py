@@ -25,7 +25,7 @@ FLOORS = (
     {"spec", "kernels", "recording"},
     {"world.urdf"},
     {"world.robots"},
-    {"world.hardware", "world.nominal"},
+    {"world.hardware", "world.nominal", "world.grippers"},
     {"world"},
     {"world.rendering"},
     {

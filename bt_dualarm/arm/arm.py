@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Generator, Iterator, Sequence
 
 from bt_dualarm.arm.execution import Executor
+from bt_dualarm.arm.gripper import ArmGripper
 from bt_dualarm.arm.move_to import WAIT_S, MoveTo
 from bt_dualarm.arm.planning import ArmPlanner
 from bt_dualarm.arm.shared import SharedArm
 from bt_dualarm.arm.state import ArmState
 from bt_dualarm.arm.touching import Touching
-from bt_dualarm.errors import Number
+from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.collision.checker import CollisionChecker
 from bt_dualarm.motion.planning.planners import DEFAULT_PLANNER, Planner
 from bt_dualarm.motion.safety.plan_monitor import PlanMonitor
@@ -46,10 +47,22 @@ class Arm(ArmState):
         self._carrying = shared.carrying
         self._touching = Touching(shared.touches, shared.name)
         state = ArmState(shared.world, shared.name, shared.controller, shared.kinematics)
+        self._gripper = ArmGripper(shared.world, shared.name, self._lease)
         self._executor = Executor(state, self._lease, shared.patience, self._touching)
         self._planner = ArmPlanner(
             state, self._lease, shared.planning, shared.carrying, shared.seed
         )
+
+    @property
+    def gripper(self) -> ArmGripper:
+        """Gripper of this arm.
+
+        Raises:
+            Failure: ``NO_GRIPPER``: it has none.
+        """
+        if self.name not in self.world.grippers:
+            raise Failure("NO_GRIPPER", f"{self.name} has no gripper: the file mounts none on it")
+        return self._gripper
 
     def attach(self, thing: str, seen: Pose | None = None) -> None:
         """Weld an object to the tool as it lies now; again changes nothing.

@@ -145,6 +145,8 @@ def _show(kind: Kind, *, as_json: bool) -> int:
         console.print(f"\nexactly one of {', '.join(description.exactly_one_of)} is given")
     if description.needs_camera:
         console.print("\nthe arm needs a camera that moves with it")
+    if description.needs_gripper:
+        console.print("\nthe arm needs a gripper")
     for title, words in (("children", description.children), ("failures", description.failures)):
         if words:
             console.print(f"\n{title}:")

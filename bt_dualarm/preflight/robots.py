@@ -15,6 +15,9 @@ from bt_dualarm.spec.ports import reference_of
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.source import Data, Path, Source
 from bt_dualarm.world.composition import names_in, scene_names, scene_spec
+from bt_dualarm.world.grippers.gripper import Gripper
+from bt_dualarm.world.grippers.mounting import with_gripper
+from bt_dualarm.world.grippers.named import gripper_names, load_gripper
 from bt_dualarm.world.robots.catalogue import is_page, load_robot, robot_names
 from bt_dualarm.world.robots.robot import Robot
 from bt_dualarm.world.urdf.xml_source import DescriptionError
@@ -46,7 +49,8 @@ class Names:
         for name, arm in self.file.arms.items():
             robot = self._robot(("arms", name, "robot"), arm.robot)
             if robot is not None:
-                self.robots[name] = robot
+                gripper = self._gripper(("arms", name, "gripper"), arm.gripper)
+                self.robots[name] = robot if gripper is None else with_gripper(robot, gripper)
                 self._arm(("arms", name), arm, robot)
                 self.problems += self._nodes(name, arm, robot)
 
@@ -79,6 +83,21 @@ class Names:
             self._add(path, f"robot '{name}' cannot be used", str(error))
         return None
 
+    def _gripper(self, path: Path, name: str | None) -> Gripper | None:
+        if name is None:
+            return None
+        if not is_page(name) and name not in gripper_names():
+            self._unknown(path, "gripper", name, gripper_names())
+            return None
+        try:
+            return load_gripper(name, self.file.root)
+        except DescriptionError as error:
+            self._add(path, f"gripper '{name}' cannot be used", "its page has errors")
+            self.problems += error.problems
+        except CatalogueError as error:
+            self._add(path, f"gripper '{name}' cannot be used", str(error))
+        return None
+
     def _arm(self, path: Path, arm: ArmSpec, robot: Robot) -> None:
         if arm.posture not in robot.postures:
             what = f"posture of {robot.name}"
@@ -97,6 +116,10 @@ class Names:
                 message = f"{node.kind}: {name} has no camera that moves with it"
                 mount = next(iter(robot.cameras), "wrist")
                 yield node.problem(message, f"give {name} one: camera: {{mount: {mount}}}")
+            if kind.needs_gripper and arm.gripper is None:
+                message = f"{node.kind}: {name} has no gripper"
+                known = ", ".join(gripper_names())
+                yield node.problem(message, f"give {name} one: gripper: … ({known})")
             for port, declared in kind.ports.model_fields.items():
                 value = node.ports.get(port)
                 if value is None or reference_of(value) is not None:

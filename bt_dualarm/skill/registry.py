@@ -110,6 +110,7 @@ def kind_of(skill: type[Skill], origin: str) -> Kind:
         skill.Outputs,
         brings_in=frozenset(skill.brings_in),
         needs_camera=skill.needs_camera,
+        needs_gripper=skill.needs_gripper,
         failures=skill.failures,
         example=skill.example,
         origin=origin,

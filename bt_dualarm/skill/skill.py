@@ -39,6 +39,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "STALE": "a stream of set-points gave no new one for 0.1 s",
     "INTERRUPTED": "something else has stopped the motion",
     "BUSY": "another leaf is moving the arm",
+    "NO_GRIPPER": "the arm has no gripper",
     "NO_VALUE": "a key of the blackboard was read that has no value of the right type",
     "OVERRUN": "code of the skill did not return in time, and was interrupted where it stood",
     "EXCEPTION": "the skill has a bug: see the traceback in the log",
@@ -91,6 +92,7 @@ class Skill:
             skill brings into the world; the check then knows that it comes.
         needs: Modules that are slow to import and that the skill uses; imported before the run.
         needs_camera: Whether it works only with a camera that moves with the arm.
+        needs_gripper: Whether it works only with an arm that has a gripper.
         progress: Share done from 0 to 1, for the display; None where it cannot be known.
         metrics: Numbers that the skill measured, by name, for the summary of the run.
     """
@@ -102,6 +104,7 @@ class Skill:
     brings_in: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     needs_camera: ClassVar[bool] = False
+    needs_gripper: ClassVar[bool] = False
 
     ports: Any  # a subclass says of which type its own are
 

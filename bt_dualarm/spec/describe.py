@@ -51,6 +51,7 @@ class Description:
         shorthand: The port that a bare value stands for, if there is one.
         exactly_one_of: Ports of which a node is given exactly one, if there are such.
         needs_camera: Whether it works only with a camera that moves with the arm.
+        needs_gripper: Whether it works only with an arm that has a gripper.
         failures: Codes of its failures with their meaning.
         example: YAML of one node.
         origin: Place it comes from.
@@ -64,6 +65,7 @@ class Description:
     shorthand: str
     exactly_one_of: tuple[str, ...]
     needs_camera: bool
+    needs_gripper: bool
     failures: Mapping[str, str]
     example: str
     origin: str
@@ -80,6 +82,7 @@ def describe(kind: Kind) -> Description:
         kind.shorthand,
         kind.ports.exactly_one_of,
         kind.needs_camera,
+        kind.needs_gripper,
         dict(kind.failures),
         kind.example,
         kind.origin,

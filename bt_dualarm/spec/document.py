@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from bt_dualarm.spec.camera import CameraSpec
+from bt_dualarm.spec.collision import CollisionSpec
 from bt_dualarm.spec.marker import MarkerSpec
 from bt_dualarm.spec.name import Name, written_as
 from bt_dualarm.spec.node import NodeSpec
@@ -145,19 +146,19 @@ class LimitShares(Value):
     )
 
 
-class CollisionSpec(Value):
-    """What an arm does when it is hit, or runs into something, as its joints' torques tell."""
-
-    stop: bool = port(False, "Whether its motion ends with `COLLISION`, and it goes back a little")
-    threshold: float = port(1.0, "Factor of the torques that count as a hit", ge=0.2, le=1000.0)
-
-
 class ArmSpec(Value):
     """An arm with its tree."""
 
     robot: str = port(
         ...,
         "Name in the catalogue, or path of such a page relative to the tree file",
+        min_length=1,
+        max_length=200,
+    )
+    gripper: str | None = port(
+        None,
+        "Gripper in place of the robot's own tool: name in the catalogue, or path of such a page "
+        "relative to the tree file",
         min_length=1,
         max_length=200,
     )

@@ -45,6 +45,7 @@ class Kind:
         uses: Port that names a subtree, whose tree becomes the node's child; empty if none does.
         brings_in: Ports that name what the node brings into the world.
         needs_camera: Whether it works only with a camera that moves with the arm.
+        needs_gripper: Whether it works only with an arm that has a gripper.
         failures: Codes of its failures with their meaning.
         example: Node in YAML.
         origin: Place it comes from: a file for skills.
@@ -62,6 +63,7 @@ class Kind:
     uses: str = ""
     brings_in: frozenset[str] = frozenset()
     needs_camera: bool = False
+    needs_gripper: bool = False
     failures: Mapping[str, str] = field(default_factory=dict)
     example: str = ""
     origin: str = "the language"

@@ -80,6 +80,8 @@ def _node(told: Description) -> Iterator[str]:
         yield f"Exactly one of {names} is given.\n"
     if told.needs_camera:
         yield "The arm needs a camera that moves with it.\n"
+    if told.needs_gripper:
+        yield "The arm needs a gripper.\n"
     if told.ports:
         yield _table("port", told.ports)
     if told.outputs:

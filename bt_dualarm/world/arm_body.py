@@ -67,9 +67,7 @@ class ArmBody:
             tool_site=model.site(f"{name}/{TOOL_SITE}").id,
             tool_body=model.body(f"{name}/{robot.tool_link}").id,
             geom_ids=frozenset(geoms),
-            tool_geom_ids=frozenset(
-                g for g, body in geoms.items() if model.body_weldid[body] == last
-            ),
+            tool_geom_ids=frozenset(g for g, body in geoms.items() if _hangs_on(model, body, last)),
             camera_id=mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, f"{name}/{CAMERA}"),
         )
 
@@ -96,3 +94,10 @@ class ArmBody:
     def tool_link_pose(self) -> Pose:
         """The link that carries the tool, in the world."""
         return Pose(self.data.xpos[self.tool_body].copy(), self.data.xquat[self.tool_body].copy())
+
+
+def _hangs_on(model: mujoco.MjModel, body: int, link: int) -> bool:
+    """Whether a body is a link, or hangs on it, as the fingers on the hand do."""
+    while body not in (0, link):
+        body = int(model.body_parentid[body])
+    return body == link

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 
 from bt_dualarm.pose import Pose
-from bt_dualarm.world import composition
+from bt_dualarm.world import welds
 from bt_dualarm.world.weak_callback import weakly
 
 
@@ -21,6 +21,7 @@ class Attachment:
             arm's encoders; of one that was seen, by where it was seen.
         since: Simulated time in seconds.
         was_seen: Whether that pose is by sight, and not the true one.
+        by_gripper: Whether fingers or a cup hold it, and no weld: then it is only believed.
     """
 
     arm: str
@@ -28,6 +29,7 @@ class Attachment:
     relative: Pose
     since: float
     was_seen: bool = False
+    by_gripper: bool = False
 
     @property
     def name(self) -> str:
@@ -41,11 +43,14 @@ class Attachments:
     Args:
         spec: MjSpec of the world.
         recompile: Method of the world that takes up a change of the spec.
+        rebind: Method of the world that takes up a change of what is held, and of nothing else.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, recompile: Callable[[], None]) -> None:
+    def __init__(
+        self, spec: mujoco.MjSpec, recompile: Callable[[], None], rebind: Callable[[], None]
+    ) -> None:
         self._spec = spec
-        self._recompile = weakly(recompile)
+        self._recompile, self._rebind = weakly(recompile), weakly(rebind)
         self._held: dict[tuple[str, str], Attachment] = {}
 
     def __iter__(self) -> Iterator[Attachment]:
@@ -73,23 +78,32 @@ class Attachments:
         held = self._held.get((new.arm, new.object))
         if held is not None:
             return held
-        composition.add_weld(self._spec, new.name, link, new.object, relative)
+        welds.add_weld(self._spec, new.name, link, new.object, relative)
         self._held[new.arm, new.object] = new
         self._recompile()
         return new
+
+    def hold(self, new: Attachment) -> None:
+        """Believe that a gripper holds an object; what was believed of the pair is replaced."""
+        self._held[new.arm, new.object] = new
+        self._rebind()
 
     def detach(self, arm: str, thing: str) -> bool:
         """Release an object; returns whether it was held."""
         held = self._held.pop((arm, thing), None)
         if held is None:
             return False
-        composition.remove_weld(self._spec, held.name)
-        self._recompile()
+        if held.by_gripper:
+            self._rebind()
+        else:
+            welds.remove_weld(self._spec, held.name)
+            self._recompile()
         return True
 
     def forget(self, name: str) -> None:
         """Take away every weld of an arm or object that is about to leave (no recompilation)."""
         for key, held in list(self._held.items()):
             if name in key:
-                composition.remove_weld(self._spec, held.name)
+                if not held.by_gripper:
+                    welds.remove_weld(self._spec, held.name)
                 del self._held[key]

@@ -14,8 +14,16 @@ from bt_dualarm.spec.reality_sets import REALITY_SETS
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.attachments import Attachment
 from bt_dualarm.world.composition import nominal_model
+from bt_dualarm.world.grippers.drive import GripperHardware
+from bt_dualarm.world.grippers.gripper import Gripper
 from bt_dualarm.world.hardware.arm_hardware import ArmHardware
-from bt_dualarm.world.hardware.drawn_arm import DrawnArm, LinkFactors, draw_arm, draw_object
+from bt_dualarm.world.hardware.drawn_arm import (
+    DrawnArm,
+    LinkFactors,
+    draw_arm,
+    draw_object,
+    stream,
+)
 from bt_dualarm.world.nominal.nominal_arm import NominalArm
 from bt_dualarm.world.nominal.nominal_load import NominalLoad
 from bt_dualarm.world.robots.friction import JointFriction
@@ -28,19 +36,30 @@ class Equipment:
     Args:
         file: Declares the arms, and how far they are from what is believed of them.
         robots: Robot of each of them.
+        mounted: Grippers by arm, of those that have one.
         seed: Seed that draws how far.
 
     Attributes:
         hardware: Sensors and drives by arm.
+        mounted: Grippers by arm, of those declared that have one.
+        grippers: Drives and sensors of the grippers by arm.
         nominal: What is believed of each arm.
         errors: How far each declared arm may be from that.
         drawn: What the seed has made of each declared arm.
     """
 
-    def __init__(self, file: TreeFile, robots: Mapping[str, Robot], seed: int) -> None:
+    def __init__(
+        self,
+        file: TreeFile,
+        robots: Mapping[str, Robot],
+        mounted: Mapping[str, Gripper],
+        seed: int,
+    ) -> None:
         self._file, self._robots, self._seed = file, robots, seed
         self.hardware: dict[str, ArmHardware] = {}
         self.nominal: dict[str, NominalArm] = {}
+        self.mounted = mounted
+        self.grippers: dict[str, GripperHardware] = {}
         self._places: dict[str, Vector] = {}
         self.errors: dict[str, RealityErrors] = {
             name: resolved(file.world.reality, arm.reality, REALITY_SETS)
@@ -68,6 +87,15 @@ class Equipment:
             (self._seed, name),
         )
 
+        if name in self.mounted:
+            rng = stream(self._seed, f"{name}:gripper")
+            self.grippers[name] = GripperHardware(self.mounted[name], errors, rng, option.timestep)
+
+    def open_gripper(self, name: str) -> None:
+        """Put the fingers of an arm that has just come to where its drive holds them: open."""
+        if name in self.grippers:
+            self.grippers[name].stand_open()
+
     def drawn_object(self, name: str) -> LinkFactors:
         """What the seed has made of an object's mass: the world's reality has the spread."""
         errors = resolved(self._file.world.reality, None, REALITY_SETS)
@@ -76,6 +104,7 @@ class Equipment:
     def remove(self, name: str) -> None:
         """Forget an arm that goes."""
         del self.hardware[name], self.nominal[name]
+        self.grippers.pop(name, None)
 
     def connect(
         self,
@@ -97,6 +126,8 @@ class Equipment:
             first, last = body.qpos_ids[0], body.qpos_ids[-1]
             self._places[name] = self._everywhere[first : last + 1]
             self.nominal[name].hold(loads[name])
+            if name in self.grippers:
+                self.grippers[name].connect(model, body.data, name)
 
     def sense(self, plant: mujoco.MjData) -> mujoco.MjData:
         """Read the sensors of all arms; returns where everything is by them, for planning.
@@ -107,6 +138,9 @@ class Equipment:
         for name, hardware in self.hardware.items():
             hardware.sense()
             self._places[name][:] = hardware.q
+        for gripper in self.grippers.values():
+            gripper.sense()
+            gripper.place(self._everywhere)
         mujoco.mj_kinematics(self._model, self._sensed)
         return self._sensed
 
@@ -114,6 +148,8 @@ class Equipment:
         """Let all drives act during the next step."""
         for hardware in self.hardware.values():
             hardware.drive()
+        for gripper in self.grippers.values():
+            gripper.drive()
 
     def rub(self) -> None:
         """Set the friction of all arms for the velocities of now."""

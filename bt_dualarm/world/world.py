@@ -12,22 +12,22 @@ from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.world import composition
 from bt_dualarm.world.arm_body import ArmBody
-from bt_dualarm.world.attachments import Attachment, Attachments
+from bt_dualarm.world.attachments import Attachments
 from bt_dualarm.world.declarations import check_declarations
 from bt_dualarm.world.equipment import Equipment
+from bt_dualarm.world.grippers.mounting import load_arm
+from bt_dualarm.world.holding import HoldingView
 from bt_dualarm.world.mounting import MountingSurface, surface_below
 from bt_dualarm.world.names import must_be_among
 from bt_dualarm.world.object_bodies import add_object, noisy_pose
 from bt_dualarm.world.overlap import no_room, overlap
-from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.robots.robot import Robot
 from bt_dualarm.world.stepping import advance
-from bt_dualarm.world.view import WorldView
 
 _log = logging.getLogger(__name__)
 
 
-class World(WorldView):
+class World(HoldingView):
     """The composed world: ``model`` and ``data`` change identity when ``generation`` grows.
 
     They are the plant: who controls an arm reads its `hardware` and `nominal` instead.
@@ -41,7 +41,8 @@ class World(WorldView):
         before_removal: Functions that are told the name of an arm that is about to be taken away.
         on_forces: Functions that are called in each step, when contacts have the forces of it.
         equipment: All that arms are controlled through: of those that are present, by name,
-            `hardware`, sensors and drives, and `nominal`, what is believed of them.
+            `hardware`, sensors and drives, `grippers`, those of grippers, and `nominal`, what is
+            believed of them.
 
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
@@ -52,20 +53,24 @@ class World(WorldView):
         mujoco.set_mju_user_warning(_log.warning)  # else it writes a file where the user stands
         self._file, self._visuals = file, visuals
         self._poses = {name: noisy_pose(name, thing, seed) for name, thing in file.objects.items()}
+        loaded = {name: load_arm(arm, file.root) for name, arm in file.arms.items()}
         self.robots: dict[str, Robot] = {
-            name: load_robot(arm.robot, file.root).derated(arm.limits)
-            for name, arm in file.arms.items()
+            name: robot.derated(file.arms[name].limits) for name, (robot, _) in loaded.items()
         }
+        mounted = {name: gripper for name, (_, gripper) in loaded.items() if gripper is not None}
         self.arms: dict[str, ArmBody] = {}
         self.objects: dict[str, ObjectSpec] = {}
         self.before_removal: list[Callable[[str], None]] = []
         self.generation = 0
-        self.equipment = Equipment(file, self.robots, seed)
+        self.equipment = Equipment(file, self.robots, mounted, seed)
         self.hardware, self.nominal = self.equipment.hardware, self.equipment.nominal
+        self.grippers = self.equipment.grippers
         self.on_forces: list[Callable[[], None]] = [self.equipment.rub]
         self._spec = composition.scene_spec(file.world, file.root)
+        if mounted:
+            composition.take_hold_options(self._spec)
         check_declarations(file, self.robots, composition.names_in(self._spec))
-        self.attachments = Attachments(self._spec, self._recompile)
+        self.attachments = Attachments(self._spec, self._recompile, self._take_up)
         self._compile_first()
 
     @property
@@ -158,21 +163,6 @@ class World(WorldView):
         del self.objects[name]
         self._recompile()
 
-    def attach(self, arm: str, thing: str, seen: Pose | None = None) -> Attachment:
-        """Weld an object to an arm's tool link as it is now; believed to be where it was ``seen``.
-
-        Raises:
-            WorldError: Arm or object is not present, or the object is fixed.
-        """
-        must_be_among(arm, self.arms, "arm", "in the world")
-        must_be_among(thing, self.objects, "object", "in the world")
-        if self.objects[thing].fixed:
-            raise WorldError(f"object {thing!r} is fixed: no arm can carry it")
-        pose, link = self.object_pose(thing), f"{arm}/{self.robots[arm].tool_link}"
-        believed = self.nominal[arm].tool_link_pose_at(self.hardware[arm].q)
-        held = Attachment(arm, thing, believed.inverse @ (seen or pose), self.time, bool(seen))
-        return self.attachments.attach(held, link, self.arms[arm].tool_link_pose.inverse @ pose)
-
     def restore(self, state: Vector) -> None:
         """Go back to a state of the same generation, bit for bit; drives keep theirs."""
         mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -219,6 +209,10 @@ class World(WorldView):
             self.model, self.data = self._spec.recompile(self.model, self.data)
         except ValueError as error:
             raise WorldError(f"MuJoCo cannot recompile the world: {error}") from error
+        self._take_up()
+
+    def _take_up(self) -> None:
+        """Let everybody look again at what there is, and at who holds what."""
         self.generation += 1
         self._bind()
         self._look_again()
@@ -240,7 +234,10 @@ class World(WorldView):
     def _add_arm(self, name: str) -> None:
         arm, robot, drawn = self._file.arms[name], self.robots[name], self.equipment.drawn[name]
         surface, visuals = self._surfaces[name], self._visuals
-        composition.add_arm(self._spec, name, arm, robot, drawn, surface=surface, visuals=visuals)
+        gripper = self.equipment.mounted.get(name)
+        composition.add_arm(
+            self._spec, name, arm, robot, drawn, gripper, surface=surface, visuals=visuals
+        )
         self.equipment.add(name, self._spec.option)
         self.arms[name] = None  # type: ignore[assignment]  # bound when the model is compiled
 
@@ -248,3 +245,4 @@ class World(WorldView):
         """Put an arm that has just come into its initial posture: before its first step only."""
         posture = self.robots[name].postures[self._file.arms[name].posture]
         self.data.qpos[self.arms[name].qpos_ids] = posture
+        self.equipment.open_gripper(name)

@@ -27,8 +27,13 @@ MARK = {"shape": "sphere", "size": [0.03], "mass": 0.1, "fixed": True, "color": 
 ABOVE_TABLE = {"robot": "ur5", "base": ABOVE, "camera": {}}
 ON_FLOOR = CUBE | {"pose": {"xyz": [0.6, 0, 0.025]}}
 
+GRIPPING = {"robot": "ur5", "gripper": "robotiq_2f85", "base": ABOVE}
+BETWEEN_PADS = {"cube": CUBE | {"pose": {"xyz": [0.487, 0.109, 0.682]}, "fixed": True}}
+
 SCENARIOS = {
     "approach_and_attach": Scenario(ON_TABLE, scene="table"),
+    "close_gripper": Scenario(BETWEEN_PADS, arm=GRIPPING),
+    "open_gripper": Scenario(arm=GRIPPING),
     "transport": Scenario(ON_TABLE, before=(PICK,), scene="table"),
     "detach": Scenario(ON_TABLE, before=(PICK,), scene="table"),
     "circle": Scenario(arm=PRESENTING),

@@ -112,6 +112,8 @@ def file_below(folder: Path, name: str) -> Path | None:
 def _selection(file: RobotFile, tree: KinematicTree, pairs: set[frozenset[str]]) -> Selection:
     entry = file.entry
     named = {entry.base_link, entry.tool.link, *entry.colors}
+    if entry.flange is not None:
+        named |= {entry.flange.link, *entry.flange.stock}
     named |= {camera.link for camera in entry.cameras.values()}
     named |= {link for pair in pairs | _given(file) for link in pair}
     locked = {

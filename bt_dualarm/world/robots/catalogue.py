@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from bt_dualarm.errors import CatalogueError
+from bt_dualarm.pose import Pose
 from bt_dualarm.share import share_dir
 from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.world.robots.arm_description import description_of, file_below
-from bt_dualarm.world.robots.page import RobotFile
-from bt_dualarm.world.robots.robot import CameraMount, Robot
+from bt_dualarm.world.robots.page import RobotEntry, RobotFile
+from bt_dualarm.world.robots.robot import CameraMount, Flange, Robot
 
 
 def is_page(name: str) -> bool:
@@ -64,6 +65,7 @@ def _read(path: Path) -> Robot:
         tool_link=entry.tool.link,
         tool=entry.tool.pose,
         tool_shape=entry.tool.shape,
+        flange=flange_of(entry),
         joints=entry.joints,
         limits=found.limits,
         payload=None if entry.payload is None else entry.payload.value,
@@ -74,6 +76,15 @@ def _read(path: Path) -> Robot:
         exclusions=found.exclusions,
         colors=entry.colors,
     )
+
+
+def flange_of(entry: RobotEntry) -> Flange:
+    """Where grippers are mounted: where the page says, else where the tool's shape begins."""
+    if entry.flange is not None:
+        return Flange(entry.flange.link, entry.flange.pose, entry.flange.stock)
+    shape, tool = entry.tool.shape, entry.tool.pose
+    length = 0.0 if shape is None else shape.length
+    return Flange(entry.tool.link, tool @ Pose.from_rpy((0, 0, -length), (0, 0, 0)))
 
 
 def _robot_file(name: str, root: Path | None) -> Path:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -15,7 +17,27 @@ from bt_dualarm.world.robots.mesh_shapes import mesh_shapes
 from bt_dualarm.world.robots.meshes import as_stl
 from bt_dualarm.world.robots.primitives import GEOM_TYPES, half_sizes
 from bt_dualarm.world.robots.robot import Robot
-from bt_dualarm.world.urdf.link import Shape
+
+
+class Solid(Protocol):
+    """A shape of a link, as `bt_dualarm.world.urdf.link.Shape` has it."""
+
+    @property
+    def kind(self) -> str:
+        """``box``, ``cylinder``, ``sphere`` or ``mesh``."""
+
+    @property
+    def size(self) -> tuple[float, ...]:
+        """Full lengths, radius and length, radius (m); the scale of a mesh."""
+
+    @property
+    def pose(self) -> Pose:
+        """Pose in the link."""
+
+    @property
+    def mesh(self) -> Path | None:
+        """File of a mesh."""
+
 
 TOOL_SITE = "tool"
 TOOL_GEOM = "tool"
@@ -58,17 +80,17 @@ def chain_spec(robot: Robot) -> mujoco.MjSpec:
 def _add_shapes(spec: mujoco.MjSpec, robot: Robot, link: str, *, visuals: bool) -> None:
     color = robot.colors.get(link, robot.colors.get("default", _GREY))
     for number, shape in enumerate(robot.model.shapes(link, "collision")):
-        for geom in _add_solid(spec, link, f"{link}_{number}", shape):
+        for geom in add_solid(spec, link, f"{link}_{number}", shape):
             geom.rgba, geom.density = color, 0
     if visuals:
         for number, shape in enumerate(robot.model.shapes(link, "visual")):
-            geom = _add_visual(spec, link, f"{link}_visual_{number}", shape)
+            geom = add_visual(spec, link, f"{link}_visual_{number}", shape)
             geom.group, geom.rgba, geom.density = VISUAL_GROUP, color, 0
             geom.contype = geom.conaffinity = 0
 
 
-def _add_solid(spec: mujoco.MjSpec, link: str, name: str, shape: Shape) -> Iterator[mujoco.MjsGeom]:
-    """What touches things, and what cameras see where that is something else."""
+def add_solid(spec: mujoco.MjSpec, link: str, name: str, shape: Solid) -> Iterator[mujoco.MjsGeom]:
+    """Add what touches things to a link, and what cameras see where that is something else."""
     if shape.mesh is None:
         solid = _add_primitive(spec, link, name, shape)
         solid.group = COLLISION_GROUP
@@ -86,7 +108,7 @@ def _add_solid(spec: mujoco.MjSpec, link: str, name: str, shape: Shape) -> Itera
             yield solid
 
 
-def _add_primitive(spec: mujoco.MjSpec, link: str, name: str, shape: Shape) -> mujoco.MjsGeom:
+def _add_primitive(spec: mujoco.MjSpec, link: str, name: str, shape: Solid) -> mujoco.MjsGeom:
     return spec.body(link).add_geom(
         name=name,
         type=GEOM_TYPES[shape.kind],
@@ -107,7 +129,8 @@ def _add_hull(spec: mujoco.MjSpec, link: str, name: str, pose: Pose, hull: Hull)
     )
 
 
-def _add_visual(spec: mujoco.MjSpec, link: str, name: str, shape: Shape) -> mujoco.MjsGeom:
+def add_visual(spec: mujoco.MjSpec, link: str, name: str, shape: Solid) -> mujoco.MjsGeom:
+    """Add a shape of a link for pictures."""
     if shape.mesh is None:
         return _add_primitive(spec, link, name, shape)
     geom = spec.body(link).add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
@@ -151,7 +174,7 @@ def _add_exclusions(spec: mujoco.MjSpec, robot: Robot) -> None:
     Links without a joint between them count as one. MuJoCo itself lets a link touch its parent,
     but not where the parent stands still, as the base does.
     """
-    rigid = _rigid_groups(spec, robot)
+    rigid = rigid_groups(spec, robot)
     excluded = {frozenset(rigid[link] for link in pair) for pair in robot.exclusions}
     for name in robot.joints:
         link = spec.joint(name).parent
@@ -161,13 +184,14 @@ def _add_exclusions(spec: mujoco.MjSpec, robot: Robot) -> None:
         for link in robot.model.links
         if link == robot.tool_link or robot.model.shapes(link, "collision")
     )
+    links = [link for link in links if "/" not in link]  # what was mounted excludes its own
     for a, b in itertools.combinations(links, 2):
         groups = frozenset((rigid[a], rigid[b]))
         if len(groups) == 1 or groups in excluded:
             spec.add_exclude(bodyname1=a, bodyname2=b)
 
 
-def _rigid_groups(spec: mujoco.MjSpec, robot: Robot) -> dict[str, str]:
+def rigid_groups(spec: mujoco.MjSpec, robot: Robot) -> dict[str, str]:
     """Each link's nearest ancestor that hangs on a joint, or the base."""
     groups = {}
     for link in robot.model.links:

@@ -79,6 +79,25 @@ class ToolEntry(Value):
         return ToolShape(self.radius, self.length)
 
 
+class FlangeEntry(Value):
+    """Where grippers are mounted; metres, degrees. Its z axis points away from the arm.
+
+    Attributes:
+        stock: Links of the stock tool, which comes off with all that hangs on them.
+    """
+
+    link: str
+    xyz: _Near = (0.0, 0.0, 0.0)
+    rpy: tuple[_Turn, _Turn, _Turn] = (0.0, 0.0, 0.0)
+    stock: Annotated[tuple[str, ...], Field(max_length=_MOST)] = ()
+
+    @property
+    def pose(self) -> Pose:
+        """The flange in its link."""
+        roll, pitch, yaw = np.deg2rad(self.rpy)
+        return Pose.from_rpy(self.xyz, (roll, pitch, yaw))
+
+
 class CameraEntry(Value):
     """A place for a camera on a link: where it is, where it looks, what is up in its image."""
 
@@ -148,6 +167,7 @@ class RobotEntry(Value):
         title: Name for people.
         urdf: File in the example-robot-data package, or beside the page; likewise ``srdf``.
         base_link: Link that stands still; what does not hang on it is left out.
+        flange: Where grippers are mounted; by default where the tool's shape begins.
         joints: Joints of the arm, base to tip; all others are locked.
         locked: Where joints are locked if not at zero: metres of a sliding one, degrees of one that
             turns.
@@ -163,6 +183,7 @@ class RobotEntry(Value):
     srdf: Annotated[str | None, _Printable] = None
     base_link: str
     tool: ToolEntry
+    flange: FlangeEntry | None = None
     joints: Annotated[tuple[str, ...], Field(min_length=1, max_length=MAX_JOINTS)]
     locked: dict[str, _Held] = Field(default_factory=dict)
     limits: LimitsEntry

@@ -21,6 +21,7 @@ def link_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
     links: list[tuple[Place, str, bool]] = [
         (("base_link",), entry.base_link, False),
         (("tool", "link"), entry.tool.link, False),
+        *_flange_links(file),
         *(
             (("cameras", name, "link"), camera.link, False)
             for name, camera in entry.cameras.items()
@@ -42,6 +43,14 @@ def link_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
             message = f"link '{link}' does not hang on base_link, '{base}'"
             hint = "what does not hang on it is left out of the arm"
             yield file.problem(place, message, hint, key=at_key)
+
+
+def _flange_links(file: RobotFile) -> Iterator[tuple[Place, str, bool]]:
+    flange = file.entry.flange
+    if flange is not None:
+        yield ("flange", "link"), flange.link, False
+        for number, link in enumerate(flange.stock):
+            yield ("flange", "stock", number), link, False
 
 
 def joint_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:

@@ -20,7 +20,7 @@ from bt_dualarm.world.robots.friction import JointFriction
 from bt_dualarm.world.robots.joint_limits import RANGES
 from bt_dualarm.world.robots.mesh_check import mesh_problems
 from bt_dualarm.world.robots.posture_search import PostureSurvey, survey_of
-from bt_dualarm.world.robots.robot import JointLimits, Robot
+from bt_dualarm.world.robots.robot import Flange, JointLimits, Robot
 from bt_dualarm.world.robots.urdf import Urdf
 from bt_dualarm.world.urdf.arm_chains import turning_joints
 from bt_dualarm.world.urdf.attributes import Complaints
@@ -147,6 +147,7 @@ def _robot(arm: Urdf, base: str, tool: str, joints: tuple[str, ...], effort: Vec
     return Robot(
         name="draft", title="draft", model=arm, base_link=base, tool_link=tool,
         tool=Pose.identity(), tool_shape=None, joints=joints, postures={}, cameras={}, colors={},
+        flange=Flange(tool, Pose.identity()),
         limits=JointLimits(lower, upper, ones, ones, ones, effort), payload=None,
         exclusions=frozenset(),
         friction=JointFriction.none(len(joints)),

@@ -50,6 +50,21 @@ class CameraMount:
 
 
 @dataclass(frozen=True, eq=False)
+class Flange:
+    """Where grippers are mounted on an arm.
+
+    Attributes:
+        link: Link that it is on.
+        pose: Its pose in the link; its z axis points away from the arm.
+        stock: Links of the stock tool, which comes off with all that hangs on them.
+    """
+
+    link: str
+    pose: Pose
+    stock: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class Robot:
     """An arm of the catalogue; lengths in metres, angles in radians.
 
@@ -57,6 +72,7 @@ class Robot:
         tool: The tool frame in ``tool_link``; its z axis points out of the tool.
         friction: Friction of the joints.
         rotor_inertia: Inertia of the motors' rotors behind the gears, of shape (dof,), kg m².
+        flange: Where grippers are mounted on it.
         tool_shape: A cylinder that ends in the tool frame, if the URDF has no tool of its own.
         payload: Largest mass in kg that it may hold, None where its page gives none.
         exclusions: Pairs of links whose contacts do not count.
@@ -70,6 +86,7 @@ class Robot:
     tool_link: str
     tool: Pose
     tool_shape: ToolShape | None
+    flange: Flange
     joints: tuple[str, ...]
     limits: JointLimits
     payload: float | None

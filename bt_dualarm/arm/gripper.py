@@ -1,0 +1,156 @@
+"""The gripper of an arm as its skills see it: what it can do, what it senses, what it is told."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from bt_dualarm.arm.lease import Leaseholder
+from bt_dualarm.errors import Failure
+from bt_dualarm.pose import Pose
+from bt_dualarm.world.grippers.drive import SPEED_S, GripperCommand, GripperHardware
+from bt_dualarm.world.grippers.gripper import Gripper
+from bt_dualarm.world.world import World
+
+CLOSED_M: Final = 0.001
+"""Opening in metres, or two steps of the encoder if that is more, at which nothing is between the
+fingers: they are closed."""
+
+_STILL: Final = 0.003
+"""m/s; of fingers that stand; or what some steps of the encoder are in its time for a speed."""
+
+_STEPS: Final = 2.5
+_PRESSING: Final = 0.8  # share of the force that was asked for
+
+
+class ArmGripper:
+    """A gripper with two fingers, or a suction cup.
+
+    Args:
+        world: World that the arm is in.
+        arm: Name of the arm.
+        lease: Lease of the arm, as the leaf holds it.
+    """
+
+    def __init__(self, world: World, arm: str, lease: Leaseholder) -> None:
+        self._world, self._arm, self._lease = world, arm, lease
+
+    @property
+    def page(self) -> Gripper:
+        """Page of the catalogue: stroke, force, speed, tool frame."""
+        return self._hardware.gripper
+
+    @property
+    def width(self) -> float:
+        """Opening between the pads by the encoder, m; 0 of a cup."""
+        return self._hardware.width
+
+    @property
+    def speed(self) -> float:
+        """Speed of the opening, positive where it opens, m/s."""
+        return self._hardware.speed
+
+    @property
+    def force(self) -> float:
+        """Force of a pad as the motor tells, positive where it closes, or of a cup's vacuum, N."""
+        return self._hardware.force
+
+    @property
+    def vacuum(self) -> float:
+        """Share of the full vacuum that a cup senses, from 0 to 1; 0 of fingers."""
+        return self._hardware.vacuum
+
+    @property
+    def commanded(self) -> GripperCommand:
+        """What it was asked for last."""
+        return self._hardware.commanded
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether its fingers stand, or its vacuum has built up or gone."""
+        return abs(self.speed) < max(_STILL, _STEPS * self.page.resolution / SPEED_S)
+
+    @property
+    def closed_width(self) -> float:
+        """Opening in m below which nothing is between the fingers."""
+        return max(CLOSED_M, 2.0 * self.page.resolution)
+
+    @property
+    def holding(self) -> bool:
+        """Whether it holds something, by what it senses.
+
+        Fingers: they are pressed together with the force that was asked for, stand, and are not
+        closed. A cup: it sucks and seals.
+        """
+        wanted = self.commanded.force
+        if not self.page.fingers:
+            return self.commanded.width <= 0.0 and self.force >= _PRESSING * wanted
+        return self.at_rest and self.force >= _PRESSING * wanted and self.width > self.closed_width
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Objects that it is believed to hold."""
+        held = self._world.attachments
+        return tuple(one.object for one in held if one.arm == self._arm and one.by_gripper)
+
+    def command(
+        self, width: float | None = None, speed: float | None = None, force: float | None = None
+    ) -> None:
+        """Go to an opening, or close where none is given; holds until the next command.
+
+        The fingers go at the speed until what they meet takes the force, and then hold that force.
+        A cup sucks where the width is 0 or not given, and lets go where it is not 0.
+
+        Args:
+            width: Opening to go to, m; None to close with the force.
+            speed: Speed of the opening, m/s; by default the fastest.
+            force: Most force of each pad, N; by default the most.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` where one of them is beyond what the gripper can do.
+            SkillError: Another thread than that of the leaf asks.
+        """
+        self._lease.refuse_other_threads()
+        page = self.page
+        if page.fingers:
+            _refuse("width", width, 0.0, page.stroke, "m", page.name)
+            _refuse("speed", speed, page.speed.least, page.speed.most, "m/s", page.name)
+        _refuse("force", force, page.force.least, page.force.most, "N", page.name)
+        self._hardware.command(
+            GripperCommand(
+                0.0 if width is None else width,
+                page.speed.most if speed is None else speed,
+                page.force.most if force is None else force,
+            )
+        )
+
+    def hold(self, thing: str, pose: Pose) -> None:
+        """Believe that it holds an object: from now on that moves with the tool.
+
+        Args:
+            thing: Name of the object.
+            pose: Pose in the world that the object is believed to have now.
+        """
+        self._lease.refuse_other_threads()
+        self._world.hold(self._arm, thing, pose)
+
+    def let_go(self, thing: str) -> bool:
+        """Believe no longer that it holds an object; whether it was believed to."""
+        self._lease.refuse_other_threads()
+        return thing in self.held and self._world.attachments.detach(self._arm, thing)
+
+    @property
+    def _hardware(self) -> GripperHardware:
+        return self._world.grippers[self._arm]
+
+
+def _refuse(
+    what: str, given: float | None, least: float, most: float, unit: str, name: str
+) -> None:
+    if given is not None and not least - 1e-9 <= given <= most + 1e-9:
+        raise Failure(
+            "INVALID_TARGET",
+            f"{what} {given:g} {unit}: {name} can do {least:g} to {most:g} {unit}",
+            asked=given,
+            least=least,
+            most=most,
+        )

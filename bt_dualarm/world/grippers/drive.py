@@ -1,0 +1,194 @@
+"""A gripper's drive and sensors: what moves the fingers, and what is known of them."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.pose import Vector
+from bt_dualarm.spec.reality import RealityErrors
+from bt_dualarm.world.grippers.gripper import FINGERS, Gripper
+from bt_dualarm.world.grippers.mjspec import CUP, DRIVE
+
+_STIFFNESS: Final = 0.25
+"""Of the drive's speed loop, times the mass of a finger over the step squared: with a damping of
+the mass over the step, poles at 0.75 and 0."""
+
+_WOUND_UP: Final = 1.2
+"""Share of the force that is asked for up to which the speed loop winds up: a finger that is
+pressed on trembles within it, and the force stays what was asked for."""
+
+SPEED_S: Final = 0.1
+"""Seconds over which the opening is differenced to the speed that is sensed."""
+
+_PUMP_S: Final = 0.05  # in which a cup's vacuum comes and goes
+
+
+@dataclass(frozen=True)
+class GripperCommand:
+    """What a gripper was asked for last.
+
+    Attributes:
+        width: Opening to go to in m; 0 closes. Of a cup: 0 sucks, else it lets go.
+        speed: Speed of the opening, m/s.
+        force: Most force of a pad, N; of a cup, that which pulls it off.
+    """
+
+    width: float
+    speed: float
+    force: float
+
+
+class GripperHardware:
+    """The drive and the sensors of one gripper, for as long as its arm is in the world.
+
+    The fingers go at the speed that was asked for until what they meet takes the force that was
+    asked for; then they hold that force, however wide they stand.
+
+    Args:
+        gripper: Page of the gripper.
+        errors: What sensors and drives do to what goes through them.
+        rng: Source of the drive's gain and the encoder's noise.
+        timestep: Seconds of one physics step.
+
+    Attributes:
+        width: Opening by the encoder, m.
+        speed: Speed of the opening, positive where it opens, m/s.
+        force: Force of a pad as the motor's current tells, N; positive where it closes. Of a cup,
+            that with which it holds.
+        vacuum: Share of the full vacuum that a cup senses, 0 to 1: 0 where it does not seal.
+        stamp: Simulated time of all of them, s.
+        commanded: What was asked for last.
+    """
+
+    def __init__(
+        self, gripper: Gripper, errors: RealityErrors, rng: np.random.Generator, timestep: float
+    ) -> None:
+        self.gripper = gripper
+        self.width, self.speed, self.force, self.vacuum, self.stamp = (
+            gripper.stroke,
+            0.0,
+            0.0,
+            0.0,
+            -1.0,
+        )
+        self.commanded = GripperCommand(gripper.stroke, gripper.speed.most, gripper.force.most)
+        self._gain = 1.0 + float(errors.drive.gain.draw(rng, 1)[0])
+        self._rng, self._step = rng, timestep
+        encoder = errors.encoder
+        self._resolution = gripper.resolution if encoder.resolution else 0.0
+        finer = encoder.noise / encoder.resolution if encoder.resolution else 0.0
+        self._noise = self._resolution * min(finer, 1.0)
+        self._past: deque[tuple[float, float]] = deque(maxlen=round(SPEED_S / timestep) + 1)
+        self._pump = -math.expm1(-timestep / _PUMP_S)
+        mass = gripper.drive_mass
+        if gripper.fingers:
+            mass += gripper.fingers[0].part.mass
+        # Of the opening, which is twice a finger's way, to the force on each finger.
+        self._stiffness = 0.5 * _STIFFNESS * mass / timestep**2
+        self._damping = 0.5 * mass / timestep
+        self._reference = gripper.stroke
+        self._torque = 0.0
+        self._data: mujoco.MjData | None = None
+
+    def connect(self, model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> None:
+        """Belong to the gripper of an arm of the plant; anew after each recompilation."""
+        self._model, self._data = model, data
+        drive = int(model.actuator(f"{arm}/{DRIVE}").id)
+        self._motor = data.ctrl[drive : drive + 1]
+        if self.gripper.fingers:
+            joint = model.joint(f"{arm}/{FINGERS[0]}")
+            first, address = int(joint.dofadr[0]), int(joint.qposadr[0])
+            self._address = address  # the second finger follows the first
+            self._q = data.qpos[address : address + 2]
+            self._v = data.qvel[first : first + 2]
+        else:
+            self._cup = int(model.body(f"{arm}/{CUP}").geomadr[0])
+        self.stamp = -1.0
+
+    def command(self, wanted: GripperCommand) -> None:
+        """Ask for something; it holds until the next.
+
+        Args:
+            wanted: Width, speed and force within the page's limits.
+        """
+        self.commanded = wanted
+
+    def sense(self) -> None:
+        """Read the sensors; a second time at the same moment changes nothing."""
+        if self._data is None or self._data.time == self.stamp:
+            return
+        self.stamp = self._data.time
+        if not self.gripper.fingers:
+            self.force = self.vacuum * self.gripper.force.most
+            return
+        width = float(self._q.sum())
+        if self._noise:
+            width += self._noise * float(self._rng.standard_normal())
+        if self._resolution:
+            width = self._resolution * round(width / self._resolution)
+        self._past.append((self.stamp, width))
+        began, first = self._past[0]
+        self.speed = (width - first) / (self.stamp - began) if self.stamp > began else 0.0
+        self.width, self.force = width, -self._torque
+
+    def place(self, positions: Vector) -> None:
+        """Put the fingers where they are by the encoder, in positions of the whole plant, (nq,)."""
+        if self.gripper.fingers and self._data is not None:
+            positions[self._address : self._address + 2] = 0.5 * self.width
+
+    def stand_open(self) -> None:
+        """Put the fingers of an arm that has just come where its drive holds them: open."""
+        if self.gripper.fingers:
+            self._q[:] = 0.5 * self.gripper.stroke
+
+    def drive(self) -> None:
+        """Let the drive act during the next step of physics."""
+        if self._data is None:
+            return
+        if self.gripper.fingers:
+            self._push()
+        else:
+            self._suck()
+
+    def _push(self) -> None:
+        """The speed loop: a reference runs ahead at the speed asked for, as far as force allows."""
+        asked = self.commanded
+        width, rate = float(self._q.sum()), float(self._v.sum())
+        ahead = _WOUND_UP * asked.force / self._stiffness
+        goal = -ahead if asked.width <= 0.0 else asked.width
+        stride = asked.speed * self._step
+        way = min(max(goal - self._reference, -stride), stride)
+        self._reference = min(max(self._reference + way, width - ahead), width + ahead)
+        force = self._stiffness * (self._reference - width) + self._damping * (
+            way / self._step - rate
+        )
+        self._torque = min(max(force, -asked.force), asked.force)
+        self._motor[0] = min(max(self._torque * self._gain, -self._most), self._most)
+
+    @property
+    def _most(self) -> float:
+        return self.gripper.force.most
+
+    def _suck(self) -> None:
+        """The pump: vacuum builds up where the lip seals, up to the force that is asked for."""
+        sucks = self.commanded.width <= 0.0
+        goal = self.commanded.force / self._most if sucks and self._seals() else 0.0
+        self.vacuum += self._pump * (goal - self.vacuum)
+        self._motor[0] = min(self.vacuum * self._gain, 1.0)
+
+    def _seals(self) -> bool:
+        """Whether the lip lies on something: a plate by its rim, not by a point."""
+        data = self._data
+        assert data is not None  # noqa: S101 - connected
+        touching = (data.contact.geom == self._cup).any(axis=1)
+        return int(touching.sum()) >= _LEAST_CONTACTS
+
+
+_LEAST_CONTACTS: Final = 3
+"""Points of contact by which a disc lies on a plane."""

@@ -1,0 +1,93 @@
+"""Close the gripper until it holds something, or is where it was told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bt_dualarm import Duration, Failure, ObjectName, PortModel, Pose, PoseSpec, Skill, port
+
+
+class CloseGripper(Skill):
+    """Close the gripper on what is between its fingers, or suck it, and hold it."""
+
+    class Ports(PortModel):
+        width: float = port(0.0, "opening to close to; 0 for all the way", unit="m", ge=0, le=1)
+        speed: float | None = port(
+            None, "speed of the fingers together; by default the fastest", unit="m/s", gt=0, le=2
+        )
+        force: float | None = port(
+            None, "force of each pad, or of a cup; by default the most", unit="N", gt=0, le=5000
+        )
+        object: ObjectName | None = port(
+            None, "what is between the fingers: from then on it is believed to go with the tool"
+        )
+        at: PoseSpec | None = port(
+            None, "pose at which that was seen; by default where the world has it"
+        )
+        empty: bool = port(False, "whether it is as well if nothing is between the fingers")
+        settle: Duration = port(0.2, "how long the hold has to last", le=10)
+
+    failures = {
+        "EMPTY": "nothing is between the fingers, or the cup does not seal",
+        "INVALID_TARGET": "the gripper cannot do what it is asked for",
+        "NOT_THERE": "the object is not in the world",
+        "NOT_CLOSED": "the fingers did not come to rest",
+    }
+    example = "close_gripper: {force: 40}"
+    needs_gripper = True
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Close, wait until the fingers stand, and see that they go on holding."""
+        gripper, ports = self.arm.gripper, self.ports
+        pose = self._seen()
+        gripper.command(ports.width, ports.speed, ports.force)
+        began, start = self.time, gripper.width
+        way = max(start - ports.width, 0.0)
+        latest = began + 1.0 + 2.0 * way / max(gripper.commanded.speed, 1e-3) + ports.settle
+        held_since: float | None = None
+        while True:
+            yield min((self.time - began) / (latest - began), 1.0)
+            there = gripper.holding or (ports.empty and self._closed())
+            held_since = None if not there else self.time if held_since is None else held_since
+            if held_since is not None and self.time - held_since >= ports.settle:
+                break
+            if self.time > latest:
+                self._refuse()
+        self.metrics["width_m"], self.metrics["force_n"] = gripper.width, gripper.force
+        if ports.object is not None and pose is not None and gripper.holding:
+            gripper.hold(ports.object, self._between_the_pads(pose))
+
+    def _seen(self) -> Pose | None:
+        """Where the object is believed to be before the fingers touch it."""
+        name, world = self.ports.object, self.arm.world
+        if name is None:
+            return None
+        if name not in world.objects:
+            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        return world.object_pose(name) if self.ports.at is None else self.ports.at.pose
+
+    def _between_the_pads(self, pose: Pose) -> Pose:
+        """The pose, moved along the way of the fingers: they close from both sides alike."""
+        if not self.arm.gripper.page.fingers:
+            return pose
+        tool = self.arm.tool_pose
+        in_tool = tool.inverse @ pose
+        middle = np.array((in_tool.position[0], 0.0, in_tool.position[2]))
+        return tool @ Pose(middle, in_tool.quaternion)
+
+    def _closed(self) -> bool:
+        gripper = self.arm.gripper
+        goal = max(self.ports.width, gripper.closed_width)
+        return gripper.at_rest and gripper.width <= goal + gripper.page.resolution + 1e-3
+
+    def _refuse(self) -> None:
+        gripper = self.arm.gripper
+        numbers = {"width_m": gripper.width, "force_n": gripper.force}
+        if not gripper.page.fingers:
+            raise Failure("EMPTY", "the cup does not seal", vacuum=gripper.vacuum)
+        if self._closed():
+            raise Failure("EMPTY", "the fingers closed on nothing", **numbers)
+        raise Failure("NOT_CLOSED", "the fingers did not come to rest on anything", **numbers)

@@ -1,0 +1,59 @@
+"""Open the gripper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bt_dualarm import Failure, PortModel, Skill, port
+
+
+class OpenGripper(Skill):
+    """Open the gripper as wide as it was told, or let a cup's vacuum go."""
+
+    class Ports(PortModel):
+        width: float | None = port(
+            None, "opening to go to; by default all of it", unit="m", gt=0, le=1
+        )
+        speed: float | None = port(
+            None, "speed of the fingers together; by default the fastest", unit="m/s", gt=0, le=2
+        )
+        force: float | None = port(
+            None, "most force of each finger; by default the most", unit="N", gt=0, le=5000
+        )
+
+    failures = {
+        "INVALID_TARGET": "the gripper cannot do what it is asked for",
+        "NOT_OPEN": "the fingers did not get there: something is in their way",
+    }
+    example = "open_gripper: {width: 0.06}"
+    needs_gripper = True
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Open, wait until the fingers are there; what they held they hold no more."""
+        gripper, ports = self.arm.gripper, self.ports
+        page = gripper.page
+        goal = ports.width if ports.width is not None else page.stroke if page.fingers else 1.0
+        gripper.command(goal, ports.speed, ports.force)
+        for thing in gripper.held:
+            gripper.let_go(thing)
+        began = self.time
+        way = abs(goal - gripper.width) if page.fingers else 0.0
+        latest = began + 1.0 + 2.0 * way / max(gripper.commanded.speed, 1e-3)
+        off = 1e-3 + page.resolution
+        while not self._is_there(goal, off):
+            yield min((self.time - began) / (latest - began), 1.0)
+            if self.time > latest:
+                raise Failure(
+                    "NOT_OPEN",
+                    f"the fingers stand {1e3 * gripper.width:.1f} mm apart",
+                    width_m=gripper.width,
+                    force_n=gripper.force,
+                )
+        self.metrics["width_m"] = gripper.width
+
+    def _is_there(self, goal: float, off: float) -> bool:
+        gripper = self.arm.gripper
+        if not gripper.page.fingers:
+            return gripper.vacuum < 0.01
+        return gripper.at_rest and abs(gripper.width - goal) <= off
