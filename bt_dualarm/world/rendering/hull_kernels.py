@@ -8,39 +8,41 @@ with the plane's outward normal n and its distance h along n, negative where it 
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.world.rendering.kernel_arrays import Fan, Hits, Shapes
-from bt_dualarm.world.rendering.screen_kernels import box_of, project
+from bt_dualarm.world.rendering.edge_kernels import crossing, stretch
+from bt_dualarm.world.rendering.kernel_arrays import Fan, Marks, Shapes
+from bt_dualarm.world.rendering.screen_kernels import NEAR_M, box_of, cells, project
 
 _TINY = 1e-12
 
+_Three: TypeAlias = tuple[float, float, float]
+
 
 @kernel
-def meet_hull(
-    shapes: Shapes, index: int, eye: Vector, turn: Matrix, axes: Matrix, fan: Fan, hits: Hits
-) -> None:
-    """Enter a convex body into the hits where it is nearer than what is there.
+def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) -> None:
+    """Mark a convex body where it is nearer than what is there.
 
     From inside nothing looks at the eye: a body is invisible then, as in OpenGL.
 
     Args:
         shapes: The shapes.
         index: Which of them.
-        eye: Place of the eye in the body's axes, of shape (3,), in m.
-        turn: The camera's axes as columns in the body's axes, of shape (3, 3).
         axes: The body's axes as columns in the world, of shape (3, 3).
         fan: The rays.
-        hits: What they meet.
+        marks: What they meet; the eye's place in the body's axes and their turn are entered.
     """
-    heap = shapes.heaps[index]
+    heap, eye, turn = shapes.heaps[index], marks.eyes[index], marks.turns[index]
     corners = seen(shapes.corners[heap[0] : heap[1]], eye, turn, fan)
     top, bottom, left, right = box_of(fan, corners)
     if top >= bottom or left >= right:
         return
-    triangle = np.empty((3, 5))
+    ahead, rows, columns = _is_ahead(corners), fan.rays.shape[1], fan.rays.shape[2]
     for number in range(heap[2], heap[3]):
         normal = shapes.normals[number]
         height = shapes.offsets[number] - (
@@ -48,10 +50,48 @@ def meet_hull(
         )
         if height > -_TINY:
             continue
-        for corner in range(3):
-            for value in range(5):
-                triangle[corner, value] = corners[shapes.triangles[number, corner] - heap[0], value]
-        _meet_triangle(triangle, normal, height, turn, axes, shapes.geoms[index], fan, hits)
+        a, b, c = (
+            corners[shapes.triangles[number, 0] - heap[0]],
+            corners[shapes.triangles[number, 1] - heap[0]],
+            corners[shapes.triangles[number, 2] - heap[0]],
+        )
+        box = _box(a, b, c, rows, columns) if ahead else box_of(fan, _together(a, b, c))
+        if box[0] >= box[1] or box[2] >= box[3]:
+            continue
+        for axis in range(3):
+            marks.normals[number, axis] = (
+                axes[axis, 0] * normal[0] + axes[axis, 1] * normal[1] + axes[axis, 2] * normal[2]
+            )
+        _mark(
+            number, box, (_cross(a, b), _cross(b, c), _cross(c, a)),
+            _inverse(turn, normal, height), fan.rays, fan.spacing, fan.centre,
+            marks.faces, marks.distances,
+        )  # fmt: skip
+
+
+@kernel
+def _is_ahead(corners: Matrix) -> bool:
+    """Whether all corners were projected."""
+    ahead = True
+    for corner in range(len(corners)):
+        ahead = ahead and -corners[corner, 2] >= NEAR_M
+    return ahead
+
+
+@kernel
+def _box(a: Vector, b: Vector, c: Vector, rows: int, columns: int) -> tuple[int, int, int, int]:
+    """Rows from and to, columns from and to, that can meet a triangle that is ahead."""
+    top, bottom = cells(min(a[4], b[4], c[4]), max(a[4], b[4], c[4]), rows)
+    left, right = cells(min(a[3], b[3], c[3]), max(a[3], b[3], c[3]), columns)
+    return top, bottom, left, right
+
+
+@kernel
+def _together(a: Vector, b: Vector, c: Vector) -> Matrix:
+    """Three corners as `box_of` takes them."""
+    corners = np.empty((3, 5))
+    corners[0], corners[1], corners[2] = a, b, c
+    return corners
 
 
 @kernel
@@ -69,45 +109,41 @@ def seen(corners: Matrix, eye: Vector, turn: Matrix, fan: Fan) -> Matrix:
 
 
 @kernel
-def _meet_triangle(
-    corners: Matrix, normal: Vector, height: float, turn: Matrix, axes: Matrix,
-    geom: int, fan: Fan, hits: Hits,
+def _mark(
+    number: int, box: tuple[int, int, int, int], sides: tuple[_Three, _Three, _Three],
+    plane: _Three, rays: npt.NDArray[np.float64], spacing: float, centre: tuple[float, float],
+    faces: npt.NDArray[np.int32], distances: Matrix,
 ) -> None:  # fmt: skip
-    """Enter a triangle that looks at the eye into the hits."""
-    top, bottom, left, right = box_of(fan, corners)
-    if top >= bottom or left >= right:
-        return
-    ax, ay, az = _cross(corners[0], corners[1])
-    bx, by, bz = _cross(corners[1], corners[2])
-    cx, cy, cz = _cross(corners[2], corners[0])
-    ux, uy, uz = _inverse(turn, normal, height)
+    """Mark a triangle within a box: rays on the inner side of its three sides."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
+    ux, uy, uz = plane
+    top, bottom, left, right = box
+    first = crossing(spacing, centre, ax, ay, az)
+    second = crossing(spacing, centre, bx, by, bz)
+    third = crossing(spacing, centre, cx, cy, cz)
     for row in range(top, bottom):
-        for column in range(left, right):
-            x, y, z = fan.rays[0, row, column], fan.rays[1, row, column], fan.rays[2, row, column]
-            if ax * x + ay * y + az * z > 0.0:
-                continue
-            if bx * x + by * y + bz * z > 0.0 or cx * x + cy * y + cz * z > 0.0:
-                continue
+        begin, sure, unsure, end = stretch(left, right, row, first, second, third)
+        for column in range(begin, end):
+            x, y, z = rays[0, row, column], rays[1, row, column], rays[2, row, column]
+            if column < sure or column >= unsure:
+                if ax * x + ay * y + az * z > 0.0:
+                    continue
+                if bx * x + by * y + bz * z > 0.0 or cx * x + cy * y + cz * z > 0.0:
+                    continue
             inverse = ux * x + uy * y + uz * z
-            if inverse > _TINY and 1.0 / inverse < hits.distances[row, column]:
-                hits.distances[row, column] = 1.0 / inverse
-                hits.geoms[row, column] = geom
-                for axis in range(3):
-                    hits.normals[axis, row, column] = (
-                        axes[axis, 0] * normal[0]
-                        + axes[axis, 1] * normal[1]
-                        + axes[axis, 2] * normal[2]
-                    )
+            if inverse > _TINY and 1.0 / inverse < distances[row, column]:
+                distances[row, column] = 1.0 / inverse
+                faces[row, column] = number
 
 
 @kernel
-def _cross(a: Vector, b: Vector) -> tuple[float, float, float]:
+def _cross(a: Vector, b: Vector) -> _Three:
     """The product a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
-def _inverse(turn: Matrix, normal: Vector, height: float) -> tuple[float, float, float]:
+def _inverse(turn: Matrix, normal: Vector, height: float) -> _Three:
     """The normal in the camera's axes, by the plane's distance."""
     return (
         (turn[0, 0] * normal[0] + turn[1, 0] * normal[1] + turn[2, 0] * normal[2]) / height,

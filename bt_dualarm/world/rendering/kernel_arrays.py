@@ -17,6 +17,9 @@ SPHERE: Final = 2
 CYLINDER: Final = 3
 CAPSULE: Final = 4
 
+NOTHING: Final = -1
+"""Mark of a ray that meets nothing."""
+
 
 class Fan(NamedTuple):
     """Rays from one eye, on a grid.
@@ -57,6 +60,25 @@ class Hits(NamedTuple):
         return cls(np.full(grid, -1, np.int32), np.full(grid, np.inf), np.zeros((3, *grid)))
 
 
+class Marks(NamedTuple):
+    """What the rays of a fan meet, as numbers from which `Hits` can be worked out.
+
+    Attributes:
+        faces: Number of a hull's triangle in the heap; of another shape, -2 less its number among
+            the shapes; -1 for nothing. Of shape (rows, columns).
+        distances: Distance from the eye in m, inf for nothing, of shape (rows, columns).
+        normals: Outward unit normals in the world of the triangles that were asked, (f, 3).
+        eyes: Place of the eye in the axes of each shape that was asked, of shape (n, 3), in m.
+        turns: The camera's axes as columns in those axes, of shape (n, 3, 3).
+    """
+
+    faces: npt.NDArray[np.int32]
+    distances: npt.NDArray[np.float64]
+    normals: Matrix
+    eyes: Matrix
+    turns: npt.NDArray[np.float64]
+
+
 class Shapes(NamedTuple):
     """Shapes of n geoms, all hulls in one heap.
 
@@ -73,6 +95,7 @@ class Shapes(NamedTuple):
         offsets: Distances of the planes from the origin of the geom, of shape (f,), in m.
         heaps: First corner, last corner, first triangle, last triangle of each geom, the last
             ones not counted, of shape (n, 4).
+        owners: Number of the geom of each triangle, of shape (f,).
     """
 
     geoms: Numbers
@@ -84,17 +107,17 @@ class Shapes(NamedTuple):
     normals: Matrix
     offsets: Vector
     heaps: Numbers
+    owners: Numbers
 
 
 class Lights(NamedTuple):
-    """Colours and lights of a model at one moment.
+    """Colours and lights of a model.
 
     Attributes:
         base: Red, green, blue of each geom, the sky's in the last row, of shape (ngeom + 1, 3).
         ambient: What comes from all sides, of shape (3,).
         head: What comes from the eye, of shape (3,).
-        places: Places of the lights, or for those of infinite distance the direction towards
-            them, of shape (n, 3).
+        active: Numbers of the lights that are on, of shape (n,).
         distant: Whether they are of infinite distance, of shape (n,).
         diffuse: Their colours, of shape (n, 3).
     """
@@ -102,6 +125,6 @@ class Lights(NamedTuple):
     base: Matrix
     ambient: Vector
     head: Vector
-    places: Matrix
+    active: Numbers
     distant: npt.NDArray[np.bool_]
     diffuse: Matrix

@@ -14,7 +14,9 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.world.rendering.kernel_arrays import Fan, Hits
+from bt_dualarm.world.rendering.ray_shading import Shading
 from bt_dualarm.world.rendering.ray_shapes import shapes_of
+from bt_dualarm.world.rendering.renderer import Image
 
 _NO_LIMIT_M = 1e10
 
@@ -35,13 +37,29 @@ class RayScene:
 
     def trace(self, data: mujoco.MjData, fan: Fan) -> Hits:
         """Follow the rays to the nearest surfaces."""
-        from bt_dualarm.world.rendering.trace_kernels import trace
+        from bt_dualarm.world.rendering.trace_kernels import describe, trace
 
-        hits = Hits.none(fan)
-        trace(self._shapes, data.geom_xpos, data.geom_xmat, fan, hits)
+        axes = data.geom_xmat
+        hits = describe(self._shapes, axes, fan, trace(self._shapes, data.geom_xpos, axes, fan))
         if self._others is not None:
             _cast(self._others, data, fan, hits)
         return hits
+
+    def colors(self, shading: Shading, data: mujoco.MjData, fan: Fan) -> Image:
+        """Colours of what the rays meet, of shape (rows, columns, 3).
+
+        Light positions of ``data`` must be up to date.
+        """
+        if self._others is not None:
+            return shading.colors(data, fan, self.trace(data, fan))
+        from bt_dualarm.world.rendering.shading_kernels import draw
+
+        pixels: Image = np.empty((*fan.rays.shape[1:], 3), dtype=np.uint8)
+        draw(
+            self._shapes, data.geom_xpos, data.geom_xmat, fan,
+            shading.lights, data.light_xpos, data.light_xdir, pixels,
+        )  # fmt: skip
+        return pixels
 
 
 def _is_visible(model: mujoco.MjModel, geom: int, groups: Sequence[int]) -> bool:

@@ -17,19 +17,28 @@ _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 
 
 class Shading:
-    """Colours and lights of one model."""
+    """Colours and lights of one model.
+
+    Args:
+        model: Compiled.
+
+    Attributes:
+        lights: What the kernels read of them.
+    """
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        # The last row serves geom -1: a ray that hit nothing sees the sky.
-        self._base = np.vstack([_geom_colors(model), _sky_color(model)])
-        self._lights = np.flatnonzero(model.light_active)
-        kinds = model.light_type[self._lights]
-        self._distant = kinds == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-        self._diffuse = model.light_diffuse[self._lights].astype(float)
+        active = np.flatnonzero(model.light_active)
         head = model.vis.headlight
-        self._head_diffuse = np.array(head.diffuse, dtype=float) * bool(head.active)
-        self._ambient = np.array(head.ambient, dtype=float) * bool(head.active)
-        self._ambient += model.light_ambient[self._lights].sum(axis=0)
+        ambient = np.array(head.ambient, dtype=float) * bool(head.active)
+        self.lights = Lights(
+            # The last row serves geom -1: a ray that hit nothing sees the sky.
+            base=np.vstack([_geom_colors(model), _sky_color(model)]),
+            ambient=ambient + model.light_ambient[active].sum(axis=0),
+            head=np.array(head.diffuse, dtype=float) * bool(head.active),
+            active=active,
+            distant=model.light_type[active] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            diffuse=model.light_diffuse[active].astype(float),
+        )
 
     def colors(self, data: mujoco.MjData, fan: Fan, hits: Hits) -> Image:
         """Colours of what the rays of ``fan`` met, of shape (rows, columns, 3).
@@ -39,12 +48,7 @@ class Shading:
         from bt_dualarm.world.rendering.shading_kernels import shade
 
         pixels: Image = np.empty((*hits.geoms.shape, 3), dtype=np.uint8)
-        toward, place = -data.light_xdir[self._lights], data.light_xpos[self._lights]
-        places = np.where(self._distant[:, None], toward, place)
-        lights = Lights(
-            self._base, self._ambient, self._head_diffuse, places, self._distant, self._diffuse
-        )
-        shade(lights, fan, hits, pixels)
+        shade(self.lights, data.light_xpos, data.light_xdir, fan, hits, pixels)
         return pixels
 
 

@@ -41,8 +41,7 @@ class RayRenderer:
         if self._drawn is None or self._drawn.model is not model:
             self._drawn = _Drawn(model)
         fan = _fan(model, data, exposure, blocks)
-        hits = self._drawn.scene(exposure.groups).trace(data, fan)
-        return self._drawn.shading.colors(data, fan, hits)
+        return self._drawn.scene(exposure.groups).colors(self._drawn.shading, data, fan)
 
     def close(self) -> None:
         """Let go of the last model."""
@@ -92,15 +91,25 @@ def _fan(model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, blocks:
     """The rays of some blocks of a camera's image."""
     camera_id, stride = exposure.camera_id, exposure.stride
     width, height = exposure.width, exposure.height
-    top, left = (part.start for part in blocks)
+    rows, columns = blocks
     fovy_deg = float(model.cam_fovy[camera_id])
     return Fan(
         eye=data.cam_xpos[camera_id].copy(),
         axes=data.cam_xmat[camera_id].reshape(3, 3).copy(),
-        rays=camera_rays(width, height, fovy_deg, stride)[:, *blocks].copy(),
+        rays=_rays_of(
+            (width, height, fovy_deg, stride), rows.start, rows.stop, columns.start, columns.stop
+        ),
         spacing=stride * 2.0 * math.tan(math.radians(fovy_deg) / 2.0) / height,
-        centre=(width / 2.0 / stride - left, height / 2.0 / stride - top),
+        centre=(width / 2.0 / stride - columns.start, height / 2.0 / stride - rows.start),
     )
+
+
+@lru_cache(maxsize=16)
+def _rays_of(
+    grid: tuple[int, int, float, int], top: int, bottom: int, left: int, right: int
+) -> npt.NDArray[np.float64]:
+    """Some of the rays of a camera: a target that rests is asked for in the same part again."""
+    return camera_rays(*grid)[:, top:bottom, left:right].copy()
 
 
 @lru_cache(maxsize=16)

@@ -13,13 +13,14 @@ import numpy as np
 
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.world.rendering.edge_kernels import crossing, stretch
 from bt_dualarm.world.rendering.kernel_arrays import (
     CAPSULE,
     CYLINDER,
     PLANE,
     SPHERE,
     Fan,
-    Hits,
+    Marks,
     Shapes,
 )
 from bt_dualarm.world.rendering.screen_kernels import box_of, project
@@ -29,30 +30,49 @@ _ON_THE_CAP_M = 1e-9
 
 
 @kernel
-def meet_round(
-    shapes: Shapes, index: int, eye: Vector, turn: Matrix, axes: Matrix, fan: Fan, hits: Hits
-) -> None:
-    """Enter a shape into the hits where it is nearer than what is there; as `meet_hull`."""
+def meet_round(shapes: Shapes, index: int, fan: Fan, marks: Marks) -> None:
+    """Mark a shape that is no hull where it is nearer than what is there; as `meet_hull`."""
     kind, size = shapes.kinds[index], shapes.sizes[index]
-    top, bottom, left, right = _covered(kind, size, eye, turn, fan)
+    eye, turn = marks.eyes[index], marks.turns[index]
     if contains(kind, size, eye):
         return
-    ray, normal = np.empty(3), np.empty(3)
+    if kind == PLANE:
+        _meet_plane(size, index, fan, marks)
+        return
+    top, bottom, left, right = _covered(kind, size, eye, turn, fan)
+    ray = np.empty(3)
     for row in range(top, bottom):
         for column in range(left, right):
             x, y, z = fan.rays[0, row, column], fan.rays[1, row, column], fan.rays[2, row, column]
             for axis in range(3):
                 ray[axis] = turn[axis, 0] * x + turn[axis, 1] * y + turn[axis, 2] * z
             distance = enter(kind, size, eye, ray)
-            if distance < hits.distances[row, column]:
-                hits.distances[row, column] = distance
-                hits.geoms[row, column] = shapes.geoms[index]
-                outward(kind, size, eye, ray, distance, normal)
-                x, y, z = normal[0], normal[1], normal[2]
-                for axis in range(3):
-                    hits.normals[axis, row, column] = (
-                        axes[axis, 0] * x + axes[axis, 1] * y + axes[axis, 2] * z
-                    )
+            if distance < marks.distances[row, column]:
+                marks.distances[row, column] = distance
+                marks.faces[row, column] = -2 - index
+
+
+@kernel
+def _meet_plane(size: Vector, index: int, fan: Fan, marks: Marks) -> None:
+    """Mark z = 0 within half the lengths along x and y, where rays go down."""
+    eye, turn = marks.eyes[index], marks.turns[index]
+    edge = crossing(fan.spacing, fan.centre, turn[2, 0], turn[2, 1], turn[2, 2])
+    for row in range(fan.rays.shape[1]):
+        begin, _, _, end = stretch(0, fan.rays.shape[2], row, edge, edge, edge)
+        for column in range(begin, end):
+            x, y, z = fan.rays[0, row, column], fan.rays[1, row, column], fan.rays[2, row, column]
+            down = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
+            if down >= -_TINY:
+                continue
+            distance = -eye[2] / down
+            if not distance < marks.distances[row, column]:
+                continue
+            along = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
+            across = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
+            is_within = abs(eye[0] + distance * along) <= size[0]
+            if is_within and abs(eye[1] + distance * across) <= size[1]:
+                marks.distances[row, column] = distance
+                marks.faces[row, column] = -2 - index
 
 
 @kernel
@@ -60,8 +80,6 @@ def _covered(
     kind: int, size: Vector, eye: Vector, turn: Matrix, fan: Fan
 ) -> tuple[int, int, int, int]:
     """Rows from and to, columns from and to, in which the shape can be seen."""
-    if kind == PLANE:
-        return 0, fan.rays.shape[1], 0, fan.rays.shape[2]
     length = size[0] if kind == SPHERE else size[1] + (size[0] if kind == CAPSULE else 0.0)
     corners = np.empty((8, 5))
     for number in range(8):
@@ -90,9 +108,7 @@ def contains(kind: int, size: Vector, eye: Vector) -> bool:
 
 @kernel
 def enter(kind: int, size: Vector, eye: Vector, ray: Vector) -> float:
-    """Distance of the entry of a ray, inf for a miss."""
-    if kind == PLANE:
-        return _enter_plane(size, eye, ray)
+    """Distance of the entry of a ray into what is no plane, inf for a miss."""
     if kind == SPHERE:
         return _enter_ball(size[0], 0.0, eye, ray)
     if kind == CYLINDER:
@@ -101,18 +117,6 @@ def enter(kind: int, size: Vector, eye: Vector, ray: Vector) -> float:
         _enter_cylinder(size, eye, ray),
         min(_enter_ball(size[0], size[1], eye, ray), _enter_ball(size[0], -size[1], eye, ray)),
     )
-
-
-@kernel
-def _enter_plane(size: Vector, eye: Vector, ray: Vector) -> float:
-    """Distance to z = 0 within half the lengths along x and y."""
-    if ray[2] >= -_TINY:
-        return math.inf
-    distance: float = -eye[2] / ray[2]
-    inside = (
-        abs(eye[0] + distance * ray[0]) <= size[0] and abs(eye[1] + distance * ray[1]) <= size[1]
-    )
-    return distance if inside else math.inf
 
 
 @kernel
@@ -142,18 +146,15 @@ def _enter_cylinder(size: Vector, eye: Vector, ray: Vector) -> float:
 
 @kernel
 def outward(
-    kind: int, size: Vector, eye: Vector, ray: Vector, distance: float, normal: Vector
-) -> None:
-    """The outward unit normal where a ray enters, into ``normal`` of shape (3,)."""
+    kind: int, radius: float, half: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """The outward unit normal of a shape of a radius and a half length at a place on it."""
     if kind == PLANE:
-        normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
-        return
-    x, y, z = eye[0] + distance * ray[0], eye[1] + distance * ray[1], eye[2] + distance * ray[2]
+        return 0.0, 0.0, 1.0
     if kind == CYLINDER:
-        if abs(z) >= size[1] - _ON_THE_CAP_M:
-            normal[0], normal[1], normal[2] = 0.0, 0.0, math.copysign(1.0, z)
-            return
+        if abs(z) >= half - _ON_THE_CAP_M:
+            return 0.0, 0.0, math.copysign(1.0, z)
         z = 0.0
     elif kind == CAPSULE:
-        z -= min(max(z, -size[1]), size[1])
-    normal[0], normal[1], normal[2] = x / size[0], y / size[0], z / size[0]
+        z -= min(max(z, -half), half)
+    return x / radius, y / radius, z / radius

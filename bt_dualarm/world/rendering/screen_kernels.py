@@ -57,8 +57,9 @@ def project(fan: Fan, points: Matrix) -> None:
     for point in points:
         depth = -point[2]
         if depth >= NEAR_M:
-            point[3] = point[0] / fan.spacing / depth + fan.centre[0]
-            point[4] = -point[1] / fan.spacing / depth + fan.centre[1]
+            scale = 1.0 / (fan.spacing * depth)
+            point[3] = point[0] * scale + fan.centre[0]
+            point[4] = -point[1] * scale + fan.centre[1]
 
 
 @kernel
@@ -66,7 +67,8 @@ def cells(least: float, most: float, count: int) -> tuple[int, int]:
     """The first of the cells that lie between two places, and the first one after them."""
     first = min(max(least - _SPARE, 0.0), float(count))
     last = min(max(most + _SPARE, -1.0), float(count))
-    return math.floor(first), min(math.floor(last) + 1, count)
+    # What is cut off after the point is not below 0: it is rounded down.
+    return int(first), min(int(last + 1.0), count)
 
 
 @kernel

@@ -8,48 +8,99 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.kernels.kernel import kernel
-from bt_dualarm.pose import Vector
-from bt_dualarm.world.rendering.kernel_arrays import Fan, Hits, Lights
+from bt_dualarm.pose import Matrix
+from bt_dualarm.world.rendering.kernel_arrays import Fan, Hits, Lights, Shapes
+from bt_dualarm.world.rendering.trace_kernels import describe, trace
 
 
 @kernel
-def shade(lights: Lights, fan: Fan, hits: Hits, pixels: npt.NDArray[np.uint8]) -> None:
-    """Enter colours into the pixels, of shape (rows, columns, 3): sky where nothing was met."""
-    light, ray, normal = np.empty(3), np.empty(3), np.empty(3)
+def draw(
+    shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan, lights: Lights,
+    lit_from: Matrix, lit_along: Matrix, pixels: npt.NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Enter the colours of what the rays meet; arguments as of `trace` and `shade`."""
+    hits = describe(shapes, axes, fan, trace(shapes, places, axes, fan))
+    shade(lights, lit_from, lit_along, fan, hits, pixels)
+
+
+@kernel
+def shade(
+    lights: Lights, lit_from: Matrix, lit_along: Matrix, fan: Fan, hits: Hits,
+    pixels: npt.NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Enter colours into the pixels, of shape (rows, columns, 3): sky where nothing was met.
+
+    Args:
+        lights: The lights.
+        lit_from: Places of all lights of the model, of shape (nlight, 3), in m.
+        lit_along: Unit vectors along which they shine, of shape (nlight, 3).
+        fan: The rays.
+        hits: What they met.
+        pixels: The pixels.
+    """
+    sun = _sun(lights, lit_from, lit_along)
+    light, sky = np.empty(3), _sky(lights)
+    rays, axes, eye, normals = fan.rays, fan.axes, fan.eye, hits.normals
     for row in range(pixels.shape[0]):
         for column in range(pixels.shape[1]):
             geom = hits.geoms[row, column]
             if geom < 0:
                 for channel in range(3):
-                    light[channel] = 1.0
-            else:
-                for axis in range(3):
-                    ray[axis] = 0.0
-                    for other in range(3):
-                        ray[axis] += fan.axes[axis, other] * fan.rays[other, row, column]
-                    normal[axis] = hits.normals[axis, row, column]
-                _illuminate(lights, fan.eye, ray, hits.distances[row, column], normal, light)
+                    pixels[row, column, channel] = sky[channel]
+                continue
+            right, up, back = rays[0, row, column], rays[1, row, column], rays[2, row, column]
+            rx = axes[0, 0] * right + axes[0, 1] * up + axes[0, 2] * back
+            ry = axes[1, 0] * right + axes[1, 1] * up + axes[1, 2] * back
+            rz = axes[2, 0] * right + axes[2, 1] * up + axes[2, 2] * back
+            u, v, w = normals[0, row, column], normals[1, row, column], normals[2, row, column]
+            facing = -(u * rx + v * ry + w * rz)
             for channel in range(3):
-                shaded = min(max(lights.base[geom, channel] * light[channel], 0.0), 1.0)
-                pixels[row, column, channel] = np.uint8(shaded * 255.0 + 0.5)
+                light[channel] = lights.ambient[channel] + facing * lights.head[channel]
+            for index in range(len(sun)):
+                x, y, z = sun[index, 0], sun[index, 1], sun[index, 2]
+                if not lights.distant[index]:
+                    away = hits.distances[row, column]
+                    x -= eye[0] + rx * away
+                    y -= eye[1] + ry * away
+                    z -= eye[2] + rz * away
+                    x, y, z = _unit(x, y, z)
+                lambert = max(u * x + v * y + w * z, 0.0)
+                for channel in range(3):
+                    light[channel] += lambert * lights.diffuse[index, channel]
+            for channel in range(3):
+                pixels[row, column, channel] = _level(lights.base[geom, channel] * light[channel])
 
 
 @kernel
-def _illuminate(
-    lights: Lights, eye: Vector, ray: Vector, distance: float, normal: Vector, light: Vector
-) -> None:
-    """The light on a surface, into ``light`` of shape (3,)."""
-    facing = -(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2])
+def _sky(lights: Lights) -> npt.NDArray[np.uint8]:
+    """The colour of the sky, which no light falls on, of shape (3,)."""
+    sky = np.empty(3, np.uint8)
     for channel in range(3):
-        light[channel] = lights.ambient[channel] + facing * lights.head[channel]
-    for index in range(len(lights.places)):
-        x, y, z = lights.places[index, 0], lights.places[index, 1], lights.places[index, 2]
-        if not lights.distant[index]:
-            x -= eye[0] + ray[0] * distance
-            y -= eye[1] + ray[1] * distance
-            z -= eye[2] + ray[2] * distance
-            length = math.sqrt(x * x + y * y + z * z)
-            x, y, z = x / length, y / length, z / length
-        lambert = max(normal[0] * x + normal[1] * y + normal[2] * z, 0.0)
-        for channel in range(3):
-            light[channel] += lambert * lights.diffuse[index, channel]
+        sky[channel] = _level(lights.base[-1, channel])
+    return sky
+
+
+@kernel
+def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """The direction of a vector."""
+    length = math.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
+
+
+@kernel
+def _level(shaded: float) -> np.uint8:
+    """The level, of 255, of a share of full brightness."""
+    return np.uint8(min(max(shaded, 0.0), 1.0) * 255.0 + 0.5)
+
+
+@kernel
+def _sun(lights: Lights, lit_from: Matrix, lit_along: Matrix) -> Matrix:
+    """Places of the lights that are on, the direction towards those that are distant, (n, 3)."""
+    sun = np.empty((len(lights.active), 3))
+    for index in range(len(sun)):
+        for axis in range(3):
+            if lights.distant[index]:
+                sun[index, axis] = -lit_along[lights.active[index], axis]
+            else:
+                sun[index, axis] = lit_from[lights.active[index], axis]
+    return sun

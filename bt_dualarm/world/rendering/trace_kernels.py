@@ -9,26 +9,37 @@ import numpy as np
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.rendering.hull_kernels import meet_hull
-from bt_dualarm.world.rendering.kernel_arrays import HULL, Fan, Hits, Numbers, Shapes
-from bt_dualarm.world.rendering.round_kernels import meet_round
+from bt_dualarm.world.rendering.kernel_arrays import (
+    HULL,
+    NOTHING,
+    Fan,
+    Hits,
+    Marks,
+    Numbers,
+    Shapes,
+)
+from bt_dualarm.world.rendering.round_kernels import meet_round, outward
 from bt_dualarm.world.rendering.screen_kernels import sphere_is_seen
 
 
 @kernel
-def trace(shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan, hits: Hits) -> None:
-    """Enter the nearest surfaces into the hits.
+def trace(shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan) -> Marks:
+    """Mark the nearest surfaces.
 
     Args:
         shapes: The shapes of n geoms.
         places: Places of all geoms of the model, of shape (ngeom, 3), in m.
         axes: Axes of all geoms of the model, row by row, of shape (ngeom, 9).
         fan: The rays.
-        hits: What they meet.
+
+    Returns:
+        What they meet.
     """
-    eye, turn = np.empty(3), np.empty((3, 3))
+    marks = _nothing(shapes, fan)
     for index in _ahead(shapes, places, fan):
         geom = shapes.geoms[index]
         own = axes[geom].reshape(3, 3)
+        eye, turn = marks.eyes[index], marks.turns[index]
         for one in range(3):
             eye[one] = 0.0
             for other in range(3):
@@ -37,9 +48,77 @@ def trace(shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan, hits: Hits) ->
                 for between in range(3):
                     turn[one, other] += own[between, one] * fan.axes[between, other]
         if shapes.kinds[index] == HULL:
-            meet_hull(shapes, index, eye, turn, own, fan, hits)
+            meet_hull(shapes, index, own, fan, marks)
         else:
-            meet_round(shapes, index, eye, turn, own, fan, hits)
+            meet_round(shapes, index, fan, marks)
+    return marks
+
+
+@kernel
+def _nothing(shapes: Shapes, fan: Fan) -> Marks:
+    """Marks of rays that have met nothing yet."""
+    rows, columns, count = fan.rays.shape[1], fan.rays.shape[2], len(shapes.geoms)
+    faces, distances = np.empty((rows, columns), np.int32), np.empty((rows, columns))
+    faces[:], distances[:] = -1, math.inf
+    normals = np.empty((len(shapes.normals), 3))
+    return Marks(faces, distances, normals, np.empty((count, 3)), np.empty((count, 3, 3)))
+
+
+@kernel
+def describe(shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks) -> Hits:
+    """What is marked; arguments as of `trace`."""
+    rows, columns = marks.faces.shape
+    hits = Hits(np.empty((rows, columns), np.int32), marks.distances, np.empty((3, rows, columns)))
+    if _describe_hulls(shapes, marks, hits):
+        _describe_rounds(shapes, axes, fan, marks, hits)
+    return hits
+
+
+@kernel
+def _describe_hulls(shapes: Shapes, marks: Marks, hits: Hits) -> bool:
+    """Enter hulls and what is nothing; whether there is something else."""
+    faces, geoms, normals = marks.faces, hits.geoms, hits.normals
+    others = False
+    for row in range(faces.shape[0]):
+        for column in range(faces.shape[1]):
+            face = faces[row, column]
+            if face >= 0:
+                geoms[row, column] = shapes.owners[face]
+                for axis in range(3):
+                    normals[axis, row, column] = marks.normals[face, axis]
+            else:
+                others = others or face != NOTHING
+                geoms[row, column] = -1
+                for axis in range(3):
+                    normals[axis, row, column] = 0.0
+    return others
+
+
+@kernel
+def _describe_rounds(shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks, hits: Hits) -> None:
+    """Enter what is no hull."""
+    rays, eyes, turns, size = fan.rays, marks.eyes, marks.turns, shapes.sizes
+    place = np.empty(3)
+    for row in range(marks.faces.shape[0]):
+        for column in range(marks.faces.shape[1]):
+            if marks.faces[row, column] >= NOTHING:
+                continue
+            index = -2 - marks.faces[row, column]
+            geom, away = shapes.geoms[index], marks.distances[row, column]
+            x, y, z = rays[0, row, column], rays[1, row, column], rays[2, row, column]
+            for axis in range(3):
+                along = turns[index, axis, 0] * x + turns[index, axis, 1] * y
+                along += turns[index, axis, 2] * z
+                place[axis] = eyes[index, axis] + away * along
+            kind, radius, half = shapes.kinds[index], size[index, 0], size[index, 1]
+            u, v, w = outward(kind, radius, half, place[0], place[1], place[2])
+            hits.geoms[row, column] = geom
+            for axis in range(3):
+                hits.normals[axis, row, column] = (
+                    axes[geom, 3 * axis] * u
+                    + axes[geom, 3 * axis + 1] * v
+                    + axes[geom, 3 * axis + 2] * w
+                )
 
 
 @kernel

@@ -1,0 +1,195 @@
+"""The pictures of two states of this project, for the same requests: pixels and what they cost.
+
+    python -m benchmarks.same_pictures 5d47b18 [--tree pick_and_track] [--scenes 500]
+
+The first state is a revision of this repository, or a folder with a checkout; the second is this
+checkout. Requests are all that the cameras of a run ask for, and as many windows into random
+scenes, with every shape: close to the eye and about it, some that MuJoCo's own rays are asked for.
+Both states draw all of them in processes of their own, by turns; prints how many pixels differ, and
+the mean of the least CPU time that each picture took.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from benchmarks.alternating import ROOT, checkout_of
+from benchmarks.real_time import play
+from bt_dualarm.runtime.run import Run
+
+KINDS = ("sphere", "cylinder", "capsule", "box", "mesh", "mesh", "sphere", "box", "ellipsoid")
+POSES = ("geom_xpos", "geom_xmat", "light_xpos", "light_xdir", "cam_xpos", "cam_xmat")
+
+_DRAW = """
+import pickle, sys, time
+import mujoco, numpy as np
+from bt_dualarm.world.rendering.raycast import RayRenderer
+from bt_dualarm.world.rendering.renderer import Exposure
+models, requests = pickle.load(open(sys.argv[1], "rb"))
+renderer, pictures, spent, latest = RayRenderer(), [], [], None
+for number, poses, asked in requests:
+    if number != latest:
+        latest, data = number, mujoco.MjData(models[number])
+    for name, values in poses.items():
+        getattr(data, name)[:] = values
+    exposure, costs = Exposure(*asked), []
+    for _ in range(4):
+        began = time.process_time_ns()
+        picture = renderer.render(models[number], data, exposure)
+        costs.append(time.process_time_ns() - began)
+    pictures.append(picture)
+    spent.append(min(costs))
+pickle.dump((pictures, spent), open(sys.argv[2], "wb"))
+"""
+
+
+class Request(NamedTuple):
+    """One picture that is asked for.
+
+    Attributes:
+        model: Number of its model.
+        poses: Where everything is, by the names of MuJoCo's state.
+        asked: Camera, width, height, region, stride.
+    """
+
+    model: int
+    poses: dict[str, Any]
+    asked: tuple[Any, ...]
+
+
+def of_a_run(tree: str) -> tuple[list[Any], list[Request]]:
+    """Models and requests of a run by the ray caster."""
+    models: list[Any] = []
+    requests: list[Request] = []
+
+    def write_down(opened: Run) -> None:
+        renderer: Any = opened.assembly.renderer
+        original = renderer.render
+
+        def render(model: Any, data: Any, exposure: Any) -> Any:
+            if not models or models[-1] is not model:
+                models.append(model)
+            requests.append(_request(len(models) - 1, data, exposure))
+            return original(model, data, exposure)
+
+        renderer.render = render
+
+    play(tree, "ray", write_down)
+    return models, requests
+
+
+def _request(number: int, data: Any, exposure: Any) -> Request:
+    poses = {name: getattr(data, name).copy() for name in POSES}
+    asked = (exposure.camera_id, exposure.width, exposure.height, exposure.region, exposure.stride)
+    return Request(number, poses, asked)
+
+
+def at_random(count: int) -> tuple[list[Any], list[Request]]:
+    """Models and requests of random scenes."""
+    models, requests = [], []
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        models.append(_scene(rng))
+        data = mujoco.MjData(models[-1])
+        mujoco.mj_forward(models[-1], data)
+        left, top = rng.integers(-20, 150, 2)
+        right, bottom = left + rng.integers(1, 180), top + rng.integers(1, 140)
+        region = None if seed % 3 == 0 else (int(left), int(top), int(right), int(bottom))
+        poses = {name: getattr(data, name).copy() for name in POSES}
+        requests.append(Request(seed, poses, (0, 160, 120, region, int(rng.integers(1, 5)))))
+    return models, requests
+
+
+def _scene(rng: np.random.Generator) -> Any:
+    """Ten shapes on a floor, or beside it, before a camera or about it."""
+    spec = mujoco.MjSpec()
+    hull = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+    vertices = rng.normal(0.0, 0.1, (int(rng.integers(5, 60)), 3))
+    spec.add_mesh(name="mesh", uservert=vertices.ravel(), userface=_faces(vertices), inertia=hull)
+    away = rng.choice([0.2, 0.6, 2.0])
+    for kind in KINDS if rng.random() < 0.3 else KINDS[:-1]:
+        geom: dict[str, Any] = {"type": getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")}
+        if kind == "mesh":
+            geom["meshname"] = kind
+        else:
+            geom["size"] = rng.uniform(0.02, 0.3, 3)
+        spec.worldbody.add_geom(
+            pos=rng.normal(0.0, 0.5 * away, 3), quat=rng.normal(size=4),
+            rgba=(*rng.random(3), 1.0), **geom,
+        )  # fmt: skip
+    floor = (0, 0, 0.1) if rng.random() < 0.5 else (*rng.uniform(0.2, 2.0, 2), 0.1)
+    plane, turn = mujoco.mjtGeom.mjGEOM_PLANE, (1.0, *rng.normal(0.0, 0.2, 3))
+    spec.worldbody.add_geom(type=plane, size=floor, pos=(0, 0, -0.5), quat=turn)
+    for kind in (mujoco.mjtLightType.mjLIGHT_SPOT, mujoco.mjtLightType.mjLIGHT_DIRECTIONAL):
+        place, along = rng.normal(0.0, 2.0, 3), rng.normal(size=3)
+        spec.worldbody.add_light(type=kind, pos=place, dir=along, diffuse=rng.random(3))
+    spec.worldbody.add_camera(
+        pos=rng.normal(0.0, away, 3), quat=rng.normal(size=4), fovy=rng.uniform(20.0, 90.0)
+    )
+    return spec.compile()
+
+
+def _faces(vertices: Any) -> Any:
+    """Outward triangles of the convex hull of vertices of shape (n, 3)."""
+    from scipy.spatial import ConvexHull
+
+    hull, faces = ConvexHull(vertices), []
+    for simplex, plane in zip(hull.simplices, hull.equations, strict=True):
+        a, b, c = vertices[simplex]
+        faces.append(simplex if np.cross(b - a, c - a) @ plane[:3] > 0 else simplex[::-1])
+    return np.array(faces).ravel()
+
+
+def drawn(checkouts: Sequence[Path], models: Any, requests: Any) -> Iterator[tuple[Any, Any]]:
+    """Pictures and CPU times, in ns, of each checkout."""
+    with tempfile.TemporaryDirectory() as folder:
+        asked, answer = Path(folder) / "asked", Path(folder) / "answer"
+        asked.write_bytes(pickle.dumps((models, [tuple(request) for request in requests])))
+        for checkout in checkouts:
+            subprocess.run(
+                [sys.executable, "-c", _DRAW, str(asked), str(answer)],
+                cwd=checkout,
+                env=os.environ | {"PYTHONPATH": str(checkout)},
+                check=True,
+            )
+            yield pickle.loads(answer.read_bytes())  # noqa: S301 - written by our own process
+
+
+def compare(name: str, before: Path, models: Any, requests: Any) -> int:
+    """Print a line for some requests; how many pixels differ."""
+    (old, old_ns), (new, new_ns) = drawn((before, ROOT), models, requests)
+    pairs = zip(old, new, strict=True)
+    different = sum(int((one != other).any(axis=2).sum()) for one, other in pairs)
+    lit = sum(int(one.any(axis=2).sum()) for one in old)
+    told = f"{name}: {len(requests)} pictures, {different} of {lit} pixels that are not black"
+    told += f" differ; {np.mean(old_ns) / 1e6:.3f} ms -> {np.mean(new_ns) / 1e6:.3f} ms"
+    print(f"{told}, {np.sum(old_ns) / np.sum(new_ns):.2f} times as fast", flush=True)
+    return different
+
+
+def main() -> int:
+    """Print a line for the requests of the run, and one for the random scenes."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("before")
+    parser.add_argument("--tree", default="pick_and_track")
+    parser.add_argument("--scenes", type=int, default=500)
+    arguments = parser.parse_args()
+    with checkout_of(arguments.before) as before:
+        different = compare(arguments.tree, before, *of_a_run(arguments.tree))
+        different += compare("random scenes", before, *at_random(arguments.scenes))
+    return 1 if different else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
