@@ -93,6 +93,18 @@ class ArmRuntime:
         """Paths of the leaves that run."""
         return tuple(leaf.path for leaf in self._tree.leaves if leaf.status == "RUNNING")
 
+    @property
+    def controlled_next(self) -> int:
+        """Step at which its controller is due next."""
+        return self._control.next
+
+    def due(self, step: int, time: float) -> bool:
+        """Whether its camera or its tree has something to do; asking changes nothing."""
+        if step >= self._ticks.next:
+            return True
+        eye = self._eye
+        return eye is not None and (eye.due(time) or eye.has_seen)
+
     def capture(self, time: float) -> None:
         """Take a picture if one is due; nobody looks once the tree has ended."""
         eye = self._eye
@@ -102,7 +114,7 @@ class ArmRuntime:
     def deliver(self, time: float) -> None:
         """Hand out the pictures whose latency is over."""
         eye = self._eye
-        if eye is not None and self.outcome is None:
+        if eye is not None and eye.has_seen and self.outcome is None:
             self._guarded("camera", lambda: eye.deliver(time), time)
 
     def tick(self, step: int, time: float) -> bool:

@@ -46,7 +46,11 @@ class Arms:
     @property
     def ended(self) -> bool:
         """No tree of an arm in the world is running."""
-        return all(arm.outcome is not None for arm in self.present)
+        # Asked at each step, as the two below: a generator costs more than its answer.
+        for arm in self.present:  # noqa: SIM110 - see above
+            if arm.outcome is None:
+                return False
+        return True
 
     @property
     def at_rest(self) -> bool:
@@ -84,6 +88,20 @@ class Arms:
         self.present = tuple(arm for arm in self.present if arm.name != name)
         for arm in leaving:
             arm.leave(self._world.time)
+
+    def due(self, step: int, time: float) -> bool:
+        """Whether a camera or a tree of any arm has something to do; it costs little to ask."""
+        for arm in self.present:  # noqa: SIM110 - see `ended`
+            if arm.outcome is None and arm.due(step, time):
+                return True
+        return False
+
+    def controls(self, step: int) -> bool:
+        """Whether a controller of any arm is due."""
+        for arm in self.present:  # noqa: SIM110 - see `ended`
+            if step >= arm.controlled_next:
+                return True
+        return False
 
     def capture(self, time: float) -> None:
         """Every camera that is due takes a picture."""

@@ -147,6 +147,10 @@ class _Eye:
     def capture(self) -> None:
         self.sights.note(self.camera.capture(self.world))
 
+    @property
+    def has_seen(self) -> bool:
+        return self.camera.has_seen
+
     def deliver(self, time: float) -> None:
         self.camera.deliver(time)
         notes = self.sights.notes

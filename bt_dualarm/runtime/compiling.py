@@ -5,12 +5,14 @@ from __future__ import annotations
 from bt_dualarm.kernels.kernel import compile_once
 from bt_dualarm.motion.chains.warming import move_something
 from bt_dualarm.motion.collision.bounding_spheres import bound_something
+from bt_dualarm.motion.safety.failsafe import reserve_something
 from bt_dualarm.motion.search.quick_search import search_something
 from bt_dualarm.motion.setpoints.planar_servo import follow_something
 from bt_dualarm.motion.timing.path_timing import time_something
 from bt_dualarm.vision.motion_model import predict_something
 from bt_dualarm.world.hardware.arm_hardware import sense_something
 from bt_dualarm.world.rendering.raycast import draw_something
+from bt_dualarm.world.touches import touch_something
 
 
 def compile_kernels() -> None:
@@ -18,6 +20,6 @@ def compile_kernels() -> None:
 
     Harmless when repeated: once on a machine it does something.
     """
-    world = draw_something, sense_something, predict_something, bound_something
+    world = draw_something, sense_something, touch_something, predict_something, bound_something
     motion = move_something, follow_something, time_something, search_something
-    compile_once((*world, *motion))
+    compile_once((*world, *motion, reserve_something))

@@ -74,6 +74,10 @@ class Eye(Protocol):
     def capture(self) -> object:
         """Take it."""
 
+    @property
+    def has_seen(self) -> bool:
+        """Whether there are pictures that have not been handed out."""
+
     def deliver(self, time: float) -> object:
         """Hand the pictures whose latency is over to those who listen."""
 

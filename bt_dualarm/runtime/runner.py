@@ -187,10 +187,11 @@ class Runner:
         """One physics step and all that is due in it."""
         time = self._world.time
         try:
-            if trees:
+            if trees and self._arms.due(self._step, time):
                 self._see_and_tick(time)
-            with self._watchdog:
-                self._arms.control(self._step, time)
+            if self._arms.controls(self._step):
+                with self._watchdog:
+                    self._arms.control(self._step, time)
             self._world.step()
         except DivergenceError as error:
             self._break(Ending.DIVERGED, str(error))

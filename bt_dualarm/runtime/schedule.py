@@ -23,6 +23,9 @@ class Periodic:
         period: Seconds between two times it is due.
         timestep: Seconds of one physics step.
         first: Step at which it is due for the first time.
+
+    Attributes:
+        next: Step at which, or after which, it is due next.
     """
 
     def __init__(self, period: Fraction, timestep: Fraction, first: int = 0) -> None:
@@ -33,12 +36,12 @@ class Periodic:
         self._numerator, self._denominator = steps.numerator, steps.denominator
         self._first = first
         self._count = 0
-        self._next = first
+        self.next = first
 
     def due(self, step: int) -> bool:
         """Whether it is due at this step; asking with a due step uses it up."""
-        if step < self._next:
+        if step < self.next:
             return False
         self._count += 1
-        self._next = self._first - (-self._count * self._numerator // self._denominator)
+        self.next = self._first - (-self._count * self._numerator // self._denominator)
         return True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import mujoco
@@ -60,7 +60,10 @@ class Equipment:
         self.nominal: dict[str, NominalArm] = {}
         self.mounted = mounted
         self.grippers: dict[str, GripperHardware] = {}
-        self._places: dict[str, Vector] = {}
+        self._places: list[tuple[ArmHardware, Vector]] = []
+        self._sense: list[Callable[[float], None]] = []
+        self._drive: list[Callable[[], None]] = []
+        self._rub: list[Callable[[], None]] = []
         self.errors: dict[str, RealityErrors] = {
             name: resolved(file.world.reality, arm.reality, REALITY_SETS)
             for name, arm in file.arms.items()
@@ -108,13 +111,15 @@ class Equipment:
 
     def connect(
         self,
-        model: mujoco.MjModel,
+        plant: tuple[mujoco.MjModel, mujoco.MjData],
         arms: Mapping[str, ArmBody],
         held: Iterable[Attachment],
         objects: Mapping[str, ObjectSpec],
     ) -> None:
         """Belong to what was recompiled: the plant's arms, and what they hold now."""
-        self._model, self._sensed, self._places = model, mujoco.MjData(model), {}
+        self._model, self._plant = plant
+        self._sensed, self._is_sensed = mujoco.MjData(self._model), False
+        self._places = []
         self._everywhere = self._sensed.qpos  # views, as in `ArmHardware`
         loads: dict[str, list[NominalLoad]] = {name: [] for name in arms}
         for one in held:
@@ -124,34 +129,47 @@ class Equipment:
         for name, body in arms.items():
             self.hardware[name].connect(body)
             first, last = body.qpos_ids[0], body.qpos_ids[-1]
-            self._places[name] = self._everywhere[first : last + 1]
+            self._places.append((self.hardware[name], self._everywhere[first : last + 1]))
             self.nominal[name].hold(loads[name])
             if name in self.grippers:
-                self.grippers[name].connect(model, body.data, name)
+                self.grippers[name].connect(self._model, body.data, name)
+        equipped = [self.hardware[name] for name in arms]
+        self._sense = [hardware.sense for hardware in equipped]
+        self._drive = [hardware.drive for hardware in equipped if not hardware.is_ideal]
+        self._drive += [gripper.drive for gripper in self.grippers.values()]
+        self._rub = [hardware.rub for hardware in equipped if hardware.rubs]
 
-    def sense(self, plant: mujoco.MjData) -> mujoco.MjData:
-        """Read the sensors of all arms; returns where everything is by them, for planning.
-
-        Arms are where their encoders say, objects where they are.
-        """
-        self._everywhere[:] = plant.qpos
-        for name, hardware in self.hardware.items():
-            hardware.sense()
-            self._places[name][:] = hardware.q
+    def sense(self, time: float) -> None:
+        """Read the sensors of all arms at a simulated time in s, which is now."""
+        self._is_sensed = False
+        for read in self._sense:
+            read(time)
         for gripper in self.grippers.values():
             gripper.sense()
-            gripper.place(self._everywhere)
-        mujoco.mj_kinematics(self._model, self._sensed)
+
+    @property
+    def sensed(self) -> mujoco.MjData:
+        """Where everything is by the last readings, for planning; worked out when asked for.
+
+        Arms are where their encoders say, objects where they are. Who keeps views of it asks for it
+        before reading them.
+        """
+        if not self._is_sensed:
+            self._is_sensed = True
+            self._everywhere[:] = self._plant.qpos
+            for hardware, place in self._places:
+                place[:] = hardware.q
+            for gripper in self.grippers.values():
+                gripper.place(self._everywhere)
+            mujoco.mj_kinematics(self._model, self._sensed)
         return self._sensed
 
     def drive(self) -> None:
         """Let all drives act during the next step."""
-        for hardware in self.hardware.values():
-            hardware.drive()
-        for gripper in self.grippers.values():
-            gripper.drive()
+        for act in self._drive:
+            act()
 
     def rub(self) -> None:
         """Set the friction of all arms for the velocities of now."""
-        for hardware in self.hardware.values():
-            hardware.rub()
+        for act in self._rub:
+            act()

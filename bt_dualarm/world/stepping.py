@@ -13,36 +13,52 @@ from bt_dualarm.errors import DivergenceError
 _ABSURD_SPEED = 1e4  # rad/s or m/s: nothing on a table moves like this
 
 
-def advance(
-    model: mujoco.MjModel, data: mujoco.MjData, between: Iterable[Callable[[], None]] = ()
-) -> None:
-    """Advance by one step; positions, contacts and inertias are then those of now.
-
-    ``mj_step`` would leave them as they were before the step, 2 ms old: its two halves are called
-    in the other order.
+class Stepping:
+    """Makes the steps of a world, until it is compiled anew.
 
     Args:
         model: Compiled world.
         data: State of it.
-        between: Functions that are called when velocities are those of now, and forces that hang on
-            them are not; contacts are those of before, with the forces that they had in the step.
-
-    Raises:
-        DivergenceError: A torque or the state is not finite, or time did not advance.
     """
-    if not math.isfinite(data.ctrl.dot(data.ctrl)):  # MuJoCo would take all torques for zero
-        raise DivergenceError(_diagnosis(model, data, "is driven by what is not a number"))
-    before = data.time
-    mujoco.mj_step2(model, data)
-    speed, place = data.qvel, data.qpos
-    # Squares, because one product of vectors costs a tenth of looking at each element.
-    if not (speed.dot(speed) < _ABSURD_SPEED**2 and math.isfinite(place.dot(place))):
-        raise DivergenceError(_diagnosis(model, data, "moves absurdly fast or is not a number"))
-    for look in between:
-        look()
-    mujoco.mj_step1(model, data)
-    if data.time <= before:
-        raise DivergenceError(f"simulated time went from {before} s back to {data.time} s")
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self._model, self._data = model, data
+        # Views: looking a field up costs more than what is done with it.
+        self._torque, self._speed, self._place = data.ctrl, data.qvel, data.qpos
+
+    def advance(self, between: Iterable[Callable[[], None]] = ()) -> float:
+        """Advance by one step; positions, contacts and inertias are then those of now.
+
+        ``mj_step`` would leave them as they were before the step, 2 ms old: its two halves are
+        called in the other order.
+
+        Args:
+            between: Functions that are called when velocities are those of now, and forces that
+                hang on them are not; contacts are those of before, with the forces that they had in
+                the step.
+
+        Returns:
+            Simulated time in s.
+
+        Raises:
+            DivergenceError: A torque or the state is not finite, or time did not advance.
+        """
+        model, data, torque = self._model, self._data, self._torque
+        if not math.isfinite(torque.dot(torque)):  # MuJoCo would take all torques for zero
+            raise DivergenceError(_diagnosis(model, data, "is driven by what is not a number"))
+        before = data.time
+        mujoco.mj_step2(model, data)
+        speed, place = self._speed, self._place
+        # Squares, because one product of vectors costs a tenth of looking at each element.
+        if not (speed.dot(speed) < _ABSURD_SPEED**2 and math.isfinite(place.dot(place))):
+            raise DivergenceError(_diagnosis(model, data, "moves absurdly fast or is not a number"))
+        for look in between:
+            look()
+        mujoco.mj_step1(model, data)
+        now: float = data.time
+        if now <= before:
+            raise DivergenceError(f"simulated time went from {before} s back to {now} s")
+        return now
 
 
 def _diagnosis(model: mujoco.MjModel, data: mujoco.MjData, what: str) -> str:

@@ -82,6 +82,8 @@ class Touches:
         if self._generation != self._world.generation:
             self._bind()
         geoms = data.contact.geom
+        if not self._meets(geoms, self._owner, self._holder):
+            return []
         owners, holders = self._owner[geoms], self._holder[geoms]
         strange = (owners[:, 0] != owners[:, 1]) & (owners.max(axis=1) != _NOBODY)
         strange &= (holders[:, 0] != owners[:, 1]) & (holders[:, 1] != owners[:, 0])
@@ -97,7 +99,9 @@ class Touches:
 
     def _bind(self) -> None:
         """Look up whose the shapes are, and who holds what."""
-        world = self._world
+        from bt_dualarm.world.touch_kernels import any_strange
+
+        world, self._meets = self._world, any_strange
         self._generation = world.generation
         self._arms = tuple(world.arms)
         self._owner = np.full(world.model.ngeom, _NOBODY)
@@ -106,3 +110,12 @@ class Touches:
             self._owner[list(body.geom_ids)] = index
         for held in world.attachments:
             self._holder[world.object_geom(held.object)] = self._arms.index(held.arm)
+
+
+def touch_something() -> None:
+    """Have all kernels of contacts compiled."""
+    from bt_dualarm.world.touch_kernels import any_strange
+
+    pairs, numbers = np.zeros((4, 2), np.int32), np.zeros(1, np.int64)
+    for one in (pairs, pairs[::2]):  # a single contact lies in one piece, several do not
+        any_strange(one, numbers, numbers)

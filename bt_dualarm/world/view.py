@@ -8,6 +8,7 @@ import numpy as np
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.world.arm_body import ArmBody
+from bt_dualarm.world.equipment import Equipment
 from bt_dualarm.world.names import must_be_among
 
 _FARTHEST = 1e3
@@ -20,16 +21,22 @@ class WorldView:
     Attributes:
         model: Compiled model; a new object after every change of the world's parts.
         data: State of the model; likewise.
-        sensed: Positions by the sensors, and where all bodies are by them; likewise.
+        equipment: All that arms are controlled through: sensors and drives, and what is believed of
+            them.
         arms: Arms that are present, by name.
         objects: Objects that are present, by name.
     """
 
     model: mujoco.MjModel
     data: mujoco.MjData
-    sensed: mujoco.MjData
+    equipment: Equipment
     arms: dict[str, ArmBody]
     objects: dict[str, ObjectSpec]
+
+    @property
+    def sensed(self) -> mujoco.MjData:
+        """Positions by the sensors, and where all bodies are by them; see `Equipment.sensed`."""
+        return self.equipment.sensed
 
     @property
     def time(self) -> float:

@@ -22,7 +22,7 @@ from bt_dualarm.world.names import must_be_among
 from bt_dualarm.world.object_bodies import add_object, noisy_pose
 from bt_dualarm.world.overlap import no_room, overlap
 from bt_dualarm.world.robots.robot import Robot
-from bt_dualarm.world.stepping import advance
+from bt_dualarm.world.stepping import Stepping
 
 _log = logging.getLogger(__name__)
 
@@ -40,9 +40,7 @@ class World(HoldingView):
     Attributes:
         before_removal: Functions that are told the name of an arm that is about to be taken away.
         on_forces: Functions that are called in each step, when contacts have the forces of it.
-        equipment: All that arms are controlled through: of those that are present, by name,
-            `hardware`, sensors and drives, `grippers`, those of grippers, and `nominal`, what is
-            believed of them.
+        equipment: Hardware, grippers and nominal model of each arm that is present, by name.
 
     Raises:
         CatalogueError: A robot or scene is unknown or broken.
@@ -85,12 +83,12 @@ class World(HoldingView):
             DivergenceError: A torque or the state is not finite, or time did not advance.
         """
         self.equipment.drive()
-        advance(self.model, self.data, self.on_forces)
-        self.sense()
+        time = self._stepping.advance(self.on_forces)
+        self.equipment.sense(time)
 
     def sense(self) -> None:
         """Read all sensors; `step` does so at its end."""
-        self.sensed = self.equipment.sense(self.data)
+        self.equipment.sense(self.data.time)
 
     def refuse_overlaps(self) -> None:
         """Raise an `OverlapError` if an arm or object is inside another thing at the start."""
@@ -225,11 +223,12 @@ class World(HoldingView):
 
     def _bind(self) -> None:
         plant = self.model, self.data
+        self._stepping = Stepping(*plant)
         self.arms = {
             name: ArmBody.find(name, self.robots[name], self._file.arms[name].base.pose, *plant)
             for name in self.arms
         }
-        self.equipment.connect(self.model, self.arms, self.attachments, self.objects)
+        self.equipment.connect(plant, self.arms, self.attachments, self.objects)
 
     def _add_arm(self, name: str) -> None:
         arm, robot, drawn = self._file.arms[name], self.robots[name], self.equipment.drawn[name]

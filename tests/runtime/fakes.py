@@ -145,6 +145,10 @@ class FakeEye:
         self._world.write(f"capture {self.name}")
         self._pending.append(self._world.steps)
 
+    @property
+    def has_seen(self) -> bool:
+        return True
+
     def deliver(self, time: float) -> None:
         while self._pending and self._pending[0] < self._world.steps:
             self._world.write(f"deliver {self.name}")

@@ -55,7 +55,9 @@ RISE: Final = 6
 """Speed over which dry friction builds up, rad/s; 0 where it is there at once."""
 OFFSET: Final = 7
 """Offset of the speed at which it does, rad/s."""
-CONSTANTS: Final = 8
+TOP: Final = 8
+"""Speed that the joint can do, rad/s."""
+CONSTANTS: Final = 9
 
 # Rows of the state, of shape (STATE, dof); rad, rad/s, rad/s², N m.
 READING: Final = 0
@@ -89,6 +91,13 @@ DISTURBING: Final = 16
 TORQUE: Final = 17
 """Torques of the motors."""
 STATE: Final = 18
+
+# What is told of the joints besides, of shape (TOLD,).
+FASTEST: Final = 0
+"""Largest speed, as a share of what the joint can do."""
+BEHIND: Final = 1
+"""Largest distance from the set-point, rad."""
+TOLD: Final = 2
 
 # How a torque came out.
 FINE: Final = 0

@@ -89,3 +89,25 @@ def stopping_way(v: float, a: float, acceleration: float, jerk: float) -> float:
     long = top >= acceleration * ramp
     duration = top / acceleration + ramp if long else 2.0 * math.sqrt(top / jerk)
     return max((v + a * lead / 3.0) * lead + 0.5 * top * duration, 0.0)
+
+
+@kernel
+def turn_and_stop(limits: Matrix, i: int, v: float, a: float, seconds: float) -> float:
+    """How far a joint gets at most, in rad, that does as it likes for a time and brakes then.
+
+    To brake, the acceleration fades first; after that it takes no longer than at an even
+    acceleration and two ramps, at half of the speed on average.
+
+    Args:
+        limits: Limits of the joints, see `kernel_rows`.
+        i: Which joint it is.
+        v: Velocity, rad/s.
+        a: Acceleration within its limit, rad/s².
+        seconds: Time after which it brakes, s.
+    """
+    fast, brisk, jerk = limits[MOST_VELOCITY, i], limits[MOST_ACCELERATION, i], limits[MOST_JERK, i]
+    most = min(abs(a) + jerk * seconds, brisk)
+    fade = most / jerk
+    speed = min(abs(v) + most * seconds, fast) + 0.5 * most * fade
+    turn: float = speed * (seconds + fade + 0.5 * speed / brisk + 0.5 * brisk / jerk)
+    return turn

@@ -9,17 +9,22 @@ from bt_dualarm.motion.chains.inertia_kernels import times
 from bt_dualarm.motion.chains.kernel_rows import (
     ASKED,
     ASKED_BEFORE,
+    BEHIND,
     BIAS,
     DISTURBANCE,
     DRIVING,
     EXPLAINED,
     EXTERNAL,
+    FASTEST,
     READING,
+    SENT_Q,
+    SPEED,
+    TOP,
     Law,
     Q,
     V,
 )
-from bt_dualarm.pose import Matrix
+from bt_dualarm.pose import Matrix, Vector
 
 
 @kernel
@@ -33,6 +38,16 @@ def observe(law: Law, state: Matrix) -> None:
         state[Q, i] = reading - (1.0 - law.gain_q) * surprise
         state[V, i] += law.period * a + law.gain_v * surprise
         state[DISTURBANCE, i] += law.gain_d * surprise
+
+
+@kernel
+def tell(joints: Matrix, state: Matrix, told: Vector) -> None:
+    """Enter how fast the joints are, and how far from the set-point, see `kernel_rows`."""
+    fastest, behind = 0.0, 0.0
+    for i in range(state.shape[1]):
+        fastest = max(fastest, abs(state[SPEED, i]) / joints[TOP, i])
+        behind = max(behind, abs(state[SENT_Q, i] - state[READING, i]))
+    told[FASTEST], told[BEHIND] = fastest, behind
 
 
 @kernel

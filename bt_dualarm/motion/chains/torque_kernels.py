@@ -37,27 +37,39 @@ from bt_dualarm.motion.chains.kernel_rows import (
     Q,
     V,
 )
-from bt_dualarm.motion.chains.observer_kernels import feel
+from bt_dualarm.motion.chains.observer_kernels import feel, observe, tell
 from bt_dualarm.pose import Matrix, Vector
 
 
 @kernel
 def drive(
-    law: Law, links: Matrix, joints: Matrix, inertias: Matrix, is_new: bool, state: Matrix
+    law: Law,
+    links: Matrix,
+    joints: Matrix,
+    inertias: Matrix,
+    reads: bool,
+    is_new: bool,
+    state: Matrix,
+    told: Vector,
 ) -> int:
-    """Enter the torques for the set-point, and what they give the joints by the model.
+    """Take up a reading; enter torques for the set-point, and what they give by the model.
 
     Args:
         law: Numbers of the law.
         links: Links of the arm with what it holds, see `kernel_rows`.
         joints: What is known of the joints, likewise.
         inertias: Inertia matrices of now and of the period before, of shape (2, dof, dof).
+        reads: Whether the reading is to be taken up; it may have been already.
         is_new: Whether the arm is another one than in the period before.
         state: State of the arm.
+        told: Takes what else is told of the joints, of shape (TOLD,).
 
     Returns:
         `FINE`, `SATURATED` where the efforts do not suffice, `NO_NUMBER`.
     """
+    if reads:
+        observe(law, state)
+    tell(joints, state, told)
     dof = state.shape[1]
     inertia, bias = inertias[0], np.empty(dof)
     equations(links, law.gravity, state[Q], state[V], inertia, bias)
@@ -67,22 +79,38 @@ def drive(
     wanted, driving, rubbing = np.empty(dof), np.empty(dof), np.empty(dof)
     _want(law, joints, state, wanted, rubbing)
     times(inertia, wanted, driving)
+    outcome = _add_up(law, joints, driving, rubbing, bias, state)
+    if outcome == NO_NUMBER:
+        return outcome
+    if outcome == SATURATED:
+        _keep_within_effort(law, joints, inertia, bias, state)
+    _expect(inertia, rubbing, state)
+    return outcome
+
+
+@kernel
+def _expect(inertia: Matrix, rubbing: Vector, state: Matrix) -> None:
+    """Enter what the torques give the joints by the model, and those of them that drive."""
+    accelerating = np.empty(len(rubbing))
+    for i in range(len(rubbing)):
+        state[DRIVING, i] = state[TORQUE, i] - rubbing[i]
+        accelerating[i] = state[DRIVING, i] - state[BIAS, i]
+        state[ASKED_BEFORE, i] = state[ASKED, i]
+    solve(inertia, accelerating, state[ASKED])
+
+
+@kernel
+def _add_up(
+    law: Law, joints: Matrix, driving: Vector, rubbing: Vector, bias: Vector, state: Matrix
+) -> int:
+    """Enter torques, and into the bias those that only hold; says how they came out."""
     outcome = FINE
-    for i in range(dof):
+    for i in range(len(bias)):
         most = law.compensated * joints[LIMIT, i]
         bias[i] += rubbing[i] + min(max(-state[DISTURBING, i], -most), most)
         state[TORQUE, i] = bias[i] + driving[i]
         if not abs(state[TORQUE, i]) <= joints[LIMIT, i]:
             outcome = max(outcome, SATURATED if math.isfinite(state[TORQUE, i]) else NO_NUMBER)
-    if outcome == NO_NUMBER:
-        return outcome
-    if outcome == SATURATED:
-        _keep_within_effort(law, joints, inertia, bias, state)
-    for i in range(dof):
-        state[DRIVING, i] = state[TORQUE, i] - rubbing[i]
-        driving[i] = state[DRIVING, i] - state[BIAS, i]
-        state[ASKED_BEFORE, i] = state[ASKED, i]
-    solve(inertia, driving, state[ASKED])
     return outcome
 
 

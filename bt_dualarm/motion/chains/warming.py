@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bt_dualarm.motion.chains.kernel_rows import CONSTANTS, LINK, ROTOR, STATE, Law
+from bt_dualarm.motion.chains.kernel_rows import CONSTANTS, LINK, ROTOR, STATE, TOLD, Law
 
 
 def move_something() -> None:
@@ -16,4 +16,5 @@ def move_something() -> None:
     links[:, ROTOR] = 1.0
     law = Law(np.zeros(3), *np.ones(len(Law._fields) - 1).tolist())
     observe(law, state)
-    drive(law, links, np.zeros((CONSTANTS, 1)), np.zeros((2, 1, 1)), True, state)
+    joints, told = np.ones((CONSTANTS, 1)), np.zeros(TOLD)
+    drive(law, links, joints, np.zeros((2, 1, 1)), False, True, state, told)

@@ -32,6 +32,7 @@ class BoundingSpheres:
     def __init__(self, world: World, arm: str) -> None:
         model, body = world.model, world.arms[arm]
         held = [world.object_geom(name) for name in world.attachments.attached_to(arm)]
+        self._world = world
         self._shapes = np.array(sorted((*body.geom_ids, *held)))
         self._bounds = model.geom_rbound[self._shapes]
         self._joints = model.dof_jntid[body.dof_ids].astype(np.int64)
@@ -55,7 +56,7 @@ class BoundingSpheres:
 
     def spheres(self) -> Matrix:
         """Centres and radii now, of shape (n, 4), m."""
-        spheres = np.empty_like(self._placed)
+        spheres, _ = np.empty_like(self._placed), self._world.sensed  # what it says is up to date
         kernels().place(self._placed, self._of_sphere, self._places, self._frames, spheres)
         return spheres
 
@@ -71,20 +72,11 @@ class BoundingSpheres:
     def reach(self, levers: Matrix, way: Vector) -> float:
         """How far any point gets, in m, when the joints turn by no more than ``way``.
 
-        A point is moved by each joint as far as its distance from the axis, which grows by no more
-        than the result itself, ``R <= way · levers + R Σ way``, and is at most the span.
-
         Args:
             levers: Distances of the spheres as they are now, of shape (n, dof), m.
             way: Most that each joint turns, of shape (dof,), rad.
         """
-        total = float(way.sum())
-        most = self.span * total
-        if total >= 1.0:
-            return most
-        return min(
-            float(kernels().farthest(levers, np.ascontiguousarray(way))) / (1.0 - total), most
-        )
+        return float(kernels().reach(levers, np.ascontiguousarray(way), self.span))
 
     def centers(self, data: mujoco.MjData) -> Matrix:
         """Of the shapes, of shape (m, 3), in a state of the model."""
@@ -134,6 +126,7 @@ def bound_something() -> None:
         spheres, one, np.ones((1, 3)), np.ones((1, 3)), np.ones((1, 1)), np.ones((1, 1))
     )
     kernels().farthest(np.ones((1, 1)), np.ones(1))
+    kernels().reach(np.ones((1, 1)), np.ones(1), 1.0)
     kernels().nearest(spheres, spheres)
 
 

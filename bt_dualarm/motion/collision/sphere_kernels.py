@@ -73,6 +73,22 @@ def farthest(levers: Matrix, way: Vector) -> float:
 
 
 @kernel
+def reach(levers: Matrix, way: Vector, span: float) -> float:
+    """How far any point gets, m, when the joints turn by no more than ``way``, (dof,), rad.
+
+    A point is moved by each joint as far as its distance from the axis, which grows by no more
+    than the result itself, ``R <= way · levers + R Σ way``, and is at most the span.
+    """
+    total = 0.0
+    for i in range(len(way)):
+        total += way[i]
+    most: float = span * total
+    if total >= 1.0:
+        return most
+    return min(farthest(levers, way) / (1.0 - total), most)
+
+
+@kernel
 def nearest(first: Matrix, second: Matrix) -> float:
     """The least distance in m of two sets of spheres, of shape (n, 4) and (m, 4)."""
     least = math.inf

@@ -15,6 +15,7 @@ from bt_dualarm.motion.chains.kernel_rows import (
     SENT_V,
     SPEED,
     STATE,
+    TOLD,
     TORQUE,
     TREMOR,
 )
@@ -37,8 +38,8 @@ class ComputedTorque:
     The torque is ``M(q) (a + 2w(v - v̂) + w²(q - q̂) - d) + bias + friction`` (computed torque,
     Siciliano et al., Robotics, 8.5.2; d is the acceleration by which the arm does otherwise than
     its model, see `StateObserver`), within the joints' efforts. Dynamics are those of the nominal
-    arm with what it holds, friction is what its page says of the velocity that is meant. All of it
-    is worked out in one call of machine code (`torque_kernels`).
+    arm with what it holds, friction is what its page says of the velocity that is meant. All of it,
+    the observer's part too, is worked out in one call of machine code (`torque_kernels`).
 
     Args:
         world: World that the arm is in.
@@ -49,6 +50,8 @@ class ComputedTorque:
         saturated: Number of times that the efforts did not suffice.
         observer: What is known of the joints.
         touch: What is known of external torques.
+        top_speed: Speeds that the joints can do, of shape (dof,), rad/s.
+        told: What is told of the joints besides, see `kernel_rows`.
         hits: What tells a hit from all that is off in the model; None of an arm that minds none.
         was_hit: Whether it does, at the last command.
     """
@@ -61,11 +64,16 @@ class ComputedTorque:
         self._name = arm
         self._hardware, self._nominal = world.hardware[arm], world.nominal[arm]
         self._law = law_of(period, world.timestep, self._nominal.model.opt.gravity.copy())
-        self._joints, dof = joints_of(self._nominal), len(self._hardware.q)
+        # An arm may be told to keep to less than its robot can do: that breaks nothing.
+        self.top_speed = (
+            world.robots[arm].limits.velocity / world.declared_arms[arm].limits.velocity
+        )
+        self._joints = joints_of(self._nominal, self.top_speed)
+        dof = len(self._hardware.q)
         self._state, self._inertias = np.zeros((STATE, dof)), np.zeros((2, dof, dof))
         state = self._state  # views of rows: looking one up costs as much as filling it
         self._sent = state[SENT_Q], state[SENT_V], state[SENT_A]
-        self._speed, self._torque = state[SPEED], state[TORQUE]
+        self._speed, self._torque, self.told = state[SPEED], state[TORQUE], np.zeros(TOLD)
         self.observer = StateObserver(self._law, state, self._hardware.q)
         self.touch = MomentumObserver(state)
         minds, friction = world.declared_arms[arm].collision, self._nominal.friction
@@ -80,8 +88,8 @@ class ComputedTorque:
         drift: Vector = self._state[SENT_V] + self._state[TREMOR]
         return drift
 
-    def command(self, sent: SetPoint, time: float) -> Vector:
-        """Command the torques for a set-point; returns how far behind each joint is, in rad.
+    def command(self, sent: SetPoint, time: float) -> None:
+        """Command the torques for a set-point.
 
         Raises:
             DivergenceError: A torque is not a number.
@@ -89,13 +97,23 @@ class ComputedTorque:
         if self._held is not self._nominal.loads:
             self._take_up(self._nominal.loads, grace=True)
         hardware, (q, v, a) = self._hardware, self._sent
-        self.observer.read(hardware.q)
+        reads = self.observer.take(hardware.q)
         if self._weighing is not None:
+            if reads:
+                self.observer.observe()
+            reads = False
             self._weigh(self._weighing, sent)
         q[:], v[:], a[:], self._speed[:] = sent.q, sent.v, sent.a, hardware.v
         is_new, self.touch.is_new = self.touch.is_new, False
         outcome = self._drive(
-            self._law, self._links, self._joints, self._inertias, is_new, self._state
+            self._law,
+            self._links,
+            self._joints,
+            self._inertias,
+            reads,
+            is_new,
+            self._state,
+            self.told,
         )
         if outcome == NO_NUMBER:
             raise DivergenceError(
@@ -106,8 +124,6 @@ class ComputedTorque:
         if self.hits is not None:
             self.was_hit = self.hits.take(self._inertias[0], sent, self._state[DISTURBING].copy())
         hardware.command(self._torque.copy())
-        behind: Vector = sent.q - hardware.q
-        return behind
 
     def _weigh(self, weighing: Weighing, sent: SetPoint) -> None:
         """Learn what the arm holds; what that changes, no joint feels."""

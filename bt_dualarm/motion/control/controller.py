@@ -60,8 +60,6 @@ class JointController:
         self._limiter = SetPointLimiter(self._robot.limits, period, world.hardware[name].q)
         self._motion: SetPointSource | None = None
         self._followed: SetPointSource | None = None
-        # An arm may be told to keep to less than its robot can do: that breaks nothing.
-        self._top_speed = self._robot.limits.velocity / world.declared_arms[name].limits.velocity
         self._may_touch = False
         self._guard = ArmGuard(world, name, period, reservations)
         self._torque = ComputedTorque(world, name, period)
@@ -167,13 +165,14 @@ class JointController:
                 self._heed(refusal)
                 sent = self._limiter.bend(self._wanted(time))
         self._limiter.sent = sent
-        error = self._torque.command(sent, time)
+        self._torque.command(sent, time)
         pressed = self._force.look()
         if pressed is not None:  # by a link: no force is allowed
             self._heed(self._guard.touch() or pressed)
-        self._watch_speed()
+        fastest, behind = self._torque.told.tolist()
+        self._watch_speed(fastest)
         if self._motion is not None:
-            self._watch(error)
+            self._watch(behind)
 
     def _heed(self, refusal: Failure | None) -> None:
         """Give up the motion if the guard says so."""
@@ -204,22 +203,24 @@ class JointController:
             self._guard.rests(wanted.q, time)
         return wanted
 
-    def _watch_speed(self) -> None:
-        """Measure how fast the joints are; what is done while one is too fast has failed."""
-        shares = np.abs(self._v) / self._top_speed
-        share, report = max(shares.tolist()), self._guard.report
-        report.fastest_share = max(report.fastest_share, share)
+    def _watch_speed(self, share: float) -> None:
+        """Note how fast the joints are; what is done while one is too fast has failed."""
+        report = self._guard.report
+        if share > report.fastest_share:
+            report.fastest_share = share
         if share > OVERSPEED and self.fault is None:
-            self.fault = too_fast(self._robot, shares)
+            self.fault = too_fast(self._robot, np.abs(self._hardware.v) / self._torque.top_speed)
             self.stop()
 
-    def _watch(self, error: Vector) -> None:
-        if max(np.abs(error).tolist()) > LEFT_BEHIND and self.fault is None:
-            self.fault = left_behind(self._robot, error)
+    def _watch(self, behind: float) -> None:
+        """Give up a motion whose set-points are so many rad ahead of the arm, or that was hit."""
+        if behind > LEFT_BEHIND and self.fault is None:
+            self.fault = left_behind(self._robot, self.setpoint.q - self._q)
             self._give_in(self._q)
         hits = self._torque.hits
-        was_hit = self._torque.was_hit and not self._may_touch
-        if hits is not None and was_hit and self._motion is self._followed:
+        if hits is None or not self._torque.was_hit or self._may_touch:
+            return
+        if self._motion is self._followed:
             jacobian = self._nominal.tool_jacobian_at(self._q)[:3]
             self._heed(hit(self._robot, hits, jacobian))
 
@@ -234,10 +235,6 @@ class JointController:
     @property
     def _q(self) -> Vector:
         return self._hardware.q
-
-    @property
-    def _v(self) -> Vector:
-        return self._hardware.v
 
     def _go_on(self, motion: Trajectory) -> None:
         """Follow a motion whose first set-point is the one that was sent last."""

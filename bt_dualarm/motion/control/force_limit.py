@@ -50,17 +50,17 @@ class ForceLimit:
         self._world, self._arm, self._touch = world, arm, touch
         self._hardware, self._nominal = world.hardware[arm], world.nominal[arm]
         self._limit_n = world.declared_arms[arm].force_limit
-        self._little = 0.5 * _WEAK * self._limit_n
+        self._little = (0.5 * _WEAK * self._limit_n) ** 2
         self._untouched = touch.torque
         self._told = False
         self._generation = -1
 
     def look(self) -> ForceFailure | None:
         """``FORCE_LIMIT`` if the arm has begun to press harder than it may."""
-        since = self._touch.torque - self._untouched
-        if float(since @ since) < self._little**2:
+        if self._touch.square_since(self._untouched) < self._little:
             self._told = False
             return None
+        since = self._touch.torque - self._untouched
         if self._generation != self._world.generation:
             self._generation = self._world.generation
             self._contacts = OutsideContacts(self._world, self._arm)

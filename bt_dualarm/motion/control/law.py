@@ -16,6 +16,7 @@ from bt_dualarm.motion.chains.kernel_rows import (
     NARROW,
     OFFSET,
     RISE,
+    TOP,
     VISCOUS,
     Law,
 )
@@ -84,8 +85,13 @@ def law_of(period: float, timestep: float, gravity: Vector) -> Law:
     )
 
 
-def joints_of(nominal: NominalArm) -> Matrix:
-    """What the law knows of the joints, of shape (CONSTANTS, dof), see `kernel_rows`."""
+def joints_of(nominal: NominalArm, top_speed: Vector) -> Matrix:
+    """What the law knows of the joints, of shape (CONSTANTS, dof), see `kernel_rows`.
+
+    Args:
+        nominal: What is believed of the arm.
+        top_speed: Speeds that the joints can do, of shape (dof,), rad/s.
+    """
     friction, effort = nominal.friction, nominal.robot.limits.effort
     joints = np.zeros((CONSTANTS, len(effort)))
     joints[LIMIT] = effort
@@ -96,4 +102,5 @@ def joints_of(nominal: NominalArm) -> Matrix:
     joints[VISCOUS] = friction.viscous
     joints[RISE] = friction.rise
     joints[OFFSET] = friction.offset
+    joints[TOP] = top_speed
     return joints

@@ -32,6 +32,11 @@ class MomentumObserver:
         torque: Vector = self._torque.copy()
         return torque
 
+    def square_since(self, before: Vector) -> float:
+        """Square of how much external torques differ from others, of shape (dof,), N m: (N m)²."""
+        since = self._torque - before
+        return float(since.dot(since))
+
     def forget(self) -> None:
         """Begin anew: the arm weighs something else now."""
         self.is_new = True

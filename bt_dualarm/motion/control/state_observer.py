@@ -56,12 +56,21 @@ class StateObserver:
 
     def read(self, q: Vector) -> None:
         """Take up positions of the encoders, of shape (dof,), rad, a period after the last ones."""
+        if self.take(q):
+            self.observe()
+
+    def take(self, q: Vector) -> bool:
+        """Note what the encoders read, as `read` does; whether it remains to be taken up."""
         self._reading[:] = q
         if self._is_new:
             self._is_new = False
             self._state[Q] = q
-        else:
-            self._observe(self._law, self._state)
+            return False
+        return True
+
+    def observe(self) -> None:
+        """Take up what was noted."""
+        self._observe(self._law, self._state)
 
     def expect(self, acceleration: Vector) -> None:
         """Note what the torques of the next period give the joints by the model, (dof,), rad/s²."""

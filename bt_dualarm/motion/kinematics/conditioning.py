@@ -25,7 +25,7 @@ class Posture:
     """
 
     def __init__(self, world: World, arm: str) -> None:
-        self._model, self._data = world.model, world.sensed
+        self._world = world
         self._body = world.arms[arm]
         self._limits = world.robots[arm].limits
         self._jacobian = np.zeros((6, world.model.nv))
@@ -35,12 +35,11 @@ class Posture:
     def look(self) -> None:
         """Measure both."""
         limits, body = self._limits, self._body
-        q = self._data.qpos[body.qpos_ids]
+        model, data = self._world.model, self._world.sensed
+        q = data.qpos[body.qpos_ids]
         self.room = float(min((q - limits.lower).min(), (limits.upper - q).min()))
-        mujoco.mj_comPos(self._model, self._data)
-        mujoco.mj_jacSite(
-            self._model, self._data, self._jacobian[:3], self._jacobian[3:], body.tool_site
-        )
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_jacSite(model, data, self._jacobian[:3], self._jacobian[3:], body.tool_site)
         values = np.linalg.svd(self._jacobian[:, body.dof_ids], compute_uv=False)
         self.condition = float(values[0] / max(values[-1], 1e-9))
 

@@ -20,7 +20,7 @@ from bt_dualarm.motion.collision.bounding_spheres import apart
 from bt_dualarm.motion.safety.closest_approach import ClosestApproach
 from bt_dualarm.motion.safety.reservation import Reservation, Reservations
 from bt_dualarm.motion.setpoints.set_point import SetPoint
-from bt_dualarm.motion.setpoints.stopping_distance import displacement_bound
+from bt_dualarm.motion.setpoints.stopping_distance import displacement_bound, limit_rows
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.world import World
 
@@ -77,7 +77,10 @@ class FailSafeCheck:
     def __init__(self, world: World, arm: str, period: float, reservations: Reservations) -> None:
         self._world, self._arm, self._period = world, arm, period
         self._reservations = reservations
-        self._limits = world.robots[arm].limits
+        from bt_dualarm.motion.safety.region_kernels import first_within
+
+        self._first_within = first_within
+        self._limits = limit_rows(world.robots[arm].limits)
         self._generation = world.generation
         self._stance: _Stance | None = None
         self._hulls = reservations.hulls(world)
@@ -144,22 +147,21 @@ class FailSafeCheck:
         Returns:
             The first of these for which there is room enough; 0 if there is none.
         """
-        turns = displacement_bound(
-            sent.v, sent.a, self._limits, np.array(waits)[:, None] + self._period
-        )
         if not self.others:
-            self._roam(sent, time, turns[0])
+            self._roam(sent, time, waits[0])
             return waits[0]
         room = min(self._room(one, time) - keep[name] for name, one in self._reserved().items())
         if room <= 0.0:
             return 0.0
-        hull, levers = self._hulls[self._arm], self._here(time).levers
-        for seconds, turn in zip(waits, turns, strict=True):
-            away = hull.reach(levers, turn)
-            if away <= room:
-                self._publish(sent.q[None], time, away, away)
-                return seconds
-        return 0.0
+        seconds = np.array(waits) + self._period
+        now, span = np.array((sent.v, sent.a)), self._hulls[self._arm].span
+        which, away = self._first_within(
+            room, seconds, self._here(time).levers, span, self._limits, now, np.empty(len(sent.q))
+        )
+        if which < 0:
+            return 0.0
+        self._publish(sent.q[None], time, away, away)
+        return waits[which]
 
     def reserve_rest(self, q: Vector, time: float) -> None:
         """Reserve the place of the arm at ``q``, of shape (dof,), rad: there it stays, or stops."""
@@ -169,12 +171,13 @@ class FailSafeCheck:
         """Reserve a trajectory that the arm must take, clear or not, of shape (n, dof), rad."""
         self._publish(q, time, 0.0, float("inf"))
 
-    def _roam(self, sent: SetPoint, time: float, turn: Vector) -> None:
-        """Reserve, for an arm that can meet no other one, wherever it can get.
+    def _roam(self, sent: SetPoint, time: float, wait: float) -> None:
+        """Reserve, for an arm that can meet no other one, wherever it can get in a time in s.
 
         Nobody asks before the world is recompiled.
         """
         hull = self._hulls[self._arm]
+        turn = displacement_bound(sent.v, sent.a, self._limits, wait + self._period)
         away = float(hull.spans @ turn)
         self._publish(sent.q[None], time, away, away, hull.ball)
 
@@ -223,3 +226,11 @@ class FailSafeCheck:
             spheres = self._here(time).spheres
         own = Reservation(time, self._period, q, deviation, spread, spheres, self._generation)
         self._reservations.publish(self._arm, own)
+
+
+def reserve_something() -> None:
+    """Have all kernels of reservations compiled."""
+    from bt_dualarm.motion.safety.region_kernels import first_within
+
+    one, table = np.ones(1), np.ones((5, 1))
+    first_within(1.0, one, table, 1.0, table, table[:2].copy(), one)

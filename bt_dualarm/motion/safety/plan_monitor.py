@@ -75,8 +75,13 @@ class PlanMonitor:
     def _look_ahead(self) -> None:
         """Check what comes next of the motion, as far as it has not been checked yet."""
         ahead = self._row() + round(AHEAD_S / self._motion.trajectory.dt)
-        if not self._can_meet(max(self._row(), self._checked), ahead):
+        near = self._within_reach(max(self._row(), self._checked), ahead)
+        if not near:
             self._checked = ahead
+            return
+        if all(
+            self._is_moving(name) for name in near
+        ):  # whatever would touch: it will be elsewhere
             return
         checker = CollisionChecker(self._world, self._arm, ignore=self._ignore)
         waiting = False
@@ -90,8 +95,8 @@ class PlanMonitor:
         if not waiting:  # an arm that moves now may stop there
             self._checked = ahead
 
-    def _can_meet(self, first: int, end: int) -> bool:
-        """Whether something that has moved is within reach of a part of the motion."""
+    def _within_reach(self, first: int, end: int) -> list[str]:
+        """Names of what has moved and is within reach of a part of the motion."""
         world, motion = self._world, self._motion.trajectory
         rows = motion.piece(min(first, len(motion) - 1), min(end, len(motion))).q
         way = np.abs(rows - world.hardware[self._arm].q).max(axis=0)
@@ -100,7 +105,7 @@ class PlanMonitor:
         mine = self._bounds.spheres()
         reach = self._bounds.reach(self._bounds.levers(mine), way) + _STEP
         there = self._moved & (world.arms.keys() | world.objects.keys())
-        return any(apart(mine, self._spheres(name)) < reach for name in there)
+        return [name for name in there if apart(mine, self._spheres(name)) < reach]
 
     def _spheres(self, name: str) -> Matrix:
         """Around the shapes of an object, or of an arm and what it holds, of shape (n, 4), m."""

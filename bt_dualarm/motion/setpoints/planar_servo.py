@@ -193,7 +193,7 @@ def _refuse_lost(off: float, *turn: float) -> None:
 
 def follow_something() -> None:
     """Have all kernels of set-points compiled."""
-    from bt_dualarm.motion.chains.limit_kernels import can_stop, keep, stopping_way
+    from bt_dualarm.motion.chains.limit_kernels import can_stop, keep, stopping_way, turn_and_stop
     from bt_dualarm.motion.setpoints.following_kernels import jerk_bandwidth
     from bt_dualarm.motion.setpoints.servo_kernels import answer, look
 
@@ -203,4 +203,5 @@ def follow_something() -> None:
     keep(work[:5].copy(), 1.0, state, state)
     can_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
     stopping_way(1.0, 1.0, 1.0, 1.0)
+    turn_and_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
     jerk_bandwidth(1.0, 1.0)

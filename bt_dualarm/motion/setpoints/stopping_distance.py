@@ -48,21 +48,16 @@ def every(flags: Flags) -> bool:
     return b"\0" not in flags.tobytes()
 
 
-def displacement_bound(v: Vector, a: Vector, limits: JointLimits, seconds: Matrix) -> Matrix:
-    """How far joints get at most that do as they like and brake then, of shape (n, dof), rad.
-
-    To brake, the acceleration fades first; after that it takes no longer than at an even
-    acceleration and two ramps, at half of the speed on average.
+def displacement_bound(v: Vector, a: Vector, limits: Matrix, seconds: float) -> Vector:
+    """How far joints get at most that do as they like and brake then, of shape (dof,), rad.
 
     Args:
         v: Velocity of shape (dof,), rad/s.
         a: Acceleration of shape (dof,), rad/s², within the limit.
-        limits: Limits that they keep meanwhile.
-        seconds: Times after which they brake, of shape (n, 1), s.
+        limits: Limits that they keep meanwhile, of shape (5, dof), see `limit_rows`.
+        seconds: Time after which they brake, s.
     """
-    most = np.minimum(np.abs(a) + limits.jerk * seconds, limits.acceleration)
-    fade = most / limits.jerk
-    fast = np.minimum(np.abs(v) + most * seconds, limits.velocity) + 0.5 * most * fade
-    half_ramp = 0.5 * limits.acceleration / limits.jerk
-    distances: Matrix = fast * (seconds + fade + 0.5 * fast / limits.acceleration + half_ramp)
-    return distances
+    from bt_dualarm.motion.chains.limit_kernels import turn_and_stop
+
+    joints = zip(v.tolist(), a.tolist(), strict=True)
+    return np.array([turn_and_stop(limits, i, *joint, seconds) for i, joint in enumerate(joints)])

@@ -171,6 +171,11 @@ class Camera:
         left, top, right, bottom = clip_region(window.region, self.width, self.height)
         return left - left % window.stride, top - top % window.stride, right, bottom
 
+    @property
+    def has_seen(self) -> bool:
+        """Whether there are frames that have not been handed out."""
+        return bool(self._pending)
+
     def deliver(self, time: float) -> list[Frame]:
         """Hand out, oldest first, the frames whose latency has passed."""
         ready = []

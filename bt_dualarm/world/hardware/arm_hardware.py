@@ -82,29 +82,34 @@ class ArmHardware:
         self._drives = Drives(errors.drive, drawn.gain, effort, timestep)
         self._rubbing = Rubbing(drawn.friction)
         self._past: deque[tuple[float, Vector]] = deque(maxlen=round(KEPT_S / timestep))
-        self._plant: PlantArm | None = None
 
     def connect(self, plant: PlantArm) -> None:
         """Belong to an arm of the plant; anew after each recompilation."""
-        self._plant = plant
+        data = plant.data
         # Views: looking a field up costs more than reading it. A chain's joints follow each other.
-        self._data = data = plant.data
         self._true_q = data.qpos[plant.qpos_ids[0] : plant.qpos_ids[-1] + 1]
         self._true_v = data.qvel[plant.dof_ids[0] : plant.dof_ids[-1] + 1]
         self._motors = data.ctrl[plant.actuator_ids[0] : plant.actuator_ids[-1] + 1]
         self._rubbing.connect(plant.model, plant.data, plant.dof_ids)
 
-    def sense(self) -> None:
-        """Read the sensors; a second time at the same moment changes nothing."""
-        if self._plant is None:
-            return
-        self.stamp = stamp = self._data.time
-        encoders = self._encoders
-        encoders.read(self._true_q, self._true_v, stamp)
-        self.q, self.v = encoders.q, encoders.v
-        while self._past and self._past[-1][0] >= stamp:
-            self._past.pop()
-        self._past.append((stamp, self.q))
+    @property
+    def is_ideal(self) -> bool:
+        """Whether the drives give what is commanded at once, and need not act at each step."""
+        return self._drives.is_ideal
+
+    @property
+    def rubs(self) -> bool:
+        """Whether the joints have friction."""
+        return not self._rubbing.is_none
+
+    def sense(self, time: float) -> None:
+        """Read the sensors at a simulated time in s; again at the same moment changes nothing."""
+        encoders, past = self._encoders, self._past
+        encoders.read(self._true_q, self._true_v, time)
+        self.stamp, self.q, self.v = time, encoders.q, encoders.v
+        while past and past[-1][0] >= time:
+            past.pop()
+        past.append((time, self.q))
 
     def q_at(self, time: float) -> Vector:
         """Positions by the encoders at a time in s, between readings on a line, of shape (dof,).
@@ -129,13 +134,12 @@ class ArmHardware:
         """
         self.commanded = torque
         self._drives.command(torque)
-        if self._plant is not None and self._drives.is_ideal:
+        if self._drives.is_ideal:
             self._motors[:] = torque
 
     def drive(self) -> None:
         """Let the drives act during the next step of physics."""
-        if self._plant is not None and not self._drives.is_ideal:
-            self._drives.drive(self._motors)
+        self._drives.drive(self._motors)
 
     def rub(self) -> None:
         """Set the joints' friction for the velocities that the plant has now."""
@@ -147,7 +151,7 @@ def sense_something() -> None:
     from bt_dualarm.world.hardware import hardware_kernels as kernels
 
     one, table = np.ones(1), np.ones((FRICTION, 1))
-    kernels.difference(one, one, 1.0, table, (0, 1), 1.0, 1.0, one)
-    kernels.pass_on(table, 0, 1.0, 1.0, one, one)
+    kernels.difference(one, table, 1.0, table, (0, 1, 0), (1.0, 1.0), one, one, one)
+    kernels.pass_on(table, 0, one, 1.0, 1.0, one, one)
     kernels.take_torques(one, one, one, one, one)
     kernels.rub(table, one, one, one)

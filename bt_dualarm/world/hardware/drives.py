@@ -59,5 +59,6 @@ class Drives:
             self._is_new = False
             self._sent[:] = self._torque[:] = self._wanted
         self._newest = (self._newest + 1) % len(self._sent)
-        self._sent[self._newest] = self._wanted
-        kernels().pass_on(self._sent, self._newest, self._rest, self._share, self._torque, motors)
+        kernels().pass_on(
+            self._sent, self._newest, self._wanted, self._rest, self._share, self._torque, motors
+        )

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from functools import cache
 from types import ModuleType
 
 import numpy as np
 
-from bt_dualarm.pose import Vector
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.spec.reality import EncoderErrors
 
 _DRAWN = 512
@@ -38,7 +37,8 @@ class Encoders:
         # By how many readings lie between two: what their difference adds to the velocity.
         self._rates = [share / (max(n, 1) * timestep) for n in range(max(1, self._steps) + 1)]
         self._rng = rng
-        self._drawn: Iterator[Vector] = iter(())
+        self._drawn: Matrix = np.zeros((0, 0))
+        self._row = 0
         self._past = np.zeros((self._steps + 1, 0))
         self._newest, self._count = -1, 0
         self._stamp = -math.inf
@@ -51,13 +51,17 @@ class Encoders:
 
         A second reading of one moment takes the place of the first.
         """
-        noise = self._noise_of(len(q))
+        if self._row == len(self._drawn):
+            self._draw(len(q))
+        row, self._row = self._row, self._row + 1
         if self._steps:
-            self._forget(stamp)
+            if stamp <= self._stamp:
+                self._forget(stamp)
+            self._stamp = stamp
         if self._count:
-            self._difference(q, noise)
+            self._difference(q, row)
             return
-        reading = q + noise
+        reading = q + self._drawn[row]
         if self._resolution:
             reading = np.rint(reading * (1.0 / self._resolution)) * self._resolution
         self.q = reading
@@ -68,34 +72,33 @@ class Encoders:
         else:
             self.v = v.copy()
 
-    def _noise_of(self, dof: int) -> Vector:
-        noise = next(self._drawn, None)
-        if noise is None:
-            count = (_DRAWN, dof)
-            drawn = self._rng.standard_normal(count) if self._noise else np.zeros(count)
-            self._drawn = iter(self._noise * drawn)
-            noise = next(self._drawn)
-        return noise
+    def _draw(self, dof: int) -> None:
+        """Draw the noise of readings to come, of shape (n, dof), rad."""
+        count = (_DRAWN, dof)
+        drawn = self._rng.standard_normal(count) if self._noise else np.zeros(count)
+        self._drawn, self._row = self._noise * drawn, 0
 
     def _forget(self, stamp: float) -> None:
         """What was read at this moment already, and all of it where time has gone back."""
         if stamp < self._stamp:
             self._count = 0
-        elif stamp == self._stamp:
+        else:
             self._count -= 1
             self._newest -= 1
             self.v = self._v_before
-        self._stamp = stamp
 
-    def _difference(self, q: Vector, noise: Vector) -> None:
-        """Read, and take the velocity from the difference to an earlier reading."""
-        past, v, self._v_before = self._past, self.v.copy(), self.v
-        self._count = min(self._count + 1, len(past))
-        self._newest = newest = (self._newest + 1) % len(past)
-        span = self._count - 1
-        rows, rate = (newest, (newest - span) % len(past)), self._rates[span]
-        kernels().difference(q, noise, self._resolution, past, rows, self._kept, rate, v)
-        self.q, self.v = past[newest].copy(), v
+    def _difference(self, q: Vector, row: int) -> None:
+        """Read with a row of the noise, and take the velocity from the difference to earlier."""
+        past, kept, span, before = self._past, self._steps + 1, self._count, self.v
+        if span == kept:
+            span -= 1
+        self._count = span + 1
+        self._newest = newest = (self._newest + 1) % kept
+        rows, rates = (newest, (newest - span) % kept, row), (self._kept, self._rates[span])
+        self.q, self.v, self._v_before = np.empty_like(before), np.empty_like(before), before
+        kernels().difference(
+            q, self._drawn, self._resolution, past, rows, rates, before, self.q, self.v
+        )
 
 
 @cache

@@ -22,44 +22,54 @@ from bt_dualarm.world.hardware.kernel_rows import (
 @kernel
 def difference(
     q: Vector,
-    noise: Vector,
+    noise: Matrix,
     resolution: float,
     past: Matrix,
-    rows: tuple[int, int],
-    kept: float,
-    rate: float,
+    rows: tuple[int, int, int],
+    rates: tuple[float, float],
+    before: Vector,
+    read: Vector,
     v: Vector,
 ) -> None:
     """Enter what encoders read into the readings of the past, and what velocities come of it.
 
     Args:
         q: Positions, of shape (dof,), rad.
-        noise: Noise of them, likewise.
+        noise: Noise of readings, of shape (n, dof), rad.
         resolution: Steps in which they are read, rad; 0 for none.
         past: Earlier readings, of shape (n, dof), rad.
-        rows: Row that this one takes, and row that it is held against.
-        kept: Share of the velocities that stays.
-        rate: Velocity for a difference of one, 1/s.
-        v: Velocities, of shape (dof,), rad/s.
+        rows: Row that this one takes, row that it is held against, row of its noise.
+        rates: Share of the velocities that stays, and velocity for a difference of one, 1/s.
+        before: Velocities so far, of shape (dof,), rad/s.
+        read: Takes the readings, of shape (dof,), rad.
+        v: Takes the velocities, of shape (dof,), rad/s.
     """
-    newest, oldest = rows
+    newest, oldest, row = rows
+    kept, rate = rates
     for i in range(len(q)):
-        reading = q[i] + noise[i]
+        reading = q[i] + noise[row, i]
         if resolution > 0.0:
             reading = np.rint(reading * (1.0 / resolution)) * resolution
-        past[newest, i] = reading
-        v[i] = v[i] * kept + (reading - past[oldest, i]) * rate
+        past[newest, i] = read[i] = reading
+        v[i] = before[i] * kept + (reading - past[oldest, i]) * rate
 
 
 @kernel
 def pass_on(
-    sent: Matrix, newest: int, rest: float, share: float, torque: Vector, motors: Vector
+    sent: Matrix,
+    newest: int,
+    wanted: Vector,
+    rest: float,
+    share: float,
+    torque: Vector,
+    motors: Vector,
 ) -> None:
     """Enter torques that were sent a while ago, and what a slow drive makes of them.
 
     Args:
         sent: Torques of the last steps, of shape (n, dof), N m: rows go round.
         newest: Row of those of now.
+        wanted: Torques of now, of shape (dof,), N m.
         rest: Part of a step by which they are late, beyond whole ones.
         share: Share of the way to a torque that is gone in a step.
         torque: Torque of the drives, of shape (dof,), N m.
@@ -68,8 +78,9 @@ def pass_on(
     count = len(sent)
     first, second = (newest + 1) % count, (newest + 2) % count
     for i in range(len(torque)):
-        wanted = sent[second, i] + rest * (sent[first, i] - sent[second, i])
-        torque[i] = torque[i] + share * (wanted - torque[i]) if share < 1.0 else wanted
+        sent[newest, i] = wanted[i]
+        asked = sent[second, i] + rest * (sent[first, i] - sent[second, i])
+        torque[i] = torque[i] + share * (asked - torque[i]) if share < 1.0 else asked
         motors[i] = torque[i]
 
 

@@ -23,6 +23,7 @@ from bt_dualarm.motion.chains.kernel_rows import (
     SENT_Q,
     SENT_V,
     STATE,
+    TOLD,
 )
 from bt_dualarm.motion.chains.observer_kernels import observe
 from bt_dualarm.motion.chains.torque_kernels import drive
@@ -51,7 +52,7 @@ def moved(seed: int) -> tuple[list[int], Matrix]:
     joints[RISE, ::2] = 0.0
     state, inertias = np.zeros((STATE, DOF)), np.zeros((2, DOF, DOF))
     law, links = law_of(0.004, 0.002, np.array((0.0, 0.0, -9.81))), drawn_links(rng)
-    outcomes, states = [], []
+    told, outcomes, states = np.zeros(TOLD), [], []
     for step, effort in enumerate((1e6, 1e6, 40.0, 1.0, 1e6, 1e6)):
         joints[LIMIT] = effort
         wanted: Vector = rng.normal(size=(3, DOF)) * 0.1
@@ -61,9 +62,11 @@ def moved(seed: int) -> tuple[list[int], Matrix]:
         if step == 5:
             state[SENT_Q, 0] = np.nan
         state[READING] = rng.normal(size=DOF) * 0.1
-        observe(law, state)
-        outcomes.append(drive(law, links, joints, inertias, step == 0, state))
-        states.append(state.copy())
+        if step % 2:
+            observe(law, state)
+        reads, is_new = step % 2 == 0, step == 0
+        outcomes.append(drive(law, links, joints, inertias, reads, is_new, state, told))
+        states.append(np.vstack((state, np.pad(told, (0, DOF - TOLD)))))
     return outcomes, np.concatenate(states)
 
 
