@@ -49,6 +49,8 @@ def _command(argv: Sequence[str] | None, stop: StopRequest) -> int:
         return _list()
     if arguments.resume is not None and arguments.real_time:
         parser.error("--real-time and --resume exclude each other")
+    if arguments.frames and arguments.record is None:
+        parser.error("--frames keeps pictures in a record: --record DIR says where")
     if arguments.file is None and arguments.resume is None:
         parser.error("which tree file? (bt-run --list names the shipped ones)")
     return _run(arguments, stop)
@@ -126,6 +128,7 @@ def _opened(arguments: argparse.Namespace, stop: StopRequest) -> Run:
         renderer=arguments.renderer,
         reality=arguments.reality,
         record=None if arguments.dry_run else arguments.record,
+        frames=arguments.frames and not arguments.dry_run,
         real_time=arguments.real_time,
         watchdog=arguments.watchdog,
         skills=arguments.skills,

@@ -36,7 +36,7 @@ def opened_again(arguments: argparse.Namespace, stop: StopRequest) -> Run:
     if arguments.record is not None and not arguments.dry_run:
         if arguments.record.resolve() == folder.resolve():
             raise ReplayError(f"{folder} is read: --record needs another folder")
-        options["record"] = arguments.record
+        options |= {"record": arguments.record, "frames": arguments.frames}
     tree = None if arguments.file is None else find_tree(arguments.file)
     registry = imported_skills("bt-run", arguments.skills, arguments.watchdog)
     changed = Changed(tree, options, dict(arguments.param))

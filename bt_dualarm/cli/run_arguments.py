@@ -49,6 +49,7 @@ def command_line() -> argparse.ArgumentParser:
         type=_folder,
         help="write summary, events, samples and plots there",
     )
+    add("--frames", action="store_true", help="keep the cameras' pictures there, too")
     add(
         "--display",
         choices=("live", "log", "quiet"),

@@ -6,7 +6,9 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Final
 
@@ -105,11 +107,27 @@ def read_history(path: Path) -> HistoryFile:
     return HistoryFile(tuple(blocks), "")
 
 
+def blocks_of(path: Path) -> Iterator[Block]:
+    """Blocks of a file one by one, up to where it is damaged; no more than one is in memory.
+
+    Raises:
+        HistoryError: It cannot be read, or is no history of a known format.
+    """
+    try:
+        with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+            if content[: len(MAGIC)] != MAGIC:
+                raise HistoryError(f"{path} is no history of a run")
+            with suppress(_TornError):
+                yield from _blocks(content)
+    except (OSError, ValueError) as error:
+        raise HistoryError(f"cannot read {path}: {error}") from error
+
+
 class _TornError(Exception):
     """The file ends, or is damaged, in the middle of a block."""
 
 
-def _blocks(content: bytes) -> Iterator[Block]:
+def _blocks(content: bytes | mmap) -> Iterator[Block]:
     at = len(MAGIC)
     while at < len(content):
         if at + _HEAD.size > len(content):

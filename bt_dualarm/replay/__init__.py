@@ -8,6 +8,7 @@ Open first: `record` (all that a record holds), `story` (why a leaf failed); oth
 `scene` (the world at a time), `before` (the second before), `story_text`; `check` (does a run
 repeat?) and `resume` (go on from a time), which make it anew (`rerun`, `past`,
 `known_pictures`); `html_page` (with
-`page_scene`), `mcap_export` (with `messages`), `video` and `tables`
+`page_scene`), `mcap_export` (with `message`,
+`messages`, `camera_messages`, `message_schemas`), `kept_pictures`, `video` and `tables`
 (exports).
 """

@@ -8,7 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.replay.messages import Message
+from bt_dualarm.replay.message import Message
+from bt_dualarm.replay.message_schemas import schema_of
 from bt_dualarm.replay.record import ReplayError
 from bt_dualarm.runtime.atomic_write import write_atomically
 
@@ -47,7 +48,7 @@ def _add(writer: Writer, messages: Sequence[Message]) -> None:
     for number, message in enumerate(messages):
         name = message.schema
         if name not in schemas:
-            schema = json.dumps({"type": "object", "title": name}).encode()
+            schema = json.dumps(schema_of(name)).encode()
             schemas[name] = writer.register_schema(name, "jsonschema", schema)
         if message.topic not in channels:
             channels[message.topic] = writer.register_channel(message.topic, "json", schemas[name])

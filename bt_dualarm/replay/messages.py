@@ -2,54 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import mujoco
 
+from bt_dualarm.pose import Vector
+from bt_dualarm.replay.camera_messages import camera_frame, camera_messages
+from bt_dualarm.replay.message import Message, timestamp
 from bt_dualarm.replay.record import Facts, Record
+from bt_dualarm.world.nominal.camera_pose import camera_pose
 
 _EVERY: Final = 2
 """States from one message of bodies to the next: 25 a second."""
 
-
-@dataclass(frozen=True)
-class Message:
-    """One message.
-
-    Attributes:
-        topic: Name of its channel.
-        schema: Name of what it says; viewers know those that begin with ``foxglove.``.
-        time_s: Simulated time in s.
-        content: Fields, ready for JSON.
-    """
-
-    topic: str
-    schema: str
-    time_s: float
-    content: Mapping[str, object]
-
-    @property
-    def nanoseconds(self) -> int:
-        """Simulated time in ns."""
-        return round(1e9 * self.time_s)
+_INFO, _ERROR = 2, 4  # levels of foxglove.Log
 
 
 def messages_of(record: Record) -> list[Message]:
     """All messages, in the order of their times.
 
-    ``/status`` has changes of status, ``/ARM/ports``, ``/ARM/wrote``, ``/ARM/frame``, ``/ARM/look``
-    and ``/ARM/guard`` the notes, ``/ARM/joints`` set-points and torques in rad, s and N m,
-    ``/bodies`` the poses of all bodies in the world, in m, as Foxglove's frame transforms.
+    ``/status`` has changes of status, ``/log`` the same for people; ``/ARM/ports``,
+    ``/ARM/wrote``, ``/ARM/frame``, ``/ARM/look``, ``/ARM/found`` and ``/ARM/guard`` the notes;
+    ``/ARM/joints`` where the joints were, with the torques that were commanded,
+    ``/ARM/set_point`` what was sent, in rad, s and N m; ``/bodies`` the poses of all bodies and
+    cameras in the world, in m; ``/ARM/camera/…`` what `camera_messages` says.
     """
-    found = [*_statuses(record), *_notes(record), *_joints(record), *_bodies(record)]
+    found = [
+        *_statuses(record),
+        *_notes(record),
+        *_joints(record),
+        *_bodies(record),
+        *camera_messages(record),
+    ]
     return sorted(found, key=lambda message: message.time_s)
 
 
 def _statuses(record: Record) -> Iterator[Message]:
     for event in record.events:
-        yield Message("/status", "bt_dualarm.StatusChange", float(event["time_s"]), event)
+        time = float(event["time_s"])
+        yield Message("/status", "bt_dualarm.StatusChange", time, event)
+        said = ": ".join(filter(None, (event["new"], event["code"], event["reason"])))
+        content = {
+            "timestamp": timestamp(time),
+            "level": _ERROR if event["new"] == "FAILURE" else _INFO,
+            "message": said,
+            "name": f"{event['arm']}:{event['path']}",
+            "file": "",
+            "line": 0,
+        }
+        yield Message("/log", "foxglove.Log", time, content)
 
 
 def _notes(record: Record) -> Iterator[Message]:
@@ -61,16 +63,38 @@ def _notes(record: Record) -> Iterator[Message]:
 
 
 def _joints(record: Record) -> Iterator[Message]:
-    names = ("position", "velocity", "acceleration", "torque")
+    """Measured and sent: by the model's own names, as `foxglove.JointStates`."""
     for arm in record.arms:
         for index, time in enumerate(record.times.tolist()):
             row = record.arm_row(arm, index)
             if row is not None:
-                content = {
-                    name: [float(f"{x:.7g}") for x in part]
-                    for name, part in zip(names, row, strict=True)
-                }
-                yield Message(f"/{arm}/joints", "bt_dualarm.Joints", time, content)
+                q, v, a, torque = ([float(f"{x:.7g}") for x in part] for part in row)
+                moment = record.moment(index)
+                model = record.model(moment.generation)
+                joints = _joints_of(model, arm)[: len(q)]
+                at, to = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+                names = [str(model.joint(joint).name) for joint in joints]
+                where, how = moment.qpos[at].round(9).tolist(), moment.qvel[to].round(9).tolist()
+                now = {"position": where, "velocity": how, "effort": torque}
+                sent = {"position": q, "velocity": v, "acceleration": a}
+                yield _states(f"/{arm}/joints", time, names, now)
+                yield _states(f"/{arm}/set_point", time, names, sent)
+
+
+def _states(
+    topic: str, time: float, names: Sequence[str], values: Mapping[str, Sequence[float]]
+) -> Message:
+    joints = [
+        {"name": name, **{what: each[place] for what, each in values.items()}}
+        for place, name in enumerate(names)
+    ]
+    content = {"timestamp": timestamp(time), "joints": joints}
+    return Message(topic, "foxglove.JointStates", time, content)
+
+
+def _joints_of(model: mujoco.MjModel, arm: str) -> list[int]:
+    """Numbers of an arm's joints in the model, base to tip."""
+    return [j for j in range(model.njnt) if model.joint(j).name.startswith(f"{arm}/")]
 
 
 def _bodies(record: Record) -> Iterator[Message]:
@@ -82,19 +106,28 @@ def _bodies(record: Record) -> Iterator[Message]:
             data = mujoco.MjData(model)
         data.qpos[:] = moment.qpos
         mujoco.mj_kinematics(model, data)
-        transforms = [_transform(model, data, body, moment.time) for body in range(1, model.nbody)]
+        mujoco.mj_camlight(model, data)
+        poses = [
+            (str(model.body(body).name), data.xpos[body], data.xquat[body])
+            for body in range(1, model.nbody)
+        ]
+        for arm in record.arms:
+            camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera_frame(arm))
+            if camera >= 0:
+                pose = camera_pose(data, camera)
+                poses.append((camera_frame(arm), pose.position, pose.quaternion))
+        transforms = [_transform(name, place, turn, moment.time) for name, place, turn in poses]
         content: Facts = {"transforms": transforms}
         yield Message("/bodies", "foxglove.FrameTransforms", moment.time, content)
 
 
-def _transform(model: mujoco.MjModel, data: mujoco.MjData, body: int, time: float) -> Facts:
-    x, y, z = data.xpos[body].round(6).tolist()
-    w, i, j, k = data.xquat[body].round(6).tolist()
-    nanoseconds = round(1e9 * time)
+def _transform(name: str, position: Vector, quaternion: Vector, time: float) -> Facts:
+    x, y, z = position.round(6).tolist()
+    w, i, j, k = quaternion.round(6).tolist()
     return {
-        "timestamp": {"sec": nanoseconds // 10**9, "nsec": nanoseconds % 10**9},
+        "timestamp": timestamp(time),
         "parent_frame_id": "world",
-        "child_frame_id": str(model.body(body).name),
+        "child_frame_id": name,
         "translation": {"x": x, "y": y, "z": z},
         "rotation": {"x": i, "y": j, "z": k, "w": w},
     }

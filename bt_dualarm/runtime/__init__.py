@@ -7,5 +7,5 @@ of), `runner` (one step of the clock), `arm_runtime`, `signals` (Ctrl-C),
 `watchdog` (code that does not return), `display` and `drawing`
 (the tree as ASCII lines in the terminal), `record`, `record_folder`, `plots`, `summary` (of a
 record), `state_log` (the hash), `history` (of
-all states, as it grows; `history_start`, `history_frames`, `notes`, `sights`).
+all states, as it grows; `history_start`, `history_frames`, `notes`, `sights`, `picture_file`).
 """

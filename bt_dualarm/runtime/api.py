@@ -42,6 +42,7 @@ def run(
     renderer: RendererKind | None = None,
     reality: str | RealitySpec | Mapping[str, object] | None = None,
     record: str | os.PathLike[str] | None = None,
+    frames: bool = False,
     real_time: bool = False,
     watchdog: float | None = None,
     skills: Skills = (),
@@ -56,6 +57,7 @@ def run(
         renderer: Renderer of the cameras: ``gl``, ``ray`` or ``auto``; by default the tree's.
         reality: ``ideal``, ``lab``, ``rough``, or a mapping as in a tree; by default the tree's.
         record: Folder to write summary, events, samples and plots to; by default none.
+        frames: Whether the record keeps the cameras' pictures, too.
         real_time: Whether to run no faster than the clock on the wall.
         watchdog: Seconds on the wall that a tick or callback of a skill gets; by default no limit.
         skills: Skills of one's own: classes, or folders of files.
@@ -73,6 +75,7 @@ def run(
         renderer=renderer,
         reality=reality,
         record=record,
+        frames=frames,
         real_time=real_time,
         watchdog=watchdog,
         skills=skills,
@@ -90,6 +93,7 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
     renderer: RendererKind | None = None,
     reality: str | RealitySpec | Mapping[str, object] | None = None,
     record: str | os.PathLike[str] | None = None,
+    frames: bool = False,
     real_time: bool = False,
     watchdog: float | None = None,
     skills: Skills = (),
@@ -105,6 +109,7 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
         renderer: Renderer of the cameras.
         reality: How far the arms are from what is believed of them.
         record: Folder of the record, which is written when the run is closed.
+        frames: Whether it keeps the cameras' pictures.
         real_time: Whether steps take their time on the wall.
         watchdog: Seconds on the wall that code of skills gets before it is interrupted where it
             stands, and the run ends.
@@ -115,7 +120,7 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
     """
     folder = None if record is None else checked_folder(record)
     realistic = None if reality is None else checked_reality(reality)
-    options = RunOptions(seed, duration, renderer, realistic, folder, real_time, watchdog)
+    options = RunOptions(seed, duration, renderer, realistic, folder, real_time, watchdog, frames)
     registry = registry_of(skills)
     # The run composes the world itself, and says the same of what cannot be composed.
     checked = check_tree(_input(tree), registry.kinds, params, build=False)

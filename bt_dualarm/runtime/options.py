@@ -36,6 +36,7 @@ class RunOptions:
         real_time: Whether the run is held back to the pace of the clock on the wall.
         watchdog: Seconds on the wall that each tick and callback of a skill gets, infinity for as
             long as it takes; None for no watchdog.
+        frames: Whether the record keeps the cameras' pictures, too.
 
     Raises:
         RunError: One of them makes no sense; the message says what is allowed.
@@ -48,6 +49,7 @@ class RunOptions:
     record: Path | None = None
     real_time: bool = False
     watchdog: float | None = None
+    frames: bool = False
 
     def __post_init__(self) -> None:
         if self.seed is not None:
@@ -62,6 +64,8 @@ class RunOptions:
             raise RunError(f"there is no renderer {self.renderer!r}; {hint}")
         if self.reality is not None:
             object.__setattr__(self, "reality", checked_reality(self.reality))
+        if self.frames and self.record is None:
+            raise RunError("frames are kept in a record: say which folder, too")
 
 
 def checked_seed(seed: object) -> int:

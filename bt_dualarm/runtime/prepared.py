@@ -18,8 +18,9 @@ from bt_dualarm.runtime.notes import Notes
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.runtime.pacing import RealTime, Unpaced
+from bt_dualarm.runtime.picture_file import PictureFile
 from bt_dualarm.runtime.record import Recorder
-from bt_dualarm.runtime.record_folder import HISTORY, RecordFolder
+from bt_dualarm.runtime.record_folder import FRAMES, HISTORY, RecordFolder
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
 from bt_dualarm.runtime.signals import StopRequest, ctrl_c_ends
@@ -135,6 +136,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             folder = resources.enter_context(RecordFolder(options.record, file.arms))
             start = _start(file, registry, options, assembly)
             history = _history(folder.path, assembly, notes, start)
+            _keep_pictures(folder.path, options, assembly, resources)
             recorder = Recorder(folder.path, assembly.world, states, log.take, history)
             watch.observers += recorder, history
         conditions = _conditions(file.world.time_limit, options, stop)
@@ -152,6 +154,15 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             folder,
             resources.pop_all(),
         )
+
+
+def _keep_pictures(
+    folder: Path, options: RunOptions, assembly: Assembly, resources: ExitStack
+) -> None:
+    if options.frames:
+        pictures = resources.enter_context(closing(PictureFile(folder / FRAMES)))
+        for sights in assembly.sights.values():
+            sights.pictures = pictures
 
 
 def _assembled(

@@ -17,6 +17,7 @@ from bt_dualarm.runtime.atomic_write import leftovers
 SUMMARY, EVENTS, SAMPLES = "summary.json", "events.jsonl", "samples.npz"
 LOG, DIVERGENCE = "run.log", "divergence.npz"
 HISTORY: Final = "run.history"
+FRAMES: Final = "run.frames"
 OVERVIEW, SCENE = "overview.png", "scene.png"
 
 PARTS: Final = "samples.parts"
@@ -25,7 +26,7 @@ PARTS: Final = "samples.parts"
 LOCK: Final = ".recording"
 """Held by the run that records to a folder; one that was killed leaves it behind."""
 
-_FILES: Final = (SUMMARY, EVENTS, SAMPLES, LOG, DIVERGENCE, HISTORY, OVERVIEW, SCENE)
+_FILES: Final = (SUMMARY, EVENTS, SAMPLES, LOG, DIVERGENCE, HISTORY, FRAMES, OVERVIEW, SCENE)
 _PLOTS: Final = ("plane", "time")
 
 _OF_OURS: Final = frozenset({"outcome", "state_sha256", "arms"})

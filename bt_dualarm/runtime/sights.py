@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from bt_dualarm.runtime.notes import Notes
+from bt_dualarm.runtime.picture_file import PictureFile
 from bt_dualarm.world.cameras.frame import Frame, Plain
 from bt_dualarm.world.rendering.renderer import Region
 
@@ -34,6 +35,7 @@ class Sights:
     Attributes:
         arm: Name of the camera's arm.
         notes: Notes that are made of it, None where nobody reads them.
+        pictures: File that keeps the pictures themselves, None where there is none.
         known: Pictures that were taken before, by their stamp; they are not drawn again until
             somebody asks them something new.
         taken: Number of pictures that were not drawn, as they were known.
@@ -42,6 +44,7 @@ class Sights:
 
     arm: str
     notes: Notes | None = None
+    pictures: PictureFile | None = None
     known: Mapping[float, KnownPicture] = field(default_factory=dict)
     taken: int = 0
     drawn: int = 0
@@ -71,3 +74,5 @@ class Sights:
         if self.notes is not None:
             picture = self.known.get(frame.stamp)
             self.notes.of_frame(self.arm, frame, None if picture is None else picture.crc)
+            if self.pictures is not None:
+                self.pictures.add(self.arm, self.notes.clock(), frame)

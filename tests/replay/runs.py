@@ -31,6 +31,27 @@ subtrees:
   aside: {tree: {reach_to_pose: {offset: {xyz: [0, -0.06, 0]}}}}
 """
 
+WATCHING = """\
+bt_dualarm: 1
+name: watching
+world: {scene: empty, reality: lab, time_limit: 20}
+objects:
+  block:
+    shape: box
+    size: [0.06, 0.06, 0.04]
+    mass: 0.1
+    color: yellow
+    pose: {xyz: [0.45, 0, 0.02]}
+arms:
+  arm1:
+    robot: panda
+    camera: {mount: wrist, resolution: [160, 120], fov: 50, fps: 30}
+    tree:
+      sequence:
+        - look_at: {at: {xyz: [0.45, 0, 0.02]}, distance: 0.35}
+        - track: {color: yellow, plane: xy, duration: 0.5}
+"""
+
 
 def write_short(folder: Path, text: str = SHORT) -> Path:
     """The tree of one arm that goes aside and back, with its include; path of the file."""

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 from mcap.reader import make_reader
 
+import bt_dualarm
 from bt_dualarm import cli
 from bt_dualarm.replay.mcap_export import write_mcap
-from bt_dualarm.replay.messages import Message
+from bt_dualarm.replay.message import Message
+from bt_dualarm.replay.message_schemas import schema_of
+from bt_dualarm.replay.messages import messages_of
 from bt_dualarm.replay.record import Record
-from tests.replay.runs import recorded
+from tests.replay.runs import WATCHING, recorded
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +48,50 @@ def test_it_has_all_events_and_joints_in_their_order(short: Record, tmp_path: Pa
     assert summary is not None
     names = {schema.name for schema in summary.schemas.values()}
     assert "foxglove.FrameTransforms" in names
+
+
+SPECIFIED = {
+    "foxglove.FrameTransforms": {"transforms"},
+    "foxglove.JointStates": {"timestamp", "joints"},
+    "foxglove.CompressedImage": {"timestamp", "frame_id", "data", "format"},
+    "foxglove.CameraCalibration": set("DKRP")
+    | {"timestamp", "frame_id", "width", "height", "distortion_model"},
+    "foxglove.ImageAnnotations": {"circles", "points", "texts"},
+    "foxglove.Log": {"timestamp", "level", "message", "name", "file", "line"},
+}
+"""Fields of docs.foxglove.dev/docs/sdk/schemas that every message of that name has."""
+
+
+def test_every_message_is_as_its_schema_says(tmp_path: Path) -> None:
+    """Pictures, intrinsics and what was found among them; times agree with the messages' own."""
+    assert bt_dualarm.run(WATCHING, record=tmp_path, frames=True).outcome == "SUCCESS"
+    record = Record.read(tmp_path)
+    messages = messages_of(record)
+    seen = {message.schema for message in messages}
+    assert seen >= SPECIFIED.keys() | {"bt_dualarm.Look", "bt_dualarm.Found", "bt_dualarm.Ports"}
+    validators = {name: jsonschema.Draft202012Validator(schema_of(name)) for name in seen}
+    for message in messages:
+        validators[message.schema].validate(json.loads(json.dumps(message.content)))
+        if message.schema in SPECIFIED:
+            assert message.content.keys() == SPECIFIED[message.schema]
+        stamp: Any = message.content.get("timestamp")
+        if stamp is not None:
+            assert stamp["sec"] * 10**9 + stamp["nsec"] == message.nanoseconds
+    image = next(m for m in messages if m.schema == "foxglove.CompressedImage")
+    assert base64.b64decode(str(image.content["data"])).startswith(b"\xff\xd8")
+    frames: Any = next(m for m in messages if m.topic == "/bodies").content["transforms"]
+    assert image.content["frame_id"] in {frame["child_frame_id"] for frame in frames}
+
+
+def test_joints_are_those_of_the_state_and_of_the_set_point(short: Record) -> None:
+    messages = {m.topic: m for m in messages_of(short) if m.time_s == short.times[-1]}
+    joints: Any = messages["/arm1/joints"].content["joints"]
+    sent: Any = messages["/arm1/set_point"].content["joints"]
+    assert [joint["name"] for joint in joints] == [joint["name"] for joint in sent]
+    assert len(joints) == 6
+    for now, meant in zip(joints, sent, strict=True):
+        assert now["position"] == pytest.approx(meant["position"], abs=0.01)
+        assert now.keys() == {"name", "position", "velocity", "effort"}
 
 
 def test_what_is_no_number_is_refused(tmp_path: Path) -> None:

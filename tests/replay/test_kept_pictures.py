@@ -1,0 +1,106 @@
+"""Pictures that a record keeps on request: as they were exposed, as many as there is room for."""
+
+from __future__ import annotations
+
+import errno
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bt_dualarm
+from bt_dualarm import cli
+from bt_dualarm.errors import RunError
+from bt_dualarm.pose import Pose
+from bt_dualarm.recording.history_file import HistoryError, HistoryWriter
+from bt_dualarm.replay.kept_pictures import kept_pictures
+from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.rerun import Changed
+from bt_dualarm.replay.resume import resumed
+from bt_dualarm.runtime.picture_file import PictureFile
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.world.cameras.frame import Frame
+from tests.replay.runs import WATCHING
+
+
+def test_every_picture_is_kept_as_it_was_exposed(tmp_path: Path) -> None:
+    with bt_dualarm.open(WATCHING, record=tmp_path / "out", frames=True) as run:
+        run.finish()
+        arm: Any = run.assembly.arms.present[0]
+        last: Frame = arm._eye.camera.latest
+    record = Record.read(tmp_path / "out")
+    noted = [(note["stamp"], note["region"]) for note in record.notes if note["kind"] == "frame"]
+    kept = [*kept_pictures(record)]
+    assert [(picture.stamp, [*picture.region]) for picture in kept] == noted
+    assert len({picture.region for picture in kept}) > 1  # a tracker exposes what it needs
+    same = next(picture for picture in kept if picture.stamp == last.stamp)
+    assert same.image.shape == (120, 160, 3)
+    away = np.abs(same.image.astype(int) - last.image.astype(int))
+    assert away.mean() < 3.0  # JPEG, and a sensor's noise
+    assert same.whole.startswith(b"\xff\xd8")
+    until = noted[len(noted) // 2][0]
+    changed = Changed(options={"record": tmp_path / "again", "frames": True})
+    with resumed(record, until, Registry.load(), changed) as again:
+        again.finish()
+    first, second = (tmp_path / name / "run.frames" for name in ("out", "again"))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def frame(stamp: float) -> Frame:
+    """A picture of 80 by 60 with much in it."""
+    image = np.random.default_rng(0).integers(0, 255, (60, 80, 3)).astype(np.uint8)
+    return Frame(stamp, image, Pose.identity(), 0.9, (0, 0, 80, 60))
+
+
+def read(folder: Path) -> list[float]:
+    """Stamps of the pictures that a folder kept."""
+    record = Record(folder, {}, (), {}, (), (), None, None, "")
+    return [picture.stamp for picture in kept_pictures(record)]
+
+
+def test_there_are_no_more_than_there_is_room_for(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = PictureFile(tmp_path / "run.frames", most_bytes=20_000)
+    for number in range(9):
+        file.add("arm1", number / 10, frame(number / 10))
+    file.close()
+    stamps = read(tmp_path)
+    assert 1 < len(stamps) < 9
+    assert caplog.text.count("pictures are kept up to") == 1
+    assert (tmp_path / "run.frames").stat().st_size < 22_000
+
+
+def test_a_full_disk_ends_the_pictures_and_not_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = PictureFile(tmp_path / "run.frames")
+    file.add("arm1", 0.0, frame(0.0))
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(HistoryWriter, "add", full)
+    with caplog.at_level(logging.WARNING):
+        file.add("arm1", 0.1, frame(0.1))
+        file.add("arm1", 0.2, frame(0.2))
+    file.close()
+    assert read(tmp_path) == [0.0]
+    assert "pictures are kept up to 0.10 s: No space left on device" in caplog.text
+
+
+def test_what_is_no_file_of_pictures_is_refused(tmp_path: Path) -> None:
+    assert read(tmp_path) == []
+    (tmp_path / "run.frames").write_text("something else, longer than the mark of a history")
+    with pytest.raises(HistoryError, match="is no history of a run"):
+        read(tmp_path)
+
+
+def test_pictures_need_a_record(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(RunError, match="say which folder, too"):
+        bt_dualarm.open(WATCHING, frames=True)
+    with pytest.raises(SystemExit):
+        cli.run(["circle", "--frames"])
+    assert "--record DIR says where" in capsys.readouterr().err
