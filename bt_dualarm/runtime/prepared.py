@@ -140,14 +140,13 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             recorder = Recorder(folder.path, assembly.world, states, log.take, history)
             watch.observers += recorder, history
         conditions = _conditions(file.world.time_limit, options, stop)
-        watchdog = resources.enter_context(closing(conditions.watchdog))
-        runner = Runner(assembly.world, assembly.arms, watch, conditions)
+        resources.enter_context(closing(conditions.watchdog))
         return Prepared(
             file.name,
             assembly,
-            runner,
+            Runner(assembly.world, assembly.arms, watch, conditions),
             watch,
-            watchdog,
+            conditions.watchdog,
             states,
             log,
             recorder,
