@@ -67,19 +67,8 @@ def run(
         RunError, RegistryError: An argument makes no sense; a skill is badly made.
         DualArmError: No world can be composed, no picture drawn, or no record written.
     """
-    with open(
-        tree,
-        params=params,
-        seed=seed,
-        duration=duration,
-        renderer=renderer,
-        reality=reality,
-        record=record,
-        frames=frames,
-        real_time=real_time,
-        watchdog=watchdog,
-        skills=skills,
-    ) as opened:
+    given = locals()  # all arguments, which `open` takes by the same names
+    with open(**given) as opened:
         return opened.finish()
 
 
