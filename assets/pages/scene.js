@@ -90,25 +90,52 @@ function compiled(gl, vertex, fragment) {
   if (!gl.getProgramParameter(made, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(made));
   return made;
 }
+// Light from above, a gleam, and a floor with a grid that fades away.
+const SURFACE = ["attribute vec3 p, n; uniform mat4 m, v; varying vec3 d, w; void main() {" +
+  "vec4 x = m * vec4(p, 1.0); w = x.xyz; d = mat3(m[0].xyz, m[1].xyz, m[2].xyz) * n; gl_Position = v * x; }",
+  "precision highp float; varying vec3 d, w; uniform vec4 c; uniform vec3 e, f; uniform float g; void main() {" +
+  "vec3 u = normalize(d), t = normalize(e - w); if (dot(u, t) < 0.0) u = -u;" +
+  "float far = distance(e, w), k = max(0.0, dot(u, normalize(vec3(0.4, -0.5, 0.77))));" +
+  "vec3 h = normalize(t + vec3(0.4, -0.5, 0.77)); float s = 0.18 * pow(max(0.0, dot(u, h)), 40.0);" +
+  "vec3 l = c.rgb * (0.50 + 0.38 * k + 0.14 * u.z) + s; float a = c.a;" +
+  "if (g > 0.5) { vec2 q = abs(fract(w.xy * 2.0 - 0.5) - 0.5) / 2.0; float r = 0.0011 * far;" +
+  "l = c.rgb * (1.0 - 0.10 * (1.0 - smoothstep(0.4 * r, 1.6 * r, min(q.x, q.y))));" +
+  "a *= 1.0 - smoothstep(1.6, 3.6, distance(w.xy, f.xy)); }" +
+  "gl_FragColor = vec4(l, a); }"];
+const SHADE = ["attribute vec3 p; uniform mat4 m, v; void main() { vec4 x = m * vec4(p, 1.0);" +
+  "x.xyz -= (x.z - 0.001) / 0.77 * vec3(0.4, -0.5, 0.77) * step(0.0, x.z); gl_Position = v * x; }",
+  "precision mediump float; uniform vec4 c; void main() { gl_FragColor = c; }"];
+// A line is a strip of so many pixels between two points a and b.
+const LINE = ["attribute vec3 a, b; attribute vec2 s; uniform mat4 v; uniform vec2 z; uniform float w; void main() {" +
+  "vec4 p = v * vec4(a, 1.0), q = v * vec4(b, 1.0), o = s.x < 0.5 ? p : q;" +
+  "vec2 d = normalize((q.xy / q.w - p.xy / p.w) * z + vec2(1e-6, 0.0));" +
+  "o.xy += vec2(-d.y, d.x) / z * s.y * w * o.w; gl_Position = o; }",
+  "precision mediump float; uniform vec4 c; void main() { gl_FragColor = c; }"];
+const SIDES = [0, -1, 1, -1, 1, 1, 0, -1, 1, 1, 0, 1];
+// Corners of the strips between points; each to the next one, or two and two.
+function strips(points, apart) {
+  const count = apart ? Math.floor(points.length / 6) : Math.max(0, points.length / 3 - 1);
+  const made = new Float32Array(48 * count), every = apart ? 6 : 3;
+  for (let i = 0, k = 0; i < count; i++) for (let j = 0; j < 6; j++) {
+    for (let d = 0; d < 6; d++) made[k++] = points[every * i + d];
+    made[k++] = SIDES[2 * j];
+    made[k++] = SIDES[2 * j + 1];
+  }
+  return made;
+}
 function sceneOn(canvas, meshes, middle, redraw) {
-  const gl = canvas.getContext("webgl", { antialias: true });
+  const gl = canvas.getContext("webgl", { alpha: false, antialias: true, stencil: true });
   if (!gl) return null;
   const buffers = new Map();
-  const program = compiled(gl,
-    "attribute vec3 p, n; uniform mat4 m, v; varying vec3 d; void main() {" +
-    "d = mat3(m[0].xyz, m[1].xyz, m[2].xyz) * n; gl_Position = v * m * vec4(p, 1.0); }",
-    "precision mediump float; varying vec3 d; uniform vec4 c; void main() {" +
-    "vec3 u = normalize(d); float l = 0.45 + 0.4 * max(0.0, dot(u, vec3(0.4, -0.5, 0.77)))" +
-    " + 0.15 * u.z; gl_FragColor = vec4(c.rgb * l, c.a); }");
-  const line = compiled(gl,
-    "attribute vec3 p; uniform mat4 v; void main() { gl_Position = v * vec4(p, 1.0); }",
-    "precision mediump float; uniform vec4 c; void main() { gl_FragColor = c; }");
+  const program = compiled(gl, ...SURFACE), shade = compiled(gl, ...SHADE), line = compiled(gl, ...LINE);
   const eye = { at: middle, far: 2.5, turn: -0.9, tilt: 0.45 };
+  // Triangles of a shape; none of a mesh that has not come yet.
   function bufferOf(name) {
     if (!buffers.has(name)) {
       const mesh = meshes[name];
-      const made = mesh ? flat(floats(mesh.vertices), new Uint32Array(bytes(mesh.faces)))
-        : shapes[name]();
+      if (!mesh && !shapes[name]) return null;
+      const made = mesh instanceof Float32Array ? mesh
+        : mesh ? flat(floats(mesh.vertices), new Uint32Array(bytes(mesh.faces))) : shapes[name]();
       const buffer = gl.createBuffer();
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
       gl.bufferData(gl.ARRAY_BUFFER, made, gl.STATIC_DRAW);
@@ -121,52 +148,89 @@ function sceneOn(canvas, meshes, middle, redraw) {
     const away = [c * Math.cos(eye.turn), c * Math.sin(eye.turn), Math.sin(eye.tilt)];
     const from = eye.at.map((x, i) => x + eye.far * away[i]);
     const wide = canvas.width / Math.max(1, canvas.height);
-    return times(perspective(0.8, wide, 0.02, 60), lookAt(from, eye.at));
+    return [times(perspective(0.8, wide, 0.05, 60), lookAt(from, eye.at)), from];
   }
-  // Shapes of a generation, poses of its bodies (seven numbers each), trails as [colour, points].
-  function draw(drawn, poses, trails) {
+  const at = (program, name) => gl.getUniformLocation(program, name);
+  function surfaces(drawn, poses, seen, from, program) {
+    gl.useProgram(program);
+    gl.uniformMatrix4fv(at(program, "v"), false, seen);
+    const p = gl.getAttribLocation(program, "p"), n = gl.getAttribLocation(program, "n");
+    gl.enableVertexAttribArray(p);
+    if (from) {
+      gl.enableVertexAttribArray(n);
+      gl.uniform3fv(at(program, "e"), from);
+      gl.uniform3fv(at(program, "f"), eye.at);
+    }
+    for (const shape of drawn) {
+      const found = bufferOf(shape.name), pose = poses.subarray(7 * shape.body, 7 * shape.body + 7);
+      if (!found || (!from && shape.name === "plane")) continue;
+      const body = fromPose(pose.subarray(0, 3), pose.subarray(3, 7), [1, 1, 1]);
+      gl.bindBuffer(gl.ARRAY_BUFFER, found.buffer);
+      gl.vertexAttribPointer(p, 3, gl.FLOAT, false, 24, 0);
+      gl.uniformMatrix4fv(at(program, "m"), false,
+        times(body, fromPose(shape.position, shape.quaternion, shape.scale)));
+      if (from) {
+        gl.vertexAttribPointer(n, 3, gl.FLOAT, false, 24, 12);
+        gl.uniform4fv(at(program, "c"), shape.color);
+        gl.uniform1f(at(program, "g"), shape.name === "plane" ? 1 : 0);
+      }
+      gl.drawArrays(gl.TRIANGLES, 0, found.count);
+    }
+    if (from) gl.disableVertexAttribArray(n);
+    gl.disableVertexAttribArray(p);
+  }
+  // What stands on the floor darkens it, each place once.
+  function shadows(drawn, poses, seen) {
+    gl.enable(gl.STENCIL_TEST);
+    gl.stencilFunc(gl.EQUAL, 0, 255);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
+    gl.depthMask(false);
+    gl.useProgram(shade);
+    gl.uniform4fv(at(shade, "c"), [0.1, 0.14, 0.22, 0.20]);
+    surfaces(drawn, poses, seen, null, shade);
+    gl.depthMask(true);
+    gl.disable(gl.STENCIL_TEST);
+  }
+  function lines(ways, seen) {
+    gl.useProgram(line);
+    gl.uniformMatrix4fv(at(line, "v"), false, seen);
+    gl.uniform2fv(at(line, "z"), [canvas.width, canvas.height]);
+    const places = ["a", "b", "s"].map(name => gl.getAttribLocation(line, name));
+    for (const place of places) gl.enableVertexAttribArray(place);
+    for (const [color, points, width = 2, apart = false] of ways) {
+      if (points.length < 6) continue;
+      const made = strips(points, apart), buffer = gl.createBuffer();
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferData(gl.ARRAY_BUFFER, made, gl.STREAM_DRAW);
+      gl.vertexAttribPointer(places[0], 3, gl.FLOAT, false, 32, 0);
+      gl.vertexAttribPointer(places[1], 3, gl.FLOAT, false, 32, 12);
+      gl.vertexAttribPointer(places[2], 2, gl.FLOAT, false, 32, 24);
+      gl.uniform1f(at(line, "w"), width * (window.devicePixelRatio || 1));
+      gl.uniform4fv(at(line, "c"), color);
+      gl.drawArrays(gl.TRIANGLES, 0, made.length / 8);
+      gl.deleteBuffer(buffer);
+    }
+    for (const place of places) gl.disableVertexAttribArray(place);
+  }
+  // Shapes of a generation, poses of its bodies (seven numbers each), ways as [colour, points,
+  // pixels wide, whether points belong two and two].
+  function draw(drawn, poses, ways) {
     const ratio = window.devicePixelRatio || 1;
-    canvas.width = canvas.clientWidth * ratio;
-    canvas.height = canvas.clientHeight * ratio;
+    const size = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
+    if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     gl.viewport(0, 0, canvas.width, canvas.height);
-    gl.clearColor(0.87, 0.90, 0.93, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.clearColor(0.90, 0.92, 0.94, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
-    const seen = view();
-    gl.useProgram(program);
-    gl.uniformMatrix4fv(gl.getUniformLocation(program, "v"), false, seen);
-    const p = gl.getAttribLocation(program, "p"), n = gl.getAttribLocation(program, "n");
-    gl.enableVertexAttribArray(p);
-    gl.enableVertexAttribArray(n);
-    for (const shape of drawn) {
-      const pose = poses.subarray(7 * shape.body, 7 * shape.body + 7);
-      const body = fromPose(pose.subarray(0, 3), pose.subarray(3, 7), [1, 1, 1]);
-      const { buffer, count } = bufferOf(shape.name);
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-      gl.vertexAttribPointer(p, 3, gl.FLOAT, false, 24, 0);
-      gl.vertexAttribPointer(n, 3, gl.FLOAT, false, 24, 12);
-      gl.uniformMatrix4fv(gl.getUniformLocation(program, "m"), false,
-        times(body, fromPose(shape.position, shape.quaternion, shape.scale)));
-      gl.uniform4fv(gl.getUniformLocation(program, "c"), shape.color);
-      gl.drawArrays(gl.TRIANGLES, 0, count);
-    }
-    gl.disableVertexAttribArray(n);
-    gl.useProgram(line);
-    gl.uniformMatrix4fv(gl.getUniformLocation(line, "v"), false, seen);
-    const q = gl.getAttribLocation(line, "p");
-    gl.enableVertexAttribArray(q);
-    for (const [color, points] of trails) {
-      if (points.length < 6) continue;
-      const buffer = gl.createBuffer();
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-      gl.bufferData(gl.ARRAY_BUFFER, points, gl.STREAM_DRAW);
-      gl.vertexAttribPointer(q, 3, gl.FLOAT, false, 0, 0);
-      gl.uniform4fv(gl.getUniformLocation(line, "c"), color);
-      gl.drawArrays(gl.LINE_STRIP, 0, points.length / 3);
-      gl.deleteBuffer(buffer);
-    }
+    const [seen, from] = view();
+    const floors = drawn.filter(shape => shape.name === "plane");
+    const solid = drawn.filter(shape => shape.name !== "plane");
+    surfaces(floors, poses, seen, from, program);
+    if (floors.length) shadows(solid, poses, seen);
+    surfaces(solid, poses, seen, from, program);
+    lines(ways, seen);
   }
   let held = null;
   canvas.onpointerdown = event => { held = event; canvas.setPointerCapture(event.pointerId); };

@@ -1,25 +1,28 @@
-"""``bt-replay``: a record run anew, to see whether it repeats."""
+"""``bt-replay``: a record in a browser, or run anew, to see whether it repeats."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bt_dualarm.cli.entry import FAILED, SUCCEEDED
-from bt_dualarm.cli.words import add_skills
+from bt_dualarm.cli.words import add_skills, add_view
 
 if TYPE_CHECKING:
     from bt_dualarm.replay.check import Agreement
 
 _EPILOG = """\
 examples:
+  bt-replay out                    a page with scene, trees, signals and reasons at every time
   bt-replay out --check            run it anew; at which step, in which number it first differs
 
 exit code:
   0 every step is the same   1 one differs   2 no such record, or it cannot be run again
+  130 Ctrl-C: how the page is ended
   154 a file of skills could not be imported within 30 s
 """
 _MOST_NUMBERS = 3
@@ -30,7 +33,9 @@ def main(argv: Sequence[str] | None) -> int:
     parser = _command_line()
     arguments = parser.parse_args(argv)
     if not arguments.check:
-        parser.error("say what is to be done: --check")
+        if arguments.json:
+            parser.error("--json goes with --check")
+        return _show(arguments)
     from bt_dualarm.cli.skill_import import imported_skills
     from bt_dualarm.replay.check import check_record
     from bt_dualarm.replay.record import Record
@@ -44,17 +49,35 @@ def main(argv: Sequence[str] | None) -> int:
     return SUCCEEDED if found.agrees else FAILED
 
 
+def _show(arguments: argparse.Namespace) -> int:
+    """Serve the page until somebody ends it."""
+    from threading import Event
+
+    from bt_dualarm.live.past_answers import RecordView
+    from bt_dualarm.live.served import Served
+
+    served = Served(RecordView(arguments.folder), arguments.view_port, arguments.view_host)
+    served.begin()
+    try:
+        print(f"shown until Ctrl-C: {served.url}", file=sys.stderr, flush=True)
+        Event().wait()
+    finally:
+        served.end()
+    return SUCCEEDED
+
+
 def _command_line() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bt-replay",
-        description="Run the tree of a record anew and hold every step against it.",
+        description="Show a record in a browser, or run it anew and compare every step.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("folder", metavar="DIR", type=Path, help="a folder that bt-run --record wrote")
     add("--check", action="store_true", help="compare states and statuses, step by step")
-    add("--json", action="store_true", help="one JSON object")
+    add("--json", action="store_true", help="one JSON object, with --check")
+    add_view(parser)
     add_skills(parser)
     return parser
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from bt_dualarm.cli.early_signals import early
 from bt_dualarm.cli.entry import FAILED, OVERRUN, SUCCEEDED, UNUSABLE, complain
 from bt_dualarm.cli.run_arguments import command_line
+from bt_dualarm.cli.viewing import drop_record, record_folder, viewed
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
 
@@ -75,7 +76,11 @@ def _list() -> int:
 
 def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
     """Open the file, run it, and say how it went."""
-    with _logging(), _opened(arguments, stop) as opened:
+    with (
+        _logging(),
+        record_folder(arguments) as folder,
+        _opened(arguments, folder, stop) as opened,
+    ):
         if arguments.display != "quiet":
             for warning in opened.warnings:
                 print(warning, file=sys.stderr)
@@ -87,33 +92,19 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
             opened.watchdog.last_resort = last_resort
             for number in early.numbers:  # one that was lost on its way through the imports
                 stop.receive(number)
-            with _viewed(arguments, opened, stop):
+            with viewed(arguments, opened, stop):
                 code = _show(arguments, opened)
             opened.close()
             return code
 
 
-@contextmanager
-def _viewed(arguments: argparse.Namespace, opened: Run, stop: StopRequest) -> Iterator[None]:
-    """Nothing of it is imported unless it is asked for."""
-    if not arguments.view:
-        yield
-        return
-    from bt_dualarm.live.view import LiveView
-
-    with LiveView(opened, stop, arguments.view_port) as view:
-        print(f"held until you let it go: {view.url}", file=sys.stderr, flush=True)
-        view.gate.hold()
-        yield
-
-
-def _opened(arguments: argparse.Namespace, stop: StopRequest) -> Run:
+def _opened(arguments: argparse.Namespace, folder: Path | None, stop: StopRequest) -> Run:
     from bt_dualarm.runtime.shipped import find_tree
 
     if arguments.resume is not None:
         from bt_dualarm.cli.resuming import opened_again
 
-        return opened_again(arguments, stop)
+        return opened_again(arguments, folder, stop)
     tree = find_tree(arguments.file)  # a slip is told before all that is heavy is imported
 
     from bt_dualarm.cli.skill_import import imported_skills
@@ -127,7 +118,7 @@ def _opened(arguments: argparse.Namespace, stop: StopRequest) -> Run:
         duration=arguments.duration,
         renderer=arguments.renderer,
         reality=arguments.reality,
-        record=None if arguments.dry_run else arguments.record,
+        record=folder,
         frames=arguments.frames and not arguments.dry_run,
         real_time=arguments.real_time,
         watchdog=arguments.watchdog,
@@ -174,6 +165,7 @@ def _show(arguments: argparse.Namespace, opened: Run) -> int:
     if mode != "quiet" or result.outcome != "SUCCESS":
         console = Console(stderr=mode == "quiet", highlight=False)
         console.print(Report(opened.name, result, arguments.record, symbols))
+    drop_record(arguments, opened)
     return _code(result, complete=_written(opened))
 
 

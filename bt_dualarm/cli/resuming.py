@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from bt_dualarm.cli.skill_import import imported_skills
 from bt_dualarm.replay.record import Record, ReplayError
@@ -17,11 +18,12 @@ _REPLACED = ("seed", "duration", "renderer", "reality")
 """Options that a record knows; those given on the command line take their place."""
 
 
-def opened_again(arguments: argparse.Namespace, stop: StopRequest) -> Run:
+def opened_again(arguments: argparse.Namespace, kept: Path | None, stop: StopRequest) -> Run:
     """The run of a record at the time from which it is to go on.
 
     Args:
         arguments: Arguments of ``bt-run``.
+        kept: Folder that the run is recorded in, if it is.
         stop: Request to end early.
 
     Raises:
@@ -33,10 +35,10 @@ def opened_again(arguments: argparse.Namespace, stop: StopRequest) -> Run:
     given = {name: getattr(arguments, name) for name in _REPLACED}
     options = {name: value for name, value in given.items() if value is not None}
     options |= {"watchdog": arguments.watchdog, "duration": arguments.duration}
-    if arguments.record is not None and not arguments.dry_run:
-        if arguments.record.resolve() == folder.resolve():
+    if kept is not None:
+        if kept.resolve() == folder.resolve():
             raise ReplayError(f"{folder} is read: --record needs another folder")
-        options |= {"record": arguments.record, "frames": arguments.frames}
+        options |= {"record": kept, "frames": arguments.frames}
     tree = None if arguments.file is None else find_tree(arguments.file)
     registry = imported_skills("bt-run", arguments.skills, arguments.watchdog)
     changed = Changed(tree, options, dict(arguments.param))

@@ -6,7 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
-from bt_dualarm.cli.words import add_params, add_skills
+from bt_dualarm.cli.words import add_params, add_skills, add_view
 
 _EXAMPLES = """\
 examples:
@@ -81,7 +81,7 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
         help="how far all arms are from what is believed of them (default: the file's)",
     )
     add("--view", action="store_true", help="show it in a browser, held until you let it go")
-    add("--view-port", metavar="N", type=_port, default=0, help="port of the page (default: any)")
+    add_view(parser)
     add("--real-time", action="store_true", help="run no faster than the clock on the wall")
     add(
         "--watchdog",
@@ -114,12 +114,6 @@ def _seconds(text: str) -> float:
     if not (seconds > 0 and math.isfinite(seconds)):
         raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds above 0")
     return seconds
-
-
-def _port(text: str) -> int:
-    if not text.isascii() or not text.isdecimal() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a port from 0 to 65535")
-    return int(text)
 
 
 def _budget(text: str) -> float:

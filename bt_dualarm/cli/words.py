@@ -35,3 +35,22 @@ def _assignment(text: str) -> tuple[str, str]:
     if not name or not equals:
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=VALUE")
     return name, value
+
+
+def add_view(parser: argparse.ArgumentParser) -> None:
+    """``--view-port N`` and ``--view-host ADDRESS``."""
+    add = parser.add_argument
+    add("--view-port", metavar="N", type=_port, default=0, help="port of the page (default: any)")
+    add(
+        "--view-host",
+        metavar="ADDRESS",
+        default="127.0.0.1",
+        help="IPv4 address of another interface of this machine to serve the page on; whoever "
+        "knows the page's address can then press its buttons (default: 127.0.0.1)",
+    )
+
+
+def _port(text: str) -> int:
+    if not text.isascii() or not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port from 0 to 65535")
+    return int(text)

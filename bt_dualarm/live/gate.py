@@ -47,6 +47,7 @@ class Gate(IdleObserver):
         self._asked_to_end, self._on_hold = asked_to_end, on_hold
         self._changed = Condition()
         self._paused, self._speed = paused, speed
+        self._is_held = False
         self._steps: int | None = None
         self._until_tick = False
         self._breakpoints: dict[str, None] = {}
@@ -55,9 +56,9 @@ class Gate(IdleObserver):
 
     @property
     def state(self) -> dict[str, object]:
-        """What a page shows of it, ready for JSON."""
+        """What a page shows of it, ready for JSON; it is held a moment after it was told to be."""
         speed = None if self._speed == float("inf") else self._speed
-        held = {"paused": self._paused, "speed": speed, "why": self._why}
+        held = {"paused": self._paused, "held": self._is_held, "speed": speed, "why": self._why}
         return {**held, "breakpoints": [*self._breakpoints]}
 
     def pause(self) -> None:
@@ -130,8 +131,10 @@ class Gate(IdleObserver):
     def hold(self) -> None:
         """Wait as long as the run is held."""
         with self._changed:
+            self._is_held = True
             while self._paused and not self._asked_to_end():
                 self._changed.wait(_LOOK_S)
+            self._is_held = False
 
     def _keep_pace(self, simulated: float) -> None:
         """Sleep as long as simulated time is ahead of the clock on the wall."""

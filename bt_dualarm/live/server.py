@@ -1,7 +1,8 @@
-"""Who may ask for what: a page on the loopback address, with a token, from nobody else's page."""
+"""Who may ask for what: pages of this server, with its token, and nobody else's."""
 
 from __future__ import annotations
 
+import ipaddress
 import json
 import logging
 import secrets
@@ -12,43 +13,24 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from socket import socket
 from socketserver import BaseServer
 from threading import BoundedSemaphore
-from typing import Any, Final, Protocol
+from typing import Any, Final
+from urllib.parse import parse_qsl
 
 from bt_dualarm.errors import DualArmError
+from bt_dualarm.live.answers import Answer, Answers, ViewError
 from bt_dualarm.spec.source import Json
 
 HOST: Final = "127.0.0.1"
 _LARGEST_BODY: Final = 20_000
 _DIGITS: Final = len(str(_LARGEST_BODY))
 _PATIENCE_S: Final = 10.0
+_MOST_FIELDS: Final = 4
 _MOST_AT_ONCE: Final = 16
 """Requests that are answered at a time; more are sent away."""
 
+_TEXT: Final = "text/plain; charset=utf-8"
+
 _log = logging.getLogger(__name__)
-
-
-class ViewError(DualArmError):
-    """The page cannot be served, or was asked for something that it does not understand."""
-
-
-class Answers(Protocol):
-    """What is behind the page."""
-
-    def page(self) -> str:
-        """The page, in HTML."""
-
-    def scene(self) -> Json:
-        """Shapes and meshes."""
-
-    def now(self) -> Json:
-        """The run as it stands."""
-
-    def do(self, asked: Json) -> Json:
-        """Press a button.
-
-        Raises:
-            DualArmError: There is no such button.
-        """
 
 
 class ViewServer(ThreadingHTTPServer):
@@ -57,24 +39,29 @@ class ViewServer(ThreadingHTTPServer):
     Args:
         answers: What is behind the page.
         port: Number of the port; 0 takes any that is free.
+        host: Address of one interface of this machine; pages name it, or they get nothing.
 
     Attributes:
         url: Address of the page, with its token.
+        hosts: What a browser may call this server.
 
     Raises:
-        ViewError: The port is taken, or not allowed.
+        ViewError: The port is taken, or not allowed; the address is none of this machine's.
     """
 
     daemon_threads = True
 
-    def __init__(self, answers: Answers, port: int = 0) -> None:
+    def __init__(self, answers: Answers, port: int = 0, host: str = HOST) -> None:
         self.token = secrets.token_urlsafe(16)
         self._slots = BoundedSemaphore(_MOST_AT_ONCE)
         try:
-            super().__init__((HOST, port), partial(_Handler, answers, self.token))
+            super().__init__((_interface(host), port), partial(_Handler, answers, self.token))
         except (OSError, OverflowError) as error:
-            raise ViewError(f"cannot serve on port {port}: {error}") from error
-        self.url = f"http://{HOST}:{self.server_address[1]}/{self.token}/"
+            raise ViewError(f"cannot serve on {host}, port {port}: {error}") from error
+        place = self.server_address[1]
+        names = (host, "localhost") if host == HOST else (host,)
+        self.hosts = frozenset(f"{name}:{place}" for name in names)
+        self.url = f"http://{host}:{place}/{self.token}/"
 
     def process_request(self, request: Any, client_address: Any) -> None:  # its parent's types
         """Answer in a thread, as long as there are not too many."""
@@ -111,43 +98,45 @@ class _Handler(BaseHTTPRequestHandler):
         super().__init__(request, client_address, server)
 
     def do_GET(self) -> None:
-        """The page, the scene, the run as it stands."""
-        asked = self._allowed()
-        if asked == "":
-            self._answer("text/html; charset=utf-8", self._answers.page().encode())
-        elif asked in ("scene", "now"):
-            facts = self._answers.scene() if asked == "scene" else self._answers.now()
-            self._answer("application/json", json.dumps(facts, allow_nan=False).encode())
-        else:
+        """Whatever the view answers to."""
+        what, _, query = self._allowed() or ("?", "", "")
+        question = self._answers.questions.get(what)
+        if question is None:
             self._refuse(HTTPStatus.FORBIDDEN)
+            return
+        try:
+            self._answer(question(_fields(query)))
+        except DualArmError as error:
+            self._complain(error)
 
     def do_POST(self) -> None:
         """Press a button."""
-        if self._allowed() != "do" or self.headers.get_content_type() != "application/json":
+        allowed = self._allowed()
+        is_json = self.headers.get_content_type() == "application/json"
+        if allowed is None or allowed[0] != "do" or not is_json:
             self._refuse(HTTPStatus.FORBIDDEN)
             return
         try:
             done = self._answers.do(self._asked())
         except DualArmError as error:
-            self._answer("text/plain; charset=utf-8", str(error).encode(), HTTPStatus.BAD_REQUEST)
+            self._complain(error)
             return
-        self._answer("application/json", json.dumps(done, allow_nan=False).encode())
+        self._answer(Answer.of(done))
 
-    def _allowed(self) -> str | None:
-        """What below the token is asked for; None for whoever is not to ask at all."""
+    def _allowed(self) -> tuple[str, str, str] | None:
+        """What below the token is asked for, and its query; None for whoever is not to ask."""
         host = self.headers.get("Host", "")
         origin = self.headers.get("Origin")
         if not isinstance(self.server, ViewServer):
             return None
-        port = self.server.server_port
-        if host not in (f"{HOST}:{port}", f"localhost:{port}"):
+        if host not in self.server.hosts:
             return None
         if origin is not None and origin != f"http://{host}":
             return None
         token, _, asked = self.path.removeprefix("/").partition("/")
         if not secrets.compare_digest(token.encode(), self._token.encode()):
             return None
-        return asked
+        return asked.partition("?")
 
     def _asked(self) -> Json:
         """The request's content.
@@ -167,19 +156,49 @@ class _Handler(BaseHTTPRequestHandler):
         return asked
 
     def _refuse(self, status: HTTPStatus) -> None:
-        self._answer("text/plain; charset=utf-8", b"nothing is served here", status)
+        self._answer(Answer(_TEXT, b"nothing is served here"), status)
 
-    def _answer(self, kind: str, content: bytes, status: HTTPStatus = HTTPStatus.OK) -> None:
+    def _complain(self, error: DualArmError) -> None:
+        self._answer(Answer(_TEXT, str(error).encode()), HTTPStatus.BAD_REQUEST)
+
+    def _answer(self, answer: Answer, status: HTTPStatus = HTTPStatus.OK) -> None:
         self.send_response(status)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Content-Type", answer.kind)
+        self.send_header("Content-Length", str(len(answer.content)))
         self.send_header("Cache-Control", "no-store")
         self.send_header("X-Content-Type-Options", "nosniff")
         self.send_header("Referrer-Policy", "no-referrer")
         self.send_header("Cross-Origin-Resource-Policy", "same-origin")
         self.end_headers()
-        self.wfile.write(content)
+        self.wfile.write(answer.content)
 
     def log_message(self, format: str, *values: object) -> None:  # noqa: A002 - its parent's name
         """Nothing is said on the terminal."""
         _log.debug(format, *values)
+
+
+def _interface(host: str) -> str:
+    """An address that can be held against what a browser says.
+
+    Raises:
+        ViewError: It is no address, or that of all interfaces.
+    """
+    try:
+        address = ipaddress.IPv4Address(host)
+    except ValueError:
+        raise ViewError(f"{host!r} is no IPv4 address of an interface") from None
+    if address.is_unspecified or address.is_multicast:
+        raise ViewError(f"{host} is not the address of one interface: name that")
+    return host
+
+
+def _fields(query: str) -> dict[str, str]:
+    """The fields of a query.
+
+    Raises:
+        ViewError: There are too many.
+    """
+    try:
+        return dict(parse_qsl(query, max_num_fields=_MOST_FIELDS))
+    except ValueError:
+        raise ViewError("too many fields") from None

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-import base64
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from threading import Lock
 from typing import Final
 
+import mujoco
 import numpy as np
 
-from bt_dualarm.replay.page_scene import shapes_of
-from bt_dualarm.runtime.parts import ArmView, IdleObserver
+from bt_dualarm.live import physics
+from bt_dualarm.live.ahead import WayAhead
+from bt_dualarm.live.meshes import Looks, looks_of
+from bt_dualarm.live.notes_seen import NotesSeen
+from bt_dualarm.live.places import Places, places_of
+from bt_dualarm.live.trees import rows_of
+from bt_dualarm.runtime.arms import Arms
+from bt_dualarm.runtime.parts import ArmView, Controller, IdleObserver
 from bt_dualarm.spec.source import Json
-from bt_dualarm.tree.report import NodeView
 from bt_dualarm.world.world import World
 
 _EVERY_S: Final = 0.05
@@ -27,82 +32,95 @@ class Snapshot(IdleObserver):
     """An observer that copies what a page shows.
 
     Args:
-        name: Name of the tree file.
         world: The world.
+        arms: Arms that are in it.
         views: Function that gives all arms as they stand.
+
+    Attributes:
+        notes: What was noted of blackboards and pictures; others add to it.
     """
 
-    def __init__(self, name: str, world: World, views: Callable[[], tuple[ArmView, ...]]) -> None:
-        self._name, self._world, self._views = name, world, views
+    def __init__(self, world: World, arms: Arms, views: Callable[[], tuple[ArmView, ...]]) -> None:
+        self._world, self._arms, self._views = world, arms, views
+        self.notes = NotesSeen()
         self._lock = Lock()
         self._asked_at = self._taken_at = -np.inf
         self._generation = -1
-        self._scene: Json = {}
+        self._model: mujoco.MjModel = world.model
+        self._places: dict[str, Places] = {}
+        self._ahead: dict[str, WayAhead] = {}
+        self._looks: Looks | None = None
         self._now: Json = {}
         self.take()
 
     @property
-    def scene(self) -> Json:
-        """Shapes and meshes of the world, ready for JSON."""
+    def looks(self) -> Looks:
+        """Shapes and meshes of the world, worked out when the first page asks."""
         with self._lock:
-            return self._scene
+            if self._looks is None:
+                self._looks = looks_of(self._model, self._world.robots)
+            return self._looks
 
     @property
     def now(self) -> Json:
         """Time, poses and trees, ready for JSON; asking keeps the copies coming."""
         with self._lock:
-            self._asked_at = time.monotonic()
+            self._asked_at = _clock()
             return self._now
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a page has asked of late."""
+        return _clock() - self._asked_at < _FORGOTTEN_S
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - the world knows it, too
         """Copy what is due."""
-        now = _clock()
-        if now - self._asked_at < _FORGOTTEN_S and now - self._taken_at >= _EVERY_S:
+        if self.is_watched and _clock() - self._taken_at >= _EVERY_S:
             self.take()
 
     def take(self) -> None:
         """Copy the run as it is now; to be called between two steps only."""
-        data, generation = self._world.data, self._world.generation
-        scene = self._scene
-        if generation != self._generation:
-            shapes, meshes = shapes_of(self._world.model)
-            scene = {
-                "name": self._name,
-                "generation": generation,
-                "shapes": shapes,
-                "meshes": meshes,
-            }
-        poses = np.hstack((data.xpos, data.xquat)).astype(np.float32)
+        model, data = self._world.model, self._world.data
+        generation = self._world.generation
+        is_new = generation != self._generation
+        if is_new:
+            self._places = places_of(model, self._world.arms)
+            self._ahead = {name: WayAhead(model, arm) for name, arm in self._places.items()}
+        controllers = {arm.name: arm.controller for arm in self._arms.present}
         now = {
-            "time": float(data.time),
+            "time": round(float(data.time), 4),
             "generation": generation,
-            "poses": base64.b64encode(poses.tobytes()).decode("ascii"),
-            "arms": [_arm(view) for view in self._views()],
+            "poses": physics.bodies(data),
+            "contacts": physics.contacts(model, data),
+            "cameras": [
+                {**camera, "look": self.notes.look(str(camera["arm"]))}
+                for camera in physics.cameras(model, data, self._places)
+            ],
+            "arms": [self._arm(view, controllers.get(view.name)) for view in self._views()],
         }
         with self._lock:
-            self._scene, self._now, self._generation = scene, now, generation
+            self._now, self._generation, self._model = now, generation, model
+            self._looks = None if is_new else self._looks
             self._taken_at = _clock()
 
-
-def _arm(view: ArmView) -> Json:
-    nodes = [] if view.tree is None else [*_nodes(view.tree, 0)]
-    outcome = None if view.outcome is None else str(view.outcome)
-    return {"arm": view.name, "robot": view.robot, "outcome": outcome, "nodes": nodes}
-
-
-def _nodes(node: NodeView, depth: int) -> Iterator[Json]:
-    yield {
-        "depth": depth,
-        "name": node.name,
-        "kind": node.kind,
-        "status": node.status,
-        "halted": node.halted,
-        "since": round(node.since, 3),
-        "progress": node.progress,
-        "reason": node.reason,
-    }
-    for child in node.children:
-        yield from _nodes(child, depth + 1)
+    def _arm(self, view: ArmView, controller: Controller | None) -> Json:
+        said: Json = {
+            "arm": view.name,
+            "robot": view.robot,
+            "outcome": None if view.outcome is None else str(view.outcome),
+            "nodes": rows_of(view.tree),
+            "board": self.notes.board(view.name),
+            "guard": self.notes.guard(view.name),
+        }
+        arm = self._places.get(view.name)
+        if arm is None or controller is None:
+            return said
+        model, data = self._world.model, self._world.data
+        error = np.abs(controller.setpoint.q - data.qpos[arm.qpos]).max()
+        said["tool"] = data.site_xpos[arm.tool].round(4).tolist()
+        said["error_deg"] = round(float(np.degrees(error)), 4)
+        said["torque"] = round(arm.torque_share(model, data.ctrl[arm.motors]), 4)
+        return {**said, "ahead": self._ahead[view.name].of(controller, data)}
 
 
 def _clock() -> float:

@@ -2,54 +2,76 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
-from threading import Thread
 from types import TracebackType
 from typing import Final
 
+from bt_dualarm.live.answers import Answer, Asked, Query, ViewError, number_in, text_in
 from bt_dualarm.live.gate import Gate
-from bt_dualarm.live.server import ViewError, ViewServer
+from bt_dualarm.live.happenings import Happenings
+from bt_dualarm.live.past_answers import PastAnswers
+from bt_dualarm.live.pictures import Pictures
+from bt_dualarm.live.served import Served
+from bt_dualarm.live.server import HOST
 from bt_dualarm.live.snapshot import Snapshot
-from bt_dualarm.replay.html_page import page_with_scene
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.spec.source import Data, Json
 
-_PAGE: Final = "live.html"
+_LOOK_S: Final = 0.2
+"""Seconds on the wall between two looks at whether somebody still looks."""
 
 
 class LiveView:
     """Shows a run from the begin of a ``with`` block to its end.
 
     The run is held until a page lets it go. What pages ask for is seen between two steps; they
-    get copies, and can do nothing to the run but hold it, and let it go on.
+    get copies, and can do nothing to the run but hold it, and let it go on. Its past, blackboards,
+    pictures and reasons are there where the run is recorded.
 
     Args:
         run: The run.
         stop: Request to end, which a held run heeds.
-        port: Number of the port on the loopback address; 0 takes any that is free.
+        port: Number of the port; 0 takes any that is free.
+        host: Address of the interface that is listened on.
         paused: Whether the run begins held.
 
     Raises:
         ViewError: The port is taken, or not allowed.
     """
 
-    def __init__(self, run: Run, stop: StopRequest, port: int = 0, *, paused: bool = True) -> None:
-        self._snapshot = Snapshot(run.name, run.world, run.views)
-        self.gate = Gate(lambda: bool(stop.asked), self._snapshot.take, paused=paused)
-        self._server = ViewServer(self, port)
-        self._thread = Thread(target=self._server.serve_forever, name="view", daemon=True)
-        self._run = run
+    def __init__(
+        self,
+        run: Run,
+        stop: StopRequest,
+        port: int = 0,
+        host: str = HOST,
+        *,
+        paused: bool = True,
+    ) -> None:
+        self._run, self._stop = run, stop
+        self._snapshot = Snapshot(run.world, run.assembly.arms, run.views)
+        self._happenings = Happenings(lambda: run.time)
+        self._pictures = Pictures()
+        self.gate = Gate(lambda: bool(stop.asked), self._about_to_hold, paused=paused)
+        self._past = None if run.kept is None else PastAnswers(run.kept.folder.path)
+        self._served = Served(self, port, host)
 
     @property
     def url(self) -> str:
         """Address of the page."""
-        return self._server.url
+        return self._served.url
 
     def __enter__(self) -> LiveView:
-        self._run.watch(self._snapshot)
-        self._run.watch(self.gate)
-        self._thread.start()
+        for observer in (self._happenings, self._snapshot, self.gate):
+            self._run.watch(observer)
+        if self._run.kept is not None:
+            notes = self._run.kept.notes
+            notes.readers += self._snapshot.notes.add, self._happenings.noted
+            notes.lookers.append(self._pictures.take)
+        self._happenings.listen()
+        self._served.begin()
         return self
 
     def __exit__(
@@ -59,21 +81,36 @@ class LiveView:
         trace: TracebackType | None,
     ) -> None:
         """Serve no more."""
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join(1.0)
+        self._served.end()
+        self._happenings.close()
 
-    def page(self) -> str:
-        """The page."""
-        return page_with_scene(_PAGE)
+    def linger(self) -> None:
+        """Once the run is over, wait for as long as somebody looks and it is not to end."""
+        self._snapshot.take()
+        while self._snapshot.is_watched and not self._stop.asked:
+            time.sleep(_LOOK_S)
 
-    def scene(self) -> Json:
-        """Shapes and meshes of the world."""
-        return self._snapshot.scene
+    def _about_to_hold(self) -> None:
+        """Copy, and have written, all that there is until now."""
+        self._snapshot.take()
+        if self._run.kept is not None:
+            self._run.kept.history.flush()
 
-    def now(self) -> Json:
-        """The run as it stands, and whether it is held."""
-        return {**self._snapshot.now, **self.gate.state}
+    @property
+    def questions(self) -> Mapping[str, Asked]:
+        """What may be asked, by name."""
+        past = {} if self._past is None else self._past.questions
+        return {
+            **past,
+            "": lambda _: Answer.page(),
+            "now": lambda _: Answer.of(self._now()),
+            "log": lambda query: Answer.of(
+                self._happenings.since(int(number_in(query, "after", 0.0)))
+            ),
+            "scene": self._scene,
+            "mesh": self._mesh,
+            "eye": self._eye,
+        }
 
     def do(self, asked: Json) -> Json:
         """Press a button.
@@ -90,6 +127,33 @@ class LiveView:
         except (TypeError, ValueError, AttributeError) as error:
             raise ViewError(f"that value makes no sense: {error}") from error
         return self.gate.state
+
+    def _now(self) -> Json:
+        """The run as it stands, and whether it is held."""
+        told = {"kind": "live", "name": self._run.name, "recorded": self._past is not None}
+        return {**told, "over": self._run.done, **self._snapshot.now, **self.gate.state}
+
+    def _scene(self, query: Query) -> Answer:
+        generation = int(number_in(query, "generation", -1.0)) if "generation" in query else -1
+        now = self._snapshot.now["generation"]
+        if generation in (-1, now) or self._past is None:
+            looks = self._snapshot.looks
+            said = {"generation": now, "shapes": [*looks.shapes], "meshes": [*looks.meshes]}
+            return Answer.of(said)
+        return Answer.of(self._past.scene(generation))
+
+    def _mesh(self, query: Query) -> Answer:
+        name = text_in(query, "name")
+        found = self._snapshot.looks.meshes.get(name)
+        if found is None and self._past is not None:
+            found = self._past.past.mesh(name)
+        return Answer.numbers(found)
+
+    def _eye(self, query: Query) -> Answer:
+        """The last picture of a camera, or, where a time is given, that of then."""
+        if "t" in query and self._past is not None:
+            return self._past.questions["eye"](query)
+        return Answer.jpeg(self._pictures.jpeg(text_in(query, "arm")))
 
     @property
     def _buttons(self) -> Mapping[str, Callable[[Data], None]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -70,12 +70,15 @@ class PageScene:
             scene.middle = np.mean(seen, axis=0).round(3).tolist()
         return scene
 
-    def _shapes(self, model: mujoco.MjModel) -> Iterator[Facts]:
+    def _shapes(
+        self, model: mujoco.MjModel, groups: Collection[int] = LOOP_GROUPS
+    ) -> Iterator[Facts]:
         for geom in range(model.ngeom):
-            if model.geom_group[geom] in LOOP_GROUPS:
+            if model.geom_group[geom] in groups:
                 for name, scale, lift in self._parts(model, geom):
                     yield {
                         "name": name,
+                        "geom": geom,
                         "body": int(model.geom_bodyid[geom]),
                         "position": _lifted(model, geom, lift),
                         "quaternion": model.geom_quat[geom].round(6).tolist(),
@@ -116,10 +119,12 @@ class PageScene:
         return name
 
 
-def shapes_of(model: mujoco.MjModel) -> tuple[list[Facts], dict[str, Facts]]:
-    """Shapes of a model, and the meshes among them by name, ready for JSON."""
+def shapes_of(
+    model: mujoco.MjModel, groups: Collection[int] = LOOP_GROUPS
+) -> tuple[list[Facts], dict[str, Facts]]:
+    """Shapes of a model in some groups, and the meshes among them by name, ready for JSON."""
     scene = PageScene()
-    return [*scene._shapes(model)], scene.meshes
+    return [*scene._shapes(model, groups)], scene.meshes
 
 
 def _lifted(model: mujoco.MjModel, geom: int, lift: float) -> list[float]:

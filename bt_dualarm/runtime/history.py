@@ -92,6 +92,11 @@ class History(IdleObserver):
             for arm in arms:
                 self._notes.of_guard(arm.name, arm.controller)
 
+    def flush(self) -> None:
+        """Write what has been gathered; to be called between two steps."""
+        if self._begun:
+            self._flush()
+
     def finish(self, sha256: str) -> None:
         """Write what is left, and the end.
 

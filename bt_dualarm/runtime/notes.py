@@ -26,12 +26,18 @@ class Notes:
 
     Args:
         clock: Function that gives simulated time in seconds; set once there is a world.
+
+    Attributes:
+        readers: Functions that are told each note as soon as it is made.
+        lookers: Functions that are handed each picture, with the arm's name.
     """
 
     def __init__(self, clock: Callable[[], float] = lambda: 0.0) -> None:
         self.clock = clock
         self._notes: list[dict[str, object]] = []
         self._guards: dict[str, tuple[object, object]] = {}
+        self.readers: list[Callable[[dict[str, object]], object]] = []
+        self.lookers: list[Callable[[str, Frame], object]] = []
 
     def take(self) -> list[dict[str, object]]:
         """What has been noted since the last time."""
@@ -58,12 +64,14 @@ class Notes:
         if crc is None:
             crc = zlib.crc32(frame.image[top:bottom, left:right].tobytes())
         part = {"region": (left, top, right, bottom), "stride": frame.stride}
-        self._notes.append({**said, **part, "crc": crc})
+        self._keep({**said, **part, "crc": crc})
+        for look in self.lookers:
+            look(arm, frame)
 
     def of_answer(self, arm: str, stamp: float, question: str, answer: Plain) -> None:
         """Somebody has looked for something in a picture; what was found, to the last bit."""
         said = {"kind": "found", "arm": arm, "time_s": self.clock(), "stamp": float(stamp)}
-        self._notes.append({**said, "asked": question, "answer": answer})
+        self._keep({**said, "asked": question, "answer": answer})
 
     def of_look(self, arm: str, look: Look) -> None:
         """Somebody has looked for a target in a frame."""
@@ -72,7 +80,7 @@ class Notes:
         point = look.point and tuple(round(float(x), 6) for x in look.point)
         area = round(float(look.area_px), 1)
         found = {"pixel": pixel, "area_px": area, "point": point, "locked": bool(look.locked)}
-        self._notes.append({**said, **found})
+        self._keep({**said, **found})
 
     def of_guard(self, arm: str, controller: GuardedArm) -> None:
         """See whether the guard has slowed or stopped the arm since it was last asked."""
@@ -87,4 +95,9 @@ class Notes:
 
     def _add(self, kind: str, arm: str, time: float, **fields: object) -> None:
         note = {"kind": kind, "arm": arm, "time_s": time, **fields}
-        self._notes.append({name: json_ready(value) for name, value in note.items()})
+        self._keep({name: json_ready(value) for name, value in note.items()})
+
+    def _keep(self, note: dict[str, object]) -> None:
+        self._notes.append(note)
+        for read in self.readers:
+            read(note)

@@ -32,6 +32,23 @@ from bt_dualarm.world.weak_callback import weakly
 
 
 @dataclass(frozen=True)
+class Kept:
+    """What of a run is on the disk while it goes on.
+
+    Attributes:
+        folder: Folder of the record.
+        notes: What is noted for it.
+        history: Writer of states and notes.
+        recorder: Writer of all else.
+    """
+
+    folder: RecordFolder
+    notes: Notes
+    history: History
+    recorder: Recorder
+
+
+@dataclass(frozen=True)
 class Prepared:
     """All that a run consists of.
 
@@ -44,7 +61,7 @@ class Prepared:
         states: Hash of the states that the world goes through.
         log: What is logged while the run is advanced.
         recorder: Writer of the record, None where there is to be none.
-        folder: Folder of the record, likewise.
+        kept: What of it is on the disk while it goes on, likewise.
         resources: What the run holds; closing it gives that back.
     """
 
@@ -56,7 +73,7 @@ class Prepared:
     states: StateLog
     log: LogCapture
     recorder: Recorder | None
-    folder: RecordFolder | None
+    kept: Kept | None
     resources: ExitStack
 
     def __post_init__(self) -> None:
@@ -83,10 +100,10 @@ class Prepared:
         Raises:
             RecordError: The disk is full, or the folder is gone.
         """
-        if self.recorder is not None and self.folder is not None:
+        if self.recorder is not None and self.kept is not None:
             urgent = StopRequest(count=2)
             self.recorder.write(self.completed(self.runner.so_far()), urgent)
-            self.folder.release()
+            self.kept.folder.release()
 
     def completed(self, result: RunResult) -> RunResult:
         """What the runner says at its end, with what others know of the run."""
@@ -129,9 +146,8 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             file = file.in_reality(options.reality)
         assembly = _assembled(file, registry, options, watch, notes)
         resources.enter_context(closing(assembly))
-        states = StateLog(assembly.world)
-        watch.observers.append(states)
-        recorder = folder = None
+        watch.observers.append(states := StateLog(assembly.world))
+        recorder = kept = None
         if options.record is not None:
             folder = resources.enter_context(RecordFolder(options.record, file.arms))
             start = _start(file, registry, options, assembly)
@@ -139,6 +155,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             _keep_pictures(folder.path, options, assembly, resources)
             recorder = Recorder(folder.path, assembly.world, states, log.take, history)
             watch.observers += recorder, history
+            kept = Kept(folder, notes, history, recorder)
         conditions = _conditions(file.world.time_limit, options, stop)
         resources.enter_context(closing(conditions.watchdog))
         return Prepared(
@@ -150,7 +167,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             states,
             log,
             recorder,
-            folder,
+            kept,
             resources.pop_all(),
         )
 

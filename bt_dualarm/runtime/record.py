@@ -76,7 +76,7 @@ class Recorder(IdleObserver):
         self._holdings = Holdings(world)
         self._samples = SampleFiles(folder / PARTS)
         self._events: list[str] = []
-        self._has_logged = False
+        self._has_logged = self._is_closed = False
         self._journals = {name: Journal(folder / name) for name in (EVENTS, LOG)}
 
     def on_event(self, change: StatusChange) -> None:
@@ -115,6 +115,8 @@ class Recorder(IdleObserver):
         Raises:
             RecordError: The disk is full, the folder is gone, or a file could not be made.
         """
+        if self._is_closed:
+            return ()
         self._note()
         written: list[Path] = []
         problems: list[str] = []
@@ -128,13 +130,18 @@ class Recorder(IdleObserver):
                 problems.append(f"{name} could not be made: {type(error).__name__}: {error}")
             else:
                 written.append(self._folder / name)
+        self.close()
+        if problems:
+            raise self._incomplete("; ".join(problems))
+        return tuple(written)
+
+    def close(self) -> None:
+        """Let go of all files, which stay as they are: nothing is written any more."""
+        self._is_closed = True
         for journal in self._journals.values():
             journal.close()
         if self._history is not None:
             self._history.close()
-        if problems:
-            raise self._incomplete("; ".join(problems))
-        return tuple(written)
 
     def _files(self, result: RunResult, stop: StopRequest) -> Iterator[tuple[str, WriteFile]]:
         """Names of the files, and what writes each; made when they are asked for."""

@@ -13,7 +13,7 @@ from bt_dualarm.runtime.handles import ArmHandle, TreeHandle
 from bt_dualarm.runtime.named import Named
 from bt_dualarm.runtime.options import RunOptions, checked_seconds
 from bt_dualarm.runtime.parts import ArmView, Observer
-from bt_dualarm.runtime.prepared import prepare
+from bt_dualarm.runtime.prepared import Kept, prepare
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.schedule import exact
 from bt_dualarm.runtime.signals import StopRequest
@@ -166,6 +166,11 @@ class Run:
     def watch(self, observer: Observer) -> None:
         """Let somebody look on from now on, after those who do already."""
         self._parts.watch.observers.append(observer)
+
+    @property
+    def kept(self) -> Kept | None:
+        """What of it is on the disk while it goes on, None without a record."""
+        return self._parts.kept
 
     @property
     def watchdog(self) -> Watchdog:

@@ -7,67 +7,24 @@ import json
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
-from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import quote
 
 import numpy as np
 import pytest
 
 import bt_dualarm
+from bt_dualarm.live.answers import whole_page
 from bt_dualarm.live.gate import Gate, GateError
 from bt_dualarm.live.view import LiveView
-from bt_dualarm.replay.html_page import page_with_scene
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.tree.report import StatusChange
+from tests.live.browsers import Browser
 from tests.replay.runs import write_short
-
-
-class Browser:
-    """Asks as the page does, or as it never would."""
-
-    def __init__(self, url: str) -> None:
-        self.place = urlsplit(url)
-
-    def ask(
-        self, what: str, body: object = None, *, token: bool = True, **headers: str
-    ) -> tuple[int, bytes]:
-        connection = http.client.HTTPConnection("127.0.0.1", self.place.port or 0, timeout=10)
-        path = f"{self.place.path}{what}" if token else f"/{what}"
-        content = None if body is None else body if isinstance(body, bytes) else json.dumps(body)
-        kind = {} if body is None else {"Content-Type": "application/json"}
-        given = {name.replace("_", "-"): value for name, value in headers.items()}
-        method = "GET" if body is None else "POST"
-        try:
-            connection.request(method, path, content, kind | given)
-            answer = connection.getresponse()
-            return answer.status, answer.read()
-        finally:
-            connection.close()
-
-    def now(self) -> dict[str, Any]:
-        status, content = self.ask("now")
-        assert status == 200
-        found: dict[str, Any] = json.loads(content)
-        return found
-
-    def press(self, deed: str, value: object = None) -> None:
-        status, content = self.ask("do", {"deed": deed, "value": value})
-        assert status == 200, content
-
-    def held(self) -> dict[str, Any]:
-        """The run as it stands once it is held."""
-        for _ in range(500):
-            found = self.now()
-            if found["paused"]:
-                return found
-            time.sleep(0.01)  # the run goes on in another thread
-        raise AssertionError("it is not held")
 
 
 @contextmanager
@@ -134,11 +91,22 @@ def test_a_breakpoint_holds_it_where_the_node_changes(tree: Path) -> None:
 
 
 def test_the_scene_has_what_the_poses_are_of(tree: Path) -> None:
+    """Real meshes of the robot, each to be had by its name; shapes on bodies that there are."""
     with watched(tree) as (run, browser, _):
         scene = json.loads(browser.ask("scene")[1])
-        assert scene["name"] == "short"
-        assert max(shape["body"] for shape in scene["shapes"]) < run.world.model.nbody
-        assert len(browser.now()["poses"]) == -(-7 * 4 * run.world.model.nbody // 3) * 4
+        assert browser.now()["name"] == "short"
+        bodies = run.world.model.nbody
+        assert max(shape["body"] for shape in scene["shapes"]) < bodies
+        assert len(browser.now()["poses"]) == -(-7 * 4 * bodies // 3) * 4
+        meshes = {name: browser.ask(f"mesh?name={quote(name)}") for name in scene["meshes"]}
+        assert {status for status, _ in meshes.values()} == {200}
+        triangles = 0
+        for _, content in meshes.values():
+            vertices, normals, faces = np.frombuffer(content[:12], np.uint32).tolist()
+            assert len(content) == 12 + 12 * (vertices + normals) + 24 * faces
+            triangles += faces
+        assert triangles > 50_000, "a UR5 as its maker draws it, not its hulls"
+        assert browser.ask("mesh?name=nothing")[0] == 400
 
 
 def test_nobody_else_is_served(tree: Path) -> None:
@@ -259,7 +227,7 @@ def test_the_command_shows_the_address_and_waits(tree: Path) -> None:
         said = process.stderr.readline()
         assert said.startswith("held until you let it go: http://127.0.0.1:")
         browser = Browser(said.split()[-1])
-        assert browser.ask("")[1].decode() == page_with_scene("live.html")
+        assert browser.ask("")[1].decode() == whole_page()
         browser.press("speed", None)
         browser.press("go")
         assert process.wait(60) == 0
@@ -274,9 +242,10 @@ def test_without_it_nothing_of_it_is_imported(tree: Path) -> None:
 
 
 def test_the_page_asks_nobody_else_and_its_script_can_be_read(tmp_path: Path) -> None:
-    page = page_with_scene("live.html")
-    assert "https:" not in page
-    assert "http:" not in page
+    page = whole_page()
+    named = page.replace("http://www.w3.org/2000/svg", "")  # a name, which nobody looks up
+    assert "https:" not in named
+    assert "http:" not in named
     assert "connect-src 'self'" in page
     node = shutil.which("node")
     if node is None:

@@ -113,6 +113,8 @@ def test_a_difference_is_code_1(
 def test_without_a_record_it_is_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.replay([str(tmp_path), "--check"]) == 2
     assert "holds no record" in capsys.readouterr().err
+    assert cli.replay([str(tmp_path)]) == 2
+    assert "holds no record" in capsys.readouterr().err
     with pytest.raises(SystemExit) as ended:
-        cli.replay([str(tmp_path)])
+        cli.replay([str(tmp_path), "--json"])
     assert ended.value.code == 2

@@ -1,0 +1,283 @@
+// The page itself: what is asked of the server, what is shown, what hands do.
+const page = {
+  kind: null, live: null, shown: null, past: null, until: 0, playing: false, scene: null, scenes: new Map(),
+  meshes: {}, draw: null, chosen: null, breakpoints: [], tracks: new Map(), lines: 0, began: 0,
+};
+async function answer(what, options) {
+  const got = await fetch(what, options);
+  if (!got.ok) throw new Error(await got.text());
+  return got;
+}
+const ask = async what => (await answer(what)).json();
+function press(deed, value) {
+  const body = JSON.stringify({ deed, value });
+  answer("do", { method: "POST", body, headers: { "Content-Type": "application/json" } })
+    .catch(error => { get("facts").textContent = error.message; });
+}
+
+// ---- the scene ------------------------------------------------------------------------------
+function unpacked(buffer) {
+  const [count, normals, faces] = new Uint32Array(buffer, 0, 3), triangles = new Float32Array(18 * faces);
+  const p = new Float32Array(buffer, 12, 3 * count), n = new Float32Array(buffer, 12 + 12 * count, 3 * normals);
+  const corner = new Uint32Array(buffer, 12 + 12 * (count + normals), 3 * faces);
+  const facing = new Uint32Array(buffer, 12 + 12 * (count + normals + faces), 3 * faces);
+  for (let i = 0, k = 0; i < 3 * faces; i++) {
+    for (let d = 0; d < 3; d++) triangles[k++] = p[3 * corner[i] + d];
+    for (let d = 0; d < 3; d++) triangles[k++] = n[3 * facing[i] + d];
+  }
+  return triangles;
+}
+async function sceneOf(generation) {
+  if (!page.scenes.has(generation)) {
+    page.scenes.set(generation, null);
+    const scene = await ask("scene?generation=" + generation);
+    await Promise.all(scene.meshes.filter(name => !page.meshes[name]).map(async name => {
+      page.meshes[name] = unpacked(await (await answer("mesh?name=" + encodeURIComponent(name))).arrayBuffer());
+    }));
+    page.scenes.set(generation, scene);
+    show();
+  }
+  return page.scenes.get(generation);
+}
+function waysShown(now) {
+  const found = [];
+  page.shown.arms.forEach((arm, index) => {
+    const color = colorOf(index);
+    if (get("ways").checked) {
+      const track = (page.tracks.get(arm.arm) || []).filter(row => row[0] <= now + 1e-6);
+      found.push([[...color, 0.9], new Float32Array(track.flatMap(row => [row[1], row[2], row[3]])), 2.2]);
+    }
+    if (get("plans").checked && arm.ahead) found.push([[...color, 0.45], floats(arm.ahead), 4]);
+  });
+  if (get("frusta").checked) {
+    page.shown.cameras.forEach(camera => found.push([[0.1, 0.14, 0.2, 0.7], frustum(camera), 1.3, true]));
+  }
+  if (get("forces").checked) {
+    found.push([[0.85, 0.1, 0.15, 1], arrows(page.shown.contacts), 3, true]);
+    found.push([[0.1, 0.1, 0.1, 1], crosses(page.shown.contacts), 1.6, true]);
+  }
+  return found;
+}
+function drawScene() {
+  const scene = page.scenes.get(page.shown.generation);
+  if (!scene) { sceneOf(page.shown.generation).catch(lost); return; }
+  if (page.draw === null) {
+    const tools = page.shown.arms.filter(arm => arm.tool).map(arm => arm.tool);
+    const middle = [0, 1, 2].map(i => tools.reduce((sum, tool) => sum + tool[i], 0) / Math.max(1, tools.length));
+    page.draw = sceneOn(get("canvas"), page.meshes, tools.length ? [middle[0], middle[1], 0.5 * middle[2] + 0.2] : [0.5, 0, 0.5], show) || false;
+    get("none").hidden = Boolean(page.draw);
+  }
+  if (page.draw) page.draw(scene.shapes, floats(page.shown.poses), waysShown(page.shown.time));
+}
+
+// ---- showing --------------------------------------------------------------------------------
+function show() {
+  if (!page.shown) return;
+  const now = page.shown.time, isPast = page.past !== null, live = page.live;
+  const hands = { live: page.kind === "live", time: now, chosen: page.chosen, breakpoints: page.breakpoints, choose, toggle };
+  showTrees(page.shown.arms, hands);
+  drawScene();
+  const names = page.shown.arms.map(arm => arm.arm);
+  showSignals(page.tracks, names, Math.max(0, page.began), Math.max(page.until, 0.1), now);
+  showBoards(page.shown.arms);
+  dimLog(now, isPast);
+  const then = page.kind === "record" || isPast;
+  showEyes(page.shown.cameras, (arm, stamp) => "eye?arm=" + encodeURIComponent(arm) + (then ? "&t=" + stamp : "&of=" + stamp), get("frusta").checked);
+  showTouches(page.shown.contacts, get("forces").checked);
+  get("time").max = page.until;
+  get("time").value = now;
+  get("now").textContent = now.toFixed(3) + " s" + (page.kind === "record" || isPast ? " of " + page.until.toFixed(2) : "");
+  get("live").hidden = page.kind === "record" || !isPast;
+  const running = page.kind === "record" ? page.playing : !live.paused;
+  get("go").textContent = page.kind === "record" ? (running ? "Pause" : "Play") : running ? "Pause" : "Go";
+  const chip = page.kind === "record" ? ["RECORD", "past"] : isPast ? ["LOOKING BACK", "past"]
+    : live.held ? ["HELD", "held"] : ["RUNNING", "running"];
+  get("chip").textContent = chip[0];
+  get("chip").className = "chip " + chip[1];
+  if (page.kind === "live") get("facts").textContent = live.paused ? live.why : "";
+}
+function lost(error) {
+  get("chip").textContent = "OVER";
+  get("chip").className = "chip lost";
+  get("facts").textContent = "the run is over, or cannot be reached: " + error.message;
+}
+
+// ---- asking ---------------------------------------------------------------------------------
+function keep(moment) {
+  for (const { arm, tool, error_deg: error, torque } of moment.arms) {
+    if (!tool) continue;
+    const track = page.tracks.get(arm) || page.tracks.set(arm, []).get(arm);
+    if (track.length && track.at(-1)[0] >= moment.time) continue;
+    track.push([moment.time, ...tool, error, torque]);
+    if (track.length > 6000) page.tracks.set(arm, track.filter((_, i) => i % 2));
+  }
+}
+async function readTracks() {
+  const series = await ask("series");
+  for (const [arm, text] of Object.entries(series)) {
+    const numbers = floats(text), track = [];
+    for (let i = 0; i + 5 < numbers.length; i += 6) track.push([...numbers.subarray(i, i + 6)]);
+    const newer = (page.tracks.get(arm) || []).filter(row => !track.length || row[0] > track.at(-1)[0]);
+    page.tracks.set(arm, [...track, ...newer]);
+  }
+}
+let asking = false, wanted = null;
+// Shows the run at a time; of several times that are asked for meanwhile the last one.
+async function goTo(time) {
+  if (page.kind === "live" && !page.live.recorded) {
+    get("facts").textContent = "there is no record of this run to go back in";
+    return;
+  }
+  wanted = Math.max(0, Math.min(page.until, time));
+  if (asking) return;
+  asking = true;
+  try {
+    while (wanted !== null) {
+      const asked = wanted;
+      wanted = null;
+      const moment = await ask("at?t=" + asked);
+      page.past = asked;
+      page.shown = moment;
+      show();
+    }
+  } catch (error) {
+    get("facts").textContent = error.message;
+  } finally { asking = false; }
+}
+window.goTo = goTo;
+async function look() {
+  try {
+    const now = await ask("now"), first = page.kind === null;
+    page.kind = now.kind;
+    if (first) begin(now);
+    if (now.kind === "record") { page.until = now.until; return; }
+    page.live = now;
+    page.breakpoints = now.breakpoints.slice();
+    page.until = Math.max(page.until, now.time);
+    keep(now);
+    if (now.over && now.recorded) ended(now);
+    if (page.past === null) page.shown = now;
+    show();
+    if (page.kind === "live") setTimeout(look, 80);
+  } catch (error) {
+    lost(error);
+    if (page.kind !== null) setTimeout(look, 1000);
+  }
+}
+async function follow() {
+  try {
+    const said = await ask("log?after=" + page.lines);
+    page.lines = said.next;
+    addLines(said.lines);
+    dimLog.at = null;
+    if (said.lines.length) show();
+  } catch { /* `look` says so */ }
+  if (page.kind !== "record") setTimeout(follow, 400);
+}
+// The run is over: its record is left to be looked at, as long as the page asks now and then.
+function ended(now) {
+  page.kind = "record";
+  page.past = page.past === null ? now.time : page.past;
+  buttons(true);
+  page.shown = page.shown || now;
+  get("facts").textContent = "the run is over; this is its record";
+  setInterval(() => ask("now").catch(lost), 1000);
+}
+function buttons(record) {
+  for (const name of ["tick", "step"]) get(name).hidden = record;
+  for (const name of ["back", "forth"]) get(name).hidden = !record;
+  document.querySelector("[data-panel=stops]").hidden = record;
+  if (record && get("speed").lastElementChild.value === "") get("speed").lastElementChild.remove();
+}
+function begin(now) {
+  get("name").textContent = document.title = now.name;
+  get("facts").textContent = now.facts || "";
+  const record = now.kind === "record";
+  buttons(record);
+  if (now.recorded) readTracks().then(show, () => {});
+  else get("time").disabled = get("ask").disabled = true;
+  follow();
+  const given = new URLSearchParams(location.hash.slice(1));
+  if (given.has("tab")) open(given.get("tab"));
+  if (given.has("forces")) get("forces").checked = true;
+  page.until = now.until || now.time;
+  if (record || given.has("t")) goTo(Number(given.get("t") || 0));
+  if (given.has("why")) setTimeout(() => choose(given.get("why")), 300);
+}
+
+// ---- hands ----------------------------------------------------------------------------------
+async function why(of, title, time) {
+  try {
+    const at = time === undefined ? "" : "&t=" + time;
+    const told = await ask("why" + (of === null ? "" : "?of=" + encodeURIComponent(of) + at));
+    showWhy(title, told.stories, () => { page.chosen = null; show(); });
+  } catch (error) {
+    const story = page.kind === "live" && !page.live.recorded ? "Reasons need a record: bt-run --record DIR." : error.message;
+    showWhy(title, [], () => { page.chosen = null; show(); });
+    get("why").lastChild.textContent = story;
+  }
+}
+function choose(key) {
+  page.chosen = key;
+  show();
+  why(key, key, page.shown ? page.shown.time : undefined);
+}
+function toggle(path) {
+  const set = page.breakpoints.includes(path);
+  page.breakpoints = set ? page.breakpoints.filter(name => name !== path) : [...page.breakpoints, path];
+  get("breaks").value = page.breakpoints.join("\n");
+  press("break", get("breaks").value);
+  show();
+}
+let before = 0;
+function play(stamp) {
+  if (!page.playing) return;
+  const time = page.past + (stamp - before) / 1000 * Number(get("speed").value);
+  before = stamp;
+  if (time >= page.until) page.playing = false;
+  goTo(time).then(() => requestAnimationFrame(play));
+}
+function go() {
+  if (page.kind === "live") {
+    press(page.live.paused ? "go" : "pause");
+    return;
+  }
+  page.playing = !page.playing;
+  if (page.playing && page.past >= page.until) page.past = 0;
+  before = performance.now();
+  show();
+  requestAnimationFrame(play);
+}
+function open(panel) {
+  for (const tab of document.querySelectorAll("#tabs button")) {
+    tab.setAttribute("aria-selected", tab.dataset.panel === panel);
+    get(tab.dataset.panel).hidden = tab.dataset.panel !== panel;
+  }
+  show();
+}
+get("go").onclick = go;
+get("tick").onclick = () => press("tick");
+get("step").onclick = () => press("step");
+get("back").onclick = () => goTo(page.past - 0.02);
+get("forth").onclick = () => goTo(page.past + 0.021);
+get("live").onclick = () => { page.past = null; page.shown = page.live; show(); };
+get("ask").onclick = () => {
+  const at = page.past === null ? null : page.shown.time.toFixed(3);
+  page.chosen = null;
+  why(at, at === null ? "Why?" : "What was going on at " + at + " s?");
+};
+get("speed").onchange = () => {
+  if (page.kind === "live") press("speed", get("speed").value === "" ? null : Number(get("speed").value));
+};
+get("breaks").onchange = () => press("break", get("breaks").value);
+get("time").oninput = () => { page.playing = false; goTo(Number(get("time").value)); };
+for (const tab of document.querySelectorAll("#tabs button")) tab.onclick = () => open(tab.dataset.panel);
+for (const layer of document.querySelectorAll("#layers input")) layer.onchange = show;
+window.onkeydown = event => {
+  if (event.target.matches("textarea, input, select, button")) return;
+  const keys = { " ": go, ".": () => page.kind === "live" && press("step"),
+    ArrowLeft: () => goTo(page.shown.time - 0.1), ArrowRight: () => goTo(page.shown.time + 0.1) };
+  if (keys[event.key]) { event.preventDefault(); keys[event.key](); }
+};
+window.onresize = show;
+look();

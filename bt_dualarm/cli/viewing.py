@@ -1,0 +1,52 @@
+"""``bt-run --view``: the page, and the record that it looks back in."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bt_dualarm.runtime.run import Run
+    from bt_dualarm.runtime.signals import StopRequest
+
+
+@contextmanager
+def record_folder(arguments: argparse.Namespace) -> Iterator[Path | None]:
+    """Where the run is recorded; for a page alone a folder that is gone after the block."""
+    if arguments.dry_run:
+        yield None
+    elif arguments.record is not None or not arguments.view:
+        yield arguments.record
+    else:
+        from tempfile import TemporaryDirectory
+
+        with TemporaryDirectory(prefix="bt_dualarm_view_", ignore_cleanup_errors=True) as folder:
+            yield Path(folder)
+
+
+@contextmanager
+def viewed(arguments: argparse.Namespace, opened: Run, stop: StopRequest) -> Iterator[None]:
+    """Serve the page in the block, and then for as long as somebody looks.
+
+    Nothing of it is imported unless it is asked for.
+    """
+    if not arguments.view:
+        yield
+        return
+    from bt_dualarm.live.view import LiveView
+
+    with LiveView(opened, stop, arguments.view_port, arguments.view_host) as view:
+        print(f"held until you let it go: {view.url}", file=sys.stderr, flush=True)
+        view.gate.hold()
+        yield
+        view.linger()
+
+
+def drop_record(arguments: argparse.Namespace, opened: Run) -> None:
+    """A record that was for the page alone is not written to its end."""
+    if arguments.record is None and opened.kept is not None:
+        opened.kept.recorder.close()
