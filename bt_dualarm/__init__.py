@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from bt_dualarm.errors import DualArmError as DualArmError
     from bt_dualarm.errors import Failure as Failure
     from bt_dualarm.errors import WorldError as WorldError
+    from bt_dualarm.motion.grasping.ranking import RankedGrasp as RankedGrasp
     from bt_dualarm.motion.paths.blending import blended as _blended
     from bt_dualarm.motion.paths.cartesian_path import line as _line
     from bt_dualarm.motion.paths.curves import circle as _circle
@@ -68,6 +69,9 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.arrival import check_arrival as check_arrival
     from bt_dualarm.skill.directions import unit_vector as unit_vector
     from bt_dualarm.skill.following_error import FollowingError as FollowingError
+    from bt_dualarm.skill.grasp_search import WantedGrasp as WantedGrasp
+    from bt_dualarm.skill.grasp_search import grasps_on as grasps_on
+    from bt_dualarm.skill.grip import Grip as Grip
     from bt_dualarm.skill.looking_around import SIDES as SIDES
     from bt_dualarm.skill.looking_around import camera_now as camera_now
     from bt_dualarm.skill.looking_around import gazes as gazes
@@ -82,6 +86,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.skill import SkillContext as SkillContext
     from bt_dualarm.skill.still_pictures import own_camera as own_camera
     from bt_dualarm.skill.still_pictures import still_picture as still_picture
+    from bt_dualarm.skill.touch_sense import TouchSense as TouchSense
     from bt_dualarm.skill.tracking_reference import TrackingGains as TrackingGains
     from bt_dualarm.skill.visual_servoing import PlaneTracking as PlaneTracking
     from bt_dualarm.spec.color import Color as Color
@@ -177,6 +182,11 @@ _CONTENTS: Final = {
     "PlaneTracking": "skill.visual_servoing:PlaneTracking",
     "TrackingGains": "skill.tracking_reference:TrackingGains",
     "TrackingScore": "skill.scoring:TrackingScore",
+    "WantedGrasp": "skill.grasp_search:WantedGrasp",
+    "grasps_on": "skill.grasp_search:grasps_on",
+    "RankedGrasp": "motion.grasping.ranking:RankedGrasp",
+    "Grip": "skill.grip:Grip",
+    "TouchSense": "skill.touch_sense:TouchSense",
     "MarkView": "vision.hand_eye:MarkView",
     "MarkViews": "skill.mark_views:MarkViews",
     "hand_eye": "vision.hand_eye:hand_eye",

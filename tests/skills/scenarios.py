@@ -11,6 +11,7 @@ ABOVE = {"xyz": [0, 0, 0.40]}
 CUBE = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1, "color": "yellow"}
 WALL = {"shape": "box", "mass": 50, "fixed": True, "spawned": False}
 ON_TABLE = {"cube": CUBE | {"pose": {"xyz": [0.40, -0.45, 0.425]}}}
+GRASP: Tree = {"grasp": {"object": "cube"}}
 PICK: Tree = {"approach_and_attach": {"object": "cube"}}
 PRESENTING = {"robot": "ur5", "base": ABOVE, "posture": "present"}
 LOOKING = {
@@ -34,6 +35,8 @@ SCENARIOS = {
     "approach_and_attach": Scenario(ON_TABLE, scene="table"),
     "close_gripper": Scenario(BETWEEN_PADS, arm=GRIPPING),
     "open_gripper": Scenario(arm=GRIPPING),
+    "grasp": Scenario(ON_TABLE, arm=GRIPPING, scene="table"),
+    "place": Scenario(ON_TABLE, arm=GRIPPING, before=(GRASP,), scene="table", again="FAILURE"),
     "transport": Scenario(ON_TABLE, before=(PICK,), scene="table"),
     "detach": Scenario(ON_TABLE, before=(PICK,), scene="table"),
     "circle": Scenario(arm=PRESENTING),

@@ -6,11 +6,14 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from bt_dualarm.world.grippers.gripper import FINGERS
 from bt_dualarm.world.world import World
 from tests.plays import Deed
 from tests.skills.scenarios import (
     ABOVE,
     CUBE,
+    GRASP,
+    GRIPPING,
     LOOKING,
     ON_TABLE,
     PICK,
@@ -90,6 +93,21 @@ def shifts(name: str, metres: float) -> Deed:
     return shift
 
 
+def shrinks(name: str) -> Deed:
+    """Make an object smaller by a seventh."""
+
+    def shrink(world: World) -> None:
+        world.model.geom_size[world.object_geom(name)] *= 6 / 7
+
+    return shrink
+
+
+def jams(world: World) -> None:
+    """Let the fingers of an arm move no more."""
+    for finger in FINGERS:
+        world.model.dof_damping[world.model.joint(f"arm1/{finger}").dofadr] = 1e6
+
+
 def while_moving(node: Tree) -> Tree:
     """Begin a node while another leaf moves the arm."""
     slow = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}, "speed": 0.05}}
@@ -105,6 +123,14 @@ def knocks(body: str, at: float) -> tuple[tuple[float, Deed], ...]:
     """Push so hard for 0.15 s that no arm can hold against it."""
     return (at, pushes(body, 400.0)), (at + 0.15, pushes(body, 0.0))
 
+
+def cube_that(**fields: Any) -> Tree:
+    """The cube on the table, otherwise than it is."""
+    return {"cube": ON_TABLE["cube"] | fields}
+
+
+PLACE: Tree = {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.425]}}}
+SUCKING = GRIPPING | {"gripper": "suction_cup"}
 
 FAR = {"xyz": [1.15, 0.0, 0.5]}
 """Within the ball around the arm, and farther than it can reach."""
@@ -264,6 +290,33 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"rotate_tool": {"axis": "y", "angle": 40, "point": [0, 0, -0.5]}}, {"objects": BESIDE}
     ),
     **moving("rotate_tool", {"rotate_tool": {"angle": 90}}, 0.4),
+    # Handling objects with a gripper
+    ("grasp", "INVALID_TARGET"): Trial(GRASP, {"objects": cube_that(fixed=True)}),
+    ("grasp", "NOT_THERE"): Trial(GRASP, {"before": REMOVED}),
+    ("grasp", "TOO_WIDE"): Trial(
+        GRASP,
+        {"objects": cube_that(size=[0.12] * 3, pose={"xyz": [0.40, -0.45, 0.46]})},
+    ),
+    ("grasp", "TOO_HEAVY"): Trial(GRASP, {"objects": cube_that(mass=8.0)}),
+    ("grasp", "NO_FACE"): Trial(
+        GRASP,
+        {"objects": cube_that(shape="sphere", size=[0.02]), "arm": SUCKING},
+    ),
+    ("grasp", "OUT_OF_REACH"): Trial(GRASP, {"objects": CUBE_AWAY}),
+    ("grasp", "NOT_GRASPED"): Trial(GRASP, deeds=((1.6, steals("cube")),), moves=True),
+    ("grasp", "SLIPPED"): Trial(GRASP, deeds=((3.3, shrinks("cube")),), moves=True),
+    ("grasp", "DROPPED"): Trial(GRASP, deeds=((3.3, steals("cube")),), moves=True),
+    ("place", "NOT_HELD"): Trial(PLACE, {"before": ()}),
+    ("place", "NOT_REACHED"): Trial(
+        {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.4205]}, "tolerance": 0.001}},
+        moves=True,
+    ),
+    ("place", "NO_CONTACT"): Trial(
+        {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.5]}}}, moves=True
+    ),
+    ("place", "NOT_OPEN"): Trial(PLACE, deeds=((5.0, jams),), moves=True),
+    ("place", "SLIPPED"): Trial(PLACE, deeds=((4.9, shrinks("cube")),), moves=True),
+    ("place", "DROPPED"): Trial(PLACE, deeds=((4.9, steals("cube")),), moves=True),
     # Handling objects
     ("approach_and_attach", "INVALID_TARGET"): Trial(
         {"approach_and_attach": {"object": "cube", "direction": [0, 0, 0]}}

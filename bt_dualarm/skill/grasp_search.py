@@ -1,0 +1,167 @@
+"""Grasps of one arm on an object where that lies: those with room around, the best first."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.grasping.grasp import Grasp
+from bt_dualarm.motion.grasping.gripper_measures import JawMeasures, Load
+from bt_dualarm.motion.grasping.jaw_grasps import CLEAR, jaw_grasps, least_width
+from bt_dualarm.motion.grasping.ranking import Obstacle, RankedGrasp, ranked
+from bt_dualarm.motion.grasping.solids import Box, Capsule, Cylinder, Solid, solid_of
+from bt_dualarm.motion.grasping.suction import cup_grasps
+from bt_dualarm.pose import Pose
+from bt_dualarm.skill.measured_gripper import cup_measures, jaw_measures
+
+GRAVITY = 9.81
+"""Acceleration of gravity in m/s²."""
+
+_WIDE = 50.0  # m: half of a plane
+_NEAR = 0.5  # m: what is farther from the object is in no finger's way
+
+
+@dataclass(frozen=True, eq=False)
+class WantedGrasp:
+    """What is to be taken, and what the grip has to bear.
+
+    Attributes:
+        name: Name of the object, whose shape and friction the file declares.
+        lies: Pose of it in the world, as it is believed.
+        mass: Mass in kg to reckon with.
+        shake: Largest acceleration of the tool in m/s² to reckon with.
+        margin: Factor of the force that the grip is to have in hand.
+    """
+
+    name: str
+    lies: Pose
+    mass: float
+    shake: float
+    margin: float
+
+
+def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
+    """Grasps of an arm's gripper on an object, the best first.
+
+    Raises:
+        Failure: ``TOO_WIDE``, ``TOO_HEAVY``, or ``OUT_OF_REACH`` where something is in the way of
+            all of them; each with its numbers.
+    """
+    page, thing = arm.gripper.page, arm.world.objects[wanted.name]
+    solid = solid_of(thing.shape, thing.size)
+    gravity = wanted.lies.rotation_matrix.T @ np.array([0.0, 0.0, -GRAVITY])
+    load = Load(wanted.margin * wanted.mass, gravity, wanted.shake, np.zeros(3))
+    _refuse_weight(arm, wanted)
+    jaw: JawMeasures | None = None
+    if page.fingers:
+        jaw = jaw_measures(page, thing.friction)
+        _refuse_width(solid, jaw, wanted.name)
+        found = jaw_grasps(solid, jaw, load, jaw.friction)
+    else:
+        found = cup_grasps(solid, cup_measures(page, thing.friction), load)
+    if not found:
+        raise _too_much(solid, jaw, arm, wanted)
+    here = arm.tool_pose
+    order = ranked(
+        found, wanted.lies, jaw, obstacles_around(arm, wanted), lambda tool: _turning(tool, here)
+    )
+    if not order:
+        raise Failure(
+            "OUT_OF_REACH",
+            f"something stands where the fingers would be around {wanted.name!r}",
+            grasps=len(found),
+        )
+    return order
+
+
+def obstacles_around(arm: Arm, wanted: WantedGrasp) -> list[Obstacle]:
+    """What stands around the object, but for it and the arms: simple shapes of the world."""
+    world, model = arm.world, arm.world.model
+    own = {world.object_geom(wanted.name)}
+    arms = set[int]().union(*(body.geom_ids for body in world.arms.values()))
+    found = []
+    for geom in range(model.ngeom):
+        solid = _solid_of_geom(int(model.geom_type[geom]), model.geom_size[geom])
+        counts = model.geom_contype[geom] or model.geom_conaffinity[geom]
+        if solid is None or not counts or geom in own or geom in arms:
+            continue
+        matrix = np.eye(4)
+        matrix[:3, :3] = world.sensed.geom_xmat[geom].reshape(3, 3)
+        matrix[:3, 3] = world.sensed.geom_xpos[geom]
+        pose = Pose.from_matrix(matrix)
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+            pose = pose @ Pose.from_rpy((0.0, 0.0, -_WIDE))
+        if solid.distance(pose.inverse.apply(wanted.lies.position[None]))[0] < _NEAR:
+            found.append(Obstacle(solid, pose))
+    return found
+
+
+def _solid_of_geom(kind: int, size: np.ndarray) -> Solid | None:
+    kinds = mujoco.mjtGeom
+    if kind == kinds.mjGEOM_PLANE:
+        return Box(np.full(3, _WIDE))
+    if kind == kinds.mjGEOM_BOX:
+        return Box(size.copy())
+    if kind == kinds.mjGEOM_CYLINDER:
+        return Cylinder(float(size[0]), float(size[1]))
+    if kind == kinds.mjGEOM_CAPSULE:
+        return Capsule(float(size[0]), float(size[1]))
+    return Capsule(float(size[0])) if kind == kinds.mjGEOM_SPHERE else None
+
+
+def _turning(tool: Pose, here: Pose) -> float:
+    """How far the tool is turned, as a share of half a turn; more where it comes from below."""
+    upward = max(0.0, float(tool.rotation_matrix[2, 2]))
+    return tool.angle(here) / math.pi + upward
+
+
+def _refuse_weight(arm: Arm, wanted: WantedGrasp) -> None:
+    most = arm.gripper.page.payload
+    if wanted.mass > most:
+        raise Failure(
+            "TOO_HEAVY",
+            f"{wanted.name!r} weighs {wanted.mass:.3g} kg; {arm.gripper.page.name} may hold "
+            f"{most:g} kg",
+            mass_kg=wanted.mass,
+            payload_kg=most,
+        )
+
+
+def _refuse_width(solid: Solid, jaw: JawMeasures, name: str) -> None:
+    least = least_width(solid)
+    if least > jaw.widest_opening - 2.0 * CLEAR:
+        raise Failure(
+            "TOO_WIDE",
+            f"{name!r} is {1e3 * least:.0f} mm wide; the fingers open to "
+            f"{1e3 * jaw.widest_opening:.0f} mm",
+            width_m=least,
+            opening_m=jaw.widest_opening,
+        )
+
+
+def _too_much(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGrasp) -> Failure:
+    """Why there is no grasp: what it weighs, or its shape."""
+    light = Load(1e-6, np.array([0.0, 0.0, -GRAVITY]), 0.0, np.zeros(3))
+    page, friction = arm.gripper.page, arm.world.objects[wanted.name].friction
+    any_at_all: tuple[Grasp, ...]
+    if jaw is None:
+        any_at_all = cup_grasps(solid, cup_measures(page, friction), light)
+    else:
+        any_at_all = jaw_grasps(solid, jaw, light, jaw.friction)
+    if any_at_all:
+        return Failure(
+            "TOO_HEAVY",
+            f"no grasp of {page.name} bears {wanted.mass:.3g} kg of {wanted.name!r} with "
+            f"{page.force.most:g} N and friction {friction:g}",
+            mass_kg=wanted.mass,
+            force_n=page.force.most,
+            friction=friction,
+        )
+    if jaw is None:
+        return Failure("NO_FACE", f"{wanted.name!r} has no face on which the cup seals")
+    return Failure("NO_FACE", f"{wanted.name!r} has no two sides that the fingers come around")

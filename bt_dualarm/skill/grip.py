@@ -1,0 +1,86 @@
+"""What an arm senses of what its gripper holds: is it there, does it slip?"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Final
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.errors import Failure
+
+SHRUNK_M: Final = 0.003
+"""Change of the opening in metres that means that something else is between the pads."""
+
+_STEPS: Final = 3.0  # of the encoder, that may be its noise
+_LOST_S: Final = 0.04  # that a hold has to be gone for
+_JUDGED_S: Final = 1.0  # that fingers may take to shut
+
+
+class Grip:
+    """A gripper that holds something, watched from now on.
+
+    Args:
+        arm: Arm whose gripper it is.
+        thing: Name of what it holds.
+
+    Attributes:
+        width: Opening in m when the watch began.
+    """
+
+    def __init__(self, arm: Arm, thing: str) -> None:
+        self._arm, self._thing = arm, thing
+        self.width = arm.gripper.width
+        self._widths: deque[tuple[float, float]] = deque()
+
+    def look(self) -> None:
+        """Check what is sensed of the hold; to be called once a tick.
+
+        Raises:
+            Failure: ``SLIPPED`` where the fingers have moved on what they hold, ``DROPPED`` where
+                nothing is between them any more, or the cup does not seal.
+        """
+        gripper = self._arm.gripper
+        if gripper.page.fingers:
+            moved = abs(self._settled_width() - self.width)
+            if gripper.width <= gripper.closed_width:
+                raise self._failure("DROPPED", "is no longer between the fingers")
+            if moved > max(SHRUNK_M, _STEPS * gripper.page.resolution):
+                raise self._failure("SLIPPED", f"slips: the fingers moved {1e3 * moved:.1f} mm")
+        elif gripper.vacuum < 0.5 * gripper.commanded.force / gripper.page.force.most:
+            raise self._failure("DROPPED", "came off the cup")
+
+    def judge(self, slip: Failure) -> Iterator[None]:
+        """Stop, and see what is left between the fingers when they stand.
+
+        Args:
+            slip: What `look` has raised.
+
+        Raises:
+            Failure: ``DROPPED`` where nothing is left, else what was given.
+        """
+        yield from self._arm.halt()
+        gripper, began = self._arm.gripper, self._arm.time
+        while self._arm.time - began < _JUDGED_S and gripper.width > gripper.closed_width:
+            yield None
+        if gripper.page.fingers and gripper.width <= gripper.closed_width:
+            raise self._failure("DROPPED", "is no longer between the fingers") from None
+        raise slip
+
+    def _settled_width(self) -> float:
+        """The opening, by the smallest change of the last moments: one reading may be off."""
+        now, gripper = self._arm.time, self._arm.gripper
+        self._widths.append((now, gripper.width))
+        while now - self._widths[0][0] > _LOST_S:
+            self._widths.popleft()
+        return min((width for _, width in self._widths), key=lambda one: abs(one - self.width))
+
+    def _failure(self, code: str, how: str) -> Failure:
+        gripper = self._arm.gripper
+        return Failure(
+            code,
+            f"{self._thing!r} {how}",
+            width_m=gripper.width,
+            width_before_m=self.width,
+            force_n=gripper.force,
+        )

@@ -1,0 +1,42 @@
+"""A touch of the tool, by the force that comes of it: what was there a moment ago is none."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.pose import Vector
+
+_TARE_S: Final = (0.1, 0.5)
+"""How long ago the force was that counts as none: friction and masses that are off are in it."""
+
+
+class TouchSense:
+    """The force against a motion of the tool, beyond what it was a moment ago.
+
+    Args:
+        arm: Arm whose tool it is.
+        way: Direction of the motion in the world, of unit length, of shape (3,).
+
+    Attributes:
+        most: Largest force in N so far.
+    """
+
+    def __init__(self, arm: Arm, way: Vector) -> None:
+        self._arm, self._way = arm, way
+        self._felt = deque[tuple[float, float]]()
+        self.most = 0.0
+
+    def force(self) -> float:
+        """Force in N now; to be asked for once a tick."""
+        now, (latest, earliest) = self._arm.time, _TARE_S
+        self._felt.append((now, -float(self._way @ self._arm.external_wrench[:3])))
+        while now - self._felt[0][0] > earliest:
+            self._felt.popleft()
+        before = [one for at, one in self._felt if now - at >= latest]
+        rise = self._felt[-1][1] - float(np.mean(before)) if before else 0.0
+        self.most = max(self.most, rise)
+        return rise
