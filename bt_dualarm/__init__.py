@@ -71,6 +71,8 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.following_error import FollowingError as FollowingError
     from bt_dualarm.skill.grasp_search import WantedGrasp as WantedGrasp
     from bt_dualarm.skill.grasp_search import grasps_on as grasps_on
+    from bt_dualarm.skill.grasp_way import WayToGrasp as WayToGrasp
+    from bt_dualarm.skill.grasp_way import first_way as first_way
     from bt_dualarm.skill.grip import Grip as Grip
     from bt_dualarm.skill.looking_around import SIDES as SIDES
     from bt_dualarm.skill.looking_around import camera_now as camera_now
@@ -185,6 +187,8 @@ _CONTENTS: Final = {
     "WantedGrasp": "skill.grasp_search:WantedGrasp",
     "grasps_on": "skill.grasp_search:grasps_on",
     "RankedGrasp": "motion.grasping.ranking:RankedGrasp",
+    "WayToGrasp": "skill.grasp_way:WayToGrasp",
+    "first_way": "skill.grasp_way:first_way",
     "Grip": "skill.grip:Grip",
     "TouchSense": "skill.touch_sense:TouchSense",
     "MarkView": "vision.hand_eye:MarkView",

@@ -2,51 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
 from bt_dualarm import (
     Failure,
     Grip,
-    Matrix,
     ObjectName,
     PortModel,
     Pose,
     PoseSpec,
-    RankedGrasp,
     Skill,
     Speed,
     TouchSense,
-    Trajectory,
     WantedGrasp,
+    WayToGrasp,
+    first_way,
     grasps_on,
     port,
 )
 
-_TRIES = 16  # grasps whose way is looked for
 _HOLD_S = 0.15  # that pads have to press
 _CLOSING_S = 1.5
 _ELSE_M = 0.006  # by which the opening may be off: more is something else
 _EARLY_M = 0.012
 _EDGE_S = 0.3  # at the beginning of the way, where joints break loose: no force counts
 _UNKNOWN_KG = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class Way:
-    """How the gripper gets around the object.
-
-    Attributes:
-        ranked: Grasp at its end.
-        to_standoff: Motion to before the straight part.
-        rows: Configurations of the straight part, of shape (n, dof), rad.
-    """
-
-    ranked: RankedGrasp
-    to_standoff: Trajectory
-    rows: Matrix
 
 
 class Grasp(Skill):
@@ -103,7 +85,10 @@ class Grasp(Skill):
         wanted = self._wanted()
         order = grasps_on(self.arm, wanted)
         yield from self._open()
-        way = yield from self._first_way(order)
+        seen = None if self.ports.at is None else self.ports.at.pose
+        way = yield from first_way(
+            self.arm, order, self.ports.object, self.ports.standoff, self.ports.speed, seen
+        )
         for progress in self.arm.follow(way.to_standoff, self._unseen):
             yield 0.5 * progress
         yield from self._approach(way)
@@ -148,33 +133,7 @@ class Grasp(Skill):
                 return
             yield
 
-    def _first_way(self, order: tuple[RankedGrasp, ...]) -> Generator[None, None, Way]:
-        """The way to the first grasp that has one."""
-        reasons = []
-        for ranked in order[:_TRIES]:
-            try:
-                return (yield from self._way_to(ranked))
-            except Failure as failure:
-                if failure.code in ("BUSY", "OVERLOADED"):
-                    raise
-                reasons.append(failure.with_traceback(None))
-            yield
-        first = reasons[0]
-        raise Failure(
-            "OUT_OF_REACH",
-            f"no way to {self.ports.object!r}: {first.reason}",
-            ways_tried=len(reasons),
-            **first.numbers,
-        )
-
-    def _way_to(self, ranked: RankedGrasp) -> Generator[None, None, Way]:
-        arm, ports, tool = self.arm, self.ports, ranked.tool
-        rows = arm.line(tool @ Pose.from_rpy((0, 0, -ports.standoff)), tool)
-        arm.refuse_load(ports.object, rows[-1], None if ports.at is None else ports.at.pose)
-        arm.refuse_collision_along(rows, ignore=frozenset({ports.object}))
-        return Way(ranked, (yield from arm.plan([rows[0]], ports.speed, self._unseen)), rows)
-
-    def _approach(self, way: Way) -> Iterator[float]:
+    def _approach(self, way: WayToGrasp) -> Iterator[float | None]:
         """Go straight to the grasp, and stop where the tool touches something."""
         arm, along = self.arm, way.ranked.tool.rotation_matrix[:, 2]
         sense = TouchSense(arm, along)
@@ -190,7 +149,7 @@ class Grasp(Skill):
         left = float((way.ranked.tool.position - arm.tool_pose.position) @ along)
         self.metrics["approach_force_n"] = sense.most
         if left > _EARLY_M:
-            yield from self._back(way)
+            yield from way.back_out(self.arm, self.ports.approach_speed)
             raise Failure(
                 "NOT_GRASPED",
                 f"the gripper touched something {1e3 * left:.0f} mm before it was there",
@@ -198,7 +157,7 @@ class Grasp(Skill):
                 force_n=sense.most,
             )
 
-    def _close(self, way: Way, wanted: WantedGrasp) -> Iterator[None]:
+    def _close(self, way: WayToGrasp, wanted: WantedGrasp) -> Iterator[float | None]:
         """Close with the force that the load asks for, and see that it is the object."""
         gripper, grasp = self.arm.gripper, way.ranked.grasp
         page = gripper.page
@@ -206,7 +165,7 @@ class Grasp(Skill):
         gripper.command(force=force, speed=page.speed.least if not page.fingers else None)
         began, since = self.time, None
         while since is None or self.time - since < _HOLD_S:
-            yield
+            yield None
             since = None if not gripper.holding else self.time if since is None else since
             if since is None and self.time - began > _CLOSING_S:
                 break
@@ -216,13 +175,13 @@ class Grasp(Skill):
         if since is None or (page.fingers and off > _ELSE_M):
             numbers = {"width_m": gripper.width, "expected_m": grasp.width}
             gripper.command(page.stroke if page.fingers else 1.0)
-            yield from self._back(way)
+            yield from way.back_out(self.arm, self.ports.approach_speed)
             raise Failure(
                 "NOT_GRASPED", "the gripper closed on something else or nothing", **numbers
             )
         gripper.hold(wanted.name, self._lies(way, wanted))
 
-    def _lies(self, way: Way, wanted: WantedGrasp) -> Pose:
+    def _lies(self, way: WayToGrasp, wanted: WantedGrasp) -> Pose:
         """Pose of the object now: the pads have moved it to their middle."""
         tool = self.arm.tool_pose
         if not self.arm.gripper.page.fingers:
@@ -250,15 +209,3 @@ class Grasp(Skill):
             grip.look()
         rose = float(arm.world.object_pose(wanted.name).position[2]) - height
         self.metrics["lifted_m"] = rose  # the truth, beside what the arm senses
-
-    def _back(self, way: Way) -> Iterator[float]:
-        """Go back along the straight part, so that another try begins where this one did."""
-        arm = self.arm
-        away = arm.line(
-            arm.commanded_tool_pose, way.ranked.tool @ Pose.from_rpy((0, 0, -self.ports.standoff))
-        )
-        motion = arm.begin(arm.time_path(away, self.ports.approach_speed), may_touch=True)
-        while not motion.done:
-            yield 0.7
-            arm.check()
-        yield from arm.settle()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import degrees
 
 import numpy as np
 
@@ -89,7 +88,7 @@ class Place(Skill):
             yield 0.5 * (progress or 0.0)
             grip.look()
 
-    def _lower(self, tool: Pose, grip: Grip) -> Iterator[float]:
+    def _lower(self, tool: Pose, grip: Grip) -> Iterator[float | None]:
         """Go down until the ground is felt, and no longer press on it."""
         arm, ports, down = self.arm, self.ports, np.array([0.0, 0.0, -1.0])
         low = _raised(tool, _FREE_M)
@@ -124,7 +123,7 @@ class Place(Skill):
                 force_n=sense.most,
             )
 
-    def _release(self) -> Iterator[float]:
+    def _release(self) -> Iterator[float | None]:
         """Open, and go back out of the fingers' way."""
         arm, ports = self.arm, self.ports
         gripper, page = arm.gripper, arm.gripper.page
@@ -154,7 +153,7 @@ class Place(Skill):
         pose = self.arm.world.object_pose(self.ports.object)
         self.metrics |= {
             "placed_error_m": pose.distance(goal),
-            "placed_turned_deg": degrees(pose.angle(goal)),
+            "placed_turned_rad": pose.angle(goal),
         }
 
 

@@ -1,0 +1,93 @@
+"""How a gripper gets around an object: free to before it, then straight; and straight back out."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.errors import Failure
+from bt_dualarm.motion.grasping.ranking import RankedGrasp
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Matrix, Pose
+
+TRIES = 16
+"""Grasps whose way is looked for, until the object counts as out of reach."""
+
+
+@dataclass(frozen=True, eq=False)
+class WayToGrasp:
+    """A way to a grasp.
+
+    Attributes:
+        ranked: Grasp at its end.
+        to_standoff: Motion to before the straight part.
+        rows: Configurations of the straight part, of shape (n, dof), rad.
+        standoff: Length of the straight part, m.
+    """
+
+    ranked: RankedGrasp
+    to_standoff: Trajectory
+    rows: Matrix
+    standoff: float
+
+    def back_out(self, arm: Arm, speed: float) -> Iterator[float]:
+        """Go back along the straight part, so that another try begins where this one did.
+
+        Args:
+            arm: Arm that stands somewhere on it.
+            speed: Share of its limits, above 0 to 1.
+        """
+        out = self.ranked.tool @ Pose.from_rpy((0.0, 0.0, -self.standoff))
+        rows = arm.line(arm.commanded_tool_pose, out)
+        motion = arm.begin(arm.time_path(rows, speed), may_touch=True)
+        while not motion.done:
+            yield motion.progress
+            arm.check()
+        yield from arm.settle()
+
+
+def first_way(
+    arm: Arm,
+    order: Sequence[RankedGrasp],
+    thing: str,
+    standoff: float,
+    speed: float,
+    seen: Pose | None = None,
+) -> Generator[None, None, WayToGrasp]:
+    """The way to the first of several grasps that has one; yields once a tick.
+
+    Args:
+        arm: Arm that is to go there, its gripper open.
+        order: Grasps, the best first.
+        thing: Name of the object.
+        standoff: Length of the straight part, m.
+        speed: Share of its limits on the way to that, above 0 to 1.
+        seen: Pose of the object in the world by sight; the plan then knows it at no other place.
+
+    Raises:
+        Failure: ``OUT_OF_REACH`` with the reason of the best grasp; ``OVERLOADED`` or ``BUSY``.
+    """
+    reasons = []
+    for ranked in order[:TRIES]:
+        out = ranked.tool @ Pose.from_rpy((0.0, 0.0, -standoff))
+        try:
+            rows = arm.line(out, ranked.tool)
+            arm.refuse_load(thing, rows[-1], seen)
+            arm.refuse_collision_along(rows, ignore=frozenset({thing}))
+            unknown = frozenset({thing} if seen else ())
+            return WayToGrasp(
+                ranked, (yield from arm.plan([rows[0]], speed, unknown)), rows, standoff
+            )
+        except Failure as failure:
+            if failure.code in ("BUSY", "OVERLOADED"):
+                raise
+            reasons.append(failure.with_traceback(None))  # that refers to this frame
+        yield
+    first = reasons[0]
+    raise Failure(
+        "OUT_OF_REACH",
+        f"no way to {thing!r}: {first.reason}",
+        ways_tried=len(reasons),
+        **first.numbers,
+    )
