@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 LONGEST_S: Final = 120.0
-"""Seconds on the wall that are waited for an answer; a search that finds
-nothing takes one and a half."""
+"""Seconds on the wall that are waited for an answer; a search that finds nothing takes a few."""
 
 _LOOK_S = 0.5
 """Seconds on the wall from one look at the process that is waited for to the next."""

@@ -77,7 +77,7 @@ def way_around(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda:
 def _quick_search(problem: PlanningProblem) -> QuickSearch | None:
     """The compiled search for a problem; None where it does not know all of its shapes."""
     try:
-        arm = swept(problem.checker)
+        arm = swept(problem.checker, (problem.start, *problem.goals))
     except UnknownShapeError:
         return None
     return QuickSearch(

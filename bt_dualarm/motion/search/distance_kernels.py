@@ -70,7 +70,7 @@ def distance(
         count = nearest(scratch, count + 1)
         x, y, z = scratch[POINT, 0], scratch[POINT, 1], scratch[POINT, 2]
         if count == 4 or math.sqrt(x * x + y * y + z * z) < max(least, _TINY):
-            return float(min(lower, least) - _TINY)
+            return float(lower - _TINY)
     return float(lower)
 
 

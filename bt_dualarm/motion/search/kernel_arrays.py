@@ -67,12 +67,15 @@ class Pairs(NamedTuple):
     Attributes:
         first: Numbers of shapes, of shape (p,).
         second: Numbers of shapes, of shape (p,).
-        least: Distances that they keep, of shape (p,), m.
+        least: Distances that they keep, of shape (p,), m; negative where they may touch.
+        apart: Directions from the second to the first in which they are apart, or least in one
+            another where they may touch, of shape (p, 3): where to look first.
     """
 
     first: Numbers
     second: Numbers
     least: Vector
+    apart: Matrix
 
 
 class Swept(NamedTuple):
@@ -82,11 +85,13 @@ class Swept(NamedTuple):
         joints: Joints of the arm.
         shapes: Shapes that it has, and that it may meet.
         pairs: Which of them are to keep apart.
+        spare: Metres that they keep between them besides, but near the ends of a way.
     """
 
     joints: Joints
     shapes: Shapes
     pairs: Pairs
+    spare: float
 
 
 class Query(NamedTuple):

@@ -12,15 +12,22 @@ from bt_dualarm.motion.search.kernel_arrays import Joints, Pairs, Query, Shapes,
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
-_NODES: Final = 4000
+_NODES: Final = 20_000
 """Most nodes of a tree."""
 
-_ATTEMPTS: Final = ((2.0, 2_000), (1.0, 10_000), (0.5, 30_000), (0.25, 60_000))
-"""Longest branches of the trees, in metres that the arm moves, and the number of configurations at
-which the next one is tried; the first search is for the preferred goal, the others for any."""
+_ATTEMPTS: Final = (
+    (2.0, 2_000, 2.5e-3),
+    (1.0, 10_000, 2.5e-3),
+    (0.5, 30_000, 2.5e-3),
+    (1.0, 150_000, 5e-4),
+)
+"""Longest branches of the trees, in metres that the arm moves; the number of configurations at
+which the next one is tried; and metres that are kept to spare: to squeeze along something closer
+takes many looks. The first search is for the preferred goal, the others for any."""
 
 _ENOUGH: Final = 500
-"""Configurations after which a search that has a path looks for no shorter one."""
+"""Configurations after which a search that has a path looks for no shorter one, and twice which one
+may take that has begun."""
 
 _PATHS: Final = 3
 """Paths of which the shortest is taken."""
@@ -60,8 +67,7 @@ class QuickSearch:
         ends = np.array((start, *goals))
         self._lower = np.maximum(ends.min(axis=0) - np.pi, limits.lower)
         self._upper = np.minimum(ends.max(axis=0) + np.pi, limits.upper)
-        pairs, centers = swept.pairs, swept.shapes.centers
-        self._hints = centers[pairs.first] - centers[pairs.second] + 1e-6
+        self._hints = swept.pairs.apart.copy()
         state = np.random.SeedSequence(seed).generate_state(1, np.uint64)
         self._draws = np.maximum(state, np.uint64(1))
         self._spent = np.zeros(1, np.int64)
@@ -79,17 +85,21 @@ class QuickSearch:
             abandoned: Whether nobody waits any more; asked from one search to the next.
         """
         found: list[Matrix] = []
-        for number, (longest, checks) in enumerate(_ATTEMPTS):
-            checks = min(checks, most)
-            while self.states < checks and not abandoned():
+        for number, (longest, checks, spare) in enumerate(_ATTEMPTS):
+            self._swept = self._swept._replace(spare=spare)
+            limit = min(checks, most)
+            while self.states < limit and not abandoned():
                 goals = self._goals if number else self._goals[:1]
-                path = self._path(goals, longest, checks)
+                path = self._path(goals, longest, limit)
                 if path is None:
                     break
                 found.append(self._shortened(path))
                 if len(found) == _PATHS or self.states > _ENOUGH:
-                    return self._shortest(found)
-        return self._shortest(found) if found else None
+                    break
+                limit = min(limit, 2 * _ENOUGH)
+            if found:
+                return self._shortest(found)
+        return None
 
     def _shortest(self, found: Sequence[Matrix]) -> Matrix:
         """Of the paths found; or a straight one to another goal that is shorter, if it is free."""
@@ -124,9 +134,10 @@ class QuickSearch:
 
         trees = Trees(
             np.empty((2, _NODES, len(self._start))),
-            np.full((2, _NODES), -1),
+            np.empty((2, _NODES), np.int64),
             np.array((1, len(goals))),
         )
+        trees.parents[0, 0] = trees.parents[1, : len(goals)] = -1
         trees.nodes[0, 0] = self._start
         trees.nodes[1, : len(goals)] = goals
         query = Query(self._lower, self._upper, self._radii, longest, checks)
@@ -173,10 +184,10 @@ def search_something() -> None:
         normals=np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))),
         reaches=np.ones((3, 2)),
     )
-    pairs = Pairs(np.zeros(2, np.int64), np.array((1, 2)), np.zeros(2))
+    pairs = Pairs(np.zeros(2, np.int64), np.array((1, 2)), np.zeros(2), places[[0, 0]] - places[1:])
     far = np.full(2, 3.0)
     limits = JointLimits(-far, far, *np.ones((4, 2)))
     start, goal = np.zeros(2), np.array((0.5, -3.0))
-    search = QuickSearch(Swept(joints, shapes, pairs), start, (goal,), limits, np.ones(2), 1)
+    search = QuickSearch(Swept(joints, shapes, pairs, 1e-3), start, (goal,), limits, np.ones(2), 1)
     path = search.shortest_path(10_000, lambda: False)
     search.keeps_off(np.array((start, goal)) if path is None else path)

@@ -17,13 +17,9 @@ from bt_dualarm.motion.search.placing_kernels import (
 )
 from bt_dualarm.pose import Matrix, Vector
 
-SPARE: Final = 2.5e-3
-"""Metres that shapes keep between them besides what they are to keep: to squeeze along something
-closer would take many looks."""
-
 _LEAVING: Final = 0.05
-"""Near the ends of a way less than `SPARE` will do, this share of how far the arm is from there: so
-it may stand close to something, and go away from it."""
+"""Near the ends of a way less than what is to spare will do, this share of how far the arm is from
+there: so it may stand close to something, and go away from it."""
 
 _CORNER: Final = 0
 
@@ -60,7 +56,7 @@ def course_of(swept: Swept, start: Vector, end: Vector) -> Course:
 @kernel
 def go_to(swept: Swept, course: Course, share: float) -> None:
     """Enter where everything is at a place on the way."""
-    joints, shapes, _ = swept
+    joints, shapes, _, _ = swept
     enter_frames(joints, course.start, course.end, share, course.frames)
     enter_centers(shapes, course.frames, course.centers)
     enter_ways_here(joints, shapes, course.frames, course.centers, course.ways, course.here)
@@ -69,7 +65,7 @@ def go_to(swept: Swept, course: Course, share: float) -> None:
 @kernel
 def those_near(swept: Swept, course: Course, active: Numbers) -> int:
     """Enter the pairs that can meet on a way, from where they are in its middle; tells how many."""
-    first, second, least = swept.pairs
+    first, second, least, _ = swept.pairs
     bounds, normals, heaps = swept.shapes.bounds, swept.shapes.normals, swept.shapes.heaps
     ways, here, centers = course.ways, course.here, course.centers
     kept = 0
@@ -79,7 +75,7 @@ def those_near(swept: Swept, course: Course, active: Numbers) -> int:
         way, turn = ways[one + 1, last] - ways[one + 1, before], ways[0, last] - ways[0, before]
         if turn < 2.0:
             way = min(way, (here[one, last] - here[one, before]) / (1.0 - 0.5 * turn))
-        if _gap(centers, bounds, normals, one, other) < least[p] + SPARE + 0.5 * way:
+        if _gap(centers, bounds, normals, one, other) < least[p] + swept.spare + 0.5 * way:
             active[kept] = p
             kept += 1
     return kept
@@ -103,28 +99,26 @@ def room_around(
 ) -> float:
     """The share of the way that the arm may go to both sides, up to ``most``; -1: it is too near.
 
-    ``away`` is the share from here to the nearer end.
-
     Of a room of d metres: s with ``s W <= d``, W the most that the whole way moves a shape, or with
     ``s L <= (1 - s T) d``, where the way at the speed of now would move it by L, and turns it by T:
-    levers grow by no more than it is moved.
+    levers grow by no more than it is moved. ``away`` is the share from here to the nearer end.
     """
     # Fields are looked up here, not in the loop: that would count references each time.
-    firsts, seconds, leasts = swept.pairs
+    firsts, seconds, leasts, aparts = swept.pairs
     corners, heaps, radii, _, bounds, turns, halves, normals, _ = swept.shapes
     _, _, ways, here, frames, centers, scratch, needs = course
-    best = most
+    best, usual = most, swept.spare
     for index in range(len(active)):
         p = active[index]
         first, second, least = firsts[p], seconds[p], leasts[p]
         if index == 1:  # the nearest one has been looked at
             enter_needs(heaps, ways, here, best, needs)
         gap = _gap(centers, bounds, normals, first, second) - least
-        if index and gap >= max(needs[first], SPARE):
+        if index and gap >= max(needs[first], usual):
             continue
         last, before = heaps[first, 2], heaps[second, 2]
         way, turn = ways[first + 1, last] - ways[first + 1, before], ways[0, last] - ways[0, before]
-        local, spare = here[first, last] - here[first, before], min(SPARE, _LEAVING * way * away)
+        local, spare = here[first, last] - here[first, before], min(usual, _LEAVING * way * away)
         enough, low = max(_need(best, way, local, turn), spare), spare
         by_box = _boxes_gap(frames, heaps, turns, halves, bounds, centers, first, second)
         if by_box >= enough + least:
@@ -134,6 +128,8 @@ def room_around(
         if math.isinf(bounds[second]):
             apart = _above(corners, heaps, normals, centers, frames, first, second, scratch)
         else:
+            if least < 0.0:  # they may touch, where only this direction tells how deep
+                hints[p] = aparts[p]
             apart = distance(corners, heaps, frames, first, second, enough, low, hints, p, scratch)
         if apart >= enough:
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterable
 from typing import Final
 
 import mujoco
@@ -13,6 +13,10 @@ from bt_dualarm.motion.collision.sweep import last_joint
 from bt_dualarm.motion.search.kernel_arrays import Joints, Numbers, Pairs, Shapes, Swept
 from bt_dualarm.pose import Matrix, Vector
 
+SPARE: Final = 2.5e-3
+"""Metres that shapes keep between them besides what they are to keep: to squeeze along something
+closer would take many looks."""
+
 _SIDES: Final = 24
 """Sides of the prism that stands for a cylinder; it is 0.9 % wider than the cylinder is."""
 
@@ -21,32 +25,61 @@ _GEOM: Final = mujoco.mjtGeom
 _SIGNS: Final = np.array(np.meshgrid((-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0))).T.reshape(-1, 3)
 """Corners of a cube."""
 
+_POINT: Final = np.zeros((1, 3))
+
+_TURN: Final = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+_RING: Final = np.stack((np.cos(_TURN), np.sin(_TURN)), axis=1) / np.cos(np.pi / _SIDES)
+
 
 class UnknownShapeError(ValueError):
     """A shape that the kernels do not know."""
 
 
-def swept(checker: CollisionChecker) -> Swept:
+def swept(checker: CollisionChecker, ends: Iterable[Vector] = ()) -> Swept:
     """An arm in its world, as a test of configurations has them.
+
+    Args:
+        checker: Test of configurations.
+        ends: Configurations of shape (dof,), rad, in which the arm stands: what touches there may
+            be as deep as the checker lets it, all else may not touch at all.
 
     Raises:
         UnknownShapeError: It has shapes of other kinds than planes that stand still, spheres,
             capsules, cylinders, boxes and convex meshes, or joints that do not turn.
     """
+    touching = _touching(checker, ends)
     checker.place(checker.present)
-    first, second, least = _pairs(checker)
+    first, second = _pairs(checker)
     used = np.unique(np.concatenate((first, second)))
     joints = _joints(checker)
     shapes = _shapes(checker, used, joints)
-    first, second = np.searchsorted(used, first), np.searchsorted(used, second)
-    moved = shapes.heaps[:, 2]
-    turned = moved[first] < moved[second]
-    turned |= np.isinf(shapes.bounds[first])
-    pairs = Pairs(np.where(turned, second, first), np.where(turned, first, second), least)
-    together = moved[pairs.first] != moved[pairs.second]
-    if np.isinf(shapes.bounds[pairs.first]).any() or moved[np.isinf(shapes.bounds)].any():
+    least = np.maximum(checker.least[first, second], 0.0)
+    one, other = np.searchsorted(used, first), np.searchsorted(used, second)
+    moved, flat = shapes.heaps[:, 2], np.isinf(shapes.bounds)
+    swapped = (moved[one] < moved[other]) | flat[one]
+    one, other = np.where(swapped, other, one), np.where(swapped, one, other)
+    if flat[one].any() or moved[flat].any():
         raise UnknownShapeError("a plane that an arm carries")
-    return Swept(joints, shapes, Pairs(*(column[together].copy() for column in pairs)))
+    apart = shapes.centers[one] - shapes.centers[other] + 1e-6
+    for (low, high), normal in touching.items():
+        for p in np.flatnonzero((first == low) & (second == high)):
+            least[p] = checker.least[low, high]
+            apart[p] = normal if swapped[p] else -normal
+    together = moved[one] != moved[other]
+    pairs = Pairs(*(column[together].copy() for column in (one, other, least, apart)))
+    return Swept(joints, shapes, pairs, SPARE)
+
+
+def _touching(checker: CollisionChecker, ends: Iterable[Vector]) -> dict[tuple[int, int], Vector]:
+    """Shapes that touch at the ends, the lower number first, with the normal from it, (3,)."""
+    touching = {}
+    for q in ends:
+        checker.place(q)
+        found = checker.data.contact
+        for (one, other), frame in zip(found.geom.tolist(), found.frame.tolist(), strict=True):
+            normal = np.array(frame[:3])
+            touching[min(one, other), max(one, other)] = normal if one < other else -normal
+    return touching
 
 
 def _joints(checker: CollisionChecker) -> Joints:
@@ -56,90 +89,93 @@ def _joints(checker: CollisionChecker) -> Joints:
     return Joints(checker.present.copy(), data.xanchor[ids].copy(), data.xaxis[ids].copy())
 
 
-def _pairs(checker: CollisionChecker) -> tuple[Numbers, Numbers, Vector]:
-    """Shapes that may not meet, and how far apart they keep, each of shape (p,).
+def _pairs(checker: CollisionChecker) -> tuple[Numbers, Numbers]:
+    """Shapes that may not meet, the lower number first, each of shape (p,).
 
     Those that MuJoCo compares: not of one rigid body, not of a body and the one it hangs on.
     """
     model = checker.model
     asked = np.flatnonzero((model.geom_conaffinity != 0) | (model.geom_contype != 0))
-    first, second = (asked[side] for side in np.triu_indices(len(asked), 1))
-    kept = (model.geom_contype[first] & model.geom_conaffinity[second]) != 0
-    kept |= (model.geom_contype[second] & model.geom_conaffinity[first]) != 0
-    body = model.geom_bodyid[first], model.geom_bodyid[second]
-    weld = model.body_weldid[body[0]], model.body_weldid[body[1]]
-    kept &= weld[0] != weld[1]
-    above = (model.body_weldid[model.body_parentid[one]] for one in weld)
-    related = np.logical_or.reduce(
-        [one == parent for one, parent in zip(weld[::-1], above, strict=True)]
-    )
-    kept &= ~(related & (weld[0] != 0) & (weld[1] != 0))
-    signature = (
-        (body[0].astype(np.int64) << 16) + body[1],
-        (body[1].astype(np.int64) << 16) + body[0],
-    )
-    kept &= ~np.isin(signature[0], model.exclude_signature)
-    kept &= ~np.isin(signature[1], model.exclude_signature)
-    least = checker.least[first, second]
-    kept &= np.isfinite(least)
-    return first[kept], second[kept], np.maximum(least[kept], 0.0)
+    types, affinities = model.geom_contype[asked], model.geom_conaffinity[asked]
+    bodies = model.geom_bodyid[asked]
+    welds = model.body_weldid[bodies]
+    above = model.body_weldid[model.body_parentid[welds]]
+    kept = (types[:, None] & affinities) != 0
+    kept |= kept.T
+    kept &= welds[:, None] != welds
+    related = (welds[:, None] == above) & (welds[:, None] != 0) & (welds != 0)
+    kept &= ~(related | related.T)
+    signatures = (bodies[:, None].astype(np.int64) << 16) + bodies
+    excluded = np.isin(signatures, model.exclude_signature)
+    kept &= ~(excluded | excluded.T)
+    kept &= np.isfinite(checker.least[np.ix_(asked, asked)])
+    first, second = np.nonzero(np.triu(kept, 1))
+    return asked[first], asked[second]
 
 
 def _shapes(checker: CollisionChecker, geoms: Numbers, joints: Joints) -> Shapes:
     """These geoms, where they are now."""
     model, data = checker.model, checker.data
-    links = model.jnt_bodyid[checker.joint_ids].tolist()
-    local, radii = zip(*(_solid(model, geom) for geom in geoms.tolist()), strict=True)
-    rounding, turns = np.array(radii), data.geom_xmat[geoms].reshape(-1, 3, 3)
-    low, high = (np.array([end(solid, axis=0) for solid in local]) for end in (np.min, np.max))
+    solids, radii = zip(*(_solid(model, geom) for geom in geoms.tolist()), strict=True)
+    counts, rounding = np.array([len(solid) for solid in solids]), np.array(radii)
+    ends = np.cumsum(counts)
+    begins, owner = ends - counts, np.repeat(np.arange(len(geoms)), counts)
+    local: Matrix = np.concatenate(solids)
+    low, high = np.minimum.reduceat(local, begins), np.maximum.reduceat(local, begins)
     middles = 0.5 * (low + high)
-    far = [((one - mid) ** 2).sum(axis=1).max() for one, mid in zip(local, middles, strict=True)]
+    far = np.maximum.reduceat(((local - middles[owner]) ** 2).sum(axis=1), begins)
+    turns, places = data.geom_xmat[geoms].reshape(-1, 3, 3), data.geom_xpos[geoms]
+    corners = np.einsum("nij,nj->ni", turns[owner], local) + places[owner]
     flat = model.geom_type[geoms] == _GEOM.mjGEOM_PLANE
-    places = data.geom_xpos[geoms]
-    corners = [
-        solid @ turn.T + place for solid, turn, place in zip(local, turns, places, strict=True)
-    ]
-    moved = [_moved(checker, links, geom) for geom in geoms.tolist()]
-    ends = np.cumsum([len(solid) for solid in local])
-    pieces = zip(moved, corners, rounding, strict=True)
+    moved = _moved(checker, geoms)
     return Shapes(
-        corners=np.vstack(corners),
-        heaps=np.stack((np.concatenate(((0,), ends[:-1])), ends, np.array(moved)), axis=1),
+        corners=corners,
+        heaps=np.stack((begins, ends, moved), axis=1),
         radii=rounding,
         centers=places + np.einsum("nij,nj->ni", turns, middles),
         bounds=np.where(flat, np.inf, np.sqrt(far) + rounding),
         turns=turns.copy(),
         halves=0.5 * (high - low) + rounding[:, None],
         normals=np.where(flat[:, None], turns[:, :, 2], 0.0),
-        reaches=np.array([_reaches(joints, *piece) for piece in pieces]),
+        reaches=_reaches(joints, moved, corners, owner, begins, rounding),
     )
 
 
-def _moved(checker: CollisionChecker, links: list[int], geom: int) -> int:
-    """How many joints move a geom."""
-    if not checker.moving[geom]:
-        return 0
-    last = last_joint(checker.model, links, int(checker.model.geom_bodyid[geom]))
-    return 0 if last is None else last + 1
+def _moved(checker: CollisionChecker, geoms: Numbers) -> Numbers:
+    """How many joints move each geom, of shape (n,)."""
+    model, moved = checker.model, np.zeros(len(geoms), np.int64)
+    links = model.jnt_bodyid[checker.joint_ids].tolist()
+    for i in np.flatnonzero(checker.moving[geoms]).tolist():
+        last = last_joint(model, links, int(model.geom_bodyid[geoms[i]]))
+        moved[i] = 0 if last is None else last + 1
+    return moved
 
 
-def _reaches(joints: Joints, moved: int, corners: Matrix, radius: float) -> Vector:
-    """Metres that any point is moved at most by a radian of each joint, of shape (dof,).
+def _reaches(
+    joints: Joints,
+    moved: Numbers,
+    corners: Matrix,
+    owner: Numbers,
+    begins: Numbers,
+    rounding: Vector,
+) -> Matrix:
+    """Metres that any point is moved at most by a radian of each joint, of shape (n, dof).
 
     The distance from the axis of the last joint that moves it, then from joint to joint, stretched
     out: it holds in every configuration.
     """
-    reaches = np.zeros(len(joints.anchors))
-    if moved == 0:
-        return reaches
-    arms = corners - joints.anchors[moved - 1]
+    anchors, last = joints.anchors, np.maximum(moved - 1, 0)
+    arms = corners - anchors[last][owner]
     squares = (arms**2).sum(axis=1)
-    across = squares - (arms @ joints.axes[moved - 1]) ** 2
-    reaches[moved - 1] = math.sqrt(max(across.max(), 0.0)) + radius
-    farthest = math.sqrt(squares.max()) + radius
-    for k in range(moved - 2, -1, -1):
-        farthest += math.dist(joints.anchors[k + 1], joints.anchors[k])
-        reaches[k] = farthest
+    across = squares - (arms * joints.axes[last][owner]).sum(axis=1) ** 2
+    nearest = np.sqrt(np.maximum(np.maximum.reduceat(across, begins), 0.0)) + rounding
+    farthest = np.sqrt(np.maximum.reduceat(squares, begins)) + rounding
+    steps = np.linalg.norm(np.diff(anchors, axis=0), axis=1)
+    along = np.concatenate(((0.0,), np.cumsum(steps)))
+    joint = np.arange(len(anchors))
+    reaches: Matrix = farthest[:, None] + along[last][:, None] - along
+    reaches[np.arange(len(moved)), last] = nearest
+    reaches[joint >= moved[:, None]] = 0.0
     return reaches
 
 
@@ -158,16 +194,12 @@ def _solid(model: mujoco.MjModel, geom: int) -> tuple[Matrix, float]:
         chosen = model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]
         return vertices[chosen], 0.0
     if kind == _GEOM.mjGEOM_CYLINDER:
-        turn = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
-        wide = size[0] / np.cos(np.pi / _SIDES)
-        ring = np.stack(
-            (wide * np.cos(turn), wide * np.sin(turn), np.full(_SIDES, size[1])), axis=1
-        )
+        ring = np.hstack((size[0] * _RING, np.full((_SIDES, 1), size[1])))
         return np.vstack((ring, ring * (1.0, 1.0, -1.0))), 0.0
     if kind == _GEOM.mjGEOM_CAPSULE:
         return np.array(((0.0, 0.0, size[1]), (0.0, 0.0, -size[1]))), float(size[0])
     if kind == _GEOM.mjGEOM_SPHERE:
-        return np.zeros((1, 3)), float(size[0])
+        return _POINT, float(size[0])
     if kind == _GEOM.mjGEOM_PLANE:
-        return np.zeros((1, 3)), 0.0
+        return _POINT, 0.0
     raise UnknownShapeError(f"a shape of kind {kind}")

@@ -21,6 +21,10 @@ _FINE: Final = 0.1
 _BACK: Final = 0.9
 """Share of the free way up to something that a branch takes."""
 
+_BESIDE: Final = 0.7
+"""Share of the places to grow to that are drawn beside a node, not anywhere: from there a tree
+finds its way out of narrow places."""
+
 
 @kernel
 def uniform(draws: Draws) -> float:
@@ -46,7 +50,7 @@ def way_between(a: Vector, b: Vector, radii: Vector) -> float:
 def connect(
     swept: Swept, query: Query, trees: Trees, hints: Matrix, draws: Draws, spent: Numbers
 ) -> bool:
-    """Grow both trees until they meet; tells whether they have.
+    """Grow both trees until they meet, the smaller one each time; tells whether they have.
 
     Args:
         swept: The arm in its world.
@@ -60,14 +64,29 @@ def connect(
     most = trees.nodes.shape[1]
     side = 0
     while spent[0] < query.checks and trees.counts[0] < most and trees.counts[1] < most:
-        for k in range(len(target)):
-            target[k] = query.lower[k] + uniform(draws) * (query.upper[k] - query.lower[k])
+        if uniform(draws) < _BESIDE:
+            _enter_place_beside(query, trees, side, draws, target)
+        else:
+            for k in range(len(target)):
+                target[k] = query.lower[k] + uniform(draws) * (query.upper[k] - query.lower[k])
         if _grown(swept, query, trees, side, target, hints, spent) >= 0.0:
             last = trees.nodes[side, trees.counts[side] - 1]
             if _reached(swept, query, trees, 1 - side, last, hints, spent):
                 return True
-        side = 1 - side
+        side = 0 if trees.counts[0] <= trees.counts[1] else 1
     return False
+
+
+@kernel
+def _enter_place_beside(
+    query: Query, trees: Trees, side: int, draws: Draws, target: Vector
+) -> None:
+    """Draw a place about as far from a node of a tree, near or less near, as branches are long."""
+    node = trees.nodes[side, int(uniform(draws) * trees.counts[side])]
+    wide = 2.0 * uniform(draws) * query.longest
+    for k in range(len(target)):
+        place = node[k] + wide * (2.0 * uniform(draws) - 1.0) / query.radii[k]
+        target[k] = min(max(place, query.lower[k]), query.upper[k])
 
 
 @kernel

@@ -71,10 +71,11 @@ def small_search(seed: int) -> QuickSearch:
         normals=np.zeros((4, 3)),
         reaches=np.array(((1.02, 1.02), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))),
     )
-    pairs = Pairs(np.zeros(3, np.int64), np.arange(1, 4), np.full(3, 0.01))
+    apart = shapes.centers[0] - shapes.centers[1:]
+    pairs = Pairs(np.zeros(3, np.int64), np.arange(1, 4), np.full(3, 0.01), apart)
     far = np.array((3.1, 1.2))
     limits = JointLimits(-far, far, *np.ones((4, 2)))
-    swept = Swept(joints, shapes, pairs)
+    swept = Swept(joints, shapes, pairs, 2.5e-3)
     start, goal = np.array((0.3, 0.0)), np.array((-2.8, 0.1))
     return QuickSearch(swept, start, (goal,), limits, np.full(2, 1.02), seed)
 

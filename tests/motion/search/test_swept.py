@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bt_dualarm.motion.collision.checker import CollisionChecker
 from bt_dualarm.motion.collision.sweep import interpolated
 from bt_dualarm.motion.search.quick_search import QuickSearch
 from bt_dualarm.motion.search.sweep_kernels import WHOLE, first_too_near, free_share
 from bt_dualarm.motion.search.swept import swept
+from bt_dualarm.pose import Vector
 from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from bt_dualarm.world.robots.robot import JointLimits
 from tests.motion.search.cluttered import anywhere, checker_in
 
 SPAN_M = 1e-3
@@ -27,7 +30,9 @@ def test_configurations_are_judged_as_mujoco_does(robot: str) -> None:
         search = QuickSearch(arm, checker.present, (checker.present,), limits, checker.radii, 1)
         for _ in range(150):
             q = anywhere(limits, rng)
-            near = np.array((q, q + 0.02, q))  # so far from the ends that all of `SPARE` is kept
+            near = np.array(
+                (q, q + 0.02, q)
+            )  # so far from the ends that all that is to spare is kept
             free = search.is_free(near)
             theirs = checker.free(q)
             assert theirs or not free
@@ -44,8 +49,7 @@ def test_a_way_that_is_free_is_free_at_every_millimetre(robot: str) -> None:
     for seed in range(3):
         checker = checker_in(robot, seed)
         arm, radii = swept(checker), checker.radii
-        pairs, centers = arm.pairs, arm.shapes.centers
-        hints, spent = centers[pairs.first] - centers[pairs.second] + 1e-6, np.zeros(1, np.int64)
+        hints, spent = arm.pairs.apart.copy(), np.zeros(1, np.int64)
         for _ in range(20):
             start = anywhere(load_robot(robot).limits, rng)
             if not checker.free(start):
@@ -60,3 +64,40 @@ def test_a_way_that_is_free_is_free_at_every_millimetre(robot: str) -> None:
                 assert first_too_near(arm, rows, radii, hints, spent) == len(rows)
     assert whole > 2
     assert parts > 2
+
+
+@pytest.mark.parametrize("robot", robot_names())
+def test_an_arm_that_stands_in_touch_gets_away(robot: str) -> None:
+    """Where it may touch something, it may go on to do so as deep as that, and no deeper."""
+    rng, away = np.random.default_rng(3), 0
+    limits = load_robot(robot).limits
+    for seed in range(3):
+        checker = checker_in(robot, seed)
+        for _ in range(8):
+            start = _in_touch(checker, limits, rng)
+            strict = checker.keeping_off((start,))
+            arm, radii = swept(strict, (start,)), checker.radii
+            assert (arm.pairs.least < 0.0).any()
+            hints, spent = arm.pairs.apart.copy(), np.zeros(1, np.int64)
+            for _ in range(12):
+                end = start + rng.normal(0.0, 0.3, len(start))
+                if free_share(arm, start, end, WHOLE, hints, spent) == 1.0:
+                    away += 1
+                    rows = interpolated(start, end, radii, SPAN_M)
+                    assert all(strict.free(q) for q in rows)
+    assert away > 24
+
+
+def _in_touch(checker: CollisionChecker, limits: JointLimits, rng: np.random.Generator) -> Vector:
+    """A configuration in which the arm is in something by a little less than it may be."""
+    while True:
+        inside, outside = anywhere(limits, rng), anywhere(limits, rng)
+        if checker.free(inside) or not checker.free(outside):
+            continue
+        for _ in range(50):
+            middle = 0.5 * (inside + outside)
+            free = checker.free(middle)
+            inside, outside = (inside, middle) if free else (middle, outside)
+        checker.place(outside)
+        if (checker.data.contact.dist < 0.0).any():
+            return outside
