@@ -177,6 +177,11 @@ class Arm(ArmState):
         """The motion, as much slower as what the arm holds asks for; itself where it may be."""
         return self._carrying.within_efforts(motion)
 
+    @property
+    def grip_pace(self) -> float:
+        """Share of its pace that the gripper's friction allowed the last motion, up to 1."""
+        return self._carrying.grip_pace
+
     def refuse_load(self, thing: str, q: Vector, seen: Pose | None = None) -> None:
         """Check an object, where it was ``seen`` or is, before it is taken at ``q`` (dof,), rad."""
         link = self.kinematics.forward(q) @ self.robot.tool.inverse

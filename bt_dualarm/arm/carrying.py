@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bt_dualarm.arm.grip_limit import at_pace, grip_pace
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.control.dynamics import ArmDynamics
 from bt_dualarm.motion.control.effort import refuse_overload, within_efforts
@@ -17,11 +18,15 @@ class Carrying:
     Args:
         world: World that the arm is in.
         name: Name of the arm.
+
+    Attributes:
+        grip_pace: Share of the pace of the last motion that the grip on what is held allows.
     """
 
     def __init__(self, world: World, name: str) -> None:
         self._world, self._name = world, name
         self._held: tuple[NominalLoad, ...] | None = None
+        self.grip_pace = 1.0
 
     def within_efforts(self, motion: Trajectory) -> Trajectory:
         """The motion, as much slower as what the arm holds asks for; itself where it may be.
@@ -33,7 +38,9 @@ class Carrying:
         if self._held is not nominal.loads:
             self._held = nominal.loads
             self._dynamics = ArmDynamics(nominal, self._held)
-        return within_efforts(motion, nominal.robot, self._dynamics)
+        able = within_efforts(motion, nominal.robot, self._dynamics)
+        self.grip_pace = grip_pace(able, self._world, self._name)
+        return at_pace(able, self.grip_pace)
 
     def refuse(self, thing: str, q: Vector, tool_link: Pose, seen: Pose | None = None) -> None:
         """Check an object before the arm takes hold of it, as far as its mass is known.

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.measured_gripper import cup_measures, jaw_measures
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.grasping.grasp import Grasp
 from bt_dualarm.motion.grasping.gripper_measures import JawMeasures, Load
@@ -17,7 +18,6 @@ from bt_dualarm.motion.grasping.ranking import Obstacle, RankedGrasp, ranked
 from bt_dualarm.motion.grasping.solids import Box, Capsule, Cylinder, Solid, solid_of
 from bt_dualarm.motion.grasping.suction import cup_grasps
 from bt_dualarm.pose import Pose
-from bt_dualarm.skill.measured_gripper import cup_measures, jaw_measures
 
 GRAVITY = 9.81
 """Acceleration of gravity in m/s²."""

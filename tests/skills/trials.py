@@ -130,6 +130,8 @@ def cube_that(**fields: Any) -> Tree:
 
 
 PLACE: Tree = {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.425]}}}
+CARRY_FAR: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.35, 0.2, 0.6]}, "speed": 0.2}}
+GRASPED = {"before": (GRASP,), "arm": GRIPPING}
 SUCKING = GRIPPING | {"gripper": "suction_cup"}
 
 FAR = {"xyz": [1.15, 0.0, 0.5]}
@@ -327,6 +329,10 @@ TRIALS: dict[tuple[str, str], Trial] = {
         PICK, deeds=((1.0, steals("cube")),), moves=True
     ),
     **moving("approach_and_attach", PICK, 1.0),
+    ("transport", "SLIPPED"): Trial(
+        CARRY_FAR, GRASPED, deeds=((4.6, shrinks("cube")),), moves=True
+    ),
+    ("transport", "DROPPED"): Trial(CARRY_FAR, GRASPED, deeds=((4.6, steals("cube")),), moves=True),
     ("transport", "NOT_ATTACHED"): Trial(CARRY, {"before": ()}),
     ("transport", "UNREACHABLE"): Trial({"transport": {"object": "cube", "to": FAR}}, moves=True),
     ("transport", "IN_COLLISION"): Trial(

@@ -38,17 +38,57 @@ def pinching_force(
     Returns:
         The force; infinite where friction, or the moment of it, cannot hold the load.
     """
-    if friction <= 0.0 or width <= 0.0:
-        return math.inf
     forces = load.mass * (load.gravity + load.shake * _WAYS)
-    moments = np.asarray(np.cross(load.center - center, forces), dtype=float)
+    needed = pinching_forces(forces, load.center - center, axis, width, levers, friction)
+    return float(needed.max())
+
+
+def pinching_forces(
+    forces: Matrix, offset: Vector, axis: Vector, width: float, lever: float, friction: float
+) -> Vector:
+    """Least force in N of each of two pads under each of several loads, of shape (n,).
+
+    Args:
+        forces: Forces on what is held at its centre of mass, of shape (n, 3), N.
+        offset: Place of that centre from the middle between the pads, of shape (3,), m.
+        axis: Direction in which they close, of unit length, of shape (3,).
+        width: Distance between them in m.
+        lever: Lever in m of the friction about the normal: the smaller one of both patches.
+        friction: Coefficient of friction, less what the surface's slope takes.
+
+    Returns:
+        The forces; infinite where friction, or the moment of it, cannot hold a load.
+    """
+    if friction <= 0.0 or width <= 0.0:
+        return np.full(len(forces), math.inf)
+    moments = np.asarray(np.cross(offset, forces), dtype=float)
     pressing = np.abs(forces @ axis)
     turning = 0.5 * np.abs(moments @ axis)
     sliding = 0.5 * _across(forces, axis) + _across(moments, axis) / width
-    if levers <= 0.0 and turning.max() > 1e-9:
-        return math.inf
-    twisting = turning / max(levers, 1e-9)
-    return float((np.hypot(sliding, twisting) / friction + 0.5 * pressing).max())
+    if lever <= 0.0 and turning.max() > 1e-9:
+        return np.full(len(forces), math.inf)
+    twisting = turning / max(lever, 1e-9)
+    needed: Vector = np.hypot(sliding, twisting) / friction + 0.5 * pressing
+    return needed
+
+
+def suction_forces(forces: Matrix, offset: Vector, normal: Vector, cup: CupMeasures) -> Vector:
+    """Least force in N of a cup's suction under each of several loads, of shape (n,).
+
+    Args:
+        forces: Forces on what is held at its centre of mass, of shape (n, 3), N.
+        offset: Place of that centre from the middle of the rim, of shape (3,), m.
+        normal: Direction from the object to the cup, of unit length, of shape (3,).
+        cup: Measures of the cup.
+    """
+    if cup.friction <= 0.0:
+        return np.full(len(forces), math.inf)
+    moments = np.asarray(np.cross(offset, forces), dtype=float)
+    pulling = np.maximum(-(forces @ normal), 0.0)
+    sliding = np.hypot(_across(forces, normal), np.abs(moments @ normal) / cup.radius)
+    tipping = _across(moments, normal) / cup.radius
+    needed: Vector = pulling + np.maximum(sliding / cup.friction, tipping)
+    return needed
 
 
 def suction_force(load: Load, place: Vector, normal: Vector, cup: CupMeasures) -> float:
@@ -63,14 +103,8 @@ def suction_force(load: Load, place: Vector, normal: Vector, cup: CupMeasures) -
         normal: Direction from the object to the cup, of unit length, of shape (3,).
         cup: Measures of the cup.
     """
-    if cup.friction <= 0.0:
-        return math.inf
     forces = load.mass * (load.gravity + load.shake * _WAYS)
-    moments = np.asarray(np.cross(load.center - place, forces), dtype=float)
-    pulling = np.maximum(-(forces @ normal), 0.0)
-    sliding = np.hypot(_across(forces, normal), np.abs(moments @ normal) / cup.radius)
-    tipping = _across(moments, normal) / cup.radius
-    return float((pulling + np.maximum(sliding / cup.friction, tipping)).max())
+    return float(suction_forces(forces, load.center - place, normal, cup).max())
 
 
 def _across(vectors: Matrix, axis: Vector) -> Vector:
