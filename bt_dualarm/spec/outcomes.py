@@ -19,13 +19,8 @@ from bt_dualarm.spec.word import Word
 def ends_below(root: NodeSpec) -> dict[NodeSpec, Ends]:
     """How each node of a tree can end, as far as that can be told from the file."""
     known: dict[NodeSpec, Ends] = {}
-
-    def visit(node: NodeSpec) -> Ends:
-        children = [visit(child) for child in node.children]
-        known[node] = _ends(node, children)
-        return known[node]
-
-    visit(root)
+    for node in reversed(tuple(root.walk())):  # children come after their parent
+        known[node] = _ends(node, [known[child] for child in node.children])
     return known
 
 

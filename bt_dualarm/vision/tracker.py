@@ -91,6 +91,7 @@ class TargetTracker:
     def close(self) -> None:
         """Stop listening to the camera and aiming it; harmless when repeated."""
         self._unsubscribe()
+        self._unsubscribe = _nothing  # what refers back to this would keep it in memory
         if self._camera.aim == self.window:
             self._camera.aim = None
 
@@ -241,3 +242,7 @@ class TargetTracker:
             self.lost_count += 1
             self._before_loss = self._estimate
             self._hunting = True
+
+
+def _nothing() -> None:
+    """Do nothing."""

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 import bt_dualarm as bt
+from bt_dualarm.vision.localise import Sighting
 
 COMING_AND_GOING = """
 bt_dualarm: 1
@@ -57,6 +58,20 @@ def test_the_world_of_a_run_is_gone_with_the_run(no_search: None, tree: str) -> 
     del run
     assert (world(), arms()) == (None, None)
     assert result.arms["arm1"].runs, "what it came to stays"
+
+
+def test_what_a_run_has_seen_is_gone_with_it(no_search: None) -> None:
+    """A tracker, its camera's callback and all sightings: nobody refers to them any more."""
+
+    def sightings() -> int:
+        return sum(isinstance(one, Sighting) for one in gc.get_objects())
+
+    before = sightings()
+    with bt.open("visual_tracking", duration=2.0, seed=1) as run:
+        run.finish()
+        assert sightings() > before, "it has seen something"
+    del run
+    assert sightings() == before
 
 
 def test_so_is_that_of_a_run_that_was_never_begun(no_search: None) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+import weakref
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -16,7 +18,54 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     import placo
 
-_PARTS = ("joints", "lower", "upper", "placo", "_q_ids", "v_ids")
+_PARTS = ("joints", "lower", "upper", "placo", "_lent", "_q_ids", "v_ids")
+
+_MOST_IDLE: Final = 16
+"""Models that wait for the next who needs one of their kind."""
+
+_idle: list[_Model] = []
+
+
+class _Model:
+    """A robot in PlaCo: what it takes in memory PlaCo never gives back, so it is used again."""
+
+    def __init__(self, urdf: str) -> None:
+        self.urdf = urdf
+        self.placo = placo.RobotWrapper("", placo.Flags.ignore_collisions, urdf)
+        self._first = self.placo.state.q.copy()
+
+    def begin_anew(self) -> None:
+        """Be as if it had just been made, but for what whoever takes it sets."""
+        self.placo.state.q[:] = self._first
+        self.placo.update_kinematics()
+
+
+class _Lent:
+    """A model for as long as somebody refers to this."""
+
+    def __init__(self, urdf: str) -> None:
+        self.model = model = _taken(urdf) or _Model(urdf)
+        weakref.finalize(self, _give_back, model).atexit = False
+
+
+def _taken(urdf: str) -> _Model | None:
+    """A model of this URDF that nobody uses, as if it were new."""
+    for model in tuple(_idle):
+        if model.urdf == urdf:
+            try:
+                _idle.remove(model)
+            except ValueError:  # another thread was faster
+                continue
+            model.begin_anew()
+            return model
+    return None
+
+
+def _give_back(model: _Model) -> None:
+    """Keep a model for the next; the one that has waited longest goes where there are many."""
+    _idle.append(model)
+    if len(_idle) > _MOST_IDLE:
+        _idle.pop(0)
 
 
 class Mechanism:
@@ -32,7 +81,8 @@ class Mechanism:
     def __init__(self, urdf: str, joints: Sequence[str], lower: Vector, upper: Vector) -> None:
         self.joints = tuple(joints)
         self.lower, self.upper = lower, upper
-        self.placo = placo.RobotWrapper("", placo.Flags.ignore_collisions, urdf)
+        self._lent = _Lent(urdf)
+        self.placo = self._lent.model.placo
         for name, least, most in zip(joints, lower, upper, strict=True):
             self.placo.set_joint_limits(name, least, most)
         self._q_ids = np.array([self.placo.get_joint_offset(name) for name in joints])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol, TypeAlias
 
 import mujoco
@@ -113,12 +114,12 @@ class Camera:
     def subscribe(self, callback: FrameCallback) -> Callable[[], None]:
         """Have every delivered frame handed to ``callback``, in order; returns how to stop it."""
         self._callbacks.append(callback)
+        return partial(self.unsubscribe, callback)
 
-        def unsubscribe() -> None:
-            if callback in self._callbacks:
-                self._callbacks.remove(callback)
-
-        return unsubscribe
+    def unsubscribe(self, callback: FrameCallback) -> None:
+        """Hand no more frames to ``callback``; harmless when that has ended."""
+        if callback in self._callbacks:
+            self._callbacks.remove(callback)
 
     def due(self, time: float) -> bool:
         """Whether the next exposure on the grid k / fps has come."""

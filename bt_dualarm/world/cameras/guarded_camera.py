@@ -67,16 +67,7 @@ class GuardedCamera:
 
     def subscribe(self, callback: FrameCallback) -> Callable[[], None]:
         """Have every frame handed to ``callback``; returns how to stop it."""
-
-        def guarded(frame: Frame) -> None:
-            try:
-                callback(frame)
-            except RAISED_BY_SKILLS as error:
-                self.fault = error
-                unsubscribe()
-
-        unsubscribe = self._camera.subscribe(guarded)
-        return unsubscribe
+        return self._camera.subscribe(_Guarded(self, self._camera, callback))
 
     def _guarded_aim(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
         try:
@@ -85,3 +76,26 @@ class GuardedCamera:
             self.fault = error
             self.aim = None
             return Window()
+
+
+class _Guarded:
+    """A callback that is not called again once it has raised.
+
+    A function would have to know itself for that, and so stay in memory, with whom it calls, until
+    Python looks for circles.
+
+    Args:
+        owner: Who learns what it has raised.
+        camera: Camera that calls it.
+        callback: Callback itself.
+    """
+
+    def __init__(self, owner: GuardedCamera, camera: Camera, callback: FrameCallback) -> None:
+        self._owner, self._camera, self._callback = owner, camera, callback
+
+    def __call__(self, frame: Frame) -> None:
+        try:
+            self._callback(frame)
+        except RAISED_BY_SKILLS as error:
+            self._owner.fault = error
+            self._camera.unsubscribe(self)
