@@ -66,7 +66,12 @@ class Pose:
     @classmethod
     def from_matrix(cls, matrix: Matrix) -> Pose:
         """A homogeneous transform, of shape (4, 4)."""
-        return cls(matrix[:3, 3].copy(), _quaternion_of(matrix[:3, :3]))
+        return cls(matrix[:3, 3].copy(), _quaternion_of(matrix[:3, :3].tolist()))
+
+    @classmethod
+    def from_axes(cls, position: Vector, axes: Sequence[Sequence[float]]) -> Pose:
+        """A position, of shape (3,), and the rows of a rotation, whose columns are the axes."""
+        return cls(position, _quaternion_of(axes))
 
     @property
     def rotation(self) -> scipy.spatial.transform.Rotation:
@@ -144,12 +149,12 @@ def _axes(quaternion: Vector) -> tuple[_Row, _Row, _Row]:
     )
 
 
-def _quaternion_of(matrix: Matrix) -> Vector:
+def _quaternion_of(rows: Sequence[Sequence[float]]) -> Vector:
     """The quaternion wxyz of a rotation of shape (3, 3), from its largest part (Shepperd 1978).
 
     Each row of the table is four times the quaternion times one of its parts.
     """
-    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    (a, b, c), (d, e, f), (g, h, i) = rows
     table = (
         (1.0 + a + e + i, h - f, c - g, d - b),
         (h - f, 1.0 + a - e - i, b + d, c + g),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
@@ -61,27 +62,39 @@ class Calibration:
             region: Part that was.
             stride: Edge in pixels of the blocks that share a colour.
         """
-        return self.suffering(region, stride)(image)
+        left, top, right, bottom = region
+        blocks = np.ascontiguousarray(image[top:bottom:stride, left:right:stride])
+        enter_blocks(image, region, stride, self.suffering(region, stride)(blocks))
+        return image
 
     def suffering(self, region: Region, stride: int = 1) -> Callable[[Image], Image]:
-        """What the next picture will suffer, as it was drawn now; arguments as of ``suffered``."""
-        if not (self.noise or self.light.most):
-            return lambda image: image
+        """What the next picture will suffer, as it was drawn now.
+
+        Args:
+            region: Part that is exposed.
+            stride: Edge in pixels of the blocks that share a colour.
+
+        Returns:
+            Function of the colours of its blocks, of shape (rows, columns, 3).
+        """
+        if not self.suffers:
+            return lambda blocks: blocks
         left, top, right, bottom = region
         light = 1.0 + float(self.light.draw(self.rng, 1)[0])
-        rows, columns = slice(top, bottom, stride), slice(left, right, stride)
-        blocks = len(range(top, bottom, stride)) * len(range(left, right, stride))
-        more, less = self._noise_of(3 * blocks)
+        shape = len(range(top, bottom, stride)), len(range(left, right, stride)), 3
+        more, less = (one.reshape(shape) for one in self._noise_of(math.prod(shape)))
 
-        def suffer(image: Image) -> Image:
-            part = np.ascontiguousarray(image[rows, columns])
+        def suffer(blocks: Image) -> Image:
             # OpenCV keeps to the levels that there are.
-            bright = cv2.add(cv2.convertScaleAbs(part, alpha=light), more.reshape(part.shape))
-            dark = cv2.subtract(bright, less.reshape(part.shape))
-            enter_blocks(image, region, stride, np.asarray(dark, dtype=np.uint8))
-            return image
+            bright = cv2.add(cv2.convertScaleAbs(blocks, alpha=light), more)
+            return np.asarray(cv2.subtract(bright, less), dtype=np.uint8)
 
         return suffer
+
+    @property
+    def suffers(self) -> bool:
+        """Whether a picture arrives as another than was exposed."""
+        return bool(self.noise or self.light.most)
 
     def _noise_of(self, count: int) -> npt.NDArray[np.uint8]:
         """What so many pixels have more and less, of shape (2, count).
@@ -89,9 +102,8 @@ class Calibration:
         It is a stretch of noise that is drawn once, from anywhere in it.
         """
         if self._bank.shape[1] < count + _BANK:
-            drawn = self.noise * self.rng.standard_normal(count + _BANK, dtype=np.float32)
-            both = np.rint(np.stack((drawn, -drawn)))
-            self._bank = np.clip(both, 0, 255).astype(np.uint8)
+            drawn = np.rint(self.noise * self.rng.standard_normal(count + _BANK, dtype=np.float32))
+            self._bank = np.stack([drawn.clip(0, 255), (-drawn).clip(0, 255)]).astype(np.uint8)
         begin = int(self.rng.integers(self._bank.shape[1] - count))
         return self._bank[:, begin : begin + count]
 

@@ -150,10 +150,10 @@ class Camera:
         region = self._exposed(window)
         shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
         exposure = Exposure(camera_id, self.width, self.height, region, window.stride)
-        suffer = known.suffering(region, window.stride)
+        suffer = known.suffering(region, window.stride) if known.suffers else None
 
         def draw(state: mujoco.MjData) -> Image:
-            return suffer(self._optics.picture(model, state, exposure, shake))
+            return self._optics.picture(model, state, exposure, shake, suffer)
 
         facts = pose, known.fov_rad, region, window.stride, self.noise, self._memory
         if self._memory is not None and self._memory.knows(stamp, region, window.stride):

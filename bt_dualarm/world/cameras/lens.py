@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.world.rendering.renderer import Exposure, Image, clip_region, enter_blocks
+from bt_dualarm.world.rendering.renderer import Exposure, Image, Region, clip_region, enter_blocks
 
 _RADII: Final = 4096
 """Radii at which the formula is worked out; between two of them it is a line."""
@@ -40,6 +40,9 @@ class Lens:
         columns, rows = x * scale * focal_px + width / 2, y * scale * focal_px + height / 2
         self._columns: npt.NDArray[np.float32] = (columns - 0.5).astype(np.float32)
         self._rows: npt.NDArray[np.float32] = (rows - 0.5).astype(np.float32)
+        # Where the rays of the latest part that was asked for come from.
+        self._asked: tuple[Region, int] | None = None
+        self._maps: tuple[npt.NDArray[np.float32], ...] = ()
         is_seen = np.isfinite(columns)
         self._is_seen = None if is_seen.all() else is_seen
         moved = np.hypot(columns - x * focal_px - width / 2, rows - y * focal_px - height / 2)
@@ -56,18 +59,31 @@ class Lens:
 
     def bent(self, image: Image, exposure: Exposure) -> Image:
         """The picture behind the lens, black outside of the exposure's region."""
-        left, top, right, bottom = exposure.clipped
         arrived: Image = np.zeros_like(image)
-        if right <= left or bottom <= top:
-            return arrived
+        if not exposure.is_empty:
+            enter_blocks(arrived, exposure.clipped, exposure.stride, self.seen(image, exposure))
+        return arrived
+
+    def seen(self, image: Image, exposure: Exposure) -> Image:
+        """Colours behind the lens of the blocks of an exposure, of shape (rows, columns, 3).
+
+        Args:
+            image: The picture before it.
+            exposure: Exposure that is not empty.
+        """
+        left, top, right, bottom = exposure.clipped
         step = exposure.stride  # one ray a block: nobody looks at more of it than its corner
         part = slice(top, bottom, step), slice(left, right, step)
-        columns, rows = (np.ascontiguousarray(one[part]) for one in (self._columns, self._rows))
+        if self._asked != (exposure.clipped, step):
+            self._asked = exposure.clipped, step
+            self._maps = tuple(
+                np.ascontiguousarray(one[part]) for one in (self._columns, self._rows)
+            )
+        columns, rows = self._maps
         seen = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         if self._is_seen is not None:
             seen[~self._is_seen[part]] = 0
-        enter_blocks(arrived, exposure.clipped, step, np.asarray(seen, dtype=np.uint8))
-        return arrived
+        return np.asarray(seen, dtype=np.uint8)
 
 
 def _straight(k1: float, k2: float, seen_at: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

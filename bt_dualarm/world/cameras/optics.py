@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import mujoco
+import numpy as np
 import scipy
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.cameras.frame import focal_length_px
 from bt_dualarm.world.cameras.lens import Lens
 from bt_dualarm.world.cameras.shutter import Draw, Shutter
-from bt_dualarm.world.rendering.renderer import Exposure, Image, Renderer
+from bt_dualarm.world.rendering.renderer import Exposure, Image, Renderer, enter_blocks
 
 
 class Optics:
@@ -34,7 +35,12 @@ class Optics:
         self._lens: Lens | None = None
 
     def picture(
-        self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, shake: Vector
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        exposure: Exposure,
+        shake: Vector,
+        suffer: Callable[[Image], Image] | None = None,
     ) -> Image:
         """What an exposure shows, of shape (height, width, 3).
 
@@ -43,20 +49,26 @@ class Optics:
             data: State of it, its kinematics up to date.
             exposure: Part of the image that is asked for.
             shake: Turn of the camera about its x and y axes meanwhile, of shape (2,), in rad.
+            suffer: What the colours of its blocks, of shape (rows, columns, 3), suffer besides.
         """
 
         def draw(state: mujoco.MjData, part: Exposure) -> Image:
             with _turned(state, part.camera_id, shake):
                 return self._renderer.render(model, state, part)
 
+        if exposure.is_empty:
+            return exposure.black()
         if not any(self._bend):
-            return self._exposed(model, data, exposure, draw)
+            image = self._exposed(model, data, exposure, draw)
+            return image if suffer is None else _changed(image, exposure, suffer)
         if self._lens is None:
             fov_rad = math.radians(float(model.cam_fovy[exposure.camera_id]))
             focal_px = focal_length_px(exposure.height, fov_rad)
             self._lens = Lens(*self._bend, exposure.width, exposure.height, focal_px)
         wide = self._lens.widened(exposure)
-        return self._lens.bent(self._exposed(model, data, wide, draw), exposure)
+        image = self._exposed(model, data, wide, draw)
+        seen = self._lens.seen(image, exposure)
+        return _alone(image, wide, exposure, seen if suffer is None else suffer(seen))
 
     def _exposed(
         self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, draw: Draw
@@ -64,6 +76,23 @@ class Optics:
         if self._shutter is None:
             return draw(data, exposure)
         return self._shutter.picture(model, data, exposure, draw)
+
+
+def _changed(image: Image, exposure: Exposure, change: Callable[[Image], Image]) -> Image:
+    """The image with other colours."""
+    (left, top, right, bottom), step = exposure.clipped, exposure.stride
+    blocks = np.ascontiguousarray(image[top:bottom:step, left:right:step])
+    enter_blocks(image, exposure.clipped, step, change(blocks))
+    return image
+
+
+def _alone(image: Image, wide: Exposure, exposure: Exposure, blocks: Image) -> Image:
+    """The image with these blocks in the place of all that was drawn for them."""
+    left, top, right, bottom = wide.clipped
+    if wide.clipped != exposure.clipped:
+        image[top:bottom, left:right] = 0
+    enter_blocks(image, exposure.clipped, exposure.stride, blocks)
+    return image
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, Protocol, TypeAlias
 
 import mujoco
@@ -51,19 +52,34 @@ class Exposure:
             draw: Colours of some blocks, of shape (rows, columns, 3); not called where the region
                 is empty.
         """
-        image: Image = np.zeros((self.height, self.width, 3), dtype=np.uint8)
-        left, top, right, bottom = self.clipped
-        if right <= left or bottom <= top:
-            return image
-        step = self.stride
-        blocks = draw((_covering(top, bottom, step), _covering(left, right, step)))
-        if left % step or top % step:
-            blocks = blocks.repeat(step, axis=0).repeat(step, axis=1)
-            blocks, step = blocks[top % step :, left % step :], 1
-        enter_blocks(image, self.clipped, step, blocks)
+        image, region = self.black(), self.clipped
+        if not self.is_empty:
+            enter_blocks(image, region, self.stride, draw(self.blocks), self.corner)
         return image
 
+    def black(self) -> Image:
+        """An image in which nothing is drawn yet, of shape (height, width, 3)."""
+        return np.zeros((self.height, self.width, 3), dtype=np.uint8)
+
     @property
+    def is_empty(self) -> bool:
+        """Whether nothing is drawn."""
+        left, top, right, bottom = self.clipped
+        return right <= left or bottom <= top
+
+    @property
+    def blocks(self) -> Blocks:
+        """Rows and columns of blocks that cover the region."""
+        (left, top, right, bottom), step = self.clipped, self.stride
+        return _covering(top, bottom, step), _covering(left, right, step)
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """Column and row of the first pixel of the first block."""
+        left, top, _, _ = self.clipped
+        return left - left % self.stride, top - top % self.stride
+
+    @cached_property
     def clipped(self) -> Region:
         """The part that is drawn, inside the image; may be empty."""
         return clip_region(self.region, self.width, self.height)
@@ -95,21 +111,25 @@ def clip_region(region: Region | None, width: int, height: int) -> Region:
     return left, top, max(left, min(region[2], width)), max(top, min(region[3], height))
 
 
-def enter_blocks(image: Image, region: Region, step: int, blocks: Image) -> None:
+def enter_blocks(
+    image: Image, region: Region, step: int, blocks: Image, corner: tuple[int, int] | None = None
+) -> None:
     """Enter blocks into a region of an image, of shape (height, width, 3).
 
     Args:
         image: Image that takes them.
-        region: Part that they cover, from its corner on; the last ones may be cut off.
+        region: Part that they cover; the last ones may be cut off.
         step: Edge of a block in pixels.
         blocks: Their colours, of shape (rows, columns, 3).
+        corner: Column and row of the first pixel of the first block; by default the region's.
     """
-    left, top, right, bottom = region
-    part = image[top:bottom, left:right]
-    wide = blocks if step == 1 else blocks.repeat(step, axis=1)
-    for first in range(step):  # whole rows: single blocks cost five times as much
-        rows = part[first::step]
-        rows[:] = wide[: rows.shape[0], : rows.shape[1]]
+    if step == 1:
+        left, top, right, bottom = region
+        image[top:bottom, left:right] = blocks
+        return
+    from bt_dualarm.world.rendering.block_kernels import enter
+
+    enter(image, region, corner or region[:2], step, np.ascontiguousarray(blocks))
 
 
 def _covering(start: int, stop: int, stride: int) -> slice:

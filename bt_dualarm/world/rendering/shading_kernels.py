@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix
+from bt_dualarm.world.rendering.block_kernels import enter
 from bt_dualarm.world.rendering.kernel_arrays import Fan, Hits, Lights, Shapes
 from bt_dualarm.world.rendering.trace_kernels import describe, trace
 
@@ -16,11 +17,21 @@ from bt_dualarm.world.rendering.trace_kernels import describe, trace
 @kernel
 def draw(
     shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan, lights: Lights,
-    lit_from: Matrix, lit_along: Matrix, pixels: npt.NDArray[np.uint8],
+    lit_from: Matrix, lit_along: Matrix, image: npt.NDArray[np.uint8],
+    region: tuple[int, int, int, int], corner: tuple[int, int], step: int,
 ) -> None:  # fmt: skip
-    """Enter the colours of what the rays meet; arguments as of `trace` and `shade`."""
+    """Enter the colours of what the rays meet into a part of an image.
+
+    Arguments as of `trace`, `shade` and `enter`; a ray is that of a block of pixels.
+    """
     hits = describe(shapes, axes, fan, trace(shapes, places, axes, fan))
-    shade(lights, lit_from, lit_along, fan, hits, pixels)
+    if step == 1:
+        part = image[region[1] : region[3], region[0] : region[2]]
+        shade(lights, lit_from, lit_along, fan, hits, part)
+    else:
+        pixels = np.empty((fan.rays.shape[1], fan.rays.shape[2], 3), np.uint8)
+        shade(lights, lit_from, lit_along, fan, hits, pixels)
+        enter(image, region, corner, step, pixels)
 
 
 @kernel
