@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bt_dualarm.errors import CatalogueError, OverlapError, WorldError
+from bt_dualarm.preflight.loads import overloads
 from bt_dualarm.preflight.reaching import out_of_reach
 from bt_dualarm.preflight.robots import Names
 from bt_dualarm.spec.document import TreeFile
@@ -78,7 +79,9 @@ def check(
             return Checked(None, (_overlap(file, source, error),))
         except (CatalogueError, WorldError) as error:
             return Checked(None, (Problem(Place(loaded.name), str(error)),))
-    return Checked(file, in_order((*loaded.problems, *out_of_reach(file, names.robots, kinds))))
+    robots = names.robots
+    warnings = (*out_of_reach(file, robots, kinds), *overloads(file, robots, kinds))
+    return Checked(file, in_order((*loaded.problems, *warnings)))
 
 
 def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:

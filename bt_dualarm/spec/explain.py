@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from bt_dualarm.spec.annotations import fixed_length, models_in
+from bt_dualarm.spec.instead import list_of, mapping_of
 from bt_dualarm.spec.location import Location, field_at, path_in, type_at
 from bt_dualarm.spec.notation import names_of
 from bt_dualarm.spec.ports import is_unknown, key_name, reference_of, unit_of
@@ -162,11 +163,13 @@ class _Words:
         return Finding(path, _owned(path, message), hint)
 
     def _bare_number(self, found: Sequence[ErrorDetails]) -> str:
-        """The number that text with a unit would be, where no text may stand."""
+        """The number or list that text would be, where no text may stand."""
         for details in found:
-            field = field_at(self.model, details["loc"])
-            if details["type"] == "float_type" and field and isinstance(details["input"], str):
-                return bare(details["input"], unit_of(field))
+            field, given = field_at(self.model, details["loc"]), details["input"]
+            if isinstance(given, str) and details["type"] in ("list_type", "tuple_type"):
+                return list_of(given)
+            if isinstance(given, str) and details["type"] == "float_type" and field:
+                return bare(given, unit_of(field))
         return ""
 
     def _forms(self, found: Sequence[ErrorDetails]) -> str:
@@ -174,6 +177,8 @@ class _Words:
         for details in found:
             if details["type"] == "model_type":
                 for model in models_in(type_at(self.model, details["loc"])):
+                    if meant := mapping_of(details["input"], model):
+                        return meant
                     names = [f"'{name}'" for name in names_of(model)]
                     return " or ".join([*names, f"a mapping of {', '.join(model.model_fields)}"])
         return ""

@@ -111,9 +111,10 @@ def errors(problems: Iterable[Problem]) -> tuple[Problem, ...]:
 
 
 def nearest(given: str, valid: Iterable[str]) -> str | None:
-    """The valid name that a person most likely meant, if one is near enough."""
-    close = difflib.get_close_matches(given[:64], sorted(valid), n=1, cutoff=0.6)
-    return close[0] if close else None
+    """The valid name that a person most likely meant, if one is near enough, case aside."""
+    names = {name.lower(): name for name in sorted(valid, reverse=True)}
+    close = difflib.get_close_matches(given[:64].lower(), sorted(names), n=1, cutoff=0.6)
+    return names[close[0]] if close else None
 
 
 def suggestion(given: str, valid: Iterable[str], noun: str) -> str:

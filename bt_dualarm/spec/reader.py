@@ -174,7 +174,7 @@ class _Reader:
             if isinstance(event, yaml.MappingEndEvent):
                 self.source.values[path] = _span(start, event)
                 break
-            key = self._key(event, events, path)
+            key = self._key(event, events, path, after=next(reversed(items.values()), None))
             place = (*path, key)
             if key in items:
                 first = self.source.keys[place].line + 1
@@ -187,7 +187,8 @@ class _Reader:
             items.setdefault(key, value)
         return items
 
-    def _key(self, event: yaml.Event, events: Iterator[yaml.Event], path: Path) -> str:
+    def _key(self, event: yaml.Event, events: Iterator[yaml.Event], path: Path, after: Data) -> str:
+        """A key; ``after`` is the value before it."""
         if not isinstance(event, yaml.ScalarEvent):
             self._node(event, events, (*path, "?"))
             self._refuse(event, "a key that is not text", "keys are plain words", exact=True)
@@ -204,6 +205,8 @@ class _Reader:
             self._refuse(event, "merge key '<<'", "use a subtree, or write the values again")
         elif not event.style and not _reads_as_text(text):
             hint = f'quote it if it is meant: "{text}"'
+            if text.isdigit() and isinstance(after, int) and not isinstance(after, bool):
+                hint = f"numbers have a point, not a comma: {after}.{text}"
             self._refuse(event, f"key '{text}' is not text", hint, exact=True)
         return text
 

@@ -24,6 +24,9 @@ _OWN_SKILLS: Final = "(skills of your own: --skills DIR)"
 
 def kind_hint(given: str, kinds: Iterable[str]) -> str:
     """A hint for an unknown kind of node: our word for it, the nearest one, or all of them."""
+    name, colon, rest = given.partition(":")
+    if colon and rest:
+        return f"write a space after the colon: '{name}: {rest}'"
     known = {_letters(kind): kind for kind in kinds}
     ours = {_letters(name): word for name, word in SYNONYMS.items()} | known
     word = ours.get(_letters(given), "")

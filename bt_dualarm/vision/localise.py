@@ -24,6 +24,7 @@ PIXEL_SIGMA = 0.07
 
 _HELD_SIGMA_M = 1e-5
 _MIN_SLOPE = 0.05
+_CUT_OFF = 0.3  # of the depth: its doubt where the image cuts off a part of what has a known size
 
 
 class LocaliseError(DualArmError):
@@ -156,11 +157,13 @@ class OfSize(Localiser):
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
         """Along the line of sight, as far as the size says; see ``Localiser``."""
-        side_px = math.sqrt(detection.area_px)
+        side_px = _side_px(detection)
         depth = frame.focal_px * self.side / side_px
         across = _sigma_px(frame) * depth / frame.focal_px
         # The area of a square with n pixels a side is as uncertain as its 4 n edge pixels.
         along = PIXEL_SIGMA * frame.stride * depth / side_px
+        if detection.touches_border:
+            along = _CUT_OFF * depth
         view = frame.pose.turn(np.array((0.0, 0.0, 1.0)))
         sigma = np.sqrt(across**2 + (along**2 - across**2) * np.square(view))
         point = frame.pose.position + depth * frame.ray(detection.centroid_px)
@@ -169,6 +172,15 @@ class OfSize(Localiser):
     def corners(self, point: Vector, frame: Frame) -> Matrix:
         """Those of a square that faces the camera."""
         return square_corners(frame, point, frame.pose.turn(np.array((0.0, 0.0, 1.0))), self.side)
+
+
+def _side_px(detection: Detection) -> float:
+    """Root of the area; of what the image cuts off its longer edge, which most times is whole."""
+    root = math.sqrt(detection.area_px)
+    if not detection.touches_border:
+        return root
+    left, top, right, bottom = detection.bounds_px
+    return max(root, right - left, bottom - top)
 
 
 def _sigma_px(frame: Frame) -> float:

@@ -109,6 +109,22 @@ def test_a_pose_out_of_reach_is_a_warning_and_no_error(
     assert all(words in problem.message for problem in found)
 
 
+@pytest.mark.parametrize(("robot", "most"), [("ur3", 3), ("xarm7", 3.5), ("ur5", 5), ("ur10", 10)])
+def test_a_load_beyond_the_payload_is_a_warning(
+    tmp_path: Path, registry: Registry, robot: str, most: float
+) -> None:
+    """Wherever something is carried; what only stands there may weigh what it likes."""
+    carries = "{transport: {object: cube, to: {xyz: [0.3, 0.1, 0.4]}}}"
+    for mass, tree, count in ((most + 0.1, carries, 1), (most, carries, 0), (90, "succeed", 0)):
+        file = FILE.replace("mass: 0.1", f"mass: {mass}")
+        path = tmp_path / "task.yaml"
+        path.write_text(file.format(**{**GOOD, "robot": robot, "tree": tree}))
+        found = check(path, registry.kinds).problems
+        assert [one.severity for one in found] == ["warning"] * count
+        assert all(f"cube weighs {mass:g} kg" in one.message for one in found)
+        assert all(f"a {robot}, is {most:g} kg" in one.hint for one in found)
+
+
 @pytest.mark.parametrize(
     ("tree", "message", "hint"),
     [

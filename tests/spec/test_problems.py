@@ -46,3 +46,8 @@ def test_suggestion() -> None:
     assert suggestion("raduis", ["radius", "speed"], "port") == "did you mean 'radius'?"
     assert suggestion("zzz", ["radius", "speed"], "port") == "known here: radius, speed"
     assert suggestion("zzz", [], "object") == "no object is known here"
+
+
+def test_a_name_in_another_case_is_the_nearest() -> None:
+    assert suggestion("UR5", ["panda", "ur3", "ur5", "xarm7"], "robot") == "did you mean 'ur5'?"
+    assert suggestion("Cube", ["ball", "CUBE"], "object") == "did you mean 'CUBE'?"

@@ -24,6 +24,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "ticking.md"
         ("ForceSuccess", "here it is 'force_success'"),
         ("Inverter", "here it is 'inverter'"),
         ("Timeout", "here it is 'timeout'"),
+        ("wait:{seconds", "write a space after the colon: 'wait: {seconds'"),
         ("inverte", "did you mean 'inverter'? (skills of your own: --skills DIR)"),
     ],
 )

@@ -71,6 +71,24 @@ def test_a_known_size_tells_the_depth(pose: Pose, local: Vector) -> None:
     assert sighting.point == pytest.approx(point, abs=1e-9)
 
 
+@pytest.mark.parametrize("edge", ["bottom", "right"])
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.5, 0.9])
+def test_what_the_image_cuts_off_is_no_farther_away(edge: str, share: float) -> None:
+    """A strip of a target is as wide as the target: its depth is true, and in doubt by a third."""
+    frame = frame_from(Pose.identity())
+    edge_px = frame.focal_px * SIDE_M / 0.4
+    wide, high = (edge_px, share * edge_px) if edge == "bottom" else (share * edge_px, edge_px)
+    right, bottom = (180, 240) if edge == "bottom" else (320, 130)
+    box = (round(right - wide), round(bottom - high), right, bottom)
+    middle = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
+    area = (box[2] - box[0]) * (box[3] - box[1])
+    relative = (middle[0] / 160 - 1, middle[1] / 120 - 1)
+    strip = Detection(2.0, relative, middle, area, math.sqrt(area) / 240, box, 1.0, True)
+    sighting = OfSize(SIDE_M).locate(strip, frame)
+    assert sighting.point[2] == pytest.approx(0.4, rel=0.03)
+    assert sighting.sigma[2] == pytest.approx(0.3 * 0.4, rel=0.2)
+
+
 def test_depth_is_the_least_certain() -> None:
     """Looking along +x at 0.35 m: the pixel noise across, and its share of 37 px of side along."""
     pose = Pose.from_rpy((0, 0, 0), (-math.pi / 2, 0, -math.pi / 2))

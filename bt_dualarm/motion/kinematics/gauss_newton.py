@@ -27,6 +27,9 @@ _LATE, _FAR = 15, 0.05
 """A start whose error is above so many m + rad at this step is given up: one in forty would still
 get there, and a third of all steps is saved."""
 
+_STILL = 2e-3
+"""Largest step in rad below which redundant joints are where they were pulled to."""
+
 
 @dataclass(frozen=True)
 class FrameTask:
@@ -86,12 +89,8 @@ class Descent:
             start: Configuration within the position limits, of shape (dof,), rad.
             iterations: Most steps to take.
         """
-        mechanism, robot, solver = self._mechanism, self._robot, self._solver
-        for number, task in self._world:
-            task.T_world_frame = targets[number]
-        for number, task in self._relative:
-            task.T_a_b = targets[number]
-        mechanism.set_state(start)
+        robot, solver = self._robot, self._solver
+        self._set(targets, start)
         for i in range(iterations):
             step = solver.solve(True)
             robot.update_kinematics()
@@ -105,6 +104,18 @@ class Descent:
             # Looking at the step takes as long as half a step.
             if i % 4 == 3 and np.abs(step).max() < _STALLED < error:
                 break
+        return self._state()
+
+    def _set(self, targets: Sequence[Matrix], start: Vector) -> None:
+        """Begin at a start, of shape (dof,), with these targets."""
+        for number, task in self._world:
+            task.T_world_frame = targets[number]
+        for number, task in self._relative:
+            task.T_a_b = targets[number]
+        self._mechanism.set_state(start)
+
+    def _state(self) -> Vector:
+        mechanism = self._mechanism
         return np.clip(mechanism.state, mechanism.lower, mechanism.upper)
 
 
@@ -119,6 +130,16 @@ class PulledDescent(Descent):
         self._joints = mechanism.joints
         self._posture = self._solver.add_joints_task()
         self._posture.configure("posture", "soft", _PULL)
+
+    def nearest(self, targets: Sequence[Matrix], start: Vector, iterations: int) -> Vector:
+        """From a start on the targets on to where the posture is nearest, of shape (dof,)."""
+        self._set(targets, start)
+        for _ in range(iterations):
+            step = self._solver.solve(True)
+            self._robot.update_kinematics()
+            if np.abs(step).max() < _STILL:
+                break
+        return self._state()
 
     def pull_to(self, posture: Vector) -> None:
         """Set the posture, of shape (dof,)."""
@@ -146,6 +167,13 @@ class Continuation:
         """Where redundant joints go, of shape (dof,)."""
         if self._pulled is not None:
             self._pulled.pull_to(posture)
+
+    def nearest(self, targets: Sequence[Matrix], q: Vector, *, steps: int) -> Vector:
+        """From ``q`` on the targets, of shape (dof,), to the answer next to the posture."""
+        if self._pulled is None:
+            return q
+        q = self._pulled.nearest(targets, q, steps)
+        return self._exact.run(targets, q, 8)
 
     def on(
         self, targets: Sequence[Matrix], q: Vector, *, pulled: int = 6, exact: int = 8
