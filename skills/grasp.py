@@ -16,6 +16,7 @@ from bt_dualarm import (
     Skill,
     Speed,
     TouchSense,
+    Vector,
     WantedGrasp,
     WayToGrasp,
     first_way,
@@ -26,6 +27,9 @@ from bt_dualarm import (
 _HOLD_S = 0.15  # that pads have to press
 _CLOSING_S = 1.5
 _ELSE_M = 0.006  # by which the opening may be off: more is something else
+_PRESSED_M = 0.006  # that a cup may be pressed on deeper than the face was thought to be
+_PRESSED_N = 12.0
+_PRESSING = 0.01  # share of the limits
 _EARLY_M = 0.012
 _EDGE_S = 0.3  # at the beginning of the way, where joints break loose: no force counts
 _UNKNOWN_KG = 1.0
@@ -146,6 +150,8 @@ class Grasp(Skill):
                 yield from arm.halt()
                 yield from arm.relax()
                 break
+        if not arm.gripper.page.fingers:
+            yield from self._press(way, along)
         left = float((way.ranked.tool.position - arm.tool_pose.position) @ along)
         self.metrics["approach_force_n"] = sense.most
         if left > _EARLY_M:
@@ -157,11 +163,24 @@ class Grasp(Skill):
                 force_n=sense.most,
             )
 
+    def _press(self, way: WayToGrasp, along: Vector) -> Iterator[float | None]:
+        """Press a cup on, slowly: its rim lies where the face was thought to be, or lower."""
+        arm, tool = self.arm, way.ranked.tool
+        sense = TouchSense(arm, along)
+        deeper = Pose(tool.position + _PRESSED_M * along, tool.quaternion)
+        rows = arm.line(arm.commanded_tool_pose, deeper)
+        motion = arm.begin(arm.time_path(rows, _PRESSING), may_touch=True)
+        while not motion.done and sense.force() < _PRESSED_N:
+            yield 0.7
+            arm.check()
+        yield from arm.halt()
+
     def _close(self, way: WayToGrasp, wanted: WantedGrasp) -> Iterator[float | None]:
         """Close with the force that the load asks for, and see that it is the object."""
         gripper, grasp = self.arm.gripper, way.ranked.grasp
         page = gripper.page
-        force = page.force.clipped(self.ports.force or grasp.force)
+        needed = grasp.force if page.fingers else page.force.most  # a vacuum crushes nothing
+        force = page.force.clipped(self.ports.force or needed)
         gripper.command(force=force, speed=page.speed.least if not page.fingers else None)
         began, since = self.time, None
         while since is None or self.time - since < _HOLD_S:

@@ -33,14 +33,14 @@ class Place(Skill):
         object: ObjectName = port(..., "object to set down; the gripper must hold it")
         at: CarriedPose = port(..., "pose of the object then; turned as now if only xyz")
         height: float = port(0.05, "height from which it is lowered", unit="m", ge=0.01, le=0.3)
-        force: float = port(8.0, "force by which the ground is felt", unit="N", ge=1, le=100)
+        force: float = port(7.0, "force by which the ground is felt", unit="N", ge=1, le=100)
         search: float = port(0.015, "how much lower the ground may be", unit="m", ge=0.001, le=0.1)
         retreat: float = port(0.08, "how far the gripper goes back", unit="m", ge=0.01, le=0.3)
         tolerance: float = port(
             0.008, "largest difference in height at the touch", unit="m", ge=1e-3, le=0.1
         )
         speed: Speed = port(0.5, "share of the arm's limits on the way there")
-        down_speed: Speed = port(0.008, "share of the arm's limits where it may touch")
+        down_speed: Speed = port(0.005, "share of the arm's limits where it may touch")
         planner: Planner = port("RRTConnect", "searches where the straight way is not free")
 
     failures = {
