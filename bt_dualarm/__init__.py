@@ -41,6 +41,7 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm as Arm
+    from bt_dualarm.arm.gripper import ArmGripper as ArmGripper
     from bt_dualarm.errors import DualArmError as DualArmError
     from bt_dualarm.errors import Failure as Failure
     from bt_dualarm.errors import WorldError as WorldError
@@ -93,6 +94,9 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.visual_servoing import PlaneTracking as PlaneTracking
     from bt_dualarm.spec.color import Color as Color
     from bt_dualarm.spec.goals import CarriedPose as CarriedPose
+    from bt_dualarm.spec.goals import GripForce as GripForce
+    from bt_dualarm.spec.goals import GripSpeed as GripSpeed
+    from bt_dualarm.spec.goals import GripWidth as GripWidth
     from bt_dualarm.spec.goals import JointAngles as JointAngles
     from bt_dualarm.spec.goals import PostureName as PostureName
     from bt_dualarm.spec.goals import ToolPose as ToolPose
@@ -114,6 +118,7 @@ if TYPE_CHECKING:
     from bt_dualarm.vision.known_shape import KnownShape as KnownShape
     from bt_dualarm.vision.sighted import SightedThing as SightedThing
     from bt_dualarm.vision.sighted import SightedThings as SightedThings
+    from bt_dualarm.world.grippers.gripper import Gripper as Gripper
     from bt_dualarm.world.world import World as World
 
     blended_path = _blended
@@ -155,6 +160,9 @@ _CONTENTS: Final = {
     "CarriedPose": "spec.goals:CarriedPose",
     "Color": "spec.color:Color",
     "Duration": "spec.values:Duration",
+    "GripForce": "spec.goals:GripForce",
+    "GripSpeed": "spec.goals:GripSpeed",
+    "GripWidth": "spec.goals:GripWidth",
     "JointAngles": "spec.goals:JointAngles",
     "ObjectName": "spec.values:ObjectName",
     "Offset": "spec.offset:Offset",
@@ -167,6 +175,8 @@ _CONTENTS: Final = {
     "Vector3": "spec.values:Vector3",
     # What a skill works with
     "Arm": "arm.arm:Arm",
+    "ArmGripper": "arm.gripper:ArmGripper",
+    "Gripper": "world.grippers.gripper:Gripper",
     "World": "world.world:World",
     "Pose": "pose:Pose",
     "Vector": "pose:Vector",

@@ -6,18 +6,30 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bt_dualarm import Duration, Failure, ObjectName, PortModel, Pose, PoseSpec, Skill, port
+from bt_dualarm import (
+    Duration,
+    Failure,
+    GripForce,
+    GripSpeed,
+    GripWidth,
+    ObjectName,
+    PortModel,
+    Pose,
+    PoseSpec,
+    Skill,
+    port,
+)
 
 
 class CloseGripper(Skill):
     """Close the gripper on what is between its fingers, or suck it, and hold it."""
 
     class Ports(PortModel):
-        width: float = port(0.0, "opening to close to; 0 for all the way", unit="m", ge=0, le=1)
-        speed: float | None = port(
+        width: GripWidth = port(0.0, "opening to close to; 0 for all the way", unit="m", ge=0, le=1)
+        speed: GripSpeed | None = port(
             None, "speed of the fingers together; by default the fastest", unit="m/s", gt=0, le=2
         )
-        force: float | None = port(
+        force: GripForce | None = port(
             None, "force of each pad, or of a cup; by default the most", unit="N", gt=0, le=5000
         )
         object: ObjectName | None = port(

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bt_dualarm import Failure, PortModel, Skill, port
+from bt_dualarm import Failure, GripForce, GripSpeed, GripWidth, PortModel, Skill, port
 
 
 class OpenGripper(Skill):
     """Open the gripper as wide as it was told, or let a cup's vacuum go."""
 
     class Ports(PortModel):
-        width: float | None = port(
+        width: GripWidth | None = port(
             None, "opening to go to; by default all of it", unit="m", gt=0, le=1
         )
-        speed: float | None = port(
+        speed: GripSpeed | None = port(
             None, "speed of the fingers together; by default the fastest", unit="m/s", gt=0, le=2
         )
-        force: float | None = port(
+        force: GripForce | None = port(
             None, "most force of each finger; by default the most", unit="N", gt=0, le=5000
         )
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from bt_dualarm.errors import CatalogueError
+from bt_dualarm.preflight.gripping import gripper_problems
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.document import ArmSpec, TreeFile
 from bt_dualarm.spec.goals import OfJoints, OfPosture
@@ -53,6 +54,7 @@ class Names:
                 self.robots[name] = robot if gripper is None else with_gripper(robot, gripper)
                 self._arm(("arms", name), arm, robot)
                 self.problems += self._nodes(name, arm, robot)
+                self.problems += gripper_problems(name, arm, gripper, self.kinds)
 
     def _scene(self) -> None:
         world = self.file.world
@@ -116,10 +118,6 @@ class Names:
                 message = f"{node.kind}: {name} has no camera that moves with it"
                 mount = next(iter(robot.cameras), "wrist")
                 yield node.problem(message, f"give {name} one: camera: {{mount: {mount}}}")
-            if kind.needs_gripper and arm.gripper is None:
-                message = f"{node.kind}: {name} has no gripper"
-                known = ", ".join(gripper_names())
-                yield node.problem(message, f"give {name} one: gripper: … ({known})")
             for port, declared in kind.ports.model_fields.items():
                 value = node.ports.get(port)
                 if value is None or reference_of(value) is not None:

@@ -10,6 +10,7 @@ from bt_dualarm.motion.search.quick_search import search_something
 from bt_dualarm.motion.setpoints.planar_servo import follow_something
 from bt_dualarm.motion.timing.path_timing import time_something
 from bt_dualarm.vision.motion_model import predict_something
+from bt_dualarm.world.grippers.carrying import carry_something
 from bt_dualarm.world.hardware.arm_hardware import sense_something
 from bt_dualarm.world.rendering.raycast import draw_something
 from bt_dualarm.world.touches import touch_something
@@ -22,4 +23,4 @@ def compile_kernels() -> None:
     """
     world = draw_something, sense_something, touch_something, predict_something, bound_something
     motion = move_something, follow_something, time_something, search_something
-    compile_once((*world, *motion, reserve_something))
+    compile_once((*world, *motion, reserve_something, carry_something))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from bt_dualarm.spec.values import Angle, PoseSpec
 
@@ -28,6 +28,26 @@ class OfPosture:
 class OfJoints:
     """Metadata of a port: one value for each of the arm's joints, or some by the joint's name."""
 
+
+@dataclass(frozen=True)
+class OfGripper:
+    """Metadata of a number that the arm's gripper is asked for: its page has the limits.
+
+    Attributes:
+        what: ``"width"``, ``"speed"`` or ``"force"``.
+    """
+
+    what: Literal["width", "speed", "force"]
+
+
+GripWidth: TypeAlias = Annotated[float, OfGripper("width")]
+"""An opening between the pads in m; the check knows the gripper's stroke."""
+
+GripSpeed: TypeAlias = Annotated[float, OfGripper("speed")]
+"""A speed of the opening in m/s; the check knows what the gripper can do."""
+
+GripForce: TypeAlias = Annotated[float, OfGripper("force")]
+"""A force of each pad, or of a cup, in N; likewise."""
 
 ToolPose: TypeAlias = Annotated[PoseSpec, Goal()]
 """A pose in the world that the tool is to take; the check warns if it is out of reach."""

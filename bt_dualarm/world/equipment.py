@@ -14,6 +14,7 @@ from bt_dualarm.spec.reality_sets import REALITY_SETS
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.attachments import Attachment
 from bt_dualarm.world.composition import nominal_model
+from bt_dualarm.world.grippers.carrying import Carrying
 from bt_dualarm.world.grippers.drive import GripperHardware
 from bt_dualarm.world.grippers.gripper import Gripper
 from bt_dualarm.world.hardware.arm_hardware import ArmHardware
@@ -64,6 +65,7 @@ class Equipment:
         self._sense: list[Callable[[float], None]] = []
         self._drive: list[Callable[[], None]] = []
         self._rub: list[Callable[[], None]] = []
+        self._carrying: list[Carrying] = []
         self.errors: dict[str, RealityErrors] = {
             name: resolved(file.world.reality, arm.reality, REALITY_SETS)
             for name, arm in file.arms.items()
@@ -120,6 +122,7 @@ class Equipment:
         self._model, self._plant = plant
         self._sensed, self._is_sensed = mujoco.MjData(self._model), False
         self._places = []
+        self._carrying = []
         self._everywhere = self._sensed.qpos  # views, as in `ArmHardware`
         loads: dict[str, list[NominalLoad]] = {name: [] for name in arms}
         for one in held:
@@ -133,6 +136,7 @@ class Equipment:
             self.nominal[name].hold(loads[name])
             if name in self.grippers:
                 self.grippers[name].connect(self._model, body.data, name)
+                self._carrying.append(Carrying(self._model, body.data, name, self.mounted[name]))
         equipped = [self.hardware[name] for name in arms]
         self._sense = [hardware.sense for hardware in equipped]
         self._drive = [hardware.drive for hardware in equipped if not hardware.is_ideal]
@@ -168,6 +172,11 @@ class Equipment:
         """Let all drives act during the next step."""
         for act in self._drive:
             act()
+
+    def carry(self) -> None:
+        """Let what grippers hold go with them, after the integration of a step."""
+        for carrying in self._carrying:
+            carrying.carry()
 
     def rub(self) -> None:
         """Set the friction of all arms for the velocities of now."""

@@ -66,6 +66,7 @@ class World(HoldingView):
         self.on_forces: list[Callable[[], None]] = [self.equipment.rub]
         self._spec = composition.scene_spec(file.world, file.root)
         if mounted:
+            self.on_forces.append(self.equipment.carry)
             composition.take_hold_options(self._spec)
         check_declarations(file, self.robots, composition.names_in(self._spec))
         self.attachments = Attachments(self._spec, self._recompile, self._take_up)

@@ -34,6 +34,8 @@ BETWEEN_PADS = {"cube": CUBE | {"pose": {"xyz": [0.487, 0.109, 0.682]}, "fixed":
 SCENARIOS = {
     "approach_and_attach": Scenario(ON_TABLE, scene="table"),
     "close_gripper": Scenario(BETWEEN_PADS, arm=GRIPPING),
+    "holding": Scenario(BETWEEN_PADS, arm=GRIPPING, before=({"close_gripper": {"force": 40}},)),
+    "release": Scenario(BETWEEN_PADS, arm=GRIPPING, before=({"close_gripper": {"force": 40}},)),
     "open_gripper": Scenario(arm=GRIPPING),
     "grasp": Scenario(ON_TABLE, arm=GRIPPING, scene="table"),
     "place": Scenario(ON_TABLE, arm=GRIPPING, before=(GRASP,), scene="table", again="FAILURE"),

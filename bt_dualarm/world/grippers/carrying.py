@@ -1,0 +1,79 @@
+"""What a gripper holds goes with it: integrated in the palm's frame, and not along straight lines.
+
+MuJoCo lets no friction slip at the level of velocities, and moves a free body along its velocity
+for a step. A palm that swings on an arm moves along an arc. Without this, what it holds would creep
+outwards by half the step times the centripetal acceleration: 2 mm/s at 2 m/s² and 2 ms.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from types import ModuleType
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.world.grippers.gripper import FINGERS, PALM, Gripper
+from bt_dualarm.world.grippers.mjspec import CUP, PAD
+
+
+class Carrying:
+    """One gripper of the plant; to be made anew after a recompilation.
+
+    Args:
+        model: The plant.
+        data: Its state.
+        arm: Name of the arm.
+        gripper: Page of its gripper.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, arm: str, gripper: Gripper
+    ) -> None:
+        self._model, self._data = model, data
+        bodies = FINGERS if gripper.fingers else (CUP, CUP)
+        self._first, self._second = (model.geom(f"{arm}/{body}/{PAD}").id for body in bodies)
+        self._palm = int(model.body(f"{arm}/{PALM}").id)
+        self._bodies = model.geom_bodyid.copy()
+        joints = model.body_jntadr
+        free = (joints >= 0) & (model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_FREE)
+        self._addresses = np.where(free, model.jnt_qposadr[joints], -1)
+        self._jacobian = np.zeros((6, model.nv))
+        self._before, self._after = np.zeros((2, 7))
+        self._step = float(model.opt.timestep)
+
+    def carry(self) -> None:
+        """Correct what is held after the integration of a step, before positions are taken up."""
+        data, model, palm = self._data, self._model, self._palm
+        if not data.ncon:
+            return
+        contact = data.contact
+        body = kernels().gripped(
+            contact.geom, contact.dist, self._first, self._second, self._bodies
+        )
+        if body < 0 or self._addresses[body] < 0:
+            return
+        start, was = int(self._addresses[body]), data.xpos[body].copy()
+        before, after, jacobian = self._before, self._after, self._jacobian
+        before[:3], before[3:] = data.xpos[palm], data.xquat[palm]
+        mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], palm)
+        mujoco.mj_kinematics(model, data)
+        after[:3], after[3:] = data.xpos[palm], data.xquat[palm]
+        pose = data.qpos[start : start + 7]
+        kernels().go_with(pose, was, before, after, jacobian, data.qvel, self._step)
+
+
+@cache
+def kernels() -> ModuleType:
+    """The kernels: an import statement costs as much as they do."""
+    from bt_dualarm.world.grippers import grip_kernels
+
+    return grip_kernels
+
+
+def carry_something() -> None:
+    """Have all kernels of what is held compiled."""
+    one = np.zeros(1, np.int32)
+    kernels().gripped(np.zeros((1, 2), np.int32), np.zeros(1), 0, 0, one)
+    pose = np.array((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    kernels().go_with(pose, np.zeros(3), pose, pose, np.zeros((6, 1)), np.zeros(1), 0.002)

@@ -1,0 +1,38 @@
+"""Does the gripper hold something?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bt_dualarm import Failure, ObjectName, PortModel, Skill, port
+
+
+class Holding(Skill):
+    """Whether the gripper holds something, by what it senses: a condition for ``guard``."""
+
+    class Ports(PortModel):
+        object: ObjectName | None = port(
+            None, "object that it has to be; by default any thing does"
+        )
+
+    failures = {"NOT_HOLDING": "the gripper holds nothing, or not this object"}
+    example = "holding"
+    needs_gripper = True
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Look at width and force, or at the vacuum; one look is all."""
+        gripper, wanted = self.arm.gripper, self.ports.object
+        self.metrics["width_m"], self.metrics["force_n"] = gripper.width, gripper.force
+        if not gripper.holding:
+            raise Failure(
+                "NOT_HOLDING",
+                f"{gripper.page.name} holds nothing",
+                width_m=gripper.width,
+                force_n=gripper.force,
+            )
+        if wanted is not None and wanted not in gripper.held:
+            known = ", ".join(gripper.held) or "nothing that was named when it was taken"
+            raise Failure("NOT_HOLDING", f"it is not {wanted!r} that it holds: {known}")
+        return
+        yield  # a generator, as every skill
