@@ -72,31 +72,53 @@ def go_with(
     for i in range(6):
         for k in range(len(velocities)):
             rates[i] += jacobian[i, k] * velocities[k]
-    w0, x0, y0, z0 = before[3], before[4], before[5], before[6]
-    w1, x1, y1, z1 = after[3], after[4], after[5], after[6]
-    # The palm's turn: its quaternion after the step times the conjugate of that before.
-    w = w1 * w0 + x1 * x0 + y1 * y0 + z1 * z0
-    x = -w1 * x0 + x1 * w0 - y1 * z0 + z1 * y0
-    y = -w1 * y0 + x1 * z0 + y1 * w0 - z1 * x0
-    z = -w1 * z0 - x1 * y0 + y1 * x0 + z1 * w0
-    ax, ay, az = was[0] - before[0], was[1] - before[1], was[2] - before[2]
-    tx, ty, tz = 2 * (y * az - z * ay), 2 * (z * ax - x * az), 2 * (x * ay - y * ax)
-    bx = ax + w * tx + y * tz - z * ty
-    by = ay + w * ty + z * tx - x * tz
-    bz = az + w * tz + x * ty - y * tx
-    pose[0] += after[0] + bx - was[0] - step * (rates[0] + rates[4] * az - rates[5] * ay)
-    pose[1] += after[1] + by - was[1] - step * (rates[1] + rates[5] * ax - rates[3] * az)
-    pose[2] += after[2] + bz - was[2] - step * (rates[2] + rates[3] * ay - rates[4] * ax)
-    rate = math.sqrt(rates[3] ** 2 + rates[4] ** 2 + rates[5] ** 2)
-    half = 0.5 * step * rate
-    share = 0.5 * step * (math.sin(half) / half if half > 1e-12 else 1.0)
-    cw, cx, cy, cz = math.cos(half), -share * rates[3], -share * rates[4], -share * rates[5]
-    dw = w * cw - x * cx - y * cy - z * cz
-    dx = w * cx + x * cw + y * cz - z * cy
-    dy = w * cy - x * cz + y * cw + z * cx
-    dz = w * cz + x * cy - y * cx + z * cw
-    pw, px, py, pz = pose[3], pose[4], pose[5], pose[6]
-    pose[3] = dw * pw - dx * px - dy * py - dz * pz
-    pose[4] = dw * px + dx * pw + dy * pz - dz * py
-    pose[5] = dw * py - dx * pz + dy * pw + dz * px
-    pose[6] = dw * pz + dx * py - dy * px + dz * pw
+    arm = was - before[:3]
+    turn = product(after[3:], conjugate(before[3:]))
+    there = after[:3] + turned(turn, arm)
+    straight = was + step * (rates[:3] + crossed(rates[3:], arm))
+    pose[:3] += there - straight
+    meant = rotation(step * rates[3:])
+    pose[3:] = product(product(turn, conjugate(meant)), pose[3:])
+
+
+@kernel
+def product(a: Vector, b: Vector) -> Vector:
+    """Of two quaternions, each of shape (4,), w first."""
+    return np.array(
+        (
+            a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+        )
+    )
+
+
+@kernel
+def conjugate(a: Vector) -> Vector:
+    """The turn back, of shape (4,)."""
+    return np.array((a[0], -a[1], -a[2], -a[3]))
+
+
+@kernel
+def crossed(a: Vector, b: Vector) -> Vector:
+    """The cross product of two vectors of shape (3,)."""
+    return np.array(
+        (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    )
+
+
+@kernel
+def turned(turn: Vector, arm: Vector) -> Vector:
+    """A vector of shape (3,) turned by a quaternion of shape (4,)."""
+    twice = 2.0 * crossed(turn[1:], arm)
+    there: Vector = arm + turn[0] * twice + crossed(turn[1:], twice)
+    return there
+
+
+@kernel
+def rotation(angles: Vector) -> Vector:
+    """The quaternion of a turn about a vector of shape (3,) by its length in rad."""
+    half = 0.5 * math.sqrt(angles[0] ** 2 + angles[1] ** 2 + angles[2] ** 2)
+    share = 0.5 * math.sin(half) / half if half > 1e-12 else 0.5
+    return np.array((math.cos(half), share * angles[0], share * angles[1], share * angles[2]))
