@@ -22,6 +22,10 @@ SLOWING: Final = 0.1
 sharp bend the largest speed of a place could else be one from which the next place is reached at
 rest, and the arm would stop there."""
 
+_BELOW: Final = 1.0 - 1e-6
+"""Share of the square of the largest speed of a place that is taken at most: at that speed itself a
+single acceleration is left, and where a joint all but turns back it may be a low one."""
+
 
 @kernel
 def squares_of_rates(path: PathOnGrid, acceleration: Vector, share: Vector) -> Vector:
@@ -39,7 +43,7 @@ def squares_of_rates(path: PathOnGrid, acceleration: Vector, share: Vector) -> V
         step = 2.0 * (path.grid[i + 1] - path.grid[i])
         last = i == count - 2
         _enter_rows(path, acceleration, share, i, a[i], b[i])
-        most = _largest(a[i], b[i], step, 1.0 if last else 1.0 - SLOWING, path.most[i])
+        most = _largest(a[i], b[i], step, 1.0 if last else 1.0 - SLOWING, path.most[i]) * _BELOW
         steepest = math.inf if last else reachable[i + 1] / SLOWING
         reachable[i] = min(_before(a[i], b[i], step, reachable[i + 1]), most, steepest)
     squares = np.zeros(count)

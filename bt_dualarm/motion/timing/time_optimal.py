@@ -20,6 +20,14 @@ _STILL = 1e-12
 """Slope in rad below which a joint does not move: it bounds no speed."""
 
 
+def _steps(samples: int) -> int:
+    """Steps of the grid for a path through so many samples.
+
+    Enough between two of them for a path that bends at each; many samples are of a smooth one.
+    """
+    return min(max(200, 2 * samples, min(8 * samples, 500)), 1500)
+
+
 class TimeOptimal:
     """The fastest motions along a path, with more and less of the acceleration at each place.
 
@@ -32,7 +40,7 @@ class TimeOptimal:
     """
 
     def __init__(self, path: scipy.interpolate.CubicSpline, limits: JointLimits) -> None:
-        self.grid = np.linspace(0.0, path.x[-1], int(np.clip(2 * len(path.x), 200, 1500)) + 1)
+        self.grid = np.linspace(0.0, path.x[-1], _steps(len(path.x)) + 1)
         slope = path(self.grid, 1)
         fastest = (limits.velocity / np.maximum(np.abs(slope), _STILL)).min(axis=1)
         self._path = PathOnGrid(self.grid, slope, path(self.grid, 2), fastest**2)
