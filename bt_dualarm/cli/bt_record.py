@@ -18,6 +18,7 @@ examples:
   bt-record export out --html out.html     one page: scene, slider, trees, reasons; no network
   bt-record export out --mcap out.mcap     for Foxglove and other viewers and plotters
   bt-record export out --mp4 out.mp4       a film: the scene, the trees beside it
+  bt-record export out --webp out.webp     the same, small, for pages on the web
   bt-record export out --csv tables        a folder of tables: events, notes, arms, states
 
 exit code:
@@ -58,6 +59,7 @@ def _command_line() -> argparse.ArgumentParser:
     add("--html", metavar="FILE", type=Path, help="one self-contained page")
     add("--mcap", metavar="FILE", type=Path, help="messages over time, in JSON")
     add("--mp4", metavar="FILE", type=_film, help="a film, 25 pictures a simulated second")
+    add("--webp", metavar="FILE", type=_animation, help="an animation of 3 MB at most")
     add("--csv", metavar="FOLDER", type=Path, help="tables, in a folder")
     return parser
 
@@ -82,6 +84,18 @@ def _film(text: str) -> Path:
     return Path(text)
 
 
+def _animation(text: str) -> Path:
+    if Path(text).suffix != ".webp":
+        raise argparse.ArgumentTypeError(f"{text!r} does not end with .webp")
+    return Path(text)
+
+
+def _webp(record: Record, target: Path) -> None:
+    from bt_dualarm.replay.video import write_animation
+
+    write_animation(record, target)
+
+
 def _mp4(record: Record, target: Path) -> None:
     from bt_dualarm.replay.video import write_film
 
@@ -101,5 +115,6 @@ _FORMATS: dict[str, Callable[[Record, Path], None]] = {
     "html": _html,
     "mcap": _mcap,
     "mp4": _mp4,
+    "webp": _webp,
     "csv": _csv,
 }

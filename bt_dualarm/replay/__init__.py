@@ -9,6 +9,7 @@ Open first: `record` (all that a record holds), `story` (why a leaf failed); oth
 repeat?) and `resume` (go on from a time), which make it anew (`rerun`, `past`,
 `known_pictures`); `html_page` (with
 `page_scene`), `mcap_export` (with `message`,
-`messages`, `camera_messages`, `message_schemas`), `kept_pictures`, `video` and `tables`
+`messages`, `camera_messages`, `message_schemas`), `kept_pictures`, `video` (with `film_scene`,
+`film_camera`, `film_panel`, `film_style`) and `tables`
 (exports).
 """

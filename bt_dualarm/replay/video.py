@@ -1,36 +1,47 @@
-"""A record as a film: the scene from outside, beside it every arm's tree at that time."""
+"""A record as a film: the scene by a camera that follows, wrist cameras, the trees beside."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
+from bt_dualarm.replay.film_camera import clear_corner, followed
+from bt_dualarm.replay.film_panel import FilmPanel
+from bt_dualarm.replay.film_scene import FilmScene
 from bt_dualarm.replay.record import Record, ReplayError
-from bt_dualarm.replay.timeline import Node, Timeline
-from bt_dualarm.world.rendering.still import Still, best_viewpoint
-
-FPS: Final = 25
-"""Pictures of a film for each simulated second: every second state that is kept."""
-
-_SCENE: Final = (640, 480)
-_PANEL: Final = 320
-_LINE: Final = 15
-_LONGEST: Final = 44
-_EVERY: Final = 2
-_MOST_STILLS: Final = 5
-_COLORS: Final = {
-    "INVALID": (150, 150, 150),
-    "RUNNING": (200, 130, 0),
-    "SUCCESS": (20, 130, 20),
-    "FAILURE": (200, 30, 30),
-}
 
 Picture = npt.NDArray[np.uint8]
+
+_PANEL: Final = 0.3125
+"""Width of the trees as a share of the picture's."""
+
+_MOST_BYTES: Final = 3 * 2**20
+"""Bytes of an animation: what pages on the web show without much ado."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """How large a film is, and how many pictures it has.
+
+    Attributes:
+        width: Width of its pictures in pixels, even.
+        height: Height in pixels, even.
+        fps: Pictures for each simulated second.
+    """
+
+    width: int
+    height: int
+    fps: float
+
+
+FILM: Final = Format(1280, 720, 25.0)
+ANIMATION: Final = Format(800, 450, 10.0)
 
 
 def write_film(record: Record, path: Path) -> None:
@@ -44,70 +55,91 @@ def write_film(record: Record, path: Path) -> None:
         ReplayError: There is nothing to be seen in the record, or imageio-ffmpeg is not installed.
         OSError: The film cannot be written there.
     """
-    try:
-        import imageio_ffmpeg
-    except ImportError as error:
-        message = "--mp4 needs the package imageio-ffmpeg (the extra bt_dualarm[export])"
-        raise ReplayError(message) from error
     beside = path.with_name(f".{path.stem}.half.mp4")
-    size = (_SCENE[0] + _PANEL, _SCENE[1])
-    film = imageio_ffmpeg.write_frames(str(beside), size, fps=FPS, codec="libx264")
     try:
         beside.touch()
-        film.send(None)
-        for picture in pictures(record):
-            film.send(np.ascontiguousarray(picture).tobytes())
-        film.close()
+        encode(pictures(record, FILM), (FILM.width, FILM.height), FILM.fps, beside)
         beside.replace(path)
     finally:
-        film.close()
         beside.unlink(missing_ok=True)
 
 
-def pictures(record: Record) -> Iterator[Picture]:
-    """Pictures of the film, of shape (480, 960, 3), red, green, blue.
+def encode(pictures: Iterator[Picture], size: tuple[int, int], fps: float, path: Path) -> None:
+    """Write pictures as H.264 (yuv420p, a key picture every two seconds).
+
+    Args:
+        pictures: Pictures of shape (height, width, 3), red, green, blue.
+        size: Width and height in pixels, even.
+        fps: Pictures a second.
+        path: File to write, which ends with ``.mp4``.
+
+    Raises:
+        ReplayError: The package imageio-ffmpeg is not installed.
+        OSError: The file cannot be written.
+    """
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        message = "a film needs the package imageio-ffmpeg (the extra bt_dualarm[export])"
+        raise ReplayError(message) from error
+    keys = ["-g", str(max(1, round(2 * fps)))]
+    film = imageio_ffmpeg.write_frames(
+        str(path), size, fps=fps, codec="libx264", macro_block_size=2, output_params=keys
+    )
+    try:
+        film.send(None)
+        for picture in pictures:
+            film.send(np.ascontiguousarray(picture).tobytes())
+    finally:
+        film.close()
+
+
+def write_animation(record: Record, path: Path) -> None:
+    """Write a film without sound or player, as an animated WebP of 3 MB at most.
+
+    Args:
+        record: The record.
+        path: File to write; its name ends with ``.webp``.
+
+    Raises:
+        ReplayError: There is nothing to be seen in the record.
+        OSError: The file cannot be written there.
+    """
+    images = [Image.fromarray(picture) for picture in pictures(record, ANIMATION)]
+    beside = path.with_name(f".{path.stem}.half.webp")
+    try:
+        for quality in (70, 55, 40, 25, 10):
+            images[0].save(
+                beside,
+                save_all=True,
+                append_images=images[1:],
+                duration=round(1000 / ANIMATION.fps),
+                loop=0,
+                quality=quality,
+                method=4,
+            )
+            if beside.stat().st_size <= _MOST_BYTES:
+                break
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def pictures(record: Record, form: Format) -> Iterator[Picture]:
+    """Pictures of the film, of shape (height, width, 3), red, green, blue.
 
     Raises:
         ReplayError: There is nothing to be seen in the record.
     """
-    count = len(record.times)
-    looks = np.linspace(0, count - 1, min(count, _MOST_STILLS)).round().astype(int)
-    stills = [_still(record, int(index)) for index in looks]
-    viewpoint = best_viewpoint(stills, _SCENE[0] / _SCENE[1])
-    if viewpoint is None:
-        raise ReplayError(f"{record.folder} holds nothing to be seen: no arm, no object")
-    timeline = Timeline(record)
-    for index in range(0, count, _EVERY):
-        still = _still(record, index)
-        scene = still.draw(viewpoint, *_SCENE)
-        yield np.hstack((scene, _panel(record, timeline, still.time)))
-
-
-def _still(record: Record, index: int) -> Still:
-    moment = record.moment(index)
-    return Still(record.model(moment.generation), moment.qpos, moment.time)
-
-
-def _panel(record: Record, timeline: Timeline, time: float) -> Picture:
-    """The trees at a time, of shape (480, 320, 3)."""
-    image = Image.new("RGB", (_PANEL, _SCENE[1]), "white")
-    draw, font = ImageDraw.Draw(image), ImageFont.load_default(11)
-    lines = [(f"{record.name}  {time:.2f} s", (0, 0, 0))]
-    for arm, root in timeline.roots.items():
-        lines += [("", (0, 0, 0)), (f"{arm} ({record.arms[arm]['robot']})", (0, 0, 0))]
-        lines += _lines(root, 0, time)
-    for row, (text, color) in enumerate(lines[: _SCENE[1] // _LINE - 1]):
-        draw.text((8, 6 + row * _LINE), text[:_LONGEST], fill=color, font=font)
-    return np.asarray(image, np.uint8)
-
-
-def _lines(node: Node, depth: int, time: float) -> list[tuple[str, tuple[int, int, int]]]:
-    status = node.status_at(time)
-    name = node.path.rpartition("/")[2]
-    lines = [(f"{'   ' * depth}{name}", _COLORS[status])]
-    if status == "FAILURE" and not node.children:
-        reasons = [change.reason for change in node.changes if change.time <= time + 1e-9]
-        lines.append((f"{'   ' * (depth + 1)}{reasons[-1]}", _COLORS[status]))
-    for child in node.children:
-        lines += _lines(child, depth + 1, time)
-    return lines
+    if not len(record.times):
+        raise ReplayError(f"{record.folder} holds nothing to be seen: no state was kept")
+    times = np.arange(float(record.times[0]), record.until, 1.0 / form.fps)
+    panel = round(_PANEL * form.width / 2) * 2
+    size = form.width - panel, form.height
+    aspect = size[0] / size[1]
+    viewpoints = followed(record, times.tolist(), aspect)
+    scene = FilmScene(record, size, *clear_corner(record, times.tolist(), viewpoints, aspect))
+    trees = FilmPanel(record, (panel, form.height))
+    for time, viewpoint in zip(times.tolist(), viewpoints, strict=True):
+        drawn = scene.draw(record.moment(record.index_at(time)), viewpoint)
+        yield np.hstack((np.asarray(drawn, np.uint8), np.asarray(trees.draw(time), np.uint8)))

@@ -13,11 +13,15 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from bt_dualarm import cli
+from bt_dualarm.replay.film_camera import clear_corner, followed
+from bt_dualarm.replay.film_panel import FilmPanel
 from bt_dualarm.replay.html_page import html_of, page_data
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.tables import tables_of
+from bt_dualarm.replay.video import write_animation
 from tests.replay.runs import SHORT, recorded
 
 BACK = 'reach_to_pose: {offset: "{goal}"}'
@@ -153,25 +157,61 @@ def test_the_command_writes_them(
     assert (tables / "events.csv").exists()
 
 
-def test_a_film_has_a_picture_for_every_second_state(
+def test_a_film_has_25_pictures_a_second(
     failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     film = tmp_path / "a.mp4"
     assert cli.record(["export", str(failed.folder), "--mp4", str(film)]) == 0
     reader = cv2.VideoCapture(str(film))
-    assert reader.get(cv2.CAP_PROP_FRAME_COUNT) == -(-len(failed.times) // 2)
+    count = reader.get(cv2.CAP_PROP_FRAME_COUNT)
+    assert count == pytest.approx(25 * failed.until, abs=1.0)
     assert reader.get(cv2.CAP_PROP_FPS) == 25
     good, first = reader.read()
     assert good
-    assert first.shape == (480, 960, 3)
-    assert len(np.unique(first[:, :640])) > 50, "a scene, not one colour"
+    assert first.shape == (720, 1280, 3)
+    assert len(np.unique(first[:, :880])) > 50, "a scene, not one colour"
     assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
     nowhere = str(tmp_path / "no" / "a.mp4")
     assert cli.record(["export", str(failed.folder), "--mp4", nowhere]) == 2
     assert "cannot write" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        cli.record(["export", str(failed.folder), "--mp4", "film.avi"])
-    assert "does not end with .mp4" in capsys.readouterr().err
+    for form, end in (("--mp4", ".mp4"), ("--webp", ".webp")):
+        with pytest.raises(SystemExit):
+            cli.record(["export", str(failed.folder), form, "film.avi"])
+        assert f"does not end with {end}" in capsys.readouterr().err
+
+
+def test_an_animation_moves_and_is_small(failed: Record, tmp_path: Path) -> None:
+    path = tmp_path / "a.webp"
+    write_animation(failed, path)
+    with Image.open(path) as film:
+        assert (film.n_frames, film.size) == (round(10 * failed.until), (800, 450))  # type: ignore[attr-defined]
+        first = np.asarray(film.convert("RGB")).astype(int)
+        film.seek(film.n_frames // 2)  # type: ignore[attr-defined]
+        later = np.asarray(film.convert("RGB")).astype(int)
+    assert np.abs(first - later)[:, :550].max() > 60
+    assert path.stat().st_size < 3 * 2**20
+
+
+def test_the_panel_marks_what_runs_and_says_why_it_failed(failed: Record) -> None:
+    """A running leaf is lit, a failed one is red with its reason below it."""
+    panel = FilmPanel(failed, (400, 720))
+    (end,) = [event["time_s"] for event in failed.events if event["code"] and event["reason"]][:1]
+    during = np.asarray(panel.draw(end / 2.0)).reshape(-1, 3).tolist()
+    after = np.asarray(panel.draw(end)).reshape(-1, 3).tolist()
+    lit, red = [255, 240, 214], [200, 30, 40]
+    assert during.count(lit) > 1000
+    assert after.count(red) > during.count(red) + 50
+
+
+def test_the_camera_follows_without_a_jolt(failed: Record) -> None:
+    """It keeps its side, and moves by no more than 0.5 m in a second."""
+    times = np.arange(0.02, failed.until, 0.04).tolist()
+    views = followed(failed, times, 1.2)
+    eyes = np.array([view.eye for view in views])
+    assert np.abs(np.diff(eyes, axis=0)).max() < 0.5 * 0.04
+    sides = np.array([view.axes[:, 2] for view in views])
+    assert np.ptp(sides, axis=0).max() < 1e-6
+    assert clear_corner(failed, times, views, 1.2) in {(x, y) for x in (0, 1) for y in (0, 1)}
 
 
 def test_what_cannot_be_written_is_code_2(

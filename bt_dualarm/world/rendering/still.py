@@ -72,13 +72,13 @@ class Still:
     def draw(self, viewpoint: Viewpoint, width: int, height: int) -> Image:
         """A picture of scene, arms and objects, of shape (height, width, 3)."""
         fan = fan_of(viewpoint, width, height)
-        return Shading(self.model).colors(self._data, fan, self._trace(fan))
+        return Shading(self.model).colors(self.data, fan, self._trace(fan))
 
     def subjects(self) -> Matrix:
         """Corners of the boxes around all shapes of arms and objects, of shape (n, 3)."""
         groups = self.model.geom_group
-        arms = self._corners((groups != SCENE_GROUP) & (groups != OBJECT_GROUP))
-        objects = self._corners(groups == OBJECT_GROUP)
+        arms = self.corners((groups != SCENE_GROUP) & (groups != OBJECT_GROUP))
+        objects = self.corners(groups == OBJECT_GROUP)
         if len(arms):
             low, high = arms.min(axis=0) - _LOST_M, arms.max(axis=0) + _LOST_M
             objects = objects[((objects > low) & (objects < high)).all(axis=1)]
@@ -93,7 +93,7 @@ class Still:
         return float(np.log1p(np.bincount(roots)).sum())
 
     @cached_property
-    def _data(self) -> mujoco.MjData:
+    def data(self) -> mujoco.MjData:
         """Where everything is."""
         data = mujoco.MjData(self.model)
         data.qpos[:] = self.qpos
@@ -102,19 +102,20 @@ class Still:
         return data
 
     def _trace(self, fan: Fan) -> Hits:
-        return self._shapes.trace(self._data, fan)
+        return self._shapes.trace(self.data, fan)
 
     @cached_property
     def _shapes(self) -> RayScene:
         """What rays meet: read from the model once for all viewpoints."""
         return RayScene(self.model, LOOP_GROUPS)
 
-    def _corners(self, which: npt.NDArray[np.bool_]) -> Matrix:
+    def corners(self, which: npt.NDArray[np.bool_]) -> Matrix:
+        """Corners of the boxes around some shapes, of shape (n, 3), m."""
         geoms = np.flatnonzero(which & np.isin(self.model.geom_group, LOOP_GROUPS))
         boxes = self.model.geom_aabb[geoms]
         local = boxes[:, None, :3] + _CORNERS * boxes[:, None, 3:]
-        axes = self._data.geom_xmat[geoms].reshape(-1, 3, 3)
-        places = self._data.geom_xpos[geoms][:, None]
+        axes = self.data.geom_xmat[geoms].reshape(-1, 3, 3)
+        places = self.data.geom_xpos[geoms][:, None]
         corners: Matrix = (np.einsum("gij,gcj->gci", axes, local) + places).reshape(-1, 3)
         return corners
 
