@@ -9,6 +9,8 @@ from bt_dualarm.live.answers import Answer, Asked, Query, ViewError, number_in, 
 from bt_dualarm.live.past import Past
 from bt_dualarm.live.past_series import log_of, series_of, why_of
 from bt_dualarm.live.pictures import PastPictures
+from bt_dualarm.recording.history_file import HistoryError
+from bt_dualarm.replay.record import ReplayError
 from bt_dualarm.replay.story_text import state_of
 from bt_dualarm.spec.source import Json
 
@@ -29,7 +31,7 @@ class PastAnswers:
         """What may be asked, by name; each raises `ReplayError` where there is no past yet."""
         return {
             "at": lambda query: Answer.of(self.past.moment(number_in(query, "t"))),
-            "series": lambda _: Answer.of(series_of(self.past.record)),
+            "series": lambda _: Answer.of(self._series()),
             "why": self._why,
             "eye": self._eye,
         }
@@ -38,6 +40,13 @@ class PastAnswers:
         """Shapes of a model of the record, and the names of its meshes."""
         looks = self.past.looks(generation)
         return {"generation": generation, "shapes": [*looks.shapes], "meshes": [*looks.meshes]}
+
+    def _series(self) -> Json:
+        """Nothing of a run that has hardly begun."""
+        try:
+            return series_of(self.past.record)
+        except (ReplayError, HistoryError):
+            return {}
 
     def _why(self, query: Query) -> Answer:
         asked = query.get("of")

@@ -1,0 +1,103 @@
+"""A real browser for tests: Chromium without a screen, told what to do by its own protocol."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+_PATIENCE_S = 60.0
+
+
+class Tab:
+    """A page that is open.
+
+    Attributes:
+        errors: What went wrong on the page: exceptions, what it logged as an error.
+        requests: Addresses that it asked for.
+    """
+
+    def __init__(self, socket: Any) -> None:  # websockets is found at run time
+        self._socket = socket
+        self._number = 0
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        for domain in ("Runtime", "Page", "Network", "Log"):
+            self._call(f"{domain}.enable")
+
+    def open(self, url: str) -> None:
+        self._call("Page.navigate", url=url)
+
+    def value(self, script: str) -> Any:
+        """What an expression of JavaScript gives."""
+        said = self._call("Runtime.evaluate", expression=script, returnByValue=True)
+        assert "exceptionDetails" not in said, said
+        return said["result"].get("value")
+
+    def wait(self, script: str) -> Any:
+        """The value of an expression once it is true."""
+        until = time.monotonic() + _PATIENCE_S
+        while time.monotonic() < until:
+            found = self.value(script)
+            if found:
+                return found
+            time.sleep(0.05)  # a browser is another process
+        raise AssertionError(f"{script} never came true; {self.value('document.body.innerText')}")
+
+    def _call(self, method: str, **parameters: object) -> dict[str, Any]:
+        self._number += 1
+        asked = {"id": self._number, "method": method, "params": parameters}
+        self._socket.send(json.dumps(asked))
+        while True:
+            said = json.loads(self._socket.recv(timeout=_PATIENCE_S))
+            if said.get("id") == self._number:
+                assert "error" not in said, said
+                result: dict[str, Any] = said["result"]
+                return result
+            self._heed(said["method"], said["params"])
+
+    def _heed(self, method: str, told: dict[str, Any]) -> None:
+        if method == "Network.requestWillBeSent":
+            self.requests.append(told["request"]["url"])
+        elif method == "Runtime.exceptionThrown":
+            self.errors.append(str(told["exceptionDetails"]))
+        elif method == "Log.entryAdded" and told["entry"]["level"] == "error":
+            self.errors.append(str(told["entry"]["text"]))
+        elif method == "Runtime.consoleAPICalled" and told["type"] in ("error", "assert"):
+            self.errors.append(str(told["args"]))
+
+
+@contextmanager
+def chromium(profile: Path) -> Iterator[Tab]:
+    """A tab of a browser that nobody else uses; the test is skipped where there is none."""
+    program = shutil.which("chromium") or shutil.which("chromium-browser")
+    if program is None:
+        pytest.skip("there is no chromium to look at the page with")
+    client = pytest.importorskip("websockets.sync.client", reason="no websockets to steer it with")
+    command = [program, "--headless", "--no-sandbox", "--use-angle=swiftshader"]
+    command += ["--enable-unsafe-swiftshader", "--remote-debugging-port=0", "--disable-gpu-sandbox"]
+    command += [f"--user-data-dir={profile}", "--window-size=1300,850", "about:blank"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            said = ""
+            while "DevTools listening" not in said:
+                said = process.stderr.readline()
+                assert said, "chromium ended"
+            [port] = re.findall(r"127\.0\.0\.1:(\d+)/", said)
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
+                tabs = [tab for tab in json.load(answer) if tab["type"] == "page"]
+            with client.connect(tabs[0]["webSocketDebuggerUrl"], max_size=None) as socket:
+                yield Tab(socket)
+        finally:
+            process.terminate()
+            process.wait(20)
