@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeAlias, cast
 
 from py_trees.common import Status
 
+from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.tree.leaf import Leaf
 from bt_dualarm.tree.leaf_reports import LeafReports
 from bt_dualarm.tree.report import NodeView, StatusName
@@ -21,13 +23,19 @@ class ArmTree:
     Args:
         root: Top node; all nodes have their places.
         leaves: Reports that the leaves fill.
+        graft: Function that makes of the top node, and another definition, that of a changed tree.
 
     Attributes:
         leaves: Report of each run of a leaf, in the order of their starts.
     """
 
-    def __init__(self, root: TreeNode, leaves: LeafReports) -> None:
-        self._root = root
+    def __init__(
+        self,
+        root: TreeNode,
+        leaves: LeafReports,
+        graft: Callable[[TreeNode, NodeSpec], TreeNode],
+    ) -> None:
+        self._root, self._graft = root, graft
         self.leaves = leaves
 
     @property
@@ -44,6 +52,15 @@ class ArmTree:
         """Halt whatever is running; a tree that has ended stays as it is."""
         if self._root.status is Status.RUNNING:
             self._root.stop(Status.INVALID)
+
+    def change(self, spec: NodeSpec) -> None:
+        """Be another tree from now on, between two ticks; one that has ended stays as it is.
+
+        Args:
+            spec: Its definition, checked.
+        """
+        if self._root.status not in (Status.SUCCESS, Status.FAILURE):
+            self._root = self._graft(self._root, spec)
 
     def view(self) -> NodeView:
         """As it stands now."""

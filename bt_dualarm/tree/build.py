@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from types import ModuleType
 from typing import Final
@@ -20,6 +20,7 @@ from bt_dualarm.tree.arm_tree import ArmTree, TreeNode
 from bt_dualarm.tree.binding import BoundPorts, Outputs
 from bt_dualarm.tree.board import Board
 from bt_dualarm.tree.forgetful import forget_parent
+from bt_dualarm.tree.grafting import Grafting
 from bt_dualarm.tree.leaf import Leaf
 from bt_dualarm.tree.leaf_reports import LeafReports
 from bt_dualarm.tree.notes import KeyWritten, OnNote, PortsRead
@@ -69,7 +70,8 @@ def build_tree(
         on_note: Receiver of ports and keys, None where nobody asks for them.
     """
     builder = _Builder(skills, make_context, Teller(arm, clock, on_event), on_note)
-    return ArmTree(builder.node(root, root.name), builder.reports)
+    grafting = Grafting(builder, root, told_apart)
+    return ArmTree(builder.node(root, root.name), builder.reports, grafting.grafted)
 
 
 class _Builder:
@@ -90,16 +92,18 @@ class _Builder:
     def node(self, spec: NodeSpec, path: str) -> TreeNode:
         children = tuple(
             self.node(child, f"{path}/{name}")
-            for child, name in zip(spec.children, _told_apart(spec.children), strict=True)
+            for child, name in zip(spec.children, told_apart(spec.children), strict=True)
         )
         node = self._inner(spec, children) if children else self._leaf(spec, path)
         node.place(self._teller, path, spec.kind)
         return node
 
+    def bound(self, spec: NodeSpec) -> BoundPorts:
+        return BoundPorts(INNER[spec.kind].word.ports, spec.ports, self._board)
+
     def _inner(self, spec: NodeSpec, children: tuple[Behaviour, ...]) -> Watched:
         kind = INNER[spec.kind]
-        ports = BoundPorts(kind.word.ports, spec.ports, self._board)
-        node = kind.of(Parts(spec.name, children, spec.slots, ports))
+        node = kind.of(Parts(spec.name, children, spec.slots, self.bound(spec)))
         for child in children:
             forget_parent(child)
         return node
@@ -136,7 +140,7 @@ class _Builder:
             self._on_note(KeyWritten(time, arm, path, key, value))
 
 
-def _told_apart(children: tuple[NodeSpec, ...]) -> list[str]:
+def told_apart(children: Sequence[NodeSpec]) -> list[str]:
     """Names of siblings; the second and later of equal ones are numbered."""
     seen: Counter[str] = Counter()
     names = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterator
 from typing import Self, TypeAlias, cast
 
 from py_trees import composites
@@ -13,6 +13,9 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.spec import composite_words
 from bt_dualarm.spec.ports import PortModel
 from bt_dualarm.spec.wording import one_line
+from bt_dualarm.tree.binding import BoundPorts
+from bt_dualarm.tree.exchanging import Became, Remembering, Siblings
+from bt_dualarm.tree.halting import halt_running, reset
 from bt_dualarm.tree.parts import Parts
 from bt_dualarm.tree.watched import Watched
 
@@ -20,7 +23,7 @@ Ticks: TypeAlias = Generator[Behaviour, None, Status]
 """Yields nodes as py_trees wants it, returns the new status."""
 
 
-class Sequence(Watched, composites.Sequence):
+class Sequence(Remembering, composites.Sequence):
     """py_trees' own."""
 
     word = composite_words.SEQUENCE
@@ -31,7 +34,7 @@ class Sequence(Watched, composites.Sequence):
         return cls(parts.name, _memory(parts), parts.children)
 
 
-class Selector(Watched, composites.Selector):
+class Selector(Remembering, composites.Selector):
     """py_trees' own, but a new start forgets what the children said the last time."""
 
     word = composite_words.SELECTOR
@@ -90,23 +93,20 @@ class Node(Watched, composites.Composite):
             self.stop(new_status)
         yield self
 
+    def redefine(self, ports: BoundPorts) -> bool:
+        """Begin to count, or to wait, anew, if it runs."""
+        self._bound = ports
+        if self.status is Status.RUNNING:
+            try:
+                self.ports = ports.now()
+                self.initialise()
+            except Failure:
+                return False
+        return True
+
     def tick_children(self) -> Ticks:
         """Tick children; may raise `Failure` to fail with a reason."""
         raise NotImplementedError
-
-
-def reset(nodes: Iterable[Behaviour]) -> None:
-    """Make nodes forget what they said the last time."""
-    for node in nodes:
-        if node.status is not Status.INVALID:
-            node.stop(Status.INVALID)
-
-
-def halt_running(nodes: Iterable[Behaviour]) -> None:
-    """Halt those that are running."""
-    for node in nodes:
-        if node.status is Status.RUNNING:
-            node.stop(Status.INVALID)
 
 
 class Parallel(Node):
@@ -160,6 +160,13 @@ class Switch(Node):
         if self._chosen is None:
             raise Failure("NO_CASE", f"no case for '{case}' and no default")
 
+    def exchange(self, children: Siblings, slots: tuple[str, ...], became: Became) -> bool:
+        """Go on with the chosen one, if it is there still."""
+        super().exchange(children, slots, became)
+        self._by_case = dict(zip(slots, self.children, strict=True))
+        self._chosen = became.get(self._chosen) if self._chosen else None
+        return self._chosen is not None or self.status is not Status.RUNNING
+
     def tick_children(self) -> Ticks:
         """The chosen one."""
         assert self._chosen is not None  # noqa: S101 - `initialise` has chosen or failed
@@ -172,9 +179,17 @@ class If(Node):
 
     word = composite_words.IF
 
+    _chosen: Behaviour | None = None
+
     def initialise(self) -> None:
         """Nothing is chosen yet."""
-        self._chosen: Behaviour | None = None
+        self._chosen = None
+
+    def exchange(self, children: Siblings, slots: tuple[str, ...], became: Became) -> bool:
+        """Go on with the chosen one; where it is gone, ask again."""
+        super().exchange(children, slots, became)
+        self._chosen = became.get(self._chosen) if self._chosen else None
+        return True
 
     def tick_children(self) -> Ticks:
         """The condition until it says yes or no, then what follows from that."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, Self
 
 from py_trees import decorators
@@ -12,6 +13,7 @@ from py_trees.common import OneShotPolicy, Status
 from bt_dualarm.errors import Failure
 from bt_dualarm.spec import decorator_words
 from bt_dualarm.tree.composites import Node, Ticks
+from bt_dualarm.tree.exchanging import Became
 from bt_dualarm.tree.parts import Parts
 from bt_dualarm.tree.time import reached
 from bt_dualarm.tree.watched import Watched
@@ -27,6 +29,13 @@ class Decorator(Watched, decorators.Decorator):
     def of(cls, parts: Parts) -> Self:
         """One on the only child."""
         return cls(parts.name, parts.children[0])
+
+    def exchange(
+        self, children: Sequence[Behaviour], slots: tuple[str, ...], became: Became
+    ) -> bool:
+        """Go on with another child."""
+        self.decorated = children[0]
+        return super().exchange(children, slots, became)
 
 
 class Inverter(Decorator, decorators.Inverter):

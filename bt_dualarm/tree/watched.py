@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, Protocol, Self
 
+from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from bt_dualarm.errors import Number
 from bt_dualarm.spec.word import Word
+from bt_dualarm.tree.binding import BoundPorts
 from bt_dualarm.tree.forgetful import Forgetful
 from bt_dualarm.tree.parts import Parts
 from bt_dualarm.tree.report import StatusChange, StatusName
@@ -98,6 +100,26 @@ class Watched(Forgetful):
         self._teller = teller
         self.path = path
         self.kind = kind
+
+    def exchange(
+        self,
+        children: Sequence[Behaviour],
+        slots: tuple[str, ...],  # noqa: ARG002 - for those that know their children by these
+        became: Mapping[Behaviour, Behaviour],  # noqa: ARG002 - for those that remember one
+    ) -> bool:
+        """Take other children between two ticks; whether it can go on with them.
+
+        Args:
+            children: Those that it has from now on.
+            slots: Role of each.
+            became: What became of those that it had: themselves, or others in their places.
+        """
+        self.children = [*children]
+        return True
+
+    def redefine(self, ports: BoundPorts) -> bool:  # noqa: ARG002 - most of py_trees' have none
+        """Take other ports between two ticks; whether it can go on with them."""
+        return True
 
     @property
     def time(self) -> float:
