@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from bt_dualarm.cli.early_signals import early
 from bt_dualarm.cli.entry import FAILED, OVERRUN, SUCCEEDED, UNUSABLE, complain
 from bt_dualarm.cli.run_arguments import command_line
-from bt_dualarm.cli.viewing import drop_record, record_folder, viewed
+from bt_dualarm.cli.viewing import drop_record, record_folder, viewed, watched
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
 
@@ -54,6 +54,8 @@ def _command(argv: Sequence[str] | None, stop: StopRequest) -> int:
         parser.error("--frames keeps pictures in a record: --record DIR says where")
     if arguments.file is None and arguments.resume is None:
         parser.error("which tree file? (bt-run --list names the shipped ones)")
+    if arguments.watch and arguments.file is None:
+        parser.error("--watch: which tree file?")
     return _run(arguments, stop)
 
 
@@ -92,8 +94,15 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
             opened.watchdog.last_resort = last_resort
             for number in early.numbers:  # one that was lost on its way through the imports
                 stop.receive(number)
-            with viewed(arguments, opened, stop):
+            with (
+                viewed(arguments, opened, stop) as view,
+                watched(arguments, opened, view),
+            ):
+                if view is not None:
+                    view.gate.hold()
                 code = _show(arguments, opened)
+                if view is not None:
+                    view.linger()
             opened.close()
             return code
 

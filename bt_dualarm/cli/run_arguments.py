@@ -17,6 +17,7 @@ examples:
   bt-run --resume out@12.4                  go on from 12.4 s of the run recorded in out
   bt-run my_tree.yaml --resume out@12.4     with a tree edited since; its past must be the same
   bt-run pick_and_track --view              look at it in a browser; pause, step, breakpoints
+  bt-run my_tree.yaml --watch --view        edit the tree while it runs
   bt-run --list                             what is shipped
 
 exit code:
@@ -82,6 +83,12 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
     )
     add("--view", action="store_true", help="show it in a browser, held until you let it go")
     add_view(parser)
+    add(
+        "--watch",
+        action="store_true",
+        help="take up the trees whenever the file is saved: running leaves that are unchanged go "
+        "on, others begin anew; what has errors is told, and the run goes on as it was",
+    )
     add("--real-time", action="store_true", help="run no faster than the clock on the wall")
     add(
         "--watchdog",

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bt_dualarm.live.view import LiveView
     from bt_dualarm.runtime.run import Run
     from bt_dualarm.runtime.signals import StopRequest
 
@@ -29,21 +30,42 @@ def record_folder(arguments: argparse.Namespace) -> Iterator[Path | None]:
 
 
 @contextmanager
-def viewed(arguments: argparse.Namespace, opened: Run, stop: StopRequest) -> Iterator[None]:
+def viewed(
+    arguments: argparse.Namespace, opened: Run, stop: StopRequest
+) -> Iterator[LiveView | None]:
     """Serve the page in the block, and then for as long as somebody looks.
 
     Nothing of it is imported unless it is asked for.
     """
     if not arguments.view:
-        yield
+        yield None
         return
     from bt_dualarm.live.view import LiveView
 
     with LiveView(opened, stop, arguments.view_port, arguments.view_host) as view:
         print(f"held until you let it go: {view.url}", file=sys.stderr, flush=True)
-        view.gate.hold()
+        yield view
+
+
+@contextmanager
+def watched(arguments: argparse.Namespace, opened: Run, view: LiveView | None) -> Iterator[None]:
+    """Take up the trees of the file whenever it is saved in the block, if that is asked for.
+
+    Raises:
+        DualArmError: The file has errors, or is not there.
+    """
+    if not arguments.watch:
         yield
-        view.linger()
+        return
+    from bt_dualarm.runtime.api import registry_of
+    from bt_dualarm.runtime.file_watch import FileWatch
+    from bt_dualarm.runtime.shipped import find_tree
+
+    path, registry = find_tree(arguments.file), registry_of(arguments.skills)
+    with FileWatch(opened, path, registry, dict(arguments.param)) as watch:
+        if view is not None:
+            view.gate.chores.append(watch.take)
+        yield
 
 
 def drop_record(arguments: argparse.Namespace, opened: Run) -> None:

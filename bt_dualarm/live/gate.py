@@ -34,6 +34,10 @@ class Gate(IdleObserver):
         on_hold: Function that is called when the run is about to be held, between two steps.
         paused: Whether it begins paused.
         speed: Simulated seconds for each second on the wall; infinite for as fast as it can.
+
+    Attributes:
+        chores: What is done now and then while the run is held; each says whether it changed what
+            is to be seen.
     """
 
     def __init__(
@@ -48,6 +52,7 @@ class Gate(IdleObserver):
         self._changed = Condition()
         self._paused, self._speed = paused, speed
         self._is_held = False
+        self.chores: list[Callable[[], bool]] = []
         self._steps: int | None = None
         self._until_tick = False
         self._breakpoints: dict[str, None] = {}
@@ -130,11 +135,15 @@ class Gate(IdleObserver):
 
     def hold(self) -> None:
         """Wait as long as the run is held."""
-        with self._changed:
-            self._is_held = True
-            while self._paused and not self._asked_to_end():
-                self._changed.wait(_LOOK_S)
-            self._is_held = False
+        self._is_held = True
+        while self._paused and not self._asked_to_end():
+            with self._changed:
+                if self._paused:
+                    self._changed.wait(_LOOK_S)
+            for chore in self.chores:
+                if chore():
+                    self._on_hold()
+        self._is_held = False
 
     def _keep_pace(self, simulated: float) -> None:
         """Sleep as long as simulated time is ahead of the clock on the wall."""

@@ -18,7 +18,7 @@ from bt_dualarm.live.notes_seen import NotesSeen
 from bt_dualarm.live.places import Places, places_of
 from bt_dualarm.live.trees import rows_at
 from bt_dualarm.replay.record import Record
-from bt_dualarm.replay.timeline import Timeline
+from bt_dualarm.replay.timeline import Node, Timeline
 from bt_dualarm.runtime.record_folder import EVENTS, HISTORY
 from bt_dualarm.spec.source import Json
 from bt_dualarm.world.robots.robot import Robot
@@ -45,7 +45,6 @@ class Past:
         self._folder = folder
         self._lock = RLock()
         self._record: Record | None = None
-        self._timeline: Timeline | None = None
         self._sizes: tuple[int, ...] = ()
         self._read_at = -np.inf
         self._scratch: dict[int, tuple[mujoco.MjData, dict[str, Places]]] = {}
@@ -65,18 +64,8 @@ class Past:
                 sizes = _sizes(self._folder)
                 if self._record is None or sizes != self._sizes:
                     self._record, self._sizes = Record.read(self._folder), sizes
-                    self._timeline = Timeline(self._record)
                 self._read_at = now
             return self._record
-
-    @property
-    def timeline(self) -> Timeline:
-        """The trees of the record; raises as `record` does."""
-        with self._lock:
-            record = self.record
-            if self._timeline is None:
-                self._timeline = Timeline(record)
-            return self._timeline
 
     def moment(self, time: float) -> Json:
         """The run at the last kept state at or before a time in s.
@@ -91,6 +80,7 @@ class Past:
             model = record.model(moment.generation)
             data, places = self._posed(index)
             notes = NotesSeen.of(record.notes, moment.time)
+            roots = Timeline(record, moment.time).roots
             return {
                 "time": round(moment.time, 4),
                 "generation": moment.generation,
@@ -100,7 +90,7 @@ class Past:
                     {**camera, "look": notes.look(str(camera["arm"]))}
                     for camera in physics.cameras(model, data, places)
                 ],
-                "arms": [self._arm(name, index, moment.time, notes) for name in record.arms],
+                "arms": [self._arm(roots[name], index, moment.time, notes) for name in record.arms],
             }
 
     @contextmanager
@@ -153,8 +143,8 @@ class Past:
         found = {name: robot_of(str(arm["robot"]), root) for name, arm in record.arms.items()}
         return {name: robot for name, robot in found.items() if robot is not None}
 
-    def _arm(self, name: str, index: int, time: float, notes: NotesSeen) -> Json:
-        record, root = self.record, self.timeline.roots[name]
+    def _arm(self, root: Node, index: int, time: float, notes: NotesSeen) -> Json:
+        record, name = self.record, root.arm
         generation = record.moment(index).generation
         data, places = self._scratch[generation]
         rows = rows_at(root, time)

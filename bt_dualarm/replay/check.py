@@ -48,7 +48,7 @@ class Agreement:
 def check_record(record: Record, registry: Registry, stop: StopRequest | None = None) -> Agreement:
     """Run a record's tree anew, with pictures, and compare every step.
 
-    A run that was stopped, or killed, is compared as far as nobody interfered.
+    A run that was stopped, killed, or edited is compared as far as nobody interfered.
 
     Args:
         record: The record.
@@ -61,6 +61,7 @@ def check_record(record: Record, registry: Registry, stop: StopRequest | None = 
     """
     changed = tuple(differences(record, registry))
     whole = record.summary is not None and record.summary["ending"] in _REPEATABLE
+    whole = whole and not any(note["kind"] == "edited" for note in record.notes)
     steps = record.steps if whole else _undisturbed(record)
     if not steps:
         raise ReplayError(f"{record.folder} holds no step to compare")
@@ -94,5 +95,6 @@ def _undisturbed(record: Record) -> int:
         and event["code"] in ("", "HALTED")
         and event["new"] == "INVALID"
     ]
-    until = min(halts, default=record.steps * timestep)
+    edits = [float(note["time_s"]) for note in record.notes if note["kind"] == "edited"]
+    until = min([*halts, *edits], default=record.steps * timestep)
     return min(record.steps, round(until / timestep))

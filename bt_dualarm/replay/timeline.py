@@ -90,16 +90,19 @@ class Timeline:
 
     Args:
         record: The record.
+        time: Simulated time in s whose trees are meant, where the file was edited while the run
+            went on; by default its end.
 
     Attributes:
         roots: Root of each arm's tree, by the arm's name.
     """
 
-    def __init__(self, record: Record) -> None:
-        self.roots = {
-            name: node_of(name, arm["tree"], arm["tree"]["name"])
-            for name, arm in record.arms.items()
-        }
+    def __init__(self, record: Record, time: float | None = None) -> None:
+        trees = {name: arm["tree"] for name, arm in record.arms.items()}
+        for note in record.notes:
+            if note["kind"] == "edited" and (time is None or note["time_s"] <= time + 1e-9):
+                trees[note["arm"]] = note["tree"]
+        self.roots = {name: node_of(name, tree, tree["name"]) for name, tree in trees.items()}
         self._nodes = {
             (node.arm, node.path): node for root in self.roots.values() for node in root.walk()
         }

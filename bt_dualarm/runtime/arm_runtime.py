@@ -14,6 +14,7 @@ from bt_dualarm.runtime.parts import ArmView, Controller, Eye, Tree
 from bt_dualarm.runtime.result import ArmResult
 from bt_dualarm.runtime.schedule import Periodic
 from bt_dualarm.runtime.slow_ticks import SlowTicks
+from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.tree.report import NodeView
 
 _log = logging.getLogger(__name__)
@@ -143,6 +144,13 @@ class ArmRuntime:
             self._before_halt = halted(self._tree.view(), time)
             self._end(outcome, time)
             self._guarded("tree", self._tree.halt, time)
+
+    def change(self, spec: NodeSpec, time: float) -> bool:
+        """Take up another tree between two ticks; False where the tree has ended."""
+        if self.outcome is None:
+            self._guarded("tree", lambda: self._tree.change(spec), time)
+            return True
+        return False
 
     def leave(self, time: float) -> None:
         """End as removed; one whose own leaf takes it away does so after its tick."""

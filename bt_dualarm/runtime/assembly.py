@@ -26,6 +26,7 @@ from bt_dualarm.runtime.sights import Sights
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.document import TreeFile
+from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.tree.build import build_tree
 from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.world.cameras.calibration import calibration_of
@@ -53,6 +54,7 @@ class Assembly:
         touches: What the arms really touch, to be looked at after each step.
         seed: Seed of everything random.
         sights: What the cameras' pictures show, by the arm's name.
+        trees: Definition of each arm's tree, by the arm's name: what it begins with.
     """
 
     world: World
@@ -64,6 +66,7 @@ class Assembly:
     touches: Touches
     seed: int
     sights: Mapping[str, Sights]
+    trees: dict[str, NodeSpec]
 
     def close(self) -> None:
         """Give the renderer back, end the process that plans."""
@@ -88,6 +91,7 @@ class _Parts:
     seed: int
     notes: Notes | None
     sights: Mapping[str, Sights]
+    trees: Mapping[str, NodeSpec]
 
     def clock(self) -> float:
         return self.world.time
@@ -107,7 +111,7 @@ class _Parts:
         )
         tree = build_tree(
             name,
-            spec.tree,
+            self.trees[name],
             self.registry.skills,
             lambda path: self._context(arm, path),
             self.clock,
@@ -191,8 +195,9 @@ def assemble(
     world.refuse_overlaps()
     series, planning, touches = SeriesLog(), PlanningProcess(), Touches(world)
     shared = series, planning, touches, Reservations()
+    trees = {name: arm.tree for name, arm in file.arms.items()}
     sights = {name: Sights(name, notes) for name in file.arms}
-    parts = _Parts(file, world, registry, drawing, on_event, *shared, seed, notes, sights)
+    parts = _Parts(file, world, registry, drawing, on_event, *shared, seed, notes, sights, trees)
     declared = {
         name: name_of_robot(arm.robot, world.robots[name]) for name, arm in file.arms.items()
     }
@@ -200,7 +205,7 @@ def assemble(
         name: Leniency(arm.removable, arm.last_life_counts) for name, arm in file.arms.items()
     }
     arms = Arms(declared, parts.equip, world, leniency)
-    return Assembly(world, arms, drawing, message, series, planning, touches, seed, sights)
+    return Assembly(world, arms, drawing, message, series, planning, touches, seed, sights, trees)
 
 
 def name_of_robot(given: str, robot: Robot) -> str:

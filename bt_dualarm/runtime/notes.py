@@ -82,6 +82,10 @@ class Notes:
         found = {"pixel": pixel, "area_px": area, "point": point, "locked": bool(look.locked)}
         self._keep({**said, **found})
 
+    def of_edit(self, arm: str, tree: Mapping[str, object]) -> None:
+        """The tree of an arm is another from now on."""
+        self._add("edited", arm, self.clock(), tree=tree)
+
     def of_guard(self, arm: str, controller: GuardedArm) -> None:
         """See whether the guard has slowed or stopped the arm since it was last asked."""
         guard = controller.guard

@@ -9,6 +9,7 @@ from typing import Protocol
 from bt_dualarm.errors import Number
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.runtime.outcome import Outcome
+from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.tree.report import LeafReport, NodeView, StatusChange, StatusName
 
 
@@ -109,6 +110,9 @@ class Tree(Protocol):
 
     def halt(self) -> None:
         """Halt whatever is running; nothing if nothing is."""
+
+    def change(self, spec: NodeSpec) -> None:
+        """Be another tree from now on; what is unchanged goes on."""
 
     def view(self) -> NodeView:
         """As it stands now, to be drawn."""

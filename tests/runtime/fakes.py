@@ -18,6 +18,7 @@ from bt_dualarm.runtime.parts import Observer, RunView
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
 from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.tree.leaf_reports import LeafReports
 from bt_dualarm.tree.report import LeafReport, NodeView, StatusChange, StatusName
 
@@ -106,6 +107,9 @@ class FakeTree:
             self.leaves.add(self._leaf)
         verdict = next(self._script, "SUCCESS")
         self._become("FAILURE" if verdict == "FAILURE" else "RUNNING" if not verdict else "SUCCESS")
+
+    def change(self, spec: NodeSpec) -> None:
+        """Stays as it is."""
 
     def halt(self) -> None:
         self.halts += 1

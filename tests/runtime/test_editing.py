@@ -1,0 +1,153 @@
+"""A tree file is saved while it is run: what is good is taken up, what is bad is told."""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+
+import pytest
+
+import bt_dualarm
+from bt_dualarm.live.past import Past
+from bt_dualarm.replay.check import check_record
+from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.timeline import Timeline
+from bt_dualarm.runtime.api import registry_of
+from bt_dualarm.runtime.file_watch import FileWatch
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.tree.report import NodeView
+from tests.replay.runs import PARTS, SHORT, write_short
+
+REGISTRY = registry_of()
+LATER = SHORT.replace('reach_to_pose: {offset: "{goal}"}', "wait: {seconds: 0.2}")
+
+
+class Edited:
+    """A run whose file is watched, and saved by the test."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = write_short(folder / "trees")
+        self.record = folder / "out"
+        self.run = bt_dualarm.open(self.path, record=self.record)
+        self.watch = FileWatch(self.run, self.path, REGISTRY, {})
+        self.run.watch(self.watch)
+        self._saved = 0
+
+    def save(self, text: str, part: str = "short.yaml") -> None:
+        """Save the file at a time of its own, and look at it as the thread does."""
+        path = self.path.with_name(part)
+        path.write_text(text)
+        self._saved += 1
+        os.utime(path, (self._saved, self._saved))
+        self.watch.look()
+
+
+def running(run: Run) -> list[NodeView]:
+    """Leaves that run."""
+    return [leaf for view in run.views() for leaf in _leaves(view.tree) if leaf.status == "RUNNING"]
+
+
+def _leaves(node: NodeView | None) -> list[NodeView]:
+    if node is None:
+        return []
+    return [leaf for child in node.children for leaf in _leaves(child)] or [node]
+
+
+@pytest.fixture
+def edited(tmp_path: Path) -> Edited:
+    return Edited(tmp_path)
+
+
+def test_a_leaf_that_is_unchanged_goes_on(edited: Edited) -> None:
+    """What comes behind it is another: the motion goes on as if nothing had been."""
+    with edited.run as run:
+        run.step(0.3)
+        [before] = [change.since for change in running(run)]
+        edited.save(LATER)
+        run.step(0.1)
+        assert [change.since for change in running(run)] == [before]
+        assert run.finish().outcome == "SUCCESS"
+        kinds = [leaf.skill for leaf in run.result.arms["arm1"].runs]
+        assert kinds == ["set", "reach_to_pose", "wait"]
+
+
+def test_a_leaf_that_is_another_is_halted_and_begins_anew(edited: Edited) -> None:
+    with edited.run as run:
+        run.step(0.3)
+        edited.save(PARTS.replace("-0.06", "-0.03"), "parts.yaml")
+        assert run.finish().outcome == "SUCCESS"
+        runs = [(leaf.skill, leaf.code) for leaf in run.result.arms["arm1"].runs]
+        assert runs == [
+            ("set", ""),
+            ("reach_to_pose", "HALTED"),
+            ("reach_to_pose", ""),
+            ("reach_to_pose", ""),
+        ]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (SHORT.replace("reach_to_pose", "reach_to_pos"), "did you mean 'reach_to_pose'?"),
+        (SHORT.replace("sequence:", "sequence"), "short.yaml:"),
+        (SHORT.replace("mass: 1", "mass: 2"), "objects: while a run goes on, only trees"),
+        (SHORT.replace("[0, 0, 0.4]", "[0, 0, 0.5]"), "arms.arm1: while a run goes on"),
+        (SHORT.replace("time_limit: 20", "time_limit: 21"), "world: while a run goes on"),
+    ],
+)
+def test_what_cannot_be_taken_up_is_told_and_the_run_goes_on(
+    edited: Edited, text: str, said: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    plain = bt_dualarm.run(edited.path).state_sha256
+    with edited.run as run, caplog.at_level(logging.INFO, "bt_dualarm"):
+        run.step(0.3)
+        edited.save(text)
+        assert run.finish().state_sha256 == plain
+    assert said in caplog.text
+
+
+def test_a_file_that_says_the_same_changes_nothing(edited: Edited) -> None:
+    plain = bt_dualarm.run(edited.path).state_sha256
+    with edited.run as run:
+        run.step(0.3)
+        edited.save("# a remark\n" + SHORT)
+        run.step(0.1)
+        edited.watch.look()
+        assert run.finish().state_sha256 == plain
+
+
+def test_a_tree_that_has_ended_stays(edited: Edited, caplog: pytest.LogCaptureFixture) -> None:
+    with edited.run as run, caplog.at_level(logging.INFO, "bt_dualarm"):
+        run.step(0.3)
+        run.finish()
+        edited.save(LATER)
+        edited.watch.take()
+        assert run.result.outcome == "SUCCESS"
+    assert "its tree has ended" in caplog.text
+
+
+def test_the_record_knows_of_the_edit(edited: Edited) -> None:
+    """Its trees are those of the time; it is compared as far as nobody interfered."""
+    with edited.run as run:
+        run.step(0.3)
+        edited.save(LATER)
+        run.finish()
+    record = Record.read(edited.record)
+    kinds = [[node.kind for node in Timeline(record, at).leaves()] for at in (0.2, None)]
+    assert [each[-1] for each in kinds] == ["reach_to_pose", "wait"]
+    past = Past(edited.record)
+    shown = [past.moment(at)["arms"][0]["nodes"][-1]["kind"] for at in (0.2, record.until)]
+    assert shown == ["reach_to_pose", "wait"]
+    assert past.moment(record.until)["arms"][0]["nodes"][-1]["status"] == "SUCCESS"
+    agreement = check_record(record, REGISTRY)
+    assert agreement.agrees
+    assert agreement.until_s == pytest.approx(0.3, abs=0.01)
+
+
+def test_the_file_must_be_right_at_first(tmp_path: Path) -> None:
+    edited = Edited(tmp_path)
+    with edited.run as run:
+        edited.path.write_text("nonsense")
+        with pytest.raises(bt_dualarm.SpecError):
+            FileWatch(run, edited.path, REGISTRY, {})
