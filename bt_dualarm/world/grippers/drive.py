@@ -14,6 +14,7 @@ from bt_dualarm.pose import Vector
 from bt_dualarm.spec.reality import RealityErrors
 from bt_dualarm.world.grippers.gripper import FINGERS, Gripper
 from bt_dualarm.world.grippers.mjspec import CUP, DRIVE
+from bt_dualarm.world.grippers.sealing import Seal
 
 _STIFFNESS: Final = 0.25
 """Of the drive's speed loop, times the mass of a finger over the step squared: with a damping of
@@ -25,6 +26,12 @@ pressed on trembles within it, and the force stays what was asked for."""
 
 SPEED_S: Final = 0.1
 """Seconds over which the opening is differenced to the speed that is sensed."""
+
+_SHUT: Final = -1.0
+"""m; opening towards which fingers close that are to press: none of them gets there."""
+
+_LOOK: Final = 5
+"""Steps of physics after which a lip is looked at again: a vacuum does not go at once, either."""
 
 _PUMP_S: Final = 0.05  # in which a cup's vacuum comes and goes
 
@@ -70,13 +77,8 @@ class GripperHardware:
         self, gripper: Gripper, errors: RealityErrors, rng: np.random.Generator, timestep: float
     ) -> None:
         self.gripper = gripper
-        self.width, self.speed, self.force, self.vacuum, self.stamp = (
-            gripper.stroke,
-            0.0,
-            0.0,
-            0.0,
-            -1.0,
-        )
+        self.width, self.speed, self.force = gripper.stroke, 0.0, 0.0
+        self.vacuum, self.stamp = 0.0, -1.0
         self.commanded = GripperCommand(gripper.stroke, gripper.speed.most, gripper.force.most)
         self._gain = 1.0 + float(errors.drive.gain.draw(rng, 1)[0])
         self._rng, self._step = rng, timestep
@@ -95,6 +97,8 @@ class GripperHardware:
         self._reference = gripper.stroke
         self._torque = 0.0
         self._data: mujoco.MjData | None = None
+        self._seal: Seal | None = None
+        self._tight, self._looked = False, 0
 
     def connect(self, model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> None:
         """Belong to the gripper of an arm of the plant; anew after each recompilation."""
@@ -108,8 +112,9 @@ class GripperHardware:
             self._q = data.qpos[address : address + 2]
             self._v = data.qvel[first : first + 2]
         else:
-            self._cup = int(model.body(f"{arm}/{CUP}").geomadr[0])
-        self.stamp = -1.0
+            lip = int(model.body(f"{arm}/{CUP}").geomadr[0])
+            cup = self.gripper.cup
+            self._seal = None if cup is None else Seal(model, data, lip, cup)
 
     def command(self, wanted: GripperCommand) -> None:
         """Ask for something; it holds until the next.
@@ -146,6 +151,7 @@ class GripperHardware:
         """Put the fingers of an arm that has just come where its drive holds them: open."""
         if self.gripper.fingers:
             self._q[:] = 0.5 * self.gripper.stroke
+            self.stamp = -1.0
 
     def drive(self) -> None:
         """Let the drive act during the next step of physics."""
@@ -161,13 +167,13 @@ class GripperHardware:
         asked = self.commanded
         width, rate = float(self._q.sum()), float(self._v.sum())
         ahead = _WOUND_UP * asked.force / self._stiffness
-        goal = -ahead if asked.width <= 0.0 else asked.width
+        goal = _SHUT if asked.width <= 0.0 else asked.width
         stride = asked.speed * self._step
         way = min(max(goal - self._reference, -stride), stride)
-        self._reference = min(max(self._reference + way, width - ahead), width + ahead)
         force = self._stiffness * (self._reference - width) + self._damping * (
             way / self._step - rate
         )
+        self._reference = min(max(self._reference + way, width - ahead), width + ahead)
         self._torque = min(max(force, -asked.force), asked.force)
         self._motor[0] = min(max(self._torque * self._gain, -self._most), self._most)
 
@@ -178,17 +184,9 @@ class GripperHardware:
     def _suck(self) -> None:
         """The pump: vacuum builds up where the lip seals, up to the force that is asked for."""
         sucks = self.commanded.width <= 0.0
-        goal = self.commanded.force / self._most if sucks and self._seals() else 0.0
+        if sucks and self._seal is not None and self._looked <= 0:
+            self._tight, self._looked = self._seal.is_tight, _LOOK
+        self._looked -= 1
+        goal = self.commanded.force / self._most if sucks and self._tight else 0.0
         self.vacuum += self._pump * (goal - self.vacuum)
         self._motor[0] = min(self.vacuum * self._gain, 1.0)
-
-    def _seals(self) -> bool:
-        """Whether the lip lies on something: a plate by its rim, not by a point."""
-        data = self._data
-        assert data is not None  # noqa: S101 - connected
-        touching = (data.contact.geom == self._cup).any(axis=1)
-        return int(touching.sum()) >= _LEAST_CONTACTS
-
-
-_LEAST_CONTACTS: Final = 3
-"""Points of contact by which a disc lies on a plane."""

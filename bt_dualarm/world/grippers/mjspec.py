@@ -102,6 +102,7 @@ def _add_finger(
         range=(0.0, 0.5 * gripper.stroke),
         limited=mujoco.mjtLimited.mjLIMITED_TRUE,
         armature=gripper.drive_mass,
+        solref_limit=_SOLREF,
     )
     _add_shapes(spec, name, finger.part, gripper, visuals=visuals)
     pad = add_hold(spec, name, finger.pad, gripper)
