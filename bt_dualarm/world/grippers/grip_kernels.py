@@ -19,9 +19,9 @@ def gripped(geoms: Integers, distances: Vector, first: int, second: int, bodies:
 
     Args:
         geoms: Shapes of each contact, of shape (n, 2).
-        distances: Their distances, of shape (n,), m.
-        first: One pad's shape.
-        second: The other pad's, or again the same, of a cup.
+        distances: Distances of them, of shape (n,), m.
+        first: Shape of one pad.
+        second: Shape of the other pad; of a cup again the same.
         bodies: Body of each shape, of shape (ngeom,).
     """
     for i in range(len(geoms)):
@@ -61,10 +61,10 @@ def go_with(
 
     Args:
         pose: Position and quaternion of the body after the step, of shape (7,); changed.
-        was: Its position before it, of shape (3,).
+        was: Position of it before the step, of shape (3,).
         before: Position and quaternion of the palm before it, of shape (7,).
-        after: The same after it.
-        jacobian: Of the palm's origin before it, of shape (6, nv): places, then turns.
+        after: Position and quaternion of it after the step, likewise.
+        jacobian: Jacobian of the palm's origin before it, of shape (6, nv): places, then turns.
         velocities: Velocities of the step, of shape (nv,).
         step: Seconds of the step.
     """
