@@ -71,13 +71,17 @@ class CalmEstimate(TargetEstimate):
         Raises:
             ValueError: There has been no measurement.
         """
-        lively, share = super().predict(time), self.calm_share
+        share = self.calm_share
         if share == 0.0:
-            return lively
-        calm = self._calm.predict(time)
-        return Motion(
-            *(one + share * (other - one) for one, other in zip(lively, calm, strict=True))
-        )
+            return super().predict(time)
+        from bt_dualarm.vision.oscillator_kernels import blend
+
+        lively, calm = self._last, self._calm._last
+        motion = np.empty((3, len(lively.state)))
+        blend(
+            lively.state, time - lively.stamp, calm.state, time - calm.stamp, share, motion
+        )  # fmt: skip
+        return Motion(*motion)
 
     def _judge(self, passed: float, innovation: Vector) -> None:
         """Take the calm filter's newest innovation, of shape (n,), into account."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -135,8 +135,12 @@ class TargetEstimate:
 
     def _take(self, measurement: _Measurement) -> None:
         if self._beliefs:
-            belief = _corrected(self._moved(self._last, measurement.stamp), measurement)
-            belief = replace(belief, state=self._model.confine(belief.state))
+            from bt_dualarm.vision.filter_kernels import correct
+
+            belief = self._moved(self._last, measurement.stamp)
+            correct(belief.state, belief.covariance, measurement.position, measurement.variance)
+            state = self._model.confine(belief.state)
+            belief = _Belief(belief.stamp, state, belief.covariance)
         else:
             belief = self._first(measurement)
         self._beliefs.append(belief)
@@ -150,17 +154,5 @@ class TargetEstimate:
         return _Belief(measurement.stamp, self._model.start(measurement.position), covariance)
 
     def _moved(self, belief: _Belief, time: float) -> _Belief:
-        dt = time - belief.stamp
-        jacobian = self._model.jacobian(belief.state, dt)
-        covariance = jacobian @ belief.covariance @ jacobian.swapaxes(1, 2)
-        return _Belief(time, self._model.move(belief.state, dt), covariance + self._model.noise(dt))
-
-
-def _corrected(belief: _Belief, measurement: _Measurement) -> _Belief:
-    row = belief.covariance[:, 0, :]
-    gain = row / (row[:, 0] + measurement.variance)[:, None]
-    innovation = measurement.position - belief.state[:, 0]
-    # Joseph's form would cost twice as much; four states in doubles stay symmetric enough.
-    covariance = belief.covariance - gain[:, :, None] * row[:, None, :]
-    covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
-    return _Belief(belief.stamp, belief.state + gain * innovation[:, None], covariance)
+        carried = self._model.carry(belief.state, belief.covariance, time - belief.stamp)
+        return _Belief(time, *carried)

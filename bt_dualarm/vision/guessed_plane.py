@@ -15,6 +15,7 @@ from bt_dualarm.world.cameras.frame import Frame
 _MEMORY_S = 2.0  # three legs of the slowest swing of an arm
 _LEGS = 3  # to and fro and to again: a tool that once comes too far makes two
 _LEG_M = 0.006  # shorter ones tell nothing
+_SURELY_NO_LEG_M = (1.0 - 1e-9) * _LEG_M
 _SLOPE = 0.1  # by which it has to be below 0
 _EXPLAINED = 0.6  # share of what the target seems to move that the slope has to explain
 _NEAREST = 1.0 / 3.0  # of the guess
@@ -109,7 +110,8 @@ class OnGuessedPlane(Localiser):
 
 def _swing_begin(eyes: Matrix) -> int | None:
     """Where among the places of a camera, of shape (n, 3), its last legs to and fro began."""
-    if len(eyes) < 2 * _LEGS:
+    # Along no direction do they reach farther than the diagonal of their box.
+    if len(eyes) < 2 * _LEGS or np.linalg.norm(np.ptp(eyes, axis=0)) < _SURELY_NO_LEG_M:
         return None
     off = eyes - eyes.mean(axis=0)
     along = off @ np.linalg.eigh(off.T @ off)[1][:, -1]

@@ -40,6 +40,9 @@ class MotionModel(Protocol):
     def noise(self, dt: float) -> Matrix:
         """Covariance that ``dt`` seconds add, of shape (4, 4)."""
 
+    def carry(self, state: Matrix, covariance: Stack, dt: float) -> tuple[Matrix, Stack]:
+        """State and covariance, of shapes (n, 4) and (n, 4, 4), ``dt`` seconds on."""
+
     def confine(self, state: Matrix) -> Matrix:
         """The nearest state, of shape (n, 4), that a target can have."""
 
@@ -87,11 +90,30 @@ class Oscillator:
         noise[3, 3] = self.frequency_density * abs(dt)
         return noise
 
+    def carry(self, state: Matrix, covariance: Stack, dt: float) -> tuple[Matrix, Stack]:
+        """As `carried`, in machine code."""
+        from bt_dualarm.vision.oscillator_kernels import carry
+
+        moved, spread = np.empty_like(state), np.empty_like(covariance)
+        densities = self.jerk_density, self.frequency_density
+        carry(state, covariance, dt, densities, moved, spread)
+        return moved, spread
+
     def confine(self, state: Matrix) -> Matrix:
         """Frequencies that an arm can reach: beyond, the linearised filter would run away."""
         confined = state.copy()
-        confined[:, 3] = np.clip(state[:, 3], 0.0, self.highest_frequency)
+        frequency = confined[:, 3]
+        np.minimum(np.maximum(frequency, 0.0), self.highest_frequency, out=frequency)
         return confined
+
+
+def carried(
+    model: MotionModel, state: Matrix, covariance: Stack, dt: float
+) -> tuple[Matrix, Stack]:
+    """State and covariance ``dt`` seconds on, by a model's derivative there and its noise."""
+    jacobian = model.jacobian(state, dt)
+    spread: Stack = jacobian @ covariance @ jacobian.swapaxes(1, 2) + model.noise(dt)
+    return model.move(state, dt), spread
 
 
 def at_rest(position: Vector) -> Matrix:
@@ -116,6 +138,12 @@ def chain_noise(dt: float) -> Matrix:
 
 def predict_something() -> None:
     """Have all kernels of motion models compiled."""
-    model = Oscillator()
-    model.move(np.ones((1, _STATES)), 1.0)
-    model.jacobian(np.ones((1, _STATES)), 1.0)
+    from bt_dualarm.vision.filter_kernels import correct
+    from bt_dualarm.vision.oscillator_kernels import blend
+
+    model, state, spread = Oscillator(), np.ones((1, _STATES)), np.ones((1, _STATES, _STATES))
+    model.move(state, 1.0)
+    model.jacobian(state, 1.0)
+    model.carry(state, spread, 1.0)
+    blend(state, 1.0, state, 1.0, 0.5, np.empty((3, 1)))
+    correct(state, spread, np.ones(1), np.ones(1))

@@ -1,4 +1,4 @@
-"""How a sine of unknown frequency goes on, and how that hangs on its state; see `Oscillator`."""
+"""How a sine of unknown frequency goes on, and what is known of it by then; see `Oscillator`."""
 
 from __future__ import annotations
 
@@ -48,3 +48,74 @@ def differentiate(state: Matrix, dt: float, jacobian: Stack) -> None:
         own[0, 3] = v * by_frequency + a * (dt * integral - 2.0 * double) / w
         own[1, 3] = a * by_frequency - v * dt * sine
         own[2, 3] = -a * dt * sine - v * (sine + w * dt * cosine)
+
+
+@kernel
+def carry(
+    state: Matrix, covariance: Stack, dt: float, densities: tuple[float, float],
+    moved: Matrix, spread: Stack,
+) -> None:  # fmt: skip
+    """Enter states and their covariances ``dt`` seconds on.
+
+    Args:
+        state: States of shape (n, 4).
+        covariance: Their covariances, of shape (n, 4, 4).
+        dt: Seconds.
+        densities: Densities of the jerk's noise in m²/s⁵ and of the frequency's in rad²/s³.
+        moved: States then, of shape (n, 4), to be filled.
+        spread: Covariances then, of shape (n, 4, 4), to be filled.
+    """
+    jacobian, half = np.empty((len(state), 4, 4)), np.empty((4, 4))
+    swing(state, dt, moved)
+    differentiate(state, dt, jacobian)
+    noise = _noise(abs(dt), densities)
+    for axis in range(len(state)):
+        for row in range(4):
+            for column in range(4):
+                half[row, column] = 0.0
+                for between in range(4):
+                    half[row, column] += (
+                        jacobian[axis, row, between] * covariance[axis, between, column]
+                    )
+        for row in range(4):
+            for column in range(4):
+                total = 0.0
+                for between in range(4):
+                    total += half[row, between] * jacobian[axis, column, between]
+                spread[axis, row, column] = total + noise[row, column]
+
+
+@kernel
+def _noise(t: float, densities: tuple[float, float]) -> Matrix:
+    """Covariance of white noise through three integrators, and apart from it the frequency's."""
+    noise = np.zeros((4, 4))
+    for row in range(3):
+        for column in range(3):
+            order = 5 - row - column
+            share = densities[0] / order / (2.0 if row == 0 else 1.0)
+            noise[row, column] = share / (2.0 if column == 0 else 1.0) * t**order
+    noise[3, 3] = densities[1] * t
+    return noise
+
+
+@kernel
+def blend(
+    lively: Matrix, dt: float, calm: Matrix, calm_dt: float, share: float, motion: Matrix
+) -> None:
+    """Enter position, velocity and acceleration between those of two states.
+
+    Args:
+        lively: One state, of shape (n, 4).
+        dt: Seconds on at which it is asked for.
+        calm: The other, of shape (n, 4).
+        calm_dt: Seconds on at which that is asked for.
+        share: Weight of the other, from 0 to 1.
+        motion: Rows to be filled with them, of shape (3, n).
+    """
+    one, other = np.empty_like(lively), np.empty_like(calm)
+    swing(lively, dt, one)
+    swing(calm, calm_dt, other)
+    for axis in range(len(one)):
+        for order in range(3):
+            apart = other[axis, order] - one[axis, order]
+            motion[order, axis] = one[axis, order] + share * apart

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,12 +11,11 @@ from bt_dualarm.vision.localise import Sighting
 
 _STILL_M = 0.0025  # what stays within this distance is still
 _BEGUN_M = 0.007  # what has not been farther yet has not moved
-_SIGMAS = 6.0  # of a mean: exceeded at rest once in 10⁷ frames, and by _STILL_M more hardly ever
-_COUNTS = (3, 6, 12, 24, 48)  # of newest sightings whose mean is compared
-_FEWEST, _MOST = _COUNTS[0], _COUNTS[-1]
+_MOST = 48  # newest sightings, of which means of 3, 6, 12, 24 and 48 are compared
+_FEWEST = 3
 _FIRST = 24  # of the first ones that make a mean
 _REMEMBERED = 64  # slopes along which the target was seen
-_EYE, _SLOPE, _VARIANCE, _COLUMNS = slice(0, 2), slice(2, 4), 4, 5  # of a row of numbers
+_SLOPE, _COLUMNS = slice(2, 4), 5  # of a row of numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,15 +75,16 @@ class Stillness:
         self._doubt = depth_doubt
         self._depth = 0.0  # the first that is believed: what is learnt of it later moves nothing
         self._firsts = np.zeros((0, _COLUMNS))  # since it moved last: means, by slope
-        self._leaving: list[Vector] = []  # no more among the newest, not yet a mean
-        self._newest: deque[Vector] = deque(maxlen=_MOST)
+        self._rows = np.empty((_FIRST + _MOST, _COLUMNS))  # of late, oldest first
+        self._count = 0
+        self._leaving = 0  # of them that are no more among the newest, and not yet in a mean
         self._stamp = 0.0
         self._moved_at: float | None = None
 
     @property
     def still_for(self) -> float:
         """Seconds for which a target that has moved was seen to rest; 0 before, and if unsure."""
-        if self._moved_at is None or len(self._newest) <= _FEWEST:
+        if self._moved_at is None or self._count - self._leaving <= _FEWEST:
             return 0.0
         return self._stamp - self._moved_at
 
@@ -99,78 +98,53 @@ class Stillness:
         self._depth = self._depth or look.depth
         self._stamp = look.stamp
         row = np.array((*look.eye, *look.slope, look.sigma**2))
-        resumed = self._moved_at is not None and not self._newest
-        if len(self._newest) == _MOST:
-            self._leave(self._newest[0])
-        self._newest.append(row)
+        resumed = self._moved_at is not None and not self._count
+        if self._count - self._leaving == _MOST:
+            self._leave()
+        self._append(row)
         if resumed or self._has_moved():
             self._moved_at = look.stamp
             self._forget()
-            self._newest.append(row)
+            self._append(row)
+
+    def _append(self, row: Vector) -> None:
+        self._rows[self._count] = row
+        self._count += 1
 
     def _forget(self) -> None:
         self._firsts = self._firsts[:0]
-        self._leaving.clear()
-        self._newest.clear()
+        self._count = self._leaving = 0
 
-    def _leave(self, row: Vector) -> None:
-        self._leaving.append(row)
-        if len(self._leaving) < _FIRST:
+    def _leave(self) -> None:
+        """Take the oldest of the newest sightings out, and enough of them into a mean."""
+        from bt_dualarm.vision.stillness_kernels import scatter
+
+        self._leaving += 1
+        if self._leaving < _FIRST:
             return
-        mean = np.mean(self._leaving, axis=0)
-        self._leaving.clear()
+        mean = np.mean(self._rows[:_FIRST], axis=0)
         # The first along a slope stands: by later ones a slow movement would be missed.
-        apart = self._scatter(np.array(self._newest)) * np.sqrt(2.0 / _FIRST) / self._depth
+        newest = self._rows[_FIRST - 1 : self._count]
+        apart = scatter(newest, self._depth) * np.sqrt(2.0 / _FIRST) / self._depth
         known = np.linalg.norm(self._firsts[:, _SLOPE] - mean[_SLOPE], axis=1) < apart
         if len(self._firsts) < _REMEMBERED and not known.any():
             self._firsts = np.vstack((self._firsts, mean))
+        self._rows[: self._count - _FIRST] = self._rows[_FIRST : self._count].copy()
+        self._count -= _FIRST
+        self._leaving = 0
 
     def _has_moved(self) -> bool:
-        rows = np.array([*self._leaving, *self._newest])
-        newest = rows[len(self._leaving) :]
-        counts = np.array([count for count in _COUNTS if count <= len(newest)], dtype=int)
-        if len(self._firsts):
-            then, of = self._firsts[None], np.full((1, 1), _FIRST)
-        else:
-            counts = counts[counts < len(rows)]
-            of = np.minimum(len(rows) - counts, _FIRST)[:, None]
-            then = (np.cumsum(rows, axis=0)[of[:, 0] - 1] / of)[:, None]
-        if not len(counts):
-            return False
-        now = (np.cumsum(newest[::-1], axis=0)[counts - 1] / counts[:, None])[:, None]
-        far = _BEGUN_M if self._moved_at is None else _STILL_M
-        allowed = _SIGMAS * self._scatter(newest) * np.sqrt(1.0 / counts[:, None] + 1.0 / of)
-        # One or two sightings far off move the mean, too: all of the last have to be elsewhere.
-        last = newest[-_FEWEST:, None, None]
-        least = self._excess(last, then[None], np.zeros(1)).min(axis=0)
-        return bool(((self._excess(now, then, allowed) > far) & (least > far)).any())
+        from bt_dualarm.vision.stillness_kernels import has_moved
 
-    def _excess(self, now: Vector, then: Vector, allowed: Vector) -> Vector:
-        """How far it moved at least, in m, less what the scatter explains, whatever the depth.
-
-        The least of |e + z s| - z a over z, the depth as a share of the believed one: of a convex
-        function, in closed form.
-        """
-        change = now - then
-        eye, slope = change[..., _EYE], self._depth * change[..., _SLOPE]
-        length = np.maximum(np.linalg.norm(slope, axis=-1), 1e-9)
-        along = np.sum(eye * slope, axis=-1) / length
-        across = np.sqrt(np.maximum(np.sum(eye * eye, axis=-1) - along * along, 0.0))
-        steep = np.sqrt(np.maximum(length * length - allowed * allowed, 1e-18))
-        depth = (allowed * across / steep - along) / length
-        depth = np.where(allowed < length, depth, np.inf)
+        begun = self._moved_at is not None
         # For what once moved the believed depth will do: to be wrong then ends no rest too early.
-        doubt = self._doubt if self._moved_at is None else 1.0
-        depth = np.clip(depth, 1.0 / doubt, doubt)
-        excess: Vector = np.hypot(along + depth * length, across) - depth * allowed
-        return excess
+        doubt, far = (1.0, _STILL_M) if begun else (self._doubt, _BEGUN_M)
+        rows = self._rows[: self._count]
+        return has_moved(rows, self._leaving, self._firsts, self._depth, doubt, far)
 
-    def _scatter(self, newest: Matrix) -> float:
-        """Standard deviation of a sighting along an axis: as expected, or as seen if that is more.
 
-        Seen in third differences, which smooth movement does not enter (with first ones: Rice,
-        Annals of Statistics 12, 1984).
-        """
-        bends = np.diff(newest[:, _EYE] + self._depth * newest[:, _SLOPE], 3, axis=0)
-        measured = float(np.mean(np.square(bends))) / 20.0 if bends.size else 0.0
-        return float(np.sqrt(max(float(np.mean(newest[:, _VARIANCE])), measured)))
+def rest_something() -> None:
+    """Have all kernels of stillness compiled."""
+    still = Stillness(1.0)
+    for stamp in range(_FIRST + _MOST + 1):
+        still.take(Look(float(stamp), np.zeros(2), np.zeros(2), 1.0, 1.0))
