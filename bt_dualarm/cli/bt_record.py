@@ -19,6 +19,7 @@ examples:
   bt-record export out --mcap out.mcap     for Foxglove and other viewers and plotters
   bt-record export out --mp4 out.mp4       a film: the scene, the trees beside it
   bt-record export out --webp out.webp     the same, small, for pages on the web
+  bt-record export out --lerobot data      a demonstration for imitation learning (LeRobot v3.0)
   bt-record export out --csv tables        a folder of tables: events, notes, arms, states
 
 exit code:
@@ -60,6 +61,7 @@ def _command_line() -> argparse.ArgumentParser:
     add("--mcap", metavar="FILE", type=Path, help="messages over time, in JSON")
     add("--mp4", metavar="FILE", type=_film, help="a film, 25 pictures a simulated second")
     add("--webp", metavar="FILE", type=_animation, help="an animation of 3 MB at most")
+    add("--lerobot", metavar="FOLDER", type=Path, help="a data set of one demonstration")
     add("--csv", metavar="FOLDER", type=Path, help="tables, in a folder")
     return parser
 
@@ -102,6 +104,12 @@ def _mp4(record: Record, target: Path) -> None:
     write_film(record, target)
 
 
+def _lerobot(record: Record, target: Path) -> None:
+    from bt_dualarm.replay.lerobot_export import write_dataset
+
+    write_dataset(record, target)
+
+
 def _csv(record: Record, target: Path) -> None:
     from bt_dualarm.replay.tables import tables_of
     from bt_dualarm.runtime.atomic_write import write_text
@@ -116,5 +124,6 @@ _FORMATS: dict[str, Callable[[Record, Path], None]] = {
     "mcap": _mcap,
     "mp4": _mp4,
     "webp": _webp,
+    "lerobot": _lerobot,
     "csv": _csv,
 }

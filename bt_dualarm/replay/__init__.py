@@ -10,6 +10,7 @@ repeat?) and `resume` (go on from a time), which make it anew (`rerun`, `past`,
 `known_pictures`); `html_page` (with
 `page_scene`), `mcap_export` (with `message`,
 `messages`, `camera_messages`, `message_schemas`), `kept_pictures`, `video` (with `film_scene`,
-`film_camera`, `film_panel`, `film_style`) and `tables`
+`film_camera`, `film_panel`, `film_style`), `lerobot_export` (with
+`lerobot_tables`) and `tables`
 (exports).
 """

@@ -71,7 +71,7 @@ def _joints(record: Record) -> Iterator[Message]:
                 q, v, a, torque = ([float(f"{x:.7g}") for x in part] for part in row)
                 moment = record.moment(index)
                 model = record.model(moment.generation)
-                joints = _joints_of(model, arm)[: len(q)]
+                joints = joints_of(model, arm)[: len(q)]
                 at, to = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
                 names = [str(model.joint(joint).name) for joint in joints]
                 where, how = moment.qpos[at].round(9).tolist(), moment.qvel[to].round(9).tolist()
@@ -92,7 +92,7 @@ def _states(
     return Message(topic, "foxglove.JointStates", time, content)
 
 
-def _joints_of(model: mujoco.MjModel, arm: str) -> list[int]:
+def joints_of(model: mujoco.MjModel, arm: str) -> list[int]:
     """Numbers of an arm's joints in the model, base to tip."""
     return [j for j in range(model.njnt) if model.joint(j).name.startswith(f"{arm}/")]
 

@@ -64,14 +64,17 @@ def write_film(record: Record, path: Path) -> None:
         beside.unlink(missing_ok=True)
 
 
-def encode(pictures: Iterator[Picture], size: tuple[int, int], fps: float, path: Path) -> None:
-    """Write pictures as H.264 (yuv420p, a key picture every two seconds).
+def encode(
+    pictures: Iterator[Picture], size: tuple[int, int], fps: float, path: Path, key_every: int = 50
+) -> None:
+    """Write pictures as H.264 (yuv420p).
 
     Args:
         pictures: Pictures of shape (height, width, 3), red, green, blue.
         size: Width and height in pixels, even.
         fps: Pictures a second.
         path: File to write, which ends with ``.mp4``.
+        key_every: Pictures from one that stands for itself to the next.
 
     Raises:
         ReplayError: The package imageio-ffmpeg is not installed.
@@ -82,7 +85,7 @@ def encode(pictures: Iterator[Picture], size: tuple[int, int], fps: float, path:
     except ImportError as error:
         message = "a film needs the package imageio-ffmpeg (the extra bt_dualarm[export])"
         raise ReplayError(message) from error
-    keys = ["-g", str(max(1, round(2 * fps)))]
+    keys = ["-g", str(key_every)]
     film = imageio_ffmpeg.write_frames(
         str(path), size, fps=fps, codec="libx264", macro_block_size=2, output_params=keys
     )
