@@ -19,7 +19,7 @@ class Count(Skill):
     failures = {
         "NO_CAMERA": "the arm has no camera of its own",
         "INVALID_TARGET": "the object has no colour that can be found, or no size is given",
-        "NOT_SEEN": "the camera gave no picture, or the object is not in the world",
+        "NOT_SEEN": "the camera gave no picture in time",
     }
     example = "count: {object: cube}"
     needs_camera = True

@@ -59,15 +59,13 @@ class SightPorts(PortModel):
     def sighted(self, arm: Arm) -> SightedThings:
         """What takes pictures in and finds such things in them.
 
+        Whether a declared object is in the world only the pictures say.
+
         Raises:
-            Failure: ``INVALID_TARGET`` for what has no colour, size or marker; ``NOT_SEEN`` for an
-                object that is not in the world.
+            Failure: ``INVALID_TARGET`` for what has no colour, size or marker.
         """
         if self.object is not None:
-            thing = arm.world.objects.get(self.object)
-            if thing is None:
-                raise Failure("NOT_SEEN", f"object {self.object!r} is not in the world")
-            return self._like(thing)
+            return self._like(arm.world.declared_objects[self.object])
         if self.marker is not None:
             return SightedThings.of_marker(self.marker, flat=self.flat)
         if self.shape is None or self.size is None or self.color is None:

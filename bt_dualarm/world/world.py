@@ -30,7 +30,7 @@ _log = logging.getLogger(__name__)
 class World(HoldingView):
     """The composed world: ``model`` and ``data`` change identity when ``generation`` grows.
 
-    They are the plant: who controls an arm reads its `hardware` and `nominal` instead.
+    They are the plant: who controls an arm reads its `hardware` and `nominal`.
 
     Args:
         file: Declares scene, objects and arms.
@@ -40,6 +40,8 @@ class World(HoldingView):
     Attributes:
         before_removal: Functions that are told the name of an arm that is about to be taken away.
         on_forces: Functions that are called in each step, when contacts have the forces of it.
+        declared_arms: Every arm of the file, present or not.
+        declared_objects: Every object of the file, likewise.
         equipment: Hardware, grippers and nominal model of each arm that is present, by name.
 
     Raises:
@@ -50,6 +52,8 @@ class World(HoldingView):
     def __init__(self, file: TreeFile, seed: int = 0, *, visuals: bool = False) -> None:
         mujoco.set_mju_user_warning(_log.warning)  # else it writes a file where the user stands
         self._file, self._visuals = file, visuals
+        self.declared_arms: Mapping[str, ArmSpec] = file.arms
+        self.declared_objects: Mapping[str, ObjectSpec] = file.objects
         self._poses = {name: noisy_pose(name, thing, seed) for name, thing in file.objects.items()}
         loaded = {name: load_arm(arm, file.root) for name, arm in file.arms.items()}
         self.robots: dict[str, Robot] = {
@@ -71,11 +75,6 @@ class World(HoldingView):
         check_declarations(file, self.robots, composition.names_in(self._spec))
         self.attachments = Attachments(self._spec, self._recompile, self._take_up)
         self._compile_first()
-
-    @property
-    def declared_arms(self) -> Mapping[str, ArmSpec]:
-        """Every arm of the file, present or not."""
-        return self._file.arms
 
     def step(self) -> None:
         """Advance by one physics step; positions, contacts and inertias are then those of now.

@@ -165,6 +165,30 @@ def test_one_waits_for_what_comes_into_view(stage: Stage) -> None:
     assert 1.7 <= float(leaf.metrics["waited_s"]) <= 2.0
 
 
+def test_what_is_not_there_yet_is_waited_for(stage: Stage) -> None:
+    """An object that somebody spawns later; that it is in the world only the pictures say."""
+    file = before_camera("ur5", {"wait_for": {"object": "thing", "every": 0.1}}, reality="lab")
+    file["objects"]["thing"]["spawned"] = False
+    brings = {"sequence": [{"wait": 1.5}, {"spawn": {"object": "thing"}}]}
+    file["arms"]["arm2"] = {"robot": "ur3", "base": {"xyz": [3, 0, 0]}, "tree": brings}
+    leaf = stage.run(file).leaf("wait_for")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert 1.7 <= float(leaf.metrics["waited_s"]) <= 2.0
+
+
+@pytest.mark.parametrize(
+    ("skill", "status", "code", "found"),
+    [("count", "SUCCESS", "", 0), ("locate", "FAILURE", "NOT_SEEN", None)],
+)
+def test_what_was_taken_away_is_not_seen(
+    skill: str, status: str, code: str, found: int | None, stage: Stage
+) -> None:
+    """There are none of it, and no place; the arm has looked before it says so."""
+    tree = {"sequence": [{"remove": {"object": "thing"}}, {skill: {"object": "thing"}}]}
+    leaf = stage.run(before_camera("panda", tree, reality="lab")).leaf(skill)
+    assert (leaf.status, leaf.code, leaf.metrics.get("found")) == (status, code, found)
+
+
 def test_the_nearest_to_the_base_comes_first(stage: Stage) -> None:
     """The first pose is that of cube ``a``, whichever of the two is asked for."""
     tree = TABLE.replace("LOCATE", "{object: b, score: a, pose: '{p}', count: '{count}'}")
