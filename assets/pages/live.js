@@ -86,7 +86,8 @@ function show() {
   showTouches(page.shown.contacts, get("forces").checked);
   get("time").max = page.until;
   get("time").value = now;
-  get("now").textContent = now.toFixed(3) + " s" + (page.kind === "record" || isPast ? " of " + page.until.toFixed(2) : "");
+  const exact = page.kind === "live" && !isPast && live.held;
+  get("now").textContent = now.toFixed(exact ? 3 : 2) + " s" + (page.kind === "record" || isPast ? " of " + page.until.toFixed(2) : "");
   get("live").hidden = page.kind === "record" || !isPast;
   const running = page.kind === "record" ? page.playing : !live.paused;
   get("go").textContent = page.kind === "record" ? (running ? "Pause" : "Play") : running ? "Pause" : "Go";

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from threading import Lock
 from typing import Final
 
@@ -9,11 +10,17 @@ import cv2
 import numpy as np
 
 from bt_dualarm.live.past import Past
+from bt_dualarm.replay.kept_pictures import KeptPicture, kept_pictures
+from bt_dualarm.runtime.record_folder import FRAMES
 from bt_dualarm.world.cameras.frame import Frame
 from bt_dualarm.world.rendering.raycast import RayRenderer
 from bt_dualarm.world.rendering.renderer import Exposure, Image
 
 _QUALITY: Final = 85
+_MOST_BYTES: Final = 64 * 2**20
+"""Bytes of kept pictures that are read; of more, pictures are drawn again."""
+
+_SLACK_S: Final = 1e-3
 
 
 class Pictures:
@@ -33,7 +40,7 @@ class Pictures:
 
 
 class PastPictures:
-    """What cameras saw, drawn again by rays from the states of a record, without their faults.
+    """What cameras saw: as it was kept, else drawn again by rays, without the cameras' faults.
 
     Args:
         past: The record.
@@ -43,14 +50,33 @@ class PastPictures:
         self._past = past
         self._renderer = RayRenderer()
         self._lock = Lock()
+        self._kept: dict[str, list[KeptPicture]] = {}
+        self._size = 0
 
     def jpeg(self, arm: str, time: float) -> bytes | None:
-        """What the camera of an arm saw at a time in s; None of an arm without one.
+        """What the camera of an arm saw last at a time in s; None of an arm without one.
 
         Raises:
             ReplayError: There is no state at that time.
         """
-        with self._lock, self._past.at(time) as (model, data, places):
+        with self._lock:
+            self._read()
+            kept = self._kept.get(arm, [])
+            number = bisect_right(kept, time + _SLACK_S, key=lambda picture: picture.stamp)
+            return kept[number - 1].whole if number else self._drawn(arm, time)
+
+    def _read(self) -> None:
+        """Read what was kept, if that is more than it was; too much of it is left where it is."""
+        path = self._past.record.folder / FRAMES
+        size = path.stat().st_size if path.exists() else 0
+        if size == self._size or size > _MOST_BYTES:
+            return
+        self._size, self._kept = size, {}
+        for picture in kept_pictures(self._past.record):
+            self._kept.setdefault(picture.arm, []).append(picture)
+
+    def _drawn(self, arm: str, time: float) -> bytes | None:
+        with self._past.at(time) as (model, data, places):
             if arm not in places or places[arm].camera < 0:
                 return None
             camera = places[arm].camera

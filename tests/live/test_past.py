@@ -20,6 +20,7 @@ from bt_dualarm.errors import DualArmError
 from bt_dualarm.live.past_answers import RecordView
 from bt_dualarm.live.served import Served
 from bt_dualarm.live.view import LiveView
+from bt_dualarm.replay.kept_pictures import kept_pictures
 from bt_dualarm.replay.record import Record, ReplayError
 from bt_dualarm.runtime.signals import StopRequest
 from tests.live.browsers import Browser
@@ -140,6 +141,21 @@ def test_a_camera_s_picture_is_drawn_again(tmp_path: Path) -> None:
     [camera] = json.loads(view.questions["at"]({"t": "0.5"}).content)["cameras"]
     assert picture.shape[:2] == tuple(camera["size"][::-1])
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
+
+
+def test_pictures_that_were_kept_are_shown(tmp_path: Path) -> None:
+    """Those of the camera itself: they have its noise, which what is drawn again has not."""
+    tree = SEEING.replace("{wait: {seconds: 1.2}}", "{wait_for: {object: ball, wait: 1}}")
+    shown = []
+    for name, frames in (("kept", True), ("drawn", False)):
+        bt_dualarm.run(tree, record=tmp_path / name, frames=frames, reality="rough")
+        record = Record.read(tmp_path / name)
+        stamp = next(note["stamp"] for note in record.notes if note["kind"] == "frame")
+        view = RecordView(tmp_path / name)
+        shown.append(view.questions["eye"]({"arm": "arm1", "t": f"{stamp}"}).content)
+    [kept, *_] = kept_pictures(Record.read(tmp_path / "kept"))
+    assert shown[0] == kept.whole
+    assert shown[1] != kept.whole
 
 
 def test_a_run_that_goes_on_is_looked_back_at(tmp_path: Path) -> None:

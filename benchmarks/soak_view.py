@@ -1,0 +1,145 @@
+"""What a live view stands: browsers that come and go, and requests that no page would make.
+
+    python -m benchmarks.soak_view [TREE] [--rounds 250]
+
+While a run goes on, a process opens the page over and over, breaks off in the middle of requests,
+sends what is no HTTP, bodies of 10 MB, other hosts' names and foreign origins, four of each kind a
+round. It prints how often the page was opened, what strangers were served, what the run's process
+has grown by from a tenth of the rounds to the last, and whether the hash is that of a run that
+nobody looked at.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import bt_dualarm
+from bt_dualarm.live.view import LiveView
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.runtime.signals import StopRequest
+
+STRANGERS = r"""
+import http.client, json, random, socket, sys
+from urllib.parse import urlsplit
+place, rounds = urlsplit(sys.argv[1]), int(sys.argv[2])
+port, base, rng = place.port, place.path, random.Random(5)
+good = {"Host": f"127.0.0.1:{port}"}
+counts = {"opened": 0, "strange": 0, "served": 0, "refused": 0, "broken": 0}
+GO = json.dumps({"deed": "explode"})
+def ask(path, body=None, headers=good, method=None):
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    try:
+        connection.request(method or ("GET" if body is None else "POST"), path, body, dict(headers))
+        answer = connection.getresponse()
+        answer.read()
+        return answer.status
+    except (OSError, http.client.HTTPException):
+        return 0
+    finally:
+        connection.close()
+def strange(status):
+    counts["strange"] += 1
+    counts["served" if 200 <= status < 300 else "refused" if status else "broken"] += 1
+def raw(content):
+    with socket.create_connection(("127.0.0.1", port), timeout=20) as connection:
+        try:
+            connection.sendall(content)
+            if rng.random() < 0.5:
+                connection.shutdown(socket.SHUT_WR)
+                said = connection.recv(200)
+                strange(200 if b" 200 " in said else 400 if said else 0)
+            else:
+                strange(0)
+        except OSError:
+            strange(0)
+JSON = {"Content-Type": "application/json"}
+for number in range(rounds):
+    for what in ("", "now", "log?after=0", "series"):
+        status = ask(base + what)
+        counts["opened"] += status == 200
+    raw(rng.randbytes(rng.randrange(1, 3000)))
+    raw(b"GET " + base.encode() + b"now HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"x" * 70000)
+    begun = b"do HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nContent-Length: 99" % port
+    raw(b"POST " + base.encode() + begun)
+    raw(b"\x16\x03\x01" + rng.randbytes(200))
+    strange(ask(base + "now", headers={"Host": f"evil.example:{port}"}))
+    strange(ask(base + "now", headers={**good, "Origin": "http://evil.example"}))
+    strange(ask(base + "do", GO, {**good, **JSON, "Origin": "null"}))
+    strange(ask(f"/{'a' * 22}/now"))
+    strange(ask(base + "do", GO, {**good, **JSON}))
+    strange(ask(base + "do", b"[" * 19000, {**good, **JSON}))
+    strange(ask(base + "at?t=" + rng.choice(["nan", "-1", "1e300", "x", "'"])))
+    strange(ask(base + "now", headers=good, method=rng.choice(["PUT", "DELETE", "OPTIONS"])))
+    if number % 25 == 0:
+        strange(ask(base + "do", b"x" * 10_000_000, {**good, **JSON}))
+    if number % max(1, rounds // 10) == 0:
+        print(json.dumps(counts), flush=True)
+print(json.dumps(counts), flush=True)
+"""
+
+
+def size() -> tuple[float, int, int]:
+    """Memory of this process in MB, its threads, its open files."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
+    files = len([*Path("/proc/self/fd").iterdir()])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6, threading.active_count(), files
+
+
+def soak(view: LiveView, rounds: int) -> None:
+    """Let strangers in; when they have gone, let the run go on as fast as it can."""
+    command = [sys.executable, "-c", STRANGERS, view.url, str(rounds)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as strangers:
+        sizes = []
+        for line in strangers.stdout or ():
+            counts = json.loads(line)
+            sizes.append(size())
+            print(f"{counts}  {sizes[-1][0]:.0f} MB, {sizes[-1][1]} threads, {sizes[-1][2]} files")
+    time.sleep(1.0)
+    after, early = size(), sizes[1]
+    print(
+        f"grown by {after[0] - early[0]:.1f} MB, {after[1] - early[1]} threads, "
+        f"{after[2] - early[2]} files since a tenth of it"
+    )
+    view.gate.set_speed(None)
+    view.gate.go()
+
+
+def watched(run: Run, stop: StopRequest, rounds: int) -> str:
+    """Hash of a run that strangers trouble."""
+    with LiveView(run, stop, paused=False) as view:
+        thread = threading.Thread(target=soak, args=(view, rounds))
+        view.gate.set_speed(0.1)
+        thread.start()
+        sha256 = run.finish().state_sha256
+        thread.join()
+    if run.kept is not None:
+        run.kept.recorder.close()
+    return sha256
+
+
+def main() -> None:
+    """Run the tree twice: troubled, and alone."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("tree", nargs="?", default="pick_and_track")
+    parser.add_argument("--rounds", type=int, default=250)
+    arguments = parser.parse_args()
+    plain = bt_dualarm.run(arguments.tree).state_sha256
+    stop = StopRequest()
+    with (
+        TemporaryDirectory() as folder,
+        bt_dualarm.open(arguments.tree, stop=stop, record=Path(folder) / "out") as run,
+    ):
+        troubled = watched(run, stop, arguments.rounds)
+    print("the hash is the same" if troubled == plain else "THE HASH IS ANOTHER")
+
+
+if __name__ == "__main__":
+    main()
