@@ -58,13 +58,26 @@ function waysShown(now) {
   }
   return found;
 }
+// The middle of all bodies near the arms' tools, and how far off they are seen together.
+function whatToSee() {
+  const poses = floats(page.shown.poses), tools = page.shown.arms.filter(arm => arm.tool).map(arm => arm.tool);
+  const points = [...tools];
+  for (let i = 7; i < poses.length; i += 7) {
+    const point = poses.slice(i, i + 3);
+    if (!tools.length || tools.some(tool => Math.hypot(...minus(point, tool)) < 2)) points.push(point);
+  }
+  if (!points.length) return { middle: [0, 0, 0.4], far: 2.5 };
+  const low = [0, 1, 2].map(i => Math.min(...points.map(point => point[i])));
+  const high = [0, 1, 2].map(i => Math.max(...points.map(point => point[i])));
+  const wide = Math.hypot(...minus(high, low));
+  return { middle: low.map((x, i) => (x + high[i]) / 2), far: Math.max(1.6, Math.min(9, 1.25 * wide)) };
+}
 function drawScene() {
   const scene = page.scenes.get(page.shown.generation);
   if (!scene) { sceneOf(page.shown.generation).catch(lost); return; }
   if (page.draw === null) {
-    const tools = page.shown.arms.filter(arm => arm.tool).map(arm => arm.tool);
-    const middle = [0, 1, 2].map(i => tools.reduce((sum, tool) => sum + tool[i], 0) / Math.max(1, tools.length));
-    page.draw = sceneOn(get("canvas"), page.meshes, tools.length ? [middle[0], middle[1], 0.5 * middle[2] + 0.2] : [0.5, 0, 0.5], show) || false;
+    const { middle, far } = whatToSee();
+    page.draw = sceneOn(get("canvas"), page.meshes, middle, show, far) || false;
     get("none").hidden = Boolean(page.draw);
   }
   if (page.draw) page.draw(scene.shapes, floats(page.shown.poses), waysShown(page.shown.time));

@@ -28,7 +28,7 @@ function rowOf(arm, node, index, hands) {
     row.tabIndex = 0;
     row.onkeydown = event => { if (event.key === "Enter") hands.choose(key); };
     name.append(node.name);
-    if (node.kind !== node.name) name.append(" ", made("span", "kind", node.kind));
+    if (node.kind !== node.name.replace(/#\d+$/, "")) name.append(" ", made("span", "kind", node.kind));
     row.title = node.path + " [" + node.kind + "]: why?";
     mark.style.marginLeft = 0.9 * node.depth + "rem";
     row.append(stop, mark, name, since, bar, reason);
@@ -124,7 +124,7 @@ function niceTop(value) {
 }
 function showSignals(tracks, names, from, until, now) {
   if (get("signals").hidden) return;
-  for (const { plot, says, of, unit } of SIGNALS) {
+  for (const { plot, says, of } of SIGNALS) {
     const ratio = window.devicePixelRatio || 1, wide = plot.clientWidth, high = plot.clientHeight;
     if (!wide || !high) continue;
     plot.width = wide * ratio;
@@ -157,7 +157,7 @@ function showSignals(tracks, names, from, until, now) {
       curve.forEach((row, i) => pen.lineTo(x(row[0]), y(values[index][i])));
       pen.stroke();
       const at = curve.findLastIndex(row => row[0] <= now + 1e-6);
-      if (at >= 0) said.push(made("b", "", values[index][at].toPrecision(2) + " " + unit));
+      if (at >= 0) said.push(made("b", "", values[index][at].toFixed(Math.max(0, 2 - Math.floor(Math.log10(top))))));
       if (at >= 0) said.at(-1).style.color = css(colorOf(index));
     });
     says.replaceChildren(...said.flatMap(each => [each, "  "]));

@@ -100,7 +100,7 @@ const SURFACE = ["attribute vec3 p, n; uniform mat4 m, v; varying vec3 d, w; voi
   "vec3 l = c.rgb * (0.50 + 0.38 * k + 0.14 * u.z) + s; float a = c.a;" +
   "if (g > 0.5) { vec2 q = abs(fract(w.xy * 2.0 - 0.5) - 0.5) / 2.0; float r = 0.0011 * far;" +
   "l = c.rgb * (1.0 - 0.10 * (1.0 - smoothstep(0.4 * r, 1.6 * r, min(q.x, q.y))));" +
-  "a *= 1.0 - smoothstep(1.6, 3.6, distance(w.xy, f.xy)); }" +
+  "a *= 1.0 - smoothstep(1.6 * g, 3.6 * g, distance(w.xy, f.xy)); }" +
   "gl_FragColor = vec4(l, a); }"];
 const SHADE = ["attribute vec3 p; uniform mat4 m, v; void main() { vec4 x = m * vec4(p, 1.0);" +
   "x.xyz -= (x.z - 0.001) / 0.77 * vec3(0.4, -0.5, 0.77) * step(0.0, x.z); gl_Position = v * x; }",
@@ -123,12 +123,12 @@ function strips(points, apart) {
   }
   return made;
 }
-function sceneOn(canvas, meshes, middle, redraw) {
+function sceneOn(canvas, meshes, middle, redraw, far = 2.5) {
   const gl = canvas.getContext("webgl", { alpha: false, antialias: true, stencil: true });
   if (!gl) return null;
   const buffers = new Map();
   const program = compiled(gl, ...SURFACE), shade = compiled(gl, ...SHADE), line = compiled(gl, ...LINE);
-  const eye = { at: middle, far: 2.5, turn: -0.9, tilt: 0.45 };
+  const eye = { at: middle, far, turn: -0.9, tilt: 0.45 };
   // Triangles of a shape; none of a mesh that has not come yet.
   function bufferOf(name) {
     if (!buffers.has(name)) {
@@ -172,7 +172,7 @@ function sceneOn(canvas, meshes, middle, redraw) {
       if (from) {
         gl.vertexAttribPointer(n, 3, gl.FLOAT, false, 24, 12);
         gl.uniform4fv(at(program, "c"), shape.color);
-        gl.uniform1f(at(program, "g"), shape.name === "plane" ? 1 : 0);
+        gl.uniform1f(at(program, "g"), shape.name === "plane" ? Math.max(1, far / 2.5) : 0);
       }
       gl.drawArrays(gl.TRIANGLES, 0, found.count);
     }
