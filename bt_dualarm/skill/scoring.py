@@ -10,6 +10,7 @@ import scipy
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Number
 from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.skill.path_sums import LAG_S, OVERLAP, PathSums, Stretch, least_at
 from bt_dualarm.skill.visual_servoing import PlaneTracking
 from bt_dualarm.spec.plane import Plane
 
@@ -17,9 +18,9 @@ SETTLE_S = 1.0
 """Seconds after the lock from which errors count: before, the tool is still on its way."""
 
 _NEAR_M = 0.3  # an object farther from where the target is believed to be is not the target
-_LAG_S = 0.5  # largest lag that is looked for
 _STILL_M = 2e-4  # who moves less has no lag
 _MIN_SAMPLES = 8
+_MOST = 4608  # samples that are kept as they are: of a minute and a half
 
 
 class TrackingScore:
@@ -33,8 +34,7 @@ class TrackingScore:
         target: Name of the object; None for the one nearest to where the target is first believed
             to be.
 
-    Attributes:
-        times: Simulated seconds of the samples that count.
+    Of a long motion sums remain, and a path that is the more thinned the longer it is.
     """
 
     def __init__(self, arm: Arm, plane: Plane, target: str | None) -> None:
@@ -45,9 +45,11 @@ class TrackingScore:
         self._from: float | None = None
         self._sampled: float | None = None
         self._gone_s = 0.0
-        self.times = array("d")  # eight bytes a number, however long it goes on
+        self._times = array("d")
         self._tool = array("d")
         self._truth = array("d")
+        self._sums: PathSums | None = None
+        self._summed = 0  # samples of those that are kept
 
     def sample(self, tracking: PlaneTracking) -> None:
         """Take one sample, once a tick; the clock starts with the first lock."""
@@ -62,7 +64,9 @@ class TrackingScore:
             self._gone_s += 0.0 if since is None else self._arm.time - since
         if self._target not in world.objects or self._arm.time < self._from:
             return
-        self.times.append(self._arm.time)
+        if len(self._times) == _MOST:
+            self._sum_up(tracking, _MOST - OVERLAP)
+        self._times.append(self._arm.time)
         self._tool.extend(world.arms[self._arm.name].tool_pose.position.tolist())
         self._truth.extend(world.object_pose(self._target).position.tolist())
 
@@ -76,26 +80,40 @@ class TrackingScore:
         off along an axis of the plane, as standard deviation.
         """
         gone: dict[str, Number] = {"score_gone_s": self._gone_s} if self._gone_s > 0.0 else {}
-        if len(self.times) < 2:
+        if len(self._times) < 2:
             return gone
-        tool, truth = _points(self._tool) @ self._axes.T, _points(self._truth) @ self._axes.T
-        away = self.errors()
-        rms, most = float(np.sqrt(np.mean(away**2))), float(away.max())
+        if self._sums is None:
+            tool, truth = _points(self._tool) @ self._axes.T, _points(self._truth) @ self._axes.T
+            away = self.errors()
+            rms, most = float(np.sqrt(np.mean(away**2))), float(away.max())
+            late = lag(truth, tool, float(np.median(np.diff(self._times))))
+            spread = self._sighting_sd(*tracking.sightings())
+        else:
+            self._sum_up(tracking, len(self._times))
+            (rms, most), late = self._sums.errors(), self._sums.lag(_STILL_M)
+            spread = self._sums.sighting_sd()
         return {
             **gone,
             **({"yz_rms_m": rms, "yz_max_m": most} if self._is_yz else {}),
             "plane_rms_m": rms,
             "plane_max_m": most,
-            "lag_s": lag(truth, tool, float(np.median(np.diff(self.times)))),
-            "sighting_sd_m": self._sighting_sd(*tracking.sightings()),
+            "lag_s": late,
+            "sighting_sd_m": spread,
         }
+
+    @property
+    def times(self) -> Vector:
+        """Simulated seconds of the samples that `errors` and `paths` have, of shape (n,)."""
+        return self._path.times
 
     def errors(self) -> Vector:
         """Distance from the truth in the plane in m at ``times``, a constant offset aside."""
-        if not self.times:
+        path = self._path
+        error = (path.tool - path.truth) @ self._axes.T
+        if not len(error):
             return np.zeros(0)
-        error = (_points(self._tool) - _points(self._truth)) @ self._axes.T
-        away: Vector = np.linalg.norm(error - error.mean(axis=0), axis=1)
+        mean = error.mean(axis=0) if self._sums is None else self._axes @ self._sums.offset
+        away: Vector = np.linalg.norm(error - mean, axis=1)
         return away
 
     def paths(self) -> dict[str, Matrix]:
@@ -103,13 +121,40 @@ class TrackingScore:
 
         The tool's path is moved by the mean offset, so that the two lie upon each other.
         """
-        if not self.times:
+        _, tool, truth = self._path
+        if not len(tool):
             return {}
-        tool, truth = _points(self._tool), _points(self._truth)
-        return {"target": truth, "tracked": tool - (tool - truth).mean(axis=0)}
+        offset = (tool - truth).mean(axis=0) if self._sums is None else self._sums.offset
+        return {"target": truth, "tracked": tool - offset}
+
+    @property
+    def _kept(self) -> Stretch:
+        """The samples that are kept as they are."""
+        return Stretch(np.array(self._times), _points(self._tool), _points(self._truth))
+
+    @property
+    def _path(self) -> Stretch:
+        """All samples, the older ones thinned."""
+        if self._sums is None or self._sums.path is None:
+            return self._kept
+        return self._sums.path.then(self._kept.part(self._summed))
+
+    def _sum_up(self, tracking: PlaneTracking, end: int) -> None:
+        """Sum up samples, and sightings before the last of them, and forget those before."""
+        kept = self._kept
+        if self._sums is None:
+            self._sums = PathSums(self._axes, float(np.median(np.diff(kept.times))))
+        self._sums.take(kept, self._summed, end)
+        stamps, points = tracking.sightings()
+        during = (stamps >= kept.times[0]) & (stamps <= kept.times[end - 1])
+        self._sums.see(kept, stamps[during], points[during])
+        tracking.forget_sightings(float(kept.times[end - 1]))
+        gone = max(end - OVERLAP, 0)
+        self._summed = end - gone
+        del self._times[:gone], self._tool[: 3 * gone], self._truth[: 3 * gone]
 
     def _sighting_sd(self, stamps: Vector, points: Matrix) -> float:
-        times, truth = np.array(self.times), _points(self._truth) @ self._axes.T
+        times, truth = np.array(self._times), _points(self._truth) @ self._axes.T
         during = (stamps >= times[0]) & (stamps <= times[-1])
         if not during.any():
             return 0.0
@@ -146,15 +191,10 @@ def lag(leader: Matrix, follower: Matrix, period: float) -> float:
     """
     if float(np.ptp(leader, axis=0).max()) < _STILL_M or len(leader) < _MIN_SAMPLES:
         return 0.0
-    most = min(round(_LAG_S / period), len(leader) // 2)
+    most = min(round(LAG_S / period), len(leader) // 2)
     shifts = range(-most, most + 1)
-    differences = np.array([_difference(leader, follower, shift) for shift in shifts])
-    best = int(np.argmin(differences))
-    if not 0 < best < len(shifts) - 1:
-        return float(shifts[best] * period)
-    left, middle, right = differences[best - 1 : best + 2]
-    vertex = 0.5 * (left - right) / (left - 2 * middle + right)
-    return float((shifts[best] + vertex) * period)
+    differences = [_difference(leader, follower, shift) for shift in shifts]
+    return least_at(np.array(differences), period)
 
 
 def _difference(leader: Matrix, follower: Matrix, shift: int) -> float:

@@ -179,8 +179,12 @@ class PlaneTracking:
         self._tracker.close()
 
     def sightings(self) -> tuple[Vector, Matrix]:
-        """When and where in the world the target was seen: shapes (n,) and (n, 3)."""
+        """When and where in the world the target was seen of late: shapes (n,) and (n, 3)."""
         return self._tracker.sightings.places()
+
+    def forget_sightings(self, until: float) -> None:
+        """Let go of those up to a time, in s: they are asked for no more."""
+        self._tracker.sightings.forget(until)
 
     def metrics(self) -> dict[str, Number]:
         """Frames looked at, how often the target was lost, and motion towards old data.

@@ -1,0 +1,78 @@
+"""A motion is marked alike whether all of its samples are kept or sums of them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.skill import scoring
+from bt_dualarm.skill.path_sums import OVERLAP
+from bt_dualarm.skill.scoring import TrackingScore
+from bt_dualarm.spec.plane import Plane
+from bt_dualarm.vision.sightings import PLACES, Sightings
+
+PERIOD_S, LATE_S, COUNT = 0.02, 0.05, 3000
+OFFSET = np.array((0.35, 0.01, -0.02))
+
+
+def where(time: float) -> Any:
+    """The target on a curve that slowly drifts, so that errors differ from minute to minute."""
+    return np.array((0.7, 0.1 * np.sin(2.0 * time) + 1e-3 * time, 0.05 * np.cos(3.1 * time)))
+
+
+def followed(count: int, *, still: bool = False) -> tuple[TrackingScore, Any]:
+    """A score of so many samples of an arm that is late, and what it was tracking by."""
+    rng, seen = np.random.default_rng(4), Sightings()
+    tracking: Any = SimpleNamespace(
+        in_view=True, target=where(0.0), sightings=seen.places, forget_sightings=seen.forget
+    )
+    world: Any = SimpleNamespace(objects={"cube"}, arms={"arm": SimpleNamespace(tool_pose=None)})
+    arm: Any = SimpleNamespace(world=world, name="arm", time=0.0)
+    score = TrackingScore(arm, Plane.model_validate("yz"), "cube")
+    for step in range(count + round(scoring.SETTLE_S / PERIOD_S)):
+        arm.time = step * PERIOD_S
+        true = where(0.0 if still else arm.time)
+        tool = where(0.0 if still else arm.time - LATE_S) + OFFSET + rng.normal(0.0, 1e-4, 3)
+        world.object_pose = lambda _, at=true: SimpleNamespace(position=at)
+        world.arms["arm"].tool_pose = SimpleNamespace(position=tool)
+        stamp = arm.time - 0.013
+        point = where(0.0 if still else stamp) + rng.normal(0.0, 2e-4, 3)
+        seen.append(SimpleNamespace(stamp=stamp, point=point))  # type: ignore[arg-type]
+        score.sample(tracking)
+    return score, tracking
+
+
+@pytest.mark.parametrize("still", [False, True], ids=["moving", "still"])
+def test_sums_mark_as_all_samples_do(still: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, by = followed(COUNT, still=still)
+    expected = whole.metrics(by)
+    monkeypatch.setattr(scoring, "_MOST", 2 * OVERLAP + 111)
+    score, tracking = followed(COUNT, still=still)
+    assert len(tracking.sightings()[0]) < 2 * OVERLAP + 200
+    assert score.metrics(tracking) == pytest.approx(expected, rel=1e-9)
+    assert (score.times == whole.times).all()
+    assert score.errors() == pytest.approx(whole.errors(), rel=1e-9, abs=1e-12)
+    for name, path in whole.paths().items():
+        assert score.paths()[name] == pytest.approx(path, abs=1e-12)
+
+
+def test_memory_is_bounded_and_the_path_is_thinned_evenly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scoring, "_MOST", 3 * OVERLAP)
+    monkeypatch.setattr("bt_dualarm.skill.path_sums._MOST_KEPT", 500)
+    score, _ = followed(COUNT)
+    assert len(score.times) < 500 + 3 * OVERLAP
+    steps = np.round(np.diff(score.times) / PERIOD_S)
+    thinned = steps[:200]  # more than half of the path is, whatever its length
+    assert (thinned == thinned[0]).all()
+    assert thinned[0] > 1
+
+
+def test_places_that_nobody_forgets_go_in_the_end() -> None:
+    seen, one = Sightings(), SimpleNamespace(stamp=0.0, point=np.zeros(3))
+    for _ in range(2 * PLACES):
+        seen.append(one)  # type: ignore[arg-type]
+    assert len(seen) == 2 * PLACES
+    assert len(seen.places()[0]) <= PLACES
