@@ -1,0 +1,207 @@
+"""How still a gripper holds a thing, and what grippers cost.
+
+    python -m benchmarks.gripping [--robots ur5 panda] [--sets lab rough] [--seeds 3] [--seconds 60]
+
+Every gripper takes every shape of 0.5 kg that it can from a post, with ``--share`` of its force,
+and lifts it. How far the thing creeps in the gripper is the simulator's truth, in mm (figure 2 of
+the grasps: 0.1 at rest and 0.5 shaken, in 60 s each):
+
+- ``rest``: the robot's controller holds it up;
+- ``carried``: the robot carries it to and fro along a line of 0.16 m at full speed;
+- ``shaken``: joints are held by springs, and gravity swings by 8 m/s² along the axes of the tool,
+  one after the other, at 2 Hz.
+
+Then CPU seconds of a UR5 that carries a cube to and fro, in fingers and, without a gripper, by a
+weld, in turns: the ratio of the real-time factors is figure 7 (0.8).
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from typing import Any, Final
+
+import numpy as np
+
+from bt_dualarm.pose import Pose
+from bt_dualarm.runtime.api import open as open_run
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.spec.document import ArmSpec, TreeFile
+from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.values import PoseSpec
+from bt_dualarm.world.grippers.named import gripper_names, load_gripper
+from bt_dualarm.world.world import World
+
+SHAPES: Final[dict[str, tuple[str, list[float], float]]] = {
+    "cube": ("box", [0.05, 0.05, 0.05], 0.025),
+    "can": ("cylinder", [0.025, 0.06], 0.03),
+    "ball": ("sphere", [0.025], 0.025),
+}
+"""Shape, size and half the height, m."""
+
+WAYS: Final = ("rest", "carried", "shaken")
+_BASE: Final = [0.0, 0.0, 0.4]
+_SHAKE, _RATE = 8.0, 2.0  # m/s², Hz
+_STIFF, _HEAVY = 0.25, 5.0  # of the springs at the joints, and kg m² that are added to them
+
+
+def tool_at_home(robot: str, gripper: str | None) -> Pose:
+    """Where the tool is at the start: it points down."""
+    spec = ArmSpec(
+        robot=robot,
+        gripper=gripper,
+        base=PoseSpec(xyz=(_BASE[0], _BASE[1], _BASE[2])),
+        tree=NodeSpec(kind="succeed", name="succeed", ports={}),
+    )
+    return World(TreeFile(name="probe", objects={}, arms={"arm1": spec})).arms["arm1"].tool_pose
+
+
+def tree(
+    robot: str, gripper: str | None, thing: str, share: float, then: list[Any]
+) -> dict[str, Any]:
+    """A file in which an arm takes a thing from a post, lifts it, and does something else."""
+    shape, size, half = SHAPES[thing]
+    page = None if gripper is None else load_gripper(gripper)
+    x, y, z = tool_at_home(robot, gripper).position.tolist()
+    middle = z - (half if page is None or page.cup else 0.0) - 0.001
+    height = middle - half - 0.001
+    post = {"shape": "box", "size": [0.02, 0.02, height], "mass": 1, "fixed": True}
+    things = {
+        "post": post | {"pose": {"xyz": [x, y, height / 2]}},
+        "thing": {"shape": shape, "size": size, "mass": 0.5, "pose": {"xyz": [x, y, middle]}},
+    }
+    if page is None:
+        take: list[Any] = [{"approach_and_attach": {"object": "thing", "standoff": 0.02}}]
+    else:
+        close = {"force": max(share * page.force.most, page.force.least), "object": "thing"}
+        near = {"move_linear": {"offset": {"xyz": [0, 0, -0.002]}, "speed": 0.05}}
+        take = [*([near] if page.cup else []), {"close_gripper": close | {"settle": 0.5}}]
+    lift = {"move_linear": {"offset": {"xyz": [0, 0, 0.05]}, "speed": 0.3}}
+    arm: dict[str, Any] = {"robot": robot, "base": {"xyz": _BASE}}
+    arm |= {} if gripper is None else {"gripper": gripper}
+    return {
+        "bt_dualarm": 1,
+        "name": "gripping",
+        "world": {"scene": "empty", "time_limit": 900},
+        "objects": things,
+        "arms": {"arm1": arm | {"tree": {"sequence": [*take, lift, {"wait": 1}, *then]}}},
+    }
+
+
+def to_and_fro(times: int) -> list[Any]:
+    """Leaves by which the tool goes along a line and back."""
+    ways = [{"move_linear": {"offset": {"xyz": [0, y, 0]}, "speed": 1.0}} for y in (0.16, -0.16)]
+    return [{"repeat": {"times": times, "child": {"sequence": ways}}}]
+
+
+def in_tool(world: World) -> Pose:
+    """The thing in the tool frame, as it truly is."""
+    return world.arms["arm1"].tool_pose.inverse @ world.object_pose("thing")
+
+
+def lifted(run: Run) -> str:
+    """Step until the thing was lifted and has come to rest; the reason where it was not."""
+    begun = run.world.object_pose("thing").position[2]
+    rested = 0
+    while not run.done and rested < 5:
+        run.step(0.2)
+        high = run.world.object_pose("thing").position[2] - begun > 0.045
+        still = float(np.abs(run.world.object_velocity("thing")).max()) < 2e-3
+        rested = rested + 1 if high and still else 0
+    if rested:
+        return ""
+    bad = [leaf for leaf in run.result.arms["arm1"].leaves.values() if leaf.code]
+    return bad[0].reason if bad else "nothing was lifted"
+
+
+def shaken(world: World, seconds: float) -> None:
+    """Swing gravity along the axes of the tool, the joints held by springs."""
+    model, data, step = world.model, world.data, world.timestep
+    body = world.arms["arm1"]
+    dofs, at, gravity = body.dof_ids, body.q.copy(), model.opt.gravity.copy()
+    axes = body.tool_pose.rotation_matrix.T
+    model.dof_armature[dofs] += _HEAVY
+    data.ctrl[body.actuator_ids] = 0.0
+    count = round(seconds / step)
+    for number in range(count + round(1.0 / step)):
+        swing = _SHAKE * np.sin(2 * np.pi * _RATE * number * step) * (number < count)
+        model.opt.gravity[:] = gravity + swing * axes[min(3 * number // count, 2)]
+        springs = _HEAVY * (_STIFF * (at - body.q) / step - body.v) / step
+        world.hardware["arm1"].command(np.zeros(len(dofs)))
+        data.qfrc_applied[dofs] = data.qfrc_bias[dofs] + springs
+        world.step()
+
+
+def drift(
+    robot: str,
+    gripper: str,
+    thing: str,
+    way: str,
+    args: argparse.Namespace,
+    seed: int,
+    reality: str,
+) -> str:
+    """Millimetres by which a thing has crept, and degrees by which it has turned."""
+    then = to_and_fro(max(1, round(args.seconds / 1.6))) if way == "carried" else []
+    then = [{"wait": args.seconds}] if way == "rest" else then
+    file = tree(robot, gripper, thing, args.share, then)
+    with open_run(file, seed=seed, reality=reality) as run:
+        refused = lifted(run)
+        if refused:
+            return f"refused: {refused}"
+        before, began = in_tool(run.world), run.time
+        if way == "shaken":
+            shaken(run.world, args.seconds)
+        while not run.done and way != "shaken":
+            run.step(0.5)
+        after = in_tool(run.world)
+        turned = np.degrees(after.angle(before))
+        took = f"{args.seconds if way == 'shaken' else run.time - began:.0f} s"
+        return f"{1e3 * after.distance(before):.4f} mm, {turned:.3f}°, {took}"
+
+
+def cost(gripper: str | None, times: int) -> float:
+    """CPU seconds for a simulated second of carrying a cube to and fro."""
+    with open_run(tree("ur5", gripper, "cube", 0.4, to_and_fro(times)), seed=1) as run:
+        refused = lifted(run)
+        if refused:
+            raise RuntimeError(refused)
+        began, cpu = run.time, time.process_time()
+        while not run.done:
+            run.step(0.5)
+        return (time.process_time() - cpu) / (run.time - began)
+
+
+def main() -> None:
+    """Print both figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robots", nargs="+", default=["ur5"])
+    parser.add_argument("--grippers", nargs="+", default=list(gripper_names()))
+    parser.add_argument("--shapes", nargs="+", default=list(SHAPES))
+    parser.add_argument("--ways", nargs="+", default=list(WAYS))
+    parser.add_argument("--sets", nargs="+", default=["lab"])
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--share", type=float, default=0.5)
+    parser.add_argument("--pairs", type=int, default=3)
+    args = parser.parse_args()
+    for robot in args.robots:
+        for gripper in args.grippers:
+            shapes = [s for s in args.shapes if s != "ball" or load_gripper(gripper).fingers]
+            for thing in shapes:
+                for way, reality in ((w, r) for w in args.ways for r in args.sets):
+                    for seed in range(1, args.seeds + 1):
+                        told = drift(robot, gripper, thing, way, args, seed, reality)
+                        print(robot, gripper, thing, way, reality, seed, told, flush=True)
+    ratios = []
+    for _ in range(args.pairs):
+        bare, held = cost(None, 20), cost("robotiq_2f85", 20)
+        ratios.append(bare / held)
+        print(f"real-time factor {1 / bare:.1f} by a weld, {1 / held:.1f} in fingers", flush=True)
+    if ratios:
+        print(f"ratio {statistics.median(ratios):.2f} (figure 7: 0.8)")
+
+
+if __name__ == "__main__":
+    main()
