@@ -59,6 +59,7 @@ check: lint test ## What every commit passes: lint, then test
 docs: $(STAMP) ## Renew what the pages in docs/ take from the code
 	@$(BIN)/python docs/reference.py
 	@$(BIN)/python docs/robots.py
+	@$(BIN)/python docs/grippers.py
 	@$(BIN)/python docs/limits.py
 	@$(BIN)/python docs/members.py
 

@@ -75,7 +75,7 @@ def tree(
         take: list[Any] = [{"approach_and_attach": {"object": "thing", "standoff": 0.02}}]
     else:
         close = {"force": max(share * page.force.most, page.force.least), "object": "thing"}
-        near = {"move_linear": {"offset": {"xyz": [0, 0, -0.002]}, "speed": 0.05}}
+        near = {"move_linear": {"offset": {"xyz": [0, 0, -0.0035]}, "speed": 0.05}}
         take = [*([near] if page.cup else []), {"close_gripper": close | {"settle": 0.5}}]
     lift = {"move_linear": {"offset": {"xyz": [0, 0, 0.05]}, "speed": 0.3}}
     arm: dict[str, Any] = {"robot": robot, "base": {"xyz": _BASE}}

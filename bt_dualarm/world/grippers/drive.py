@@ -27,6 +27,9 @@ pressed on trembles within it, and the force stays what was asked for."""
 SPEED_S: Final = 0.1
 """Seconds over which the opening is differenced to the speed that is sensed."""
 
+LET_GO: Final = 1.0
+"""m; a width that tells a cup to let go."""
+
 _SHUT: Final = -1.0
 """m; opening towards which fingers close that are to press: none of them gets there."""
 
@@ -79,7 +82,8 @@ class GripperHardware:
         self.gripper = gripper
         self.width, self.speed, self.force = gripper.stroke, 0.0, 0.0
         self.vacuum, self.stamp = 0.0, -1.0
-        self.commanded = GripperCommand(gripper.stroke, gripper.speed.most, gripper.force.most)
+        begin = gripper.stroke if gripper.fingers else LET_GO
+        self.commanded = GripperCommand(begin, gripper.speed.most, gripper.force.most)
         self._gain = 1.0 + float(errors.drive.gain.draw(rng, 1)[0])
         self._rng, self._step = rng, timestep
         encoder = errors.encoder
