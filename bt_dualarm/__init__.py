@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.grasp_way import WayToGrasp as WayToGrasp
     from bt_dualarm.skill.grasp_way import first_way as first_way
     from bt_dualarm.skill.grip import Grip as Grip
+    from bt_dualarm.skill.guarded_descent import guarded_descent as guarded_descent
     from bt_dualarm.skill.looking_around import SIDES as SIDES
     from bt_dualarm.skill.looking_around import camera_now as camera_now
     from bt_dualarm.skill.looking_around import gazes as gazes
@@ -200,6 +201,7 @@ _CONTENTS: Final = {
     "WayToGrasp": "skill.grasp_way:WayToGrasp",
     "first_way": "skill.grasp_way:first_way",
     "Grip": "skill.grip:Grip",
+    "guarded_descent": "skill.guarded_descent:guarded_descent",
     "TouchSense": "skill.touch_sense:TouchSense",
     "MarkView": "vision.hand_eye:MarkView",
     "MarkViews": "skill.mark_views:MarkViews",

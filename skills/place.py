@@ -16,11 +16,10 @@ from bt_dualarm import (
     Pose,
     Skill,
     Speed,
-    TouchSense,
+    guarded_descent,
     port,
 )
 
-_EDGE_S = 0.35  # at the beginning of the way down, where joints break loose: no force counts
 _ROOM_M = 0.01  # that the fingers open beside the object at least
 _FREE_M = 0.006  # above the goal, down to where nothing may be in the way
 _LOWERING = 0.3  # of the speed, down to there
@@ -90,37 +89,28 @@ class Place(Skill):
 
     def _lower(self, tool: Pose, grip: Grip) -> Iterator[float | None]:
         """Go down until the ground is felt, and no longer press on it."""
-        arm, ports, down = self.arm, self.ports, np.array([0.0, 0.0, -1.0])
+        arm, ports = self.arm, self.ports
         low = _raised(tool, _FREE_M)
         way = arm.line(arm.commanded_tool_pose, low)
         for progress in arm.follow(arm.time_path(way, _LOWERING * ports.speed)):
             yield 0.5 + 0.1 * progress
             grip.look()
-        rows = arm.line(arm.commanded_tool_pose, _raised(tool, -ports.search))
-        sense = TouchSense(arm, down)
-        motion = arm.begin(arm.time_path(rows, ports.down_speed), may_touch=True)
-        began = self.time
-        while not motion.done:
-            yield 0.6 + 0.2 * motion.progress
-            arm.check()
-            grip.look()
-            if sense.force() > ports.force and self.time - began > _EDGE_S:
-                break
-        else:
+        felt, most = yield from guarded_descent(
+            arm, _raised(tool, -ports.search), ports.down_speed, ports.force, grip.look
+        )
+        if not felt:
             yield from arm.settle()
             raise Failure(
                 "NO_CONTACT", f"nothing is felt {1e3 * ports.search:.0f} mm below where it stands"
             )
-        yield from arm.halt()
-        yield from arm.relax()
         height = float(arm.tool_pose.position[2] - tool.position[2])
-        self.metrics |= {"impact_n": sense.most, "height_off_m": height}
+        self.metrics |= {"impact_n": most, "height_off_m": height}
         if abs(height) > ports.tolerance:
             raise Failure(
                 "NOT_REACHED",
                 f"it touched something {1e3 * height:.1f} mm above where it was to stand",
                 height_off_m=height,
-                force_n=sense.most,
+                force_n=most,
             )
 
     def _release(self) -> Iterator[float | None]:

@@ -31,11 +31,26 @@ ON_FLOOR = CUBE | {"pose": {"xyz": [0.6, 0, 0.025]}}
 GRIPPING = {"robot": "ur5", "gripper": "robotiq_2f85", "base": ABOVE}
 BETWEEN_PADS = {"cube": CUBE | {"pose": {"xyz": [0.487, 0.109, 0.682]}, "fixed": True}}
 
+HOLE: Tree = {
+    name: WALL
+    | {"spawned": True, "size": [*size, 0.012], "pose": {"xyz": [0.25 + x, y - 0.45, 0.406]}}
+    for name, x, y, size in (
+        ("left", -0.036, 0.0, (0.02, 0.092)),
+        ("right", 0.036, 0.0, (0.02, 0.092)),
+        ("front", 0.0, -0.036, (0.052, 0.02)),
+        ("back", 0.0, 0.036, (0.052, 0.02)),
+    )
+}
+"""Four walls, 12 mm high, around a place 1 mm wider on each side than the cube."""
+
 SCENARIOS = {
     "approach_and_attach": Scenario(ON_TABLE, scene="table"),
     "close_gripper": Scenario(BETWEEN_PADS, arm=GRIPPING),
     "holding": Scenario(BETWEEN_PADS, arm=GRIPPING, before=({"close_gripper": {"force": 40}},)),
     "release": Scenario(BETWEEN_PADS, arm=GRIPPING, before=({"close_gripper": {"force": 40}},)),
+    "insert": Scenario(
+        ON_TABLE | HOLE, arm=GRIPPING, before=(GRASP,), scene="table", again="SUCCESS"
+    ),
     "open_gripper": Scenario(arm=GRIPPING),
     "grasp": Scenario(ON_TABLE, arm=GRIPPING, scene="table"),
     "place": Scenario(ON_TABLE, arm=GRIPPING, before=(GRASP,), scene="table", again="FAILURE"),

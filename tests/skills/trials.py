@@ -131,6 +131,15 @@ def cube_that(**fields: Any) -> Tree:
 
 
 PLACE: Tree = {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.425]}}}
+
+
+def inserted(xyz: list[float], **fields: Any) -> Tree:
+    """Insert the cube where there may be a hole."""
+    pose = {"xyz": xyz, "rpy": [0, 0, 0]}
+    return {"insert": {"object": "cube", "at": pose, "depth": 0.012} | fields}
+
+
+INSERT = inserted([0.25, -0.45, 0.425])
 CARRY_FAR: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.35, 0.2, 0.6]}, "speed": 0.2}}
 GRASPED = {"before": (GRASP,), "arm": GRIPPING}
 SUCKING = GRIPPING | {"gripper": "suction_cup"}
@@ -322,6 +331,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("place", "NOT_OPEN"): Trial(PLACE, deeds=((5.0, jams),), moves=True),
     ("place", "SLIPPED"): Trial(PLACE, deeds=((4.9, shrinks("cube")),), moves=True),
     ("place", "DROPPED"): Trial(PLACE, deeds=((4.9, steals("cube")),), moves=True),
+    ("insert", "NOT_HELD"): Trial(INSERT, {"before": ()}),
+    ("insert", "NO_CONTACT"): Trial(inserted([0.25, -0.45, 0.5]), moves=True),
+    ("insert", "NOT_FOUND"): Trial(inserted([0.262, -0.45, 0.425], radius=0.0007), moves=True),
+    ("insert", "JAMMED"): Trial(inserted([0.25, -0.45, 0.415], depth=0.022), moves=True),
+    ("insert", "SLIPPED"): Trial(INSERT, deeds=((6.0, shrinks("cube")),), moves=True),
+    ("insert", "DROPPED"): Trial(INSERT, deeds=((6.0, steals("cube")),), moves=True),
     # Handling objects
     ("approach_and_attach", "INVALID_TARGET"): Trial(
         {"approach_and_attach": {"object": "cube", "direction": [0, 0, 0]}}

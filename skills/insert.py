@@ -1,0 +1,159 @@
+"""Put a peg that the gripper holds into its hole, by touch."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+
+import numpy as np
+
+from bt_dualarm import (
+    CarriedPose,
+    Failure,
+    Grip,
+    ObjectName,
+    PortModel,
+    Pose,
+    Skill,
+    Speed,
+    Vector,
+    guarded_descent,
+    port,
+)
+
+_CLEAR_M = 0.004  # above the rim, from where it is lowered
+_HOP_M = 0.0025  # by which it is raised from one place of the search to the next
+_IN_M = 0.0025  # below the rim: it is in the hole
+_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+_TRIES = 4  # times that a peg which jams is eased
+
+
+class Insert(Skill):
+    """Put a peg that the gripper holds into its hole: lower, search in a spiral, push down."""
+
+    class Ports(PortModel):
+        object: ObjectName = port(..., "peg; the gripper must hold it")
+        at: CarriedPose = port(..., "pose of the peg when it is all the way in")
+        depth: float = port(0.03, "how deep it is in then", unit="m", ge=0.005, le=0.3)
+        radius: float = port(0.003, "how far the hole may be off", unit="m", ge=0, le=0.02)
+        pitch: float = port(
+            0.00035, "distance of neighbouring places of the search", unit="m", ge=1e-4, le=0.005
+        )
+        force: float = port(8.0, "force by which the rim is felt", unit="N", ge=1, le=100)
+        push: float = port(25.0, "force by which the bottom is felt", unit="N", ge=1, le=200)
+        tolerance: float = port(
+            0.003, "largest distance from the bottom at the end", unit="m", ge=1e-4, le=0.05
+        )
+        speed: Speed = port(0.3, "share of the arm's limits on the way there")
+        down_speed: Speed = port(0.005, "share of the arm's limits where it may touch")
+
+    failures = {
+        "NOT_HELD": "the gripper does not hold the peg",
+        "NO_CONTACT": "no bottom was felt in the hole",
+        "NOT_FOUND": "no place of the search lets the peg in",
+        "JAMMED": "the peg stuck before it was all the way in",
+        "SLIPPED": "the peg slid between the fingers",
+        "DROPPED": "the peg was lost",
+    }
+    example = (
+        "insert: {object: cube, at: {xyz: [0.25, -0.45, 0.425], rpy: [0, 0, 0]}, depth: 0.012}"
+    )
+    needs = ("scipy.interpolate",)
+    needs_gripper = True
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Go above, feel for the rim, search, push down, look how deep it is."""
+        arm, name = self.arm, self.ports.object
+        held = arm.world.attachments.find(arm.name, name)
+        if held is None or name not in arm.gripper.held:
+            raise Failure("NOT_HELD", f"{arm.name} does not hold {name!r}")
+        in_tool = arm.robot.tool.inverse @ held.relative
+        goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
+        bottom = goal @ in_tool.inverse
+        grip = Grip(arm, name)
+        try:
+            yield from self._go_above(bottom, grip)
+            place = yield from self._find(bottom, grip)
+            yield from self._push_down(_moved(bottom, place, 0.0), grip)
+        except Failure as failure:
+            if failure.code == "SLIPPED":
+                yield from grip.judge(failure)
+            raise
+        pose = arm.world.object_pose(name)
+        self.metrics["inserted_error_m"] = pose.distance(goal)  # the truth, for the score
+
+    def _go_above(self, bottom: Pose, grip: Grip) -> Iterator[float]:
+        arm = self.arm
+        above = _moved(bottom, np.zeros(2), self.ports.depth + _CLEAR_M)
+        goals = arm.kinematics.solutions(above, arm.setpoint.q)
+        for progress in arm.travel(goals, self.ports.speed):
+            yield 0.3 * (progress or 0.0)
+            grip.look()
+
+    def _find(self, bottom: Pose, grip: Grip) -> Generator[float | None, None, Vector]:
+        """Where the peg goes in: by hops, outwards in a spiral; (2,), m from where it should."""
+        arm, ports = self.arm, self.ports
+        rim = ports.depth  # height of the tool above its place at the bottom; felt at first
+        count = 1 + int((ports.radius / ports.pitch) ** 2)
+        for number in range(count):
+            radius = ports.pitch * np.sqrt(number)
+            angle = number * _GOLDEN
+            place: Vector = radius * np.array((np.cos(angle), np.sin(angle)))
+            yield from self._hop(_moved(bottom, place, rim + _HOP_M), grip)
+            deep = _moved(bottom, place, rim - 2.0 * _IN_M)
+            yield from guarded_descent(arm, deep, ports.down_speed, ports.force, grip.look)
+            height = self._height(bottom)
+            if height < rim - _IN_M:
+                self.metrics |= {"search_places": number + 1, "found_beside_m": float(radius)}
+                return place
+            rim = height if number == 0 else max(rim, height)
+        raise Failure(
+            "NOT_FOUND",
+            f"none of {count} places within {1e3 * ports.radius:.1f} mm lets the peg in",
+            places=count,
+            radius_m=ports.radius,
+        )
+
+    def _hop(self, pose: Pose, grip: Grip) -> Iterator[float]:
+        """Up, and beside, without touching."""
+        arm, here = self.arm, self.arm.commanded_tool_pose
+        up = Pose(np.array((*here.position[:2], pose.position[2])), here.quaternion)
+        for start, end in ((here, up), (up, pose)):
+            if start.distance(end) < 1e-6:
+                continue
+            motion = arm.begin(arm.time_path(arm.line(start, end), 0.1), may_touch=True)
+            while not motion.done:
+                yield 0.5
+                arm.check()
+                grip.look()
+
+    def _push_down(self, bottom: Pose, grip: Grip) -> Iterator[float | None]:
+        """To the bottom; what jams is eased and pushed again."""
+        arm, ports = self.arm, self.ports
+        most, felt, low = 0.0, False, _moved(bottom, np.zeros(2), -ports.tolerance)
+        for _ in range(_TRIES):
+            felt, force = yield from guarded_descent(
+                arm, low, 2.0 * ports.down_speed, ports.push, grip.look
+            )
+            most = max(most, force)
+            if not felt or self._height(bottom) <= ports.tolerance:
+                break
+        if not felt:
+            raise Failure("NO_CONTACT", "no bottom was felt where the peg should be all the way in")
+        height = self._height(bottom)
+        self.metrics |= {"push_n": most, "height_off_m": height}
+        if height > ports.tolerance:
+            raise Failure(
+                "JAMMED",
+                f"the peg stuck {1e3 * height:.1f} mm before it was all the way in",
+                height_off_m=height,
+                force_n=most,
+            )
+
+    def _height(self, bottom: Pose) -> float:
+        return float(self.arm.tool_pose.position[2] - bottom.position[2])
+
+
+def _moved(pose: Pose, beside: Vector, height: float) -> Pose:
+    """A pose, moved in the world: beside of shape (2,), and up; m."""
+    return Pose(pose.position + np.array((*beside, height)), pose.quaternion)
