@@ -22,9 +22,10 @@ from bt_dualarm import (
 
 _CLEAR_M = 0.004  # above the rim, from where it is lowered
 _HOP_M = 0.0025  # by which it is raised from one place of the search to the next
+_HIGH_M = 0.001  # above the rim: that was no touch
+_FALSE = 3
 _IN_M = 0.0025  # below the rim: it is in the hole
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
-_TRIES = 4  # times that a peg which jams is eased
 
 
 class Insert(Skill):
@@ -34,17 +35,17 @@ class Insert(Skill):
         object: ObjectName = port(..., "peg; the gripper must hold it")
         at: CarriedPose = port(..., "pose of the peg when it is all the way in")
         depth: float = port(0.03, "how deep it is in then", unit="m", ge=0.005, le=0.3)
-        radius: float = port(0.003, "how far the hole may be off", unit="m", ge=0, le=0.02)
+        radius: float = port(0.0015, "how far the hole may be off", unit="m", ge=0, le=0.02)
         pitch: float = port(
-            0.00035, "distance of neighbouring places of the search", unit="m", ge=1e-4, le=0.005
+            0.00018, "distance of neighbouring places of the search", unit="m", ge=1e-4, le=0.005
         )
-        force: float = port(8.0, "force by which the rim is felt", unit="N", ge=1, le=100)
-        push: float = port(25.0, "force by which the bottom is felt", unit="N", ge=1, le=200)
+        force: float = port(6.0, "force by which the rim is felt", unit="N", ge=1, le=100)
+        push: float = port(12.0, "force by which the bottom is felt", unit="N", ge=1, le=200)
         tolerance: float = port(
             0.003, "largest distance from the bottom at the end", unit="m", ge=1e-4, le=0.05
         )
         speed: Speed = port(0.3, "share of the arm's limits on the way there")
-        down_speed: Speed = port(0.005, "share of the arm's limits where it may touch")
+        down_speed: Speed = port(0.003, "share of the arm's limits where it may touch")
 
     failures = {
         "NOT_HELD": "the gripper does not hold the peg",
@@ -93,20 +94,24 @@ class Insert(Skill):
     def _find(self, bottom: Pose, grip: Grip) -> Generator[float | None, None, Vector]:
         """Where the peg goes in: by hops, outwards in a spiral; (2,), m from where it should."""
         arm, ports = self.arm, self.ports
+        force = grip.firm_for(ports.force)
         rim = ports.depth  # height of the tool above its place at the bottom; felt at first
         count = 1 + int((ports.radius / ports.pitch) ** 2)
         for number in range(count):
             radius = ports.pitch * np.sqrt(number)
             angle = number * _GOLDEN
             place: Vector = radius * np.array((np.cos(angle), np.sin(angle)))
-            yield from self._hop(_moved(bottom, place, rim + _HOP_M), grip)
-            deep = _moved(bottom, place, rim - 2.0 * _IN_M)
-            yield from guarded_descent(arm, deep, ports.down_speed, ports.force, grip.look)
-            height = self._height(bottom)
+            for _ in range(_FALSE):
+                yield from self._hop(_moved(bottom, place, rim + _HOP_M), grip)
+                deep = _moved(bottom, place, rim - 2.0 * _IN_M)
+                yield from guarded_descent(arm, deep, ports.down_speed, force, grip.look)
+                height = self._height(bottom)
+                if height < rim + _HIGH_M:  # higher up, friction of a joint was taken for a touch
+                    break
             if height < rim - _IN_M:
                 self.metrics |= {"search_places": number + 1, "found_beside_m": float(radius)}
                 return place
-            rim = height if number == 0 else max(rim, height)
+            rim = min(rim, height)  # it may have slid in the fingers a little
         raise Failure(
             "NOT_FOUND",
             f"none of {count} places within {1e3 * ports.radius:.1f} mm lets the peg in",
@@ -128,16 +133,11 @@ class Insert(Skill):
                 grip.look()
 
     def _push_down(self, bottom: Pose, grip: Grip) -> Iterator[float | None]:
-        """To the bottom; what jams is eased and pushed again."""
+        """To the bottom, once: pushed anew, a peg that is stuck would slide in the fingers."""
         arm, ports = self.arm, self.ports
-        most, felt, low = 0.0, False, _moved(bottom, np.zeros(2), -ports.tolerance)
-        for _ in range(_TRIES):
-            felt, force = yield from guarded_descent(
-                arm, low, 2.0 * ports.down_speed, ports.push, grip.look
-            )
-            most = max(most, force)
-            if not felt or self._height(bottom) <= ports.tolerance:
-                break
+        push = grip.firm_for(ports.push)
+        low = _moved(bottom, np.zeros(2), -ports.tolerance)
+        felt, most = yield from guarded_descent(arm, low, ports.down_speed, push, grip.look)
         if not felt:
             raise Failure("NO_CONTACT", "no bottom was felt where the peg should be all the way in")
         height = self._height(bottom)

@@ -95,9 +95,8 @@ class Place(Skill):
         for progress in arm.follow(arm.time_path(way, _LOWERING * ports.speed)):
             yield 0.5 + 0.1 * progress
             grip.look()
-        felt, most = yield from guarded_descent(
-            arm, _raised(tool, -ports.search), ports.down_speed, ports.force, grip.look
-        )
+        low, force = _raised(tool, -ports.search), grip.firm_for(ports.force)
+        felt, most = yield from guarded_descent(arm, low, ports.down_speed, force, grip.look)
         if not felt:
             yield from arm.settle()
             raise Failure(

@@ -14,6 +14,7 @@ SHRUNK_M: Final = 0.003
 
 _STEPS: Final = 3.0  # of the encoder, that may be its noise
 _LOST_S: Final = 0.04  # that a hold has to be gone for
+_FIRM: Final = 4.0  # times the force that is pressed with: some comes before the arm has stopped
 _JUDGED_S: Final = 1.0  # that fingers may take to shut
 
 
@@ -49,6 +50,25 @@ class Grip:
                 raise self._failure("SLIPPED", f"slips: the fingers moved {1e3 * moved:.1f} mm")
         elif gripper.vacuum < 0.5 * gripper.commanded.force / gripper.page.force.most:
             raise self._failure("DROPPED", "came off the cup")
+
+    def firm_for(self, force_n: float) -> float:
+        """Hold so firmly that what is held can be pressed on something and does not slide.
+
+        Args:
+            force_n: Force in N along the pads.
+
+        Returns:
+            That force, or less: what friction bears with half of it in hand at the most force.
+        """
+        gripper, thing = self._arm.gripper, self._arm.world.objects[self._thing]
+        page = gripper.page
+        if not page.fingers:
+            return force_n  # the cup is pressed on
+        friction = 2.0 * max(page.friction, thing.friction)  # of two pads
+        needed = _FIRM * force_n / max(friction, 1e-3)
+        if needed > gripper.commanded.force:
+            gripper.command(force=page.force.clipped(needed))
+        return min(force_n, gripper.commanded.force * friction / _FIRM)
 
     def judge(self, slip: Failure) -> Iterator[None]:
         """Stop, and see what is left between the fingers when they stand.
