@@ -333,7 +333,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("place", "DROPPED"): Trial(PLACE, deeds=((4.9, steals("cube")),), moves=True),
     ("insert", "NOT_HELD"): Trial(INSERT, {"before": ()}),
     ("insert", "NO_CONTACT"): Trial(inserted([0.25, -0.45, 0.5]), moves=True),
-    ("insert", "NOT_FOUND"): Trial(inserted([0.262, -0.45, 0.425], radius=0.0007), moves=True),
+    ("insert", "NOT_FOUND"): Trial(inserted([0.262, -0.45, 0.425], radius=0.0002), moves=True),
     ("insert", "JAMMED"): Trial(inserted([0.25, -0.45, 0.415], depth=0.022), moves=True),
     ("insert", "SLIPPED"): Trial(INSERT, deeds=((6.0, shrinks("cube")),), moves=True),
     ("insert", "DROPPED"): Trial(INSERT, deeds=((6.0, steals("cube")),), moves=True),
