@@ -155,10 +155,14 @@ def drift(
             shaken(run.world, args.seconds)
         while not run.done and way != "shaken":
             run.step(0.5)
-        after = in_tool(run.world)
-        turned = np.degrees(after.angle(before))
-        took = f"{args.seconds if way == 'shaken' else run.time - began:.0f} s"
-        return f"{1e3 * after.distance(before):.4f} mm, {turned:.3f}°, {took}"
+        took = args.seconds if way == "shaken" else run.time - began
+        return f"{crept(before, in_tool(run.world))}, {took:.0f} s"
+
+
+def crept(before: Pose, after: Pose) -> str:
+    """Millimetres and degrees from one pose to another."""
+    turned = np.degrees(after.angle(before))
+    return f"{1e3 * after.distance(before):.4f} mm, {turned:.3f}°"
 
 
 def cost(gripper: str | None, times: int) -> float:
@@ -173,8 +177,8 @@ def cost(gripper: str | None, times: int) -> float:
         return (time.process_time() - cpu) / (run.time - began)
 
 
-def main() -> None:
-    """Print both figures."""
+def arguments() -> argparse.Namespace:
+    """What is asked for on the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", nargs="+", default=["ur5"])
     parser.add_argument("--grippers", nargs="+", default=list(gripper_names()))
@@ -185,7 +189,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--share", type=float, default=0.5)
     parser.add_argument("--pairs", type=int, default=3)
-    args = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Print both figures."""
+    args = arguments()
     for robot in args.robots:
         for gripper in args.grippers:
             shapes = [s for s in args.shapes if s != "ball" or load_gripper(gripper).fingers]

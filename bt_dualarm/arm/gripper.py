@@ -111,10 +111,7 @@ class ArmGripper:
         """
         self._lease.refuse_other_threads()
         page = self.page
-        if page.fingers:
-            _refuse("width", width, 0.0, page.stroke, "m", page.name)
-            _refuse("speed", speed, page.speed.least, page.speed.most, "m/s", page.name)
-        _refuse("force", force, page.force.least, page.force.most, "N", page.name)
+        _refuse_beyond(page, width, speed, force)
         self._hardware.command(
             GripperCommand(
                 0.0 if width is None else width,
@@ -141,6 +138,16 @@ class ArmGripper:
     @property
     def _hardware(self) -> GripperHardware:
         return self._world.grippers[self._arm]
+
+
+def _refuse_beyond(
+    page: Gripper, width: float | None, speed: float | None, force: float | None
+) -> None:
+    """Look whether a gripper can do what it is asked for."""
+    if page.fingers:
+        _refuse("width", width, 0.0, page.stroke, "m", page.name)
+        _refuse("speed", speed, page.speed.least, page.speed.most, "m/s", page.name)
+    _refuse("force", force, page.force.least, page.force.most, "N", page.name)
 
 
 def _refuse(

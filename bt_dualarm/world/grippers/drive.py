@@ -92,9 +92,7 @@ class GripperHardware:
         self._noise = self._resolution * min(finer, 1.0)
         self._past: deque[tuple[float, float]] = deque(maxlen=round(SPEED_S / timestep) + 1)
         self._pump = -math.expm1(-timestep / _PUMP_S)
-        mass = gripper.drive_mass
-        if gripper.fingers:
-            mass += gripper.fingers[0].part.mass
+        mass = gripper.moved_mass
         # Of the opening, which is twice a finger's way, to the force on each finger.
         self._stiffness = 0.5 * _STIFFNESS * mass / timestep**2
         self._damping = 0.5 * mass / timestep

@@ -141,6 +141,11 @@ class Gripper:
         return "fingers" if self.fingers else "suction"
 
     @property
+    def moved_mass(self) -> float:
+        """What the drive moves with a finger, and of itself, kg."""
+        return self.drive_mass + sum(finger.part.mass for finger in self.fingers[:1])
+
+    @property
     def mass(self) -> float:
         """Mass of all of it, kg."""
         return self.palm.mass + sum(finger.part.mass for finger in self.fingers)

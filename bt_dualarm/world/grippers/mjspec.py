@@ -79,9 +79,15 @@ def _add_shapes(
             geom.rgba, geom.density = gripper.color, 0
     if visuals:
         for number, solid in enumerate(part.visual or part.collision):
-            geom = add_visual(spec, body, f"{body}_visual_{number}", solid)
-            geom.group, geom.rgba, geom.density = VISUAL_GROUP, gripper.color, 0
-            geom.contype = geom.conaffinity = 0
+            _add_seen(spec, body, f"{body}_visual_{number}", solid).rgba = gripper.color
+
+
+def _add_seen(spec: mujoco.MjSpec, body: str, name: str, solid: Solid) -> mujoco.MjsGeom:
+    """A shape for pictures, which touches nothing."""
+    geom = add_visual(spec, body, name, solid)
+    geom.group, geom.density = VISUAL_GROUP, 0
+    geom.contype = geom.conaffinity = 0
+    return geom
 
 
 def _add_finger(
@@ -107,9 +113,7 @@ def _add_finger(
     _add_shapes(spec, name, finger.part, gripper, visuals=visuals)
     pad = add_hold(spec, name, finger.pad, gripper)
     if visuals and not finger.part.visual:
-        seen = add_visual(spec, name, f"{pad.name}_visual", finger.pad)
-        seen.group, seen.rgba, seen.density = VISUAL_GROUP, pad.rgba, 0
-        seen.contype = seen.conaffinity = 0
+        _add_seen(spec, name, f"{pad.name}_visual", finger.pad).rgba = pad.rgba
 
 
 def add_hold(spec: mujoco.MjSpec, body: str, solid: Solid, gripper: Gripper) -> mujoco.MjsGeom:
