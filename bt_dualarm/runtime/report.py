@@ -83,7 +83,8 @@ class Report:
 
 def _entries(arm: ArmResult, width: int) -> Iterator[Text]:
     """What each leaf has to say, in a column beside the names or, where that is narrow, below."""
-    entries = [_Entry.of(leaf) for leaf in arm.leaves.values()]
+    failed = arm.outcome is Outcome.FAILURE
+    entries = [_Entry.of(leaf, failed=failed) for leaf in arm.leaves.values()]
     if arm.fault:
         entries.append(_Entry("its tree", tuple(arm.fault.split()), "red"))
     entries = [entry for entry in entries if entry.words]
@@ -107,20 +108,30 @@ class _Entry:
     style: str
 
     @classmethod
-    def of(cls, leaf: LeafResult) -> _Entry:
-        """What it measured, or why it failed. Its path without the root, which all leaves share."""
+    def of(cls, leaf: LeafResult, *, failed: bool) -> _Entry:
+        """What it measured, or why it failed. Its path without the root, which all leaves share.
+
+        Where the tree has failed, that it was halted: a timeout or a guard has nothing else to say.
+        """
         name = leaf.path.partition("/")[2] or leaf.path
         if leaf.status == "FAILURE":
             return cls(name, tuple(f"{leaf.code}: {leaf.reason}".split()), "red")
         facts = [in_words(key, value) for key, value in leaf.metrics.items()][:_MOST_METRICS]
         commas = [f"{fact}," for fact in facts[:-1]] + facts[-1:]
-        if leaf.code == "HALTED" and facts:
-            commas = ["halted:", *commas]
+        if leaf.code == "HALTED" and (facts or failed):
+            commas = [_halted(leaf) + (":" if facts else ""), *commas]
         return cls(name, tuple(commas), "default")
 
     @property
     def name_style(self) -> str:
         return "red" if self.style == "red" else "dim"
+
+
+def _halted(leaf: LeafResult) -> str:
+    """That it was halted, and how long it had run by then."""
+    if leaf.ended_s is None:
+        return "halted"
+    return f"halted after {leaf.ended_s - leaf.started_s:.1f} s"
 
 
 def flowed(words: Sequence[str], width: int) -> list[str]:

@@ -71,8 +71,19 @@ def test_a_halted_leaf_says_what_it_had_measured() -> None:
     result = RunResult(Ending.STOPPED, 5.0, 1.0, {"arm1": arm}, at_rest=True)
     console = plain_console(80)
     console.print(Report("halted", result, None, UNICODE))
-    assert "circle  halted: path rms 0.12 mm, turns 3" in printed(console)
+    assert "circle  halted after 1.0 s: path rms 0.12 mm, turns 3" in printed(console)
     assert "wait" not in printed(console)
+
+
+def test_a_tree_that_failed_says_what_a_timeout_halted() -> None:
+    """Else the words on it would be those of a failure that it had dealt with, or none."""
+    dealt_with = LeafReport("main/go", "go", "FAILURE", 0.0, 1.0, "BUSY", "another one moves it")
+    halted = LeafReport("main/timeout/wait", "wait", "INVALID", 1.0, 9.0, "HALTED")
+    arm = ArmResult("arm1", "ur5", Outcome.FAILURE, runs=(dealt_with, halted))
+    result = RunResult(Ending.FINISHED, 9.0, 1.0, {"arm1": arm}, at_rest=True)
+    console = plain_console(80)
+    console.print(Report("timed_out", result, None, UNICODE))
+    assert "timeout/wait  halted after 8.0 s" in printed(console)
 
 
 @pytest.mark.parametrize(
