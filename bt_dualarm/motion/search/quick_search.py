@@ -19,7 +19,7 @@ _ATTEMPTS: Final = (
     (2.0, 2_000, 2.5e-3),
     (1.0, 10_000, 2.5e-3),
     (0.5, 30_000, 2.5e-3),
-    (1.0, 150_000, 5e-4),
+    (1.0, 240_000, 5e-4),
 )
 """Longest branches of the trees, in metres that the arm moves; the number of configurations at
 which the next one is tried; and metres that are kept to spare: to squeeze along something closer
