@@ -8,8 +8,9 @@ no right tree is refused.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 from pydantic import ValidationError
 
@@ -193,10 +194,11 @@ def _misfit(model: type[PortModel], port: str, write: Write) -> str:
     return ""
 
 
-def json_types(model: type[PortModel], name: str) -> set[str]:
+@lru_cache(maxsize=512)
+def json_types(model: type[PortModel], name: str) -> frozenset[str]:
     """JSON's names of the types that a field may have; empty if it may have any."""
     schema = only(model, name).model_json_schema()
-    return _types_in(schema["properties"][name], schema.get("$defs", {}))
+    return frozenset(_types_in(schema["properties"][name], schema.get("$defs", {})))
 
 
 def _types_in(schema: Json, definitions: Json) -> set[str]:
@@ -212,7 +214,7 @@ def _types_in(schema: Json, definitions: Json) -> set[str]:
     return {"number" if kind == "integer" else str(kind)} if kind else set()
 
 
-def _words(types: set[str]) -> str:
+def _words(types: Set[str]) -> str:
     words = {"string": "text", "array": "a list", "object": "a mapping", "number": "a number"}
     return " or ".join(sorted(words.get(kind, kind) for kind in types))
 

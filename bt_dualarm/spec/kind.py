@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from bt_dualarm.spec.ports import PortModel
 
@@ -77,7 +78,7 @@ class Kind:
         """Whether only one of the children in such slots is ever ticked."""
         return self.cases or any(one.name == slot and one.after is not None for one in self.slots)
 
-    @property
+    @cached_property
     def places(self) -> frozenset[str]:
         """What may stand beside the ports: the name, outputs and the places of children."""
         lists = ["children"] * self.many + ["cases"] * self.cases

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 from bt_dualarm.errors import DualArmError
@@ -112,8 +113,13 @@ def errors(problems: Iterable[Problem]) -> tuple[Problem, ...]:
 
 def nearest(given: str, valid: Iterable[str]) -> str | None:
     """The valid name that a person most likely meant, if one is near enough, case aside."""
-    names = {name.lower(): name for name in sorted(valid, reverse=True)}
-    close = difflib.get_close_matches(given[:64].lower(), sorted(names), n=1, cutoff=0.6)
+    return _nearest(given[:64].lower(), tuple(sorted(valid, reverse=True)))
+
+
+@lru_cache(maxsize=4096)
+def _nearest(given: str, valid: tuple[str, ...]) -> str | None:
+    names = {name.lower(): name for name in valid}
+    close = difflib.get_close_matches(given, sorted(names), n=1, cutoff=0.6)
     return names[close[0]] if close else None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Final
 
@@ -36,6 +37,7 @@ def kind_hint(given: str, kinds: Iterable[str]) -> str:
     return f"{suggestion(given, known.values(), 'kind of node')} {_OWN_SKILLS}"
 
 
+@lru_cache(maxsize=1024)
 def _letters(name: str) -> str:
     """A name as it is compared: without case and underscores."""
     return re.sub("[^a-z0-9]", "", name.lower())
