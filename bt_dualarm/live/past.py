@@ -24,7 +24,8 @@ from bt_dualarm.spec.source import Json
 from bt_dualarm.world.robots.robot import Robot
 
 _AGAIN_S: Final = 0.5
-"""Seconds on the wall for which a record that grows is not read again."""
+_SHARE: Final = 10.0
+"""A record that grows is read again after half a second, and ten times what reading it took."""
 
 _AHEAD_S: Final = 3.0
 _AHEAD_POINTS: Final = 40
@@ -46,7 +47,7 @@ class Past:
         self._lock = RLock()
         self._record: Record | None = None
         self._sizes: tuple[int, ...] = ()
-        self._read_at = -np.inf
+        self._again_at = -np.inf
         self._scratch: dict[int, tuple[mujoco.MjData, dict[str, Places]]] = {}
         self._looks: dict[int, Looks] = {}
 
@@ -60,12 +61,19 @@ class Past:
         """
         with self._lock:
             now = wall.monotonic()
-            if self._record is None or now - self._read_at > _AGAIN_S:
+            if self._record is None or now >= self._again_at:
                 sizes = _sizes(self._folder)
                 if self._record is None or sizes != self._sizes:
                     self._record, self._sizes = Record.read(self._folder), sizes
-                self._read_at = now
+                took = wall.monotonic() - now
+                self._again_at = now + took + max(_AGAIN_S, _SHARE * took)
             return self._record
+
+    def _up_to(self, time: float) -> Record:
+        """A record that has this time, if there is one: no more is read than is asked for."""
+        if self._record is not None and time <= self._record.until:
+            return self._record
+        return self.record
 
     def moment(self, time: float) -> Json:
         """The run at the last kept state at or before a time in s.
@@ -74,11 +82,11 @@ class Past:
             ReplayError: There is no state, or this MuJoCo cannot read the model.
         """
         with self._lock:
-            record = self.record
+            record = self._up_to(time)
             index = record.index_at(min(max(time, 0.0), record.until))
             moment = record.moment(index)
             model = record.model(moment.generation)
-            data, places = self._posed(index)
+            data, places = self._posed(record, index)
             notes = NotesSeen.of(record.notes, moment.time)
             roots = Timeline(record, moment.time).roots
             return {
@@ -90,7 +98,7 @@ class Past:
                     {**camera, "look": notes.look(str(camera["arm"]))}
                     for camera in physics.cameras(model, data, places)
                 ],
-                "arms": [self._arm(roots[name], index, moment.time, notes) for name in record.arms],
+                "arms": [self._arm(record, roots[name], index, notes) for name in record.arms],
             }
 
     @contextmanager
@@ -101,14 +109,13 @@ class Past:
             ReplayError: There is no state, or this MuJoCo cannot read the model.
         """
         with self._lock:
-            record = self.record
+            record = self._up_to(time)
             index = record.index_at(min(max(time, 0.0), record.until))
-            data, places = self._posed(index)
+            data, places = self._posed(record, index)
             yield record.model(record.moment(index).generation), data, places
 
-    def _posed(self, index: int) -> tuple[mujoco.MjData, dict[str, Places]]:
+    def _posed(self, record: Record, index: int) -> tuple[mujoco.MjData, dict[str, Places]]:
         """The world at a state by its number, with the forces that the torques then bring about."""
-        record = self.record
         moment = record.moment(index)
         model = record.model(moment.generation)
         if moment.generation not in self._scratch:
@@ -143,9 +150,9 @@ class Past:
         found = {name: robot_of(str(arm["robot"]), root) for name, arm in record.arms.items()}
         return {name: robot for name, robot in found.items() if robot is not None}
 
-    def _arm(self, root: Node, index: int, time: float, notes: NotesSeen) -> Json:
-        record, name = self.record, root.arm
-        generation = record.moment(index).generation
+    def _arm(self, record: Record, root: Node, index: int, notes: NotesSeen) -> Json:
+        name, moment = root.arm, record.moment(index)
+        generation, time = moment.generation, moment.time
         data, places = self._scratch[generation]
         rows = rows_at(root, time)
         said: Json = {
@@ -163,24 +170,24 @@ class Past:
         said["tool"] = data.site_xpos[arm.tool].round(4).tolist()
         said["error_deg"] = round(float(np.degrees(error)), 4)
         share = arm.torque_share(record.model(generation), row[3])
-        return {**said, "torque": round(share, 4), "ahead": self._ahead(name, arm, index)}
+        return {**said, "torque": round(share, 4), "ahead": _ahead(record, name, arm, index)}
 
-    def _ahead(self, name: str, arm: Places, index: int) -> str:
-        """Where the set-points of the next seconds lead the tool: points in m, as base64."""
-        record = self.record
-        generation = record.moment(index).generation
-        last = record.index_at(min(record.times[index] + _AHEAD_S, record.until))
-        model, data = record.model(generation), mujoco.MjData(record.model(generation))
-        data.qpos[:] = record.moment(index).qpos
-        points = []
-        for number in np.unique(np.linspace(index, last, _AHEAD_POINTS).round().astype(int)):
-            row = record.arm_row(name, int(number))
-            if row is None or len(row[0]) != len(arm.qpos):
-                break
-            data.qpos[arm.qpos] = row[0]
-            mujoco.mj_kinematics(model, data)
-            points.append(data.site_xpos[arm.tool].copy())
-        return physics.as_text(np.array(points).reshape(-1, 3))
+
+def _ahead(record: Record, name: str, arm: Places, index: int) -> str:
+    """Where the set-points of the next seconds lead the tool: points in m, as base64."""
+    generation = record.moment(index).generation
+    last = record.index_at(min(record.times[index] + _AHEAD_S, record.until))
+    model, data = record.model(generation), mujoco.MjData(record.model(generation))
+    data.qpos[:] = record.moment(index).qpos
+    points = []
+    for number in np.unique(np.linspace(index, last, _AHEAD_POINTS).round().astype(int)):
+        row = record.arm_row(name, int(number))
+        if row is None or len(row[0]) != len(arm.qpos):
+            break
+        data.qpos[arm.qpos] = row[0]
+        mujoco.mj_kinematics(model, data)
+        points.append(data.site_xpos[arm.tool].copy())
+    return physics.as_text(np.array(points).reshape(-1, 3))
 
 
 def _outcome(rows: list[Json]) -> str | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import time
+from collections.abc import Callable
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -17,7 +18,7 @@ class Browser:
     """
 
     def __init__(self, url: str) -> None:
-        self.place = urlsplit(url)
+        self.url, self.place = url, urlsplit(url)
 
     def ask(
         self, what: str, body: object = None, *, token: bool = True, **headers: str
@@ -48,6 +49,15 @@ class Browser:
     def press(self, deed: str, value: object = None) -> None:
         status, content = self.ask("do", {"deed": deed, "value": value})
         assert status == 200, content
+
+    def until(self, what: str, is_so: Callable[[Any], bool]) -> Any:
+        """What is answered once it is as it should be."""
+        for _ in range(600):
+            found = self.told(what)
+            if is_so(found):
+                return found
+            time.sleep(0.05)  # another process looks at the file
+        raise AssertionError(f"{what} never became so: {found}")
 
     def held(self) -> dict[str, Any]:
         """The run as it stands once it is held."""

@@ -233,6 +233,45 @@ def test_the_command_shows_the_address_and_waits(tree: Path) -> None:
         assert process.wait(60) == 0
 
 
+def test_a_file_that_is_saved_while_the_run_is_held_is_taken_up(tree: Path) -> None:
+    """What is wrong with it is told on the page; what is right is seen there at once."""
+    program = "import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
+    command = [sys.executable, "-c", program, str(tree), "--view", "--watch", "--display", "quiet"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            browser = Browser(process.stderr.readline().split()[-1])
+            browser.press("tick")
+            browser.held()
+            text = tree.read_text()
+            tree.write_text(text.replace("reach_to_pose", "reach"))
+            said = browser.until("log?after=0", lambda log: "saved with errors" in str(log))
+            assert "there is no node or skill" in str(said)
+            tree.write_text(
+                text.replace('reach_to_pose: {offset: "{goal}"}', "wait: {seconds: 0.1}")
+            )
+            now = browser.until("now", lambda now: now["arms"][0]["nodes"][-1]["kind"] == "wait")
+            assert now["held"]
+            browser.press("speed", None)
+            browser.press("go")
+            assert process.wait(60) == 0
+        finally:
+            process.kill()
+
+
+def test_two_browsers_see_the_same_and_one_may_go(tree: Path) -> None:
+    plain = bt_dualarm.run(tree).state_sha256
+    with watched(tree) as (run, browser, thread):
+        other = Browser(browser.url)
+        other.press("tick")
+        assert browser.held()["time"] == other.held()["time"]
+        browser.press("break", "FAILURE")
+        assert other.now()["breakpoints"] == ["FAILURE"]
+        other.press("go")
+        thread.join(60)
+        assert run.result.state_sha256 == plain
+
+
 def test_without_it_nothing_of_it_is_imported(tree: Path) -> None:
     program = (
         "import bt_dualarm.cli as cli, sys; cli.run([sys.argv[1], '--display', 'quiet']);"
