@@ -42,6 +42,12 @@ class _Place:
     share: float = 1.0
     beside: tuple[float, float] = (0.0, 0.0)
 
+    def scaled(self, share: float) -> _Place:
+        """The same with its turns multiplied: where that is out of reach, another may not be."""
+        turns = (share * self.across, share * self.along, share * self.roll)
+        beside = (share * self.beside[0], share * self.beside[1])
+        return _Place(*turns, self.share, beside)
+
     def camera(self, mark: Vector, first: MarkView, distance: float) -> Pose:
         """The pose of the camera in the world."""
         middle = Pose(mark, first.camera.quaternion)
@@ -89,7 +95,7 @@ class Calibrate(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Look from the places that can be reached, solve, go back, believe it from now on."""
+        """Look from places that can be reached, solve, go back, believe it from now on."""
         arm, looks = self.arm, MarkViews(self.arm, self.ports.color)
         yield from arm.think()  # what was halted before may still be on its way
         start = arm.setpoint.q
@@ -101,10 +107,14 @@ class Calibrate(Skill):
         mark = first.camera.apply(self.ports.distance * ray)
         views = [first]
         for number, place in enumerate(_PLACES):
-            camera = place.camera(mark, first, self.ports.distance)
-            if (yield from self._reaches(camera @ camera_in_tool.inverse, number / len(_PLACES))):
-                seen = yield from looks.look()
-                views += [] if seen is None else [seen]
+            for instead in (place, place.scaled(-1.0), place.scaled(0.5)):
+                camera = instead.camera(mark, first, self.ports.distance)
+                tool = camera @ camera_in_tool.inverse
+                if (yield from self._reaches(tool, number / len(_PLACES))):
+                    seen = yield from looks.look()
+                    if seen is not None:
+                        views.append(seen)
+                        break
         yield from arm.travel([start], self.ports.speed)
         self._correct(views, mark)
 
