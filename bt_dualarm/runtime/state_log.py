@@ -42,6 +42,7 @@ class StateLog(IdleObserver):
         self._world = world
         self._due = Periodic(HASH_PERIOD, exact(world.timestep))
         self._steps = 0
+        self._data: mujoco.MjData | None = None
         self._hash = hashlib.sha256()
         self._last: deque[tuple[float, Vector, Vector, Vector]] = deque(maxlen=LAST_STATES)
 
@@ -50,13 +51,16 @@ class StateLog(IdleObserver):
         """In hexadecimal: equal for runs that went through the same states."""
         return self._hash.hexdigest()
 
-    def after_step(self, time: float) -> None:  # noqa: ARG002 - the world knows it, too
+    def after_step(self, time: float) -> None:
         """Keep the state, and hash it if that is due."""
         data = self._world.data
-        q, v = data.qpos.copy(), data.qvel.copy()
-        self._last.append((data.time, q, v, data.ctrl.copy()))
+        if data is not self._data:  # views: looking a field up costs more than copying it
+            self._data, self._views = data, (data.qpos, data.qvel, data.ctrl)
+        places, speeds, torques = self._views
+        q, v = places.copy(), speeds.copy()
+        self._last.append((time, q, v, torques.copy()))
         if self._due.due(self._steps):
-            for part in (np.float64(data.time), q, v):
+            for part in (np.float64(time), q, v):
                 self._hash.update(part.tobytes())
         self._steps += 1
 

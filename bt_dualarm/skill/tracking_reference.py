@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -151,7 +152,7 @@ class TrackingReference:
 
     def _may_go_to(self, place: Vector, time: float) -> bool:
         """Whether a place is within reach; notes since when it has not been."""
-        if float(np.hypot(*place)) <= self._reach:
+        if math.hypot(*place.tolist()) <= self._reach:
             self.beyond_since = None
         elif self.beyond_since is None:
             self.beyond_since = time

@@ -24,12 +24,14 @@ from bt_dualarm.motion.chains.kernel_rows import (
     Q,
     V,
 )
+from bt_dualarm.motion.chains.law_kernels import law_in
 from bt_dualarm.pose import Matrix, Vector
 
 
 @kernel
-def observe(law: Law, state: Matrix) -> None:
+def observe(numbers: Vector, state: Matrix) -> None:
     """Take up a reading, a period after the last one, into the state (see `StateObserver`)."""
+    law = law_in(numbers)
     for i in range(state.shape[1]):
         asked = state[ASKED, i] + law.late * (state[ASKED_BEFORE, i] - state[ASKED, i])
         a = asked + state[DISTURBANCE, i]

@@ -37,13 +37,14 @@ from bt_dualarm.motion.chains.kernel_rows import (
     Q,
     V,
 )
+from bt_dualarm.motion.chains.law_kernels import law_in
 from bt_dualarm.motion.chains.observer_kernels import feel, observe, tell
 from bt_dualarm.pose import Matrix, Vector
 
 
 @kernel
 def drive(
-    law: Law,
+    numbers: Vector,
     links: Matrix,
     joints: Matrix,
     inertias: Matrix,
@@ -55,7 +56,7 @@ def drive(
     """Take up a reading; enter torques for the set-point, and what they give by the model.
 
     Args:
-        law: Numbers of the law.
+        numbers: Numbers of the law, see `numbers_of`.
         links: Links of the arm with what it holds, see `kernel_rows`.
         joints: What is known of the joints, likewise.
         inertias: Inertia matrices of now and of the period before, of shape (2, dof, dof).
@@ -68,7 +69,8 @@ def drive(
         `FINE`, `SATURATED` where the efforts do not suffice, `NO_NUMBER`.
     """
     if reads:
-        observe(law, state)
+        observe(numbers, state)
+    law = law_in(numbers)
     tell(joints, state, told)
     dof = state.shape[1]
     inertia, bias = inertias[0], np.empty(dof)

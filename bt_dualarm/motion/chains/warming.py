@@ -14,7 +14,7 @@ def move_something() -> None:
 
     links, state = np.zeros((1, LINK)), np.zeros((STATE, 1))
     links[:, ROTOR] = 1.0
-    law = Law(np.zeros(3), *np.ones(len(Law._fields) - 1).tolist())
+    law = np.ones(len(Law._fields) + 2)
     observe(law, state)
     joints, told = np.ones((CONSTANTS, 1)), np.zeros(TOLD)
     drive(law, links, joints, np.zeros((2, 1, 1)), False, True, state, told)

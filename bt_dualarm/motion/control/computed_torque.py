@@ -57,13 +57,15 @@ class ComputedTorque:
     """
 
     def __init__(self, world: World, arm: str, period: float) -> None:
+        from bt_dualarm.motion.chains.law_kernels import numbers_of
         from bt_dualarm.motion.chains.torque_kernels import drive
 
         self._drive = drive
         self.saturated = 0
         self._name = arm
         self._hardware, self._nominal = world.hardware[arm], world.nominal[arm]
-        self._law = law_of(period, world.timestep, self._nominal.model.opt.gravity.copy())
+        law = law_of(period, world.timestep, self._nominal.model.opt.gravity.copy())
+        self._law = numbers_of(law)
         # An arm may be told to keep to less than its robot can do: that breaks nothing.
         self.top_speed = (
             world.robots[arm].limits.velocity / world.declared_arms[arm].limits.velocity
@@ -74,7 +76,7 @@ class ComputedTorque:
         state = self._state  # views of rows: looking one up costs as much as filling it
         self._sent = state[SENT_Q], state[SENT_V], state[SENT_A]
         self._speed, self._torque, self.told = state[SPEED], state[TORQUE], np.zeros(TOLD)
-        self.observer = StateObserver(self._law, state, self._hardware.q)
+        self.observer = StateObserver(law, state, self._hardware.q)
         self.touch = MomentumObserver(state)
         minds, friction = world.declared_arms[arm].collision, self._nominal.friction
         self.hits = CollisionWatch(friction, minds.threshold) if minds.stop else None

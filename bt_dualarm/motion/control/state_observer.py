@@ -29,9 +29,10 @@ class StateObserver:
     """
 
     def __init__(self, law: Law, state: Matrix, q: Vector) -> None:
+        from bt_dualarm.motion.chains.law_kernels import numbers_of
         from bt_dualarm.motion.chains.observer_kernels import observe
 
-        self._observe, self._law, self._state = observe, law, state
+        self._observe, self._law, self._state = observe, numbers_of(law), state
         state[Q] = q
         self._reading = state[READING]
         self._is_new = True

@@ -13,6 +13,12 @@ POSTURE_BANDWIDTH: Final = 4.0
 BRAKING_BANDWIDTH: Final = 8.0
 """With which the tool comes to rest when there is no target, rad/s."""
 
+LOST_M: Final = 0.02
+"""How far the tool may leave its plane in m before it gives up."""
+
+LOST_RAD: Final = 0.1
+"""How far the tool may turn from its orientation in rad before it gives up."""
+
 DAMPING: Final = 1e-6
 """Of the Jacobian's inverse: keeps it finite at a singularity."""
 
@@ -64,17 +70,3 @@ class Gains(NamedTuple):
     c: float
     b: float
     f: float
-
-
-class Pursuit(NamedTuple):
-    """How a servo follows.
-
-    Attributes:
-        period: Seconds between set-points.
-        bandwidth: Largest bandwidth with which it follows, rad/s.
-        slack: Jump of the target in m for which it may take all of the jerk.
-    """
-
-    period: float
-    bandwidth: float
-    slack: float

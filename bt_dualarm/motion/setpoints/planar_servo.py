@@ -32,7 +32,6 @@ from bt_dualarm.motion.setpoints.kernel_rows import (
     TURN,
     VELOCITY,
     WORK,
-    Pursuit,
     Reach,
 )
 from bt_dualarm.motion.setpoints.online_step import OnlineStep
@@ -40,12 +39,6 @@ from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.stopping_distance import limit_rows
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
-
-LOST_M = 0.02
-"""How far the tool may leave its plane in m before it gives up."""
-
-LOST_RAD = 0.1
-"""How far the tool may turn from its orientation in rad before it gives up."""
 
 SLACK_M = 1.5e-4
 """Jump of a target in m that takes all of the jerk: a few times the noise of an estimate."""
@@ -97,7 +90,7 @@ class PlanarServo:
         from bt_dualarm.motion.setpoints.servo_kernels import answer, look
 
         self._look, self._answer = look, answer
-        self._pursuit = Pursuit(float(period), float(bandwidth), float(slack))
+        self._period, self._bandwidth, self._slack = float(period), float(bandwidth), float(slack)
         self._target = target
         self._sent = self._now = start
         self._brake = OnlineStep(limits, period)
@@ -121,16 +114,23 @@ class PlanarServo:
         """
         now, (q, v, a), goal = self._now, self._asked, self._goal
         q[:], v[:], a[:] = now.q, now.v, now.a
-        self._look(
-            self._links, self._frames, self._plane, self._pursuit.period, self._work, self._seen
-        )
-        _refuse_lost(*self._seen[OFF : TURN + 3].tolist())
+        period, work, seen = self._period, self._work, self._seen
+        if not self._look(self._links, self._frames, self._plane, period, work, seen):
+            raise _lost(*seen[OFF : TURN + 3].tolist())
         target = self._target(time, self.displacement)
         if target is not None:
             goal[0], goal[1], goal[2] = target
         found = np.empty((3, len(q)))
         feasible = self._answer(
-            self._pursuit, self.time_scale, target is not None, goal, self._work, self._seen, found
+            period,
+            self._bandwidth,
+            self._slack,
+            self.time_scale,
+            target is not None,
+            goal,
+            work,
+            seen,
+            found,
         )
         if feasible:
             self._sent = SetPoint(now.q, now.v, found[0])
@@ -138,7 +138,7 @@ class PlanarServo:
         else:  # too late for this one: the hardest brake
             last = self._sent
             self._sent = SetPoint(*self._brake.to_rest(np.array((last.q, last.v, last.a))))
-            self._now = _after(self._sent, self._pursuit.period)
+            self._now = _after(self._sent, period)
         return self._sent
 
 
@@ -178,17 +178,16 @@ def _after(sent: SetPoint, period: float) -> SetPoint:
     return SetPoint(q, sent.v + sent.a * period, sent.a)
 
 
-def _refuse_lost(off: float, *turn: float) -> None:
-    """Raise a failure if the tool is out of its plane, in m, or turned, in rad about three axes."""
-    if abs(off) > LOST_M or max(map(abs, turn)) > LOST_RAD:
-        angle = math.hypot(*turn)
-        raise Failure(
-            "UNREACHABLE",
-            f"the tool cannot follow there: it is {abs(off) * 1e3:.0f} mm out of its plane and "
-            f"{math.degrees(angle):.0f}° from its orientation",
-            plane_error_m=abs(off),
-            angle_error_rad=angle,
-        )
+def _lost(off: float, *turn: float) -> Failure:
+    """Why a tool gives up that is out of its plane, in m, or turned, in rad about three axes."""
+    angle = math.hypot(*turn)
+    return Failure(
+        "UNREACHABLE",
+        f"the tool cannot follow there: it is {abs(off) * 1e3:.0f} mm out of its plane and "
+        f"{math.degrees(angle):.0f}° from its orientation",
+        plane_error_m=abs(off),
+        angle_error_rad=angle,
+    )
 
 
 def follow_something() -> None:
@@ -199,7 +198,7 @@ def follow_something() -> None:
 
     work, seen, state = np.ones((WORK, 1)), np.ones(SEEN), np.ones((3, 1))
     look(np.ones((1, LINK)), np.ones((3, 12)), np.ones((3, 3)), 1.0, work, seen)
-    answer(Pursuit(1.0, 1.0, 1.0), 1.0, True, np.ones((3, 2)), work, seen, state)
+    answer(1.0, 1.0, 1.0, 1.0, True, np.ones((3, 2)), work, seen, state)
     keep(work[:5].copy(), 1.0, state, state)
     can_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
     stopping_way(1.0, 1.0, 1.0, 1.0)

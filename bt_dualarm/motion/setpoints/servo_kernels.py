@@ -30,6 +30,8 @@ from bt_dualarm.motion.setpoints.kernel_rows import (
     INVERSE,
     JACOBIAN,
     JACOBIAN_BEFORE,
+    LOST_M,
+    LOST_RAD,
     NOW_A,
     NOW_Q,
     NOW_V,
@@ -40,7 +42,6 @@ from bt_dualarm.motion.setpoints.kernel_rows import (
     REACH,
     TURN,
     VELOCITY,
-    Pursuit,
     Reach,
 )
 from bt_dualarm.pose import Matrix, Vector
@@ -51,7 +52,7 @@ _BRAKING_SHARE = 0.3  # of the way to the acceleration that brakes, a period
 @kernel
 def look(
     links: Matrix, frames: Matrix, plane: Matrix, period: float, work: Matrix, seen: Vector
-) -> None:
+) -> bool:
     """Enter where the tool is, and what holds it there.
 
     Args:
@@ -62,6 +63,9 @@ def look(
         period: Seconds between set-points.
         work: What the servo works with.
         seen: What it sees.
+
+    Returns:
+        Whether the tool is in its plane and oriented as it was, by `LOST_M` and `LOST_RAD`.
     """
     place_tool(links, work[NOW_Q], frames, work[JACOBIAN : JACOBIAN + 6])
     _invert(work)
@@ -85,6 +89,9 @@ def look(
             seen[ACCELERATION + axis] += part * total
     _hold(frames, plane, twist, change, work, seen)
     _reach(plane, work, seen)
+    turn = max(abs(seen[TURN]), abs(seen[TURN + 1]), abs(seen[TURN + 2]))
+    held: bool = abs(seen[OFF]) <= LOST_M and turn <= LOST_RAD
+    return held
 
 
 @kernel
@@ -151,7 +158,9 @@ def _reach(plane: Matrix, work: Matrix, seen: Vector) -> None:
 
 @kernel
 def answer(
-    pursuit: Pursuit,
+    period: float,
+    bandwidth: float,
+    slack: float,
     time_scale: float,
     has_target: bool,
     target: Matrix,
@@ -162,7 +171,9 @@ def answer(
     """Enter accelerations for now, and positions and velocities that come of them.
 
     Args:
-        pursuit: How it follows.
+        period: Seconds between set-points.
+        bandwidth: Largest bandwidth with which it follows, rad/s.
+        slack: Jump of the target in m for which it may take all of the jerk.
         time_scale: Share of the velocity that it would have.
         has_target: Whether there is a target, or it comes to rest.
         target: Position, velocity and acceleration in the plane, of shape (3, 2).
@@ -173,10 +184,10 @@ def answer(
     Returns:
         Whether all joints can stop within their limits from the set-point that is asked for.
     """
-    dt, velocity = pursuit.period, seen[VELOCITY : VELOCITY + 2]
+    dt, velocity = period, seen[VELOCITY : VELOCITY + 2]
     reach = Reach(seen[REACH], seen[REACH + 1])
     if has_target:
-        gains = following_gains(pursuit.bandwidth, pursuit.slack, reach.jerk, dt)
+        gains = following_gains(bandwidth, slack, reach.jerk, dt)
         away = target[0] - seen[DISPLACEMENT : DISPLACEMENT + 2]
         goal = target[1] + closing_velocity(away, gains, reach)
         passed = min(time_scale, passable_share(work, goal))
@@ -188,6 +199,12 @@ def answer(
         wanted = fading_acceleration(-velocity, 2.0 * BRAKING_BANDWIDTH, reach.jerk)
         share = _BRAKING_SHARE
     keep_within(work, seen[ACCELERATION : ACCELERATION + 2], wanted, share, dt, answered[0])
+    return _go_on(work, dt, answered)
+
+
+@kernel
+def _go_on(work: Matrix, dt: float, answered: Matrix) -> bool:
+    """Enter positions and velocities a period later; whether all joints can stop until then."""
     feasible = True
     for i in range(work.shape[1]):
         q, v, a = work[NOW_Q, i], work[NOW_V, i], answered[0, i]

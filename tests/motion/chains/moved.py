@@ -25,6 +25,7 @@ from bt_dualarm.motion.chains.kernel_rows import (
     STATE,
     TOLD,
 )
+from bt_dualarm.motion.chains.law_kernels import numbers_of
 from bt_dualarm.motion.chains.observer_kernels import observe
 from bt_dualarm.motion.chains.torque_kernels import drive
 from bt_dualarm.motion.control.law import law_of
@@ -51,7 +52,8 @@ def moved(seed: int) -> tuple[list[int], Matrix]:
     joints[NARROW] *= -1.0
     joints[RISE, ::2] = 0.0
     state, inertias = np.zeros((STATE, DOF)), np.zeros((2, DOF, DOF))
-    law, links = law_of(0.004, 0.002, np.array((0.0, 0.0, -9.81))), drawn_links(rng)
+    law = numbers_of(law_of(0.004, 0.002, np.array((0.0, 0.0, -9.81))))
+    links = drawn_links(rng)
     told, outcomes, states = np.zeros(TOLD), [], []
     for step, effort in enumerate((1e6, 1e6, 40.0, 1.0, 1e6, 1e6)):
         joints[LIMIT] = effort
