@@ -101,10 +101,7 @@ class ComputedTorque:
         hardware, (q, v, a) = self._hardware, self._sent
         reads = self.observer.take(hardware.q)
         if self._weighing is not None:
-            if reads:
-                self.observer.observe()
-            reads = False
-            self._weigh(self._weighing, sent)
+            reads = self._weigh(self._weighing, sent, reads=reads)
         q[:], v[:], a[:], self._speed[:] = sent.q, sent.v, sent.a, hardware.v
         is_new, self.touch.is_new = self.touch.is_new, False
         outcome = self._drive(
@@ -127,14 +124,26 @@ class ComputedTorque:
             self.was_hit = self.hits.take(self._inertias[0], sent, self._state[DISTURBING].copy())
         hardware.command(self._torque.copy())
 
-    def _weigh(self, weighing: Weighing, sent: SetPoint) -> None:
-        """Learn what the arm holds; what that changes, no joint feels."""
+    def _weigh(self, weighing: Weighing, sent: SetPoint, *, reads: bool) -> bool:
+        """Learn what the arm holds; what that changes, no joint feels.
+
+        Args:
+            weighing: What is known of that so far.
+            sent: Set-point of now.
+            reads: Whether the reading of now is to be taken up.
+
+        Returns:
+            Whether it remains to be taken up: no.
+        """
         observer = self.observer
+        if reads:
+            observer.observe()
         if weighing.take(observer.q, observer.v, sent, self._hardware.commanded):
             self._take_up(self._nominal.loads, grace=False)
             self._dynamics.update(observer.q, observer.v)
             driving = self._state[DRIVING] - self._dynamics.bias
             observer.believe_instead(self._dynamics.accelerations(driving))
+        return False
 
     def _take_up(self, loads: tuple[NominalLoad, ...], *, grace: bool) -> None:
         """Reckon with what the arm holds now; ``grace`` where that is not what it held before."""

@@ -89,6 +89,12 @@ def look(
             seen[ACCELERATION + axis] += part * total
     _hold(frames, plane, twist, change, work, seen)
     _reach(plane, work, seen)
+    return _is_held(seen)
+
+
+@kernel
+def _is_held(seen: Vector) -> bool:
+    """Whether the tool is in its plane and oriented as it was."""
     turn = max(abs(seen[TURN]), abs(seen[TURN + 1]), abs(seen[TURN + 2]))
     held: bool = abs(seen[OFF]) <= LOST_M and turn <= LOST_RAD
     return held
