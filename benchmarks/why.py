@@ -1,9 +1,10 @@
 """How often ``bt-why`` names the planted cause first: mistakes in shipped trees, one run each.
 
-    python -m benchmarks.why [WORD]
+    python -m benchmarks.why [WORD] [--unseen]
 
-Prints a line for each mistake and the count. A cause counts if it is the first of the first story,
-of the kind that was planted, and its sentence has the names that belong to it.
+With ``--unseen`` those that were planted before the rules were looked at for them. Prints a line
+for each mistake and the count. A cause counts if it is the first of the first story, of the kind
+that was planted, and its sentence has the names that belong to it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from pathlib import Path
 import bt_dualarm
 from benchmarks.why_mistake import Mistake
 from benchmarks.why_mistakes import mistakes
+from benchmarks.why_mistakes_unseen import unseen
+from bt_dualarm.errors import DualArmError
 from bt_dualarm.replay.evidence import Cause
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.story import stories
@@ -22,7 +25,11 @@ from bt_dualarm.replay.story import stories
 
 def first_cause(mistake: Mistake, folder: Path) -> Cause | None:
     """What is named first after a run of the mistake; None if nothing is."""
-    bt_dualarm.run(mistake.tree, record=folder, duration=mistake.duration)
+    try:
+        bt_dualarm.run(mistake.tree, record=folder, duration=mistake.duration)
+    except DualArmError as error:
+        print(f"refused before it moved: {error}")
+        return None
     told = stories(Record.read(folder))
     return told[0].causes[0] if told else None
 
@@ -34,9 +41,11 @@ def is_named(mistake: Mistake, cause: Cause | None) -> bool:
     return all(name in f"{cause.sentence} {cause.leaf}" for name in mistake.names)
 
 
-def main(word: str) -> None:
-    """Run all mistakes that have this word in their names."""
-    chosen = [mistake for mistake in mistakes() if word in mistake.name]
+def main(words: list[str]) -> None:
+    """Run all mistakes that have these words in their names."""
+    planted = unseen() if "--unseen" in words else mistakes()
+    word = " ".join(each for each in words if each != "--unseen")
+    chosen = [mistake for mistake in planted if word in mistake.name]
     named = 0
     with tempfile.TemporaryDirectory() as folder:
         for number, mistake in enumerate(chosen):
@@ -51,4 +60,4 @@ def main(word: str) -> None:
 
 
 if __name__ == "__main__":
-    main(" ".join(sys.argv[1:]))
+    main(sys.argv[1:])

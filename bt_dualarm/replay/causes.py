@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from bt_dualarm.replay.board_causes import board_causes
+from bt_dualarm.replay.camera_causes import camera_causes
 from bt_dualarm.replay.contact_causes import contact_causes
 from bt_dualarm.replay.evidence import Cause, Evidence
+from bt_dualarm.replay.grip_causes import grip_causes
 from bt_dualarm.replay.reach_causes import reach_causes
 from bt_dualarm.replay.sight_causes import sight_causes
 from bt_dualarm.replay.time_causes import time_causes
@@ -16,7 +18,9 @@ from bt_dualarm.replay.world_causes import world_causes
 _TOPICS: Final[tuple[Callable[[Evidence], Iterator[Cause]], ...]] = (
     board_causes,
     world_causes,
+    grip_causes,
     contact_causes,
+    camera_causes,
     sight_causes,
     reach_causes,
     time_causes,

@@ -12,11 +12,15 @@ from bt_dualarm.errors import DualArmError
 from bt_dualarm.motion.kinematics.workspace import Workspace
 from bt_dualarm.pose import Vector
 from bt_dualarm.replay.evidence import Cause, Evidence
+from bt_dualarm.spec.source import with_tuples
 from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.world.robots.catalogue import load_robot
 
 _TOO_FAR: Final = frozenset({"UNREACHABLE", "OUT_OF_REACH", "PATH_BROKEN", "SINGULAR"})
 _LEAST_GAP_M: Final = 1e-3
+
+_ABSURD_M: Final = 5.0
+"""Distance of a target from the origin beyond which another unit may have been meant."""
 
 
 def reach_causes(e: Evidence) -> Iterator[Cause]:
@@ -36,6 +40,9 @@ def _outside(e: Evidence) -> Cause:
     away, reach = float(e.numbers["distance_m"]), float(e.numbers["reach_m"])
     wanted = _target(e)
     what = "the target" if wanted is None else wanted[0]
+    slip = "" if wanted is None else _unit_slip(e, wanted[1])
+    if slip:
+        return e.cause("OUT_OF_REACH", f"{what} is {away:.0f} m away: {slip}", "metres in the file")
     sentence = (
         f"{what} is {1e3 * (away - reach):.0f} mm outside the reach of {e.robot} from this base: "
         f"{away:.2f} m from its first joint, and its tool reaches {reach:.2f} m"
@@ -89,6 +96,11 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
     what, point = named
     gap = _gap(e, point)
     away = float(np.linalg.norm(point - base))
+    slip = _unit_slip(e, point)
+    if slip:
+        sentence = f"{what} is {away:.0f} m away from {e.arm}: {slip}"
+        yield e.cause("OUT_OF_REACH", sentence, "metres in the file")
+        return
     if gap is not None and gap > _LEAST_GAP_M:
         sentence = (
             f"{what} is {1e3 * gap:.0f} mm outside the reach of {e.robot} from this base, "
@@ -101,6 +113,17 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
     more = f"; it stays {1e3 * short:.0f} mm away" if short else ""
     remedy = "another orientation, or a base elsewhere"
     yield e.cause("OUT_OF_REACH", sentence + more, remedy)
+
+
+def _unit_slip(e: Evidence, point: Vector) -> str:
+    """Whether a point that is far away would be within reach in another unit; in words."""
+    if np.linalg.norm(point) < _ABSURD_M:
+        return ""
+    for unit, metres in (("centimetres", 0.01), ("millimetres", 0.001)):
+        gap = _gap(e, metres * point)
+        if gap is not None and gap <= _LEAST_GAP_M:
+            return f"it would be within reach if these were {unit}, but they are metres"
+    return ""
 
 
 def _target(e: Evidence) -> tuple[str, Vector] | None:
@@ -123,6 +146,6 @@ def _gap(e: Evidence, point: Vector) -> float | None:
     said = e.record.arms[e.arm]
     try:
         robot = load_robot(said["robot"], Path(e.record.start["path"]).parent)
-        return Workspace(robot, PoseSpec.model_validate(said["base"]).pose).gap(point)
+        return Workspace(robot, PoseSpec.model_validate(with_tuples(said["base"])).pose).gap(point)
     except (DualArmError, OSError, ValueError):
         return None

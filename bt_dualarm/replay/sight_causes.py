@@ -6,6 +6,7 @@ import colorsys
 from collections.abc import Iterator
 from typing import Final
 
+from bt_dualarm.replay.camera_causes import OF_SIGHT
 from bt_dualarm.replay.evidence import Cause, Evidence
 from bt_dualarm.replay.record import Facts
 from bt_dualarm.replay.scene import Sight
@@ -14,20 +15,28 @@ from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.source import with_tuples
 
-_OF_SIGHT: Final = frozenset({"NOT_SEEN", "LOST", "NOT_FOLLOWING", "NOT_STILL"})
+_ANOTHER_SIZE: Final = 0.2
+"""Share of its longest side by which a thing is of another size."""
+
+_LOOKING_AROUND: Final = frozenset({"scan", "locate"})
+"""Leaves that turn the camera themselves: what is hidden wherever they look is what matters."""
 
 
 def sight_causes(e: Evidence) -> Iterator[Cause]:
     """What kept the camera from its target."""
-    color = e.ports.get("color")
-    if color is None or e.arm not in e.record.arms:
+    color, thing, marker = (e.ports.get(name) for name in ("color", "object", "marker"))
+    if (color, thing, marker) == (None, None, None) or e.arm not in e.record.arms:
         return
+    if color is None and e.code not in OF_SIGHT | {"INACCURATE"}:
+        return  # many leaves have an object that they do not look for
     if e.code == "UNREACHABLE" and e.leaf.kind == "track":
         yield e.cause("LEFT_REACH", e.reason, "a larger `reach`, or a target that stays nearer")
-    if e.code not in _OF_SIGHT and not _saw_nothing(e):
-        return
     meant = _meant(e)
-    wrong = _wrong_color(e, color, meant)
+    if e.code == "INACCURATE":
+        yield from filter(None, (_wrong_kind(e, meant),))
+    if e.code not in OF_SIGHT and not _saw_nothing(e):
+        return
+    wrong = _wrong_kind(e, meant) or (_wrong_color(e, color, meant) if color else None)
     if wrong is not None:
         yield wrong
         return
@@ -45,10 +54,13 @@ def _saw_nothing(e: Evidence) -> bool:
 
 def _meant(e: Evidence) -> list[str]:
     """Objects that the leaf can have meant: the one it is scored by, else those of the colour."""
-    scored, color = e.ports.get("score"), e.ports.get("color")
+    color = e.ports.get("color")
     objects = e.record.start["objects"]
-    if isinstance(scored, str) and scored in objects:
-        return [scored]
+    for named in (e.ports.get("score"), e.ports.get("object")):
+        if isinstance(named, str) and named in objects:
+            return [named]
+    if e.ports.get("marker"):
+        return [name for name, thing in objects.items() if thing.get("marker")]
     same = [name for name, thing in objects.items() if _has(thing, color)]
     loose = [name for name, thing in objects.items() if not thing["fixed"]]
     return same or loose
@@ -71,6 +83,29 @@ def _has(thing: Facts, color: object) -> bool:
 def _between(hue: float, ends: tuple[float, float]) -> bool:
     low, high = ends
     return low <= hue <= high if low <= high else hue >= low or hue <= high
+
+
+def _wrong_kind(e: Evidence, meant: list[str]) -> Cause | None:
+    """Another marker, or another size, than what there is has."""
+    objects = e.record.start["objects"]
+    asked, size = e.ports.get("marker"), e.ports.get("size")
+    if asked and meant:
+        name, has = meant[0], objects[meant[0]]["marker"]
+        same = all(asked[key] == has[key] for key in ("id", "dictionary") if key in asked)
+        if not same:
+            wanted = f"{asked['id']} of {asked.get('dictionary', 'its set')}"
+            sentence = (
+                f"it looked for marker {wanted}; {name} bears {has['id']} of {has['dictionary']}"
+            )
+            return e.cause("NOT_RECOGNISED", sentence, f"id: {has['id']}")
+    if size and meant and not e.ports.get("object"):
+        name, has = meant[0], [float(side) for side in objects[meant[0]]["size"]]
+        away = [abs(one - other) for one, other in zip(sorted(size), sorted(has), strict=False)]
+        if len(size) != len(has) or max(away) > _ANOTHER_SIZE * max(has):
+            wanted, real = (" by ".join(f"{1e3 * x:g}" for x in each) for each in (size, has))
+            sentence = f"it looked for a thing of {wanted} mm; {name} is {real} mm"
+            return e.cause("NOT_RECOGNISED", sentence, f"size: {has}")
+    return None
 
 
 def _wrong_color(e: Evidence, color: object, meant: list[str]) -> Cause | None:
@@ -103,6 +138,8 @@ def _of_target(e: Evidence, name: str) -> Iterator[Cause]:
     worst = max(("seen", "hidden", "outside"), key=states.count)
     if worst == "seen" and states[0] != "seen":
         worst = states[0]
+    if worst == "outside" and e.leaf.kind in _LOOKING_AROUND and "hidden" in states:
+        worst = "hidden"
     sight = next(sight for _, sight in sights if sight.state == worst)
     if worst == "hidden":
         yield _hidden(e, name, sight)

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Final
 
 from bt_dualarm.replay.evidence import Cause, Evidence
 from bt_dualarm.replay.timeline import Change, Node
+
+_TAKERS: Final = ("approach_and_attach", "grasp", "regrasp")
+"""Leaves that take hold of an object."""
 
 
 def world_causes(e: Evidence) -> Iterator[Cause]:
     """What was the matter with an object or an arm that the leaf deals with."""
     name = e.ports.get("object")
+    if isinstance(name, str) and e.code and e.leaf.kind in _TAKERS:
+        yield from _held_by_another(e, name)
     if isinstance(name, str) and e.code in ("NOT_THERE", "NOT_ATTACHED", "NOT_REMOVED"):
         gone = absence(e, name)
         if gone is not None:
             yield gone
         elif e.code == "NOT_ATTACHED":
-            yield _not_attached(e, name)
+            yield not_attached(e, name)
     if e.code == "OVERLOADED":
         yield _too_heavy(e)
     if e.code == "INVALID_TARGET" and e.record.start["objects"].get(name, {}).get("fixed"):
@@ -27,6 +33,14 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
         yield e.cause("FELL", sentence, "let go of it where it stands on something")
     if e.code == "NOT_SPAWNED":
         yield e.cause("NO_ROOM", e.reason, "another place, or nothing in this one")
+
+
+def _held_by_another(e: Evidence, name: str) -> Iterator[Cause]:
+    scene = e.scene(e.ended)
+    for other in e.record.arms:
+        if other != e.arm and name in scene.held(other):
+            sentence = f"{other} holds {name} already: {e.reason}"
+            yield e.cause("HELD", sentence, f"let {other} put {name} down before {e.leaf.path!r}")
 
 
 def absence(e: Evidence, name: str) -> Cause | None:
@@ -43,12 +57,13 @@ def absence(e: Evidence, name: str) -> Cause | None:
     return e.cause("NOT_SPAWNED_YET", sentence, f"a leaf that spawns {name} before")
 
 
-def _not_attached(e: Evidence, name: str) -> Cause:
-    lost = _ended(e, "detach", name, arm=e.arm)
-    taken = _ended(e, "approach_and_attach", name, arm=e.arm)
+def not_attached(e: Evidence, name: str) -> Cause:
+    """Why an arm did not hold an object that a leaf needs in its hand."""
+    lost = [*_ended(e, "detach", name, arm=e.arm), *_ended(e, "place", name, arm=e.arm)]
+    taken = [leaf for kind in _TAKERS for leaf in _ended(e, kind, name, arm=e.arm)]
     if lost and (not taken or lost[-1][1].index > taken[-1][1].index):
         node, change = lost[-1]
-        sentence = f"{node.path!r} (detach) had let go of {name} at {change.time:.2f} s"
+        sentence = f"{node.path!r} ({node.kind}) had let go of {name} at {change.time:.2f} s"
         remedy = f"let go of {name} later"
         return e.cause("LET_GO", sentence, remedy, leaf=node.path, time_s=change.time)
     if not taken:

@@ -10,6 +10,7 @@ import pytest
 from benchmarks.why import first_cause, is_named
 from benchmarks.why_mistake import Mistake
 from benchmarks.why_mistakes import mistakes
+from benchmarks.why_mistakes_unseen import unseen
 from bt_dualarm import cli
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.story import stories
@@ -24,6 +25,8 @@ QUICK = (
     "a key that was never written",
     "a timeout of 0.2 s",
     "two leaves move one arm",
+    "a pose in centimetres",
+    "nobody took the cube with fingers",
 )
 BACK = 'reach_to_pose: {offset: "{goal}"}'
 FAILING = SHORT.replace(BACK, "reach_to_pose: {offset: {xyz: [3, 0, 0]}}")
@@ -34,7 +37,7 @@ MISTAKES = [
         id=mistake.name.replace(" ", "_"),
         marks=[] if mistake.name in QUICK else [pytest.mark.slow],
     )
-    for mistake in mistakes()
+    for mistake in (*mistakes(), *unseen())
 ]
 
 
@@ -45,8 +48,8 @@ def test_it_is_named_first(mistake: Mistake, tmp_path: Path) -> None:
 
 
 def test_there_are_enough_of_them() -> None:
-    names = [mistake.name for mistake in mistakes()]
-    assert len(names) >= 40
+    names = [mistake.name for mistake in (*mistakes(), *unseen())]
+    assert len(names) >= 60
     assert len(set(names)) == len(names)
     assert set(QUICK) <= set(names)
 
