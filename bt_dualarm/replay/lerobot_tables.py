@@ -86,7 +86,7 @@ def _frames(pa: Any, episode: Episode) -> Any:  # the package has no types
     return pa.table(columns | {name: pa.array(each) for name, each in _indices(episode).items()})
 
 
-def _episodes(pa: Any, episode: Episode, statistics: Facts) -> Any:
+def _episodes(pa: Any, episode: Episode, statistics: Facts) -> Any:  # as above
     """One row: where its frames are, and what is in them."""
     row: Facts = {
         "episode_index": 0,
@@ -108,7 +108,7 @@ def _episodes(pa: Any, episode: Episode, statistics: Facts) -> Any:
     return pa.Table.from_pylist([row])
 
 
-def _tasks(pa: Any, episode: Episode) -> Any:
+def _tasks(pa: Any, episode: Episode) -> Any:  # as above
     """Numbers of the tasks with their texts as index, as pandas would write it."""
     table = pa.table({"task_index": pa.array([0], pa.int64()), "task": pa.array([episode.task])})
     columns = [
