@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,18 @@ def pytest_collection_finish() -> None:
     """Look no more for circles among what is imported and collected: all of it stays."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def memory_is_given_back() -> Iterator[None]:
+    """What the tests of a module have freed goes back to the system.
+
+    The C library keeps most of it for later: of 689 MB after eleven runs that were recorded 276.
+    """
+    yield
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:  # glibc's
+        trim(0)
 
 
 @pytest.fixture(scope="session")
