@@ -37,30 +37,32 @@ class Carrying:
         self._bodies = model.geom_bodyid.copy()
         joints = model.body_jntadr
         free = (joints >= 0) & (model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_FREE)
-        self._addresses = np.where(free, model.jnt_qposadr[joints], -1)
+        self._addresses = np.where(free, model.jnt_qposadr[joints], -1).tolist()
         self._jacobian = np.zeros((6, model.nv))
-        self._before, self._after = np.zeros((2, 7))
+        self._before = np.zeros((3, 7))
         self._step = float(model.opt.timestep)
+        # Views: looking a field up costs more than what is done with it.
+        self._places, self._turns = data.xpos, data.xquat
+        self._positions, self._velocities = data.qpos, data.qvel
+        self._parts = self._jacobian[:3], self._jacobian[3:]
 
     def carry(self) -> None:
         """Correct what is held after the integration of a step, before positions are taken up."""
-        data, model, palm = self._data, self._model, self._palm
+        data, model, palm, compiled = self._data, self._model, self._palm, kernels()
         if not data.ncon:
             return
         contact = data.contact
-        body = kernels().gripped(
-            contact.geom, contact.dist, self._first, self._second, self._bodies
-        )
+        body = compiled.gripped(contact.geom, contact.dist, self._first, self._second, self._bodies)
         if body < 0 or self._addresses[body] < 0:
             return
-        start, was = int(self._addresses[body]), data.xpos[body].copy()
-        before, after, jacobian = self._before, self._after, self._jacobian
-        before[:3], before[3:] = data.xpos[palm], data.xquat[palm]
-        mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], palm)
+        places, turns, before = self._places, self._turns, self._before
+        compiled.remember(places, turns, palm, body, before)
+        mujoco.mj_jacBody(model, data, *self._parts, palm)
         mujoco.mj_kinematics(model, data)
-        after[:3], after[3:] = data.xpos[palm], data.xquat[palm]
-        pose = data.qpos[start : start + 7]
-        kernels().go_with(pose, was, before, after, jacobian, data.qvel, self._step)
+        compiled.remember(places, turns, palm, palm, before[1:])
+        start = self._addresses[body]
+        pose = self._positions[start : start + 7]
+        compiled.go_with(pose, before, self._jacobian, self._velocities, self._step)
 
 
 @cache
@@ -76,4 +78,7 @@ def carry_something() -> None:
     one = np.zeros(1, np.int32)
     kernels().gripped(np.zeros((1, 2), np.int32), np.zeros(1), 0, 0, one)
     pose = np.array((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
-    kernels().go_with(pose, np.zeros(3), pose, pose, np.zeros((6, 1)), np.zeros(1), 0.002)
+    before = np.zeros((3, 7))
+    kernels().remember(np.zeros((1, 3)), np.zeros((1, 4)), 0, 0, before)
+    kernels().remember(np.zeros((1, 3)), np.zeros((1, 4)), 0, 0, before[1:])
+    kernels().go_with(pose, before, np.zeros((6, 1)), np.zeros(1), 0.002)

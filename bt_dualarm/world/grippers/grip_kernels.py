@@ -44,15 +44,23 @@ def gripped(geoms: Integers, distances: Vector, first: int, second: int, bodies:
 
 
 @kernel
-def go_with(
-    pose: Vector,
-    was: Vector,
-    before: Vector,
-    after: Vector,
-    jacobian: Matrix,
-    velocities: Vector,
-    step: float,
-) -> None:
+def remember(places: Matrix, turns: Matrix, first: int, second: int, rows: Matrix) -> None:
+    """Enter where one body is into a row, and where another one is into that after the next.
+
+    Args:
+        places: Places of all bodies, of shape (nbody, 3), m.
+        turns: Quaternions of all bodies, of shape (nbody, 4).
+        first: Body of the first row.
+        second: Body of the third row, where there is one.
+        rows: Positions and quaternions, of shape (3, 7) or (2, 7); changed.
+    """
+    rows[0, :3], rows[0, 3:] = places[first], turns[first]
+    if len(rows) > 2:
+        rows[2, :3], rows[2, 3:] = places[second], turns[second]
+
+
+@kernel
+def go_with(pose: Vector, rows: Matrix, jacobian: Matrix, velocities: Vector, step: float) -> None:
     """Put a body where it is in the palm's frame, and not where its straight line has led it.
 
     A step moves a free body along its velocity. The palm's points, turned by joints, move along
@@ -61,9 +69,8 @@ def go_with(
 
     Args:
         pose: Position and quaternion of the body after the step, of shape (7,); changed.
-        was: Position of it before the step, of shape (3,).
-        before: Position and quaternion of the palm before it, of shape (7,).
-        after: Position and quaternion of it after the step, likewise.
+        rows: Position and quaternion of the palm before the step, of the palm after it, and of the
+            body before it, of shape (3, 7).
         jacobian: Jacobian of the palm's origin before it, of shape (6, nv): places, then turns.
         velocities: Velocities of the step, of shape (nv,).
         step: Seconds of the step.
@@ -72,10 +79,11 @@ def go_with(
     for i in range(6):
         for k in range(len(velocities)):
             rates[i] += jacobian[i, k] * velocities[k]
-    arm = was - before[:3]
+    before, after, was = rows[0], rows[1], rows[2]
+    arm = was[:3] - before[:3]
     turn = product(after[3:], conjugate(before[3:]))
     there = after[:3] + turned(turn, arm)
-    straight = was + step * (rates[:3] + crossed(rates[3:], arm))
+    straight = was[:3] + step * (rates[:3] + crossed(rates[3:], arm))
     pose[:3] += there - straight
     meant = rotation(step * rates[3:])
     pose[3:] = product(product(turn, conjugate(meant)), pose[3:])
