@@ -21,12 +21,10 @@ def correct(
         position: What was measured, of shape (n,).
         variance: Its variance, of shape (n,).
     """
-    gain, row = np.empty(4), np.empty(4)
     for axis in range(len(state)):
         own = covariance[axis]
-        row[:] = own[0]
-        for number in range(4):
-            gain[number] = row[number] / (row[0] + variance[axis])
+        row = own[0].copy()
+        gain = row / (row[0] + variance[axis])
         innovation = position[axis] - state[axis, 0]
         for number in range(4):
             state[axis, number] += gain[number] * innovation
@@ -35,5 +33,5 @@ def correct(
         # Joseph's form would cost twice as much; four states in doubles stay symmetric enough.
         for number in range(4):
             for other in range(number):
-                mean = 0.5 * (own[number, other] + own[other, number])
-                own[number, other], own[other, number] = mean, mean
+                own[number, other] = 0.5 * (own[number, other] + own[other, number])
+                own[other, number] = own[number, other]

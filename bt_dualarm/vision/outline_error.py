@@ -110,26 +110,20 @@ class Projection:
 
 def project(scene: Scene, shape: KnownShape, view: OutlineView) -> Projection | None:
     """The shape as a picture would have it; None where a part of it is behind the camera."""
+    from bt_dualarm.vision.outline_kernels import see
+
     camera = view.camera
-    inward = camera.rotation_matrix @ scene.mount_turn
+    inward = np.ascontiguousarray(camera.rotation_matrix @ scene.mount_turn)
     eye = camera.apply(scene.mount_shift)
-    about = shape.seen_from(eye - scene.position, scene.rotation)
-    local = (scene.position + about - eye) @ inward
-    if float(local[:, 2].min()) < _NEAREST_M:
-        return None
+    about = np.ascontiguousarray(shape.seen_from(eye - scene.position, scene.rotation))
     focal = view.focal_px * (1.0 + scene.longer)
-    flat = local[:, :2] / local[:, 2:]
-    pixels = focal * flat
-    by_point = np.zeros((len(local), 2, 3))
-    by_point[:, 0, 0] = by_point[:, 1, 1] = focal / local[:, 2]
-    by_point[:, :, 2] = -pixels / local[:, 2:]
-    change = np.zeros((len(local), 2, UNKNOWNS))
-    change[:, :, PLACE] = by_place = by_point @ inward.T
-    if shape.kind != "sphere":
-        change[:, :, TURN] = np.cross(about[:, None, :], by_place)
-    change[:, :, MOUNT_TURN] = -np.cross(local[:, None, :], by_point)
-    change[:, :, MOUNT_SHIFT] = -by_point @ scene.mount_turn.T
-    change[:, :, FOCAL] = view.focal_px * flat
+    pixels, change = np.empty((len(about), 2)), np.empty((len(about), 2, UNKNOWNS))
+    offset, mount = scene.position - eye, np.ascontiguousarray(scene.mount_turn)
+    focals = focal, view.focal_px
+    if see(about, offset, inward, mount, focals, pixels, change) < _NEAREST_M:
+        return None
+    if shape.kind == "sphere":
+        change[:, :, TURN] = 0.0
     around = cv2.convexHull(pixels.astype(np.float32), returnPoints=False)
     hull = np.asarray(around, dtype=np.intp)[:, 0]
     return Projection(pixels, change, hull)
@@ -146,19 +140,18 @@ def outline_error(projection: Projection, edge: Matrix, rim: float) -> tuple[Vec
     Returns:
         Distances of shape (n,), px, and their change, of shape (n, `UNKNOWNS`).
     """
-    corners = projection.pixels[projection.hull]
-    along = np.roll(corners, -1, axis=0) - corners
-    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
-    outward = np.column_stack((along[:, 1], -along[:, 0])) / length[:, None]
-    if float(outward[0] @ (corners.mean(axis=0) - corners[0])) > 0.0:
-        outward = -outward
-    apart = edge @ outward.T - np.sum(corners * outward, axis=1)
-    side = apart.argmax(axis=1)
-    rows = np.arange(len(edge))
-    share = np.sum((edge - corners[side]) * along[side], axis=1) / length[side] ** 2
-    share = np.clip(share, 0.0, 1.0)[:, None, None]
-    ends = projection.change[projection.hull]
-    change = (1.0 - share) * ends[side] + share * np.roll(ends, -1, axis=0)[side]
-    jacobian: Matrix = -np.einsum("nk,nkp->np", outward[side], change)
-    jacobian[:, RIM] = -1.0
-    return apart[rows, side] + INSIDE_PX - rim, jacobian
+    from bt_dualarm.vision.outline_kernels import measure
+
+    error, jacobian = np.empty(len(edge)), np.empty((len(edge), UNKNOWNS))
+    corners, ends = projection.pixels[projection.hull], projection.change[projection.hull]
+    measure(corners, ends, np.ascontiguousarray(edge), INSIDE_PX - rim, error, jacobian)
+    return error, jacobian
+
+
+def outline_something() -> None:
+    """Have all kernels of outlines compiled."""
+    from bt_dualarm.vision.outline_kernels import measure, see
+
+    points, pixels, change = np.eye(4, 3), np.empty((4, 2)), np.empty((4, 2, UNKNOWNS))
+    see(points, np.array((0.0, 0.0, 1.0)), np.eye(3), np.eye(3), (1.0, 1.0), pixels, change)
+    measure(pixels, change, pixels, 0.0, np.empty(4), np.empty((4, UNKNOWNS)))

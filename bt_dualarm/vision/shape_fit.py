@@ -60,6 +60,15 @@ _FREE_TURN: Final = 1.0
 _FREE_PLACE: Final = 100.0
 """Deviation of a place that nothing shows, m."""
 
+_DOUBT: Final = np.array(
+    [_FREE_PLACE] * 3  # towards nowhere: what nothing shows stays as it is
+    + [_FREE_TURN] * 3  # likewise
+    + [MOUNT_TURN_DOUBT] * 3
+    + [MOUNT_SHIFT_DOUBT] * 3
+    + [FOCAL_DOUBT, RIM_DOUBT]
+)
+"""Deviation of each unknown before there is a picture."""
+
 _HUBER_PX: Final = 1.0
 _ROUNDS: Final = 25
 _DONE: Final = 1e-7
@@ -212,13 +221,8 @@ class ShapeFitter:
         off = np.zeros(UNKNOWNS)
         off[MOUNT_TURN], off[MOUNT_SHIFT] = vector_of(scene.mount_turn), scene.mount_shift
         off[FOCAL], off[RIM] = scene.longer, scene.rim
-        doubt = np.empty(UNKNOWNS)
-        doubt[PLACE] = _FREE_PLACE  # towards nowhere: what nothing shows stays as it is
-        doubt[TURN] = _FREE_TURN  # likewise
-        doubt[MOUNT_TURN], doubt[MOUNT_SHIFT] = MOUNT_TURN_DOUBT, MOUNT_SHIFT_DOUBT
-        doubt[FOCAL], doubt[RIM] = FOCAL_DOUBT, RIM_DOUBT
-        normal, slope = np.diag(doubt**-2.0), off / doubt**2
-        cost = 0.5 * float(np.sum((off / doubt) ** 2))
+        normal, slope = np.diag(_DOUBT**-2.0), off / _DOUBT**2
+        cost = 0.5 * float(np.sum((off / _DOUBT) ** 2))
         if level is not None and self.shape.kind != "sphere":
             up = scene.rotation @ level
             tilt, by_turn = up[:2] / LEVEL_DOUBT, -cross_matrix(up)[:2] / LEVEL_DOUBT

@@ -46,12 +46,7 @@ class RayScene:
         return hits
 
     def draw(
-        self,
-        shading: Shading,
-        data: mujoco.MjData,
-        fan: Fan,
-        exposure: Exposure,
-        image: Image,
+        self, shading: Shading, data: mujoco.MjData, fan: Fan, exposure: Exposure, image: Image
     ) -> None:
         """Enter what the rays meet into an image.
 
