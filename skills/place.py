@@ -39,7 +39,7 @@ class Place(Skill):
             0.008, "largest difference in height at the touch", unit="m", ge=1e-3, le=0.1
         )
         speed: Speed = port(0.5, "share of the arm's limits on the way there")
-        down_speed: Speed = port(0.005, "share of the arm's limits where it may touch")
+        down_speed: Speed = port(0.003, "share of the arm's limits where it may touch")
         planner: Planner = port("RRTConnect", "searches where the straight way is not free")
 
     failures = {

@@ -26,6 +26,7 @@ class JawMeasures:
         least_force: Least force in N of each pad on what is held.
         most_force: Largest force in N, likewise.
         friction: Coefficient of sliding friction of the pads.
+        palm_radius: Radius in m that the palm has about the tool's z axis.
     """
 
     least_opening: float
@@ -39,6 +40,7 @@ class JawMeasures:
     most_force: float
     friction: float
     pad_center: float = 0.0
+    palm_radius: float = 0.04
 
 
 @dataclass(frozen=True, eq=False)

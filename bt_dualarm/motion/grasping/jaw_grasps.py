@@ -21,7 +21,7 @@ ROLLS = 8
 CLEAR = 0.002
 """Distance in m that open pads, and the palm, keep from what they come around."""
 
-_HIGHER = (0.0, 0.008, 0.016)
+_HIGHER = (0.0, 0.004, 0.008, 0.016)
 """Metres by which a candidate stays behind the deepest one: where tips need room below."""
 
 _HALF_TURN = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, math.pi))

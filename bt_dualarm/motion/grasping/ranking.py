@@ -18,6 +18,7 @@ ENOUGH_ROOM = 0.02
 
 _ENOUGH_MARGIN = 4.0
 _TOUCHING = 1e-4  # m, that rounding takes
+_AROUND = 8  # points of a ring about the palm
 _POINTS = 4  # along the longest edge of a finger
 
 
@@ -101,10 +102,19 @@ def finger_points(jaw: JawMeasures, opening: float) -> Matrix:
     return np.vstack((one, one * np.array([1.0, -1.0, 1.0])))
 
 
+def palm_points(jaw: JawMeasures) -> Matrix:
+    """Points around the palm, at its face and behind it, in the tool frame, of shape (n, 3), m."""
+    angles = np.arange(_AROUND) * 2.0 * np.pi / _AROUND
+    ring = jaw.palm_radius * np.column_stack((np.cos(angles), np.sin(angles)))
+    heights = -jaw.palm - np.array((0.0, 0.5, 1.0)) * jaw.palm_radius
+    return np.array([(x, y, z) for z in heights for x, y in ring])
+
+
 def _room(jaw: JawMeasures, grasp: Grasp, tool: Pose, obstacles: Sequence[Obstacle]) -> float:
-    """Least distance in m of fingers, open or shut on the object, from what stands around."""
+    """Least distance in m of palm and fingers, open or shut on the object, from what is around."""
     if not obstacles:
         return math.inf
     openings = jaw.widest_opening, grasp.width
-    points = tool.apply(np.vstack([finger_points(jaw, opening) for opening in openings]))
+    fingers = [finger_points(jaw, opening) for opening in openings]
+    points = tool.apply(np.vstack((*fingers, palm_points(jaw))))
     return min(float(one.solid.distance(one.pose.inverse.apply(points)).min()) for one in obstacles)

@@ -56,10 +56,10 @@ def test_what_cannot_be_reached_is_left_out() -> None:
 
 
 def test_a_wall_at_one_side_is_kept_clear_of() -> None:
-    """Between two walls only the fingers that stand along them have room."""
+    """Between two low walls only the fingers that stand along them have room."""
     grasps = jaw_grasps(solid_of("box", (0.04, 0.04, 0.04)), JAW, LOAD, 0.8)
     walls = [
-        Obstacle(Box(np.array([0.01, 1.0, 0.2])), Pose.from_rpy((side * 0.035, 0.0, 0.2)))
+        Obstacle(Box(np.array([0.01, 1.0, 0.015])), Pose.from_rpy((side * 0.035, 0.0, 0.015)))
         for side in (-1, 1)
     ]
     found = ranked(grasps, Pose.from_rpy((0.0, 0.0, 0.02)), JAW, [TABLE, *walls], anywhere)

@@ -1,0 +1,137 @@
+"""Things of many shapes, grasped, shaken, carried fast and set down: how many, how well.
+
+    python -m benchmarks.grasping [--runs 20] [--seed 0] [--robot ur5] [--gripper robotiq_2f85]
+                                  [--reality lab]
+
+Each run is one thing anywhere on the table: a box, a cylinder or a sphere of 20 to 70 mm and
+0.05 to 1.5 kg; for a cup one with a face for it, up to 0.8 kg. It is grasped, moved to and fro by
+40 mm along each axis and carried, as fast as the arm may, and placed. What the leaves say is held
+against the truth. Exit code 1 if a run said SUCCESS falsely.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+import bt_dualarm as bt
+
+TABLE = 0.40
+"""Height of the table's top, m."""
+
+FALSE_M = 0.02
+"""Distance in m from its goal at which a thing was not placed, whatever was said."""
+
+LIFTED_SHARE = 0.5
+"""Share of the lift by which a thing must have risen to have been grasped."""
+
+
+@dataclass
+class Tally:
+    """What came of all runs.
+
+    Attributes:
+        verdicts: How many runs ended so: ``placed``, ``refused CODE``, ``failed CODE``, ``lied``.
+        worst: Largest value of each metric.
+    """
+
+    verdicts: Counter[str] = field(default_factory=Counter)
+    worst: dict[str, float] = field(default_factory=dict)
+
+
+def thing(rng: np.random.Generator, cup: bool) -> tuple[dict[str, Any], float]:
+    """A thing as the file declares it, and the height of its centre when it stands, m."""
+    shape = str(rng.choice(["box", "cylinder"] if cup else ["box", "cylinder", "sphere"]))
+    edges = [float(edge) for edge in rng.uniform(0.045 if cup else 0.02, 0.07, 3)]
+    size, height = {
+        "box": (edges, edges[2] / 2),
+        "cylinder": ([edges[0] / 2, edges[1]], edges[1] / 2),
+        "sphere": ([edges[0] / 2], edges[0] / 2),
+    }[shape]
+    place = [float(rng.uniform(0.20, 0.50)), float(rng.uniform(-0.58, -0.32))]
+    pose = {"xyz": [*place, TABLE + height + 5e-4], "rpy": [0, 0, float(rng.uniform(-180, 180))]}
+    mass = float(rng.uniform(0.05, 0.8 if cup else 1.5))
+    return {"shape": shape, "size": size, "mass": mass, "pose": pose}, height
+
+
+def task(options: argparse.Namespace, seed: int) -> dict[str, Any]:
+    """The tree file of one run."""
+    rng = np.random.default_rng(seed)
+    what, height = thing(rng, options.gripper == "suction_cup")
+    to = [float(rng.uniform(0.20, 0.45)), float(rng.uniform(-0.55, -0.33)), TABLE + height]
+    steps = [[way * (i == axis) * 0.04 for i in range(3)] for axis in range(3) for way in (1, -1)]
+    shaken = [{"move_linear": {"offset": {"xyz": step}, "speed": 1.0}} for step in steps]
+    middle = {"xyz": [0.35, -0.40, 0.62]}
+    leaves = [
+        {"grasp": {"object": "thing"}},
+        {"transport": {"object": "thing", "to": middle, "speed": 1.0}},
+        *shaken,
+        {"place": {"object": "thing", "at": {"xyz": to}, "speed": 1.0}},
+    ]
+    world = {"scene": "table", "reality": options.reality, "seed": seed, "time_limit": 90}
+    base = {"xyz": [0.0, 0.0, TABLE]}
+    arm = {"robot": options.robot, "gripper": options.gripper, "base": base}
+    return {
+        "bt_dualarm": 1,
+        "name": "grasping",
+        "world": world,
+        "objects": {"thing": what},
+        "arms": {"arm1": arm | {"tree": {"sequence": leaves}}},
+    }
+
+
+def judge(result: bt.RunResult, tally: Tally) -> str:
+    """The verdict on one run; its metrics go into the tally."""
+    leaves = list(result.arms["arm1"].leaves.items())
+    for name, leaf in leaves:
+        what = name.rpartition("/")[2].partition("#")[0]
+        for metric, value in leaf.metrics.items():
+            if isinstance(value, float) and what in ("grasp", "transport", "place"):
+                key = f"{what}.{metric}"
+                tally.worst[key] = max(tally.worst.get(key, 0.0), abs(value))
+        if leaf.status == "SUCCESS" and (
+            float(leaf.metrics.get("lifted_m", 1.0)) < LIFTED_SHARE * 0.04
+            or float(leaf.metrics.get("placed_error_m", 0.0)) > FALSE_M
+        ):
+            return "lied"
+    for name, leaf in leaves:
+        if leaf.status == "FAILURE":
+            before = name.endswith("grasp") and "lifted_m" not in leaf.metrics
+            moved = "approach_force_n" in leaf.metrics
+            return f"{'refused' if before and not moved else 'failed'} {leaf.code}"
+    return "placed" if result.outcome == "SUCCESS" else f"failed {result.outcome}"
+
+
+def main() -> int:
+    """Run all of it and print the figures; 1 if there was a false success."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robot", default="ur5")
+    parser.add_argument("--gripper", default="robotiq_2f85")
+    parser.add_argument("--reality", default="lab")
+    options, tally = parser.parse_args(), Tally()
+    for seed in range(options.seed, options.seed + options.runs):
+        verdict = judge(bt.run(task(options, seed)), tally)
+        tally.verdicts[verdict] += 1
+        if verdict != "placed":
+            print(f"seed {seed}: {verdict}", flush=True)
+    print(f"{options.robot}, {options.gripper}, {options.reality}: {dict(tally.verdicts)}")
+    for metric in (
+        "transport.slid_m",
+        "place.placed_error_m",
+        "place.placed_turned_rad",
+        "place.impact_n",
+    ):
+        if metric in tally.worst:
+            print(f"  worst {metric}: {tally.worst[metric]:.3g}")
+    return 1 if tally.verdicts["lied"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
