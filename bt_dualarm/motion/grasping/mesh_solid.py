@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull
+import scipy
 
 from bt_dualarm.pose import Matrix, Vector
 
@@ -28,7 +28,7 @@ class MeshSolid:
     @classmethod
     def hull_of(cls, points: Matrix) -> MeshSolid:
         """The convex hull of points of shape (n, 3), m."""
-        hull = ConvexHull(points)
+        hull = scipy.spatial.ConvexHull(points)
         corners = points[hull.simplices]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         inward = np.einsum("ij,ij->i", normal, hull.equations[:, :3]) < 0.0
