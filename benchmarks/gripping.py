@@ -64,7 +64,7 @@ def tree(
     shape, size, half = SHAPES[thing]
     page = None if gripper is None else load_gripper(gripper)
     x, y, z = tool_at_home(robot, gripper).position.tolist()
-    middle = z - (half if page is None or page.cup else 0.0) - 0.001
+    middle = z - (half + 0.01 if page is None or page.cup else 0.001)
     height = middle - half - 0.001
     post = {"shape": "box", "size": [0.02, 0.02, height], "mass": 1, "fixed": True}
     things = {
@@ -75,7 +75,7 @@ def tree(
         take: list[Any] = [{"approach_and_attach": {"object": "thing", "standoff": 0.02}}]
     else:
         close = {"force": max(share * page.force.most, page.force.least), "object": "thing"}
-        near = {"move_linear": {"offset": {"xyz": [0, 0, -0.0035]}, "speed": 0.05}}
+        near = {"move_until_contact": {"distance": 0.02, "force": 10, "speed": 0.02}}
         take = [*([near] if page.cup else []), {"close_gripper": close | {"settle": 0.5}}]
     lift = {"move_linear": {"offset": {"xyz": [0, 0, 0.05]}, "speed": 0.3}}
     arm: dict[str, Any] = {"robot": robot, "base": {"xyz": _BASE}}
