@@ -11,7 +11,7 @@ import numpy as np
 
 from bt_dualarm.pose import Matrix, Pose, Vector
 
-__all__ = ["Mechanism", "origin", "placo"]
+__all__ = ["MOST_IDLE", "Mechanism", "origin", "placo"]
 
 with warnings.catch_warnings():
     # Pinocchio 3.8, which PlaCo brings, imports a module that has been renamed.
@@ -20,7 +20,7 @@ with warnings.catch_warnings():
 
 _PARTS = ("joints", "lower", "upper", "placo", "_lent", "_q_ids", "v_ids")
 
-_MOST_IDLE: Final = 16
+MOST_IDLE: Final = 16
 """Models that wait for the next who needs one of their kind."""
 
 _idle: list[_Model] = []
@@ -64,7 +64,7 @@ def _taken(urdf: str) -> _Model | None:
 def _give_back(model: _Model) -> None:
     """Keep a model for the next; the one that has waited longest goes where there are many."""
     _idle.append(model)
-    if len(_idle) > _MOST_IDLE:
+    if len(_idle) > MOST_IDLE:
         _idle.pop(0)
 
 
