@@ -109,6 +109,12 @@ def jams(world: World) -> None:
         world.model.dof_damping[world.model.joint(f"arm1/{finger}").dofadr] = 1e6
 
 
+def clogs(world: World) -> None:
+    """Let the fingers of an arm creep: at 40 N each of them goes at 10 mm/s."""
+    for finger in FINGERS:
+        world.model.dof_damping[world.model.joint(f"arm1/{finger}").dofadr] = 4e3
+
+
 def while_moving(node: Tree) -> Tree:
     """Begin a node while another leaf moves the arm."""
     slow = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}, "speed": 0.05}}
@@ -143,6 +149,14 @@ INSERT = inserted([0.25, -0.45, 0.425])
 CARRY_FAR: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.35, 0.2, 0.6]}, "speed": 0.2}}
 GRASPED = {"before": (GRASP,), "arm": GRIPPING}
 SUCKING = GRIPPING | {"gripper": "suction_cup"}
+
+
+def known_late(port: str, value: float) -> tuple[Tree, ...]:
+    """A number on the blackboard: nobody sees before the run that a gripper cannot do it."""
+    return ({"set": {"key": port, "value": value}},)
+
+
+TAKE: Tree = {"close_gripper": {"force": 40}}
 
 FAR = {"xyz": [1.15, 0.0, 0.5]}
 """Within the ball around the arm, and farther than it can reach."""
@@ -305,6 +319,23 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     **moving("rotate_tool", {"rotate_tool": {"angle": 90}}, 0.4),
     # Handling objects with a gripper
+    ("open_gripper", "INVALID_TARGET"): Trial(
+        {"open_gripper": {"width": "{width}"}}, {"before": known_late("width", 0.2)}
+    ),
+    ("open_gripper", "NOT_OPEN"): Trial({"open_gripper": {"width": 0.02}}, deeds=((0.0, jams),)),
+    ("close_gripper", "EMPTY"): Trial(TAKE, {"objects": {}}),
+    ("close_gripper", "INVALID_TARGET"): Trial(
+        {"close_gripper": {"force": "{force}"}}, {"before": known_late("force", 500)}
+    ),
+    ("close_gripper", "NOT_THERE"): Trial(
+        {"close_gripper": {"force": 40, "object": "cube"}}, {"before": REMOVED}
+    ),
+    ("close_gripper", "NOT_CLOSED"): Trial(TAKE, {"objects": {}}, deeds=((0.0, clogs),)),
+    ("release", "INVALID_TARGET"): Trial(
+        {"release": {"speed": "{speed}"}}, {"before": (TAKE, *known_late("speed", 1.5))}
+    ),
+    ("release", "NOT_OPEN"): Trial({"release": {}}, deeds=((0.5, jams),)),
+    ("holding", "NOT_HOLDING"): Trial({"holding": {}}, {"before": ()}),
     ("grasp", "INVALID_TARGET"): Trial(GRASP, {"objects": cube_that(fixed=True)}),
     ("grasp", "NOT_THERE"): Trial(GRASP, {"before": REMOVED}),
     ("grasp", "TOO_WIDE"): Trial(
