@@ -45,6 +45,7 @@ class BoundingSpheres:
         self._of_sphere = np.repeat(self._shapes, repeats).astype(np.int64)
         self._moved = np.repeat(self._turned, repeats, axis=0)
         self._placed = np.vstack(pieces)
+        self._slides = np.repeat([_way_of_its_own(model, body) for body in bodies], repeats)
         data = world.sensed
         # Views: looking a field up costs as much as a product of matrices.
         self._places, self._frames = data.geom_xpos, data.geom_xmat
@@ -97,6 +98,7 @@ class BoundingSpheres:
     def _reach(self, last: list[int | None]) -> tuple[float, Vector]:
         """Span and spans, from the last joint that moves each sphere, None for the base's."""
         anchors, spheres = self._anchors[self._joints], self.spheres()
+        spheres[:, 3] += self._slides
         moved = np.array([joint is not None for joint in last])
         joints = [joint for joint in last if joint is not None]
         spans = stretched(anchors, joints, spheres[moved, :3], spheres[moved, 3])
@@ -142,6 +144,14 @@ def _spheres(model: mujoco.MjModel, geom: int) -> Matrix:
     spheres[:, longest] += half[longest] * (2.0 * np.arange(count) + 1.0 - count)
     spheres[:, 3] = np.linalg.norm(half)
     return spheres
+
+
+def _way_of_its_own(model: mujoco.MjModel, body: int) -> float:
+    """How far a body slides in what carries it, in m: a finger from closed to open."""
+    joint = int(model.body_jntadr[body])
+    if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_SLIDE:
+        return 0.0
+    return float(np.ptp(model.jnt_range[joint]))
 
 
 def _turning(last: int | None, dof: int) -> list[float]:
