@@ -26,6 +26,8 @@ from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.world.grippers.mounting import with_gripper
+from bt_dualarm.world.grippers.named import load_gripper
 from bt_dualarm.world.robots.catalogue import load_robot, robot_names
 from bt_dualarm.world.world import World
 
@@ -51,9 +53,18 @@ class Weight:
         return abs(self.told - self.true) <= max(0.03 * self.true, 0.02)
 
 
-def weighed(name: str, reality: str, seed: int, mass: float, kinds: Mapping[str, Kind]) -> Weight:
-    """Let one robot of the batch weigh a cube."""
+def weighed(
+    name: str,
+    reality: str,
+    seed: int,
+    mass: float,
+    kinds: Mapping[str, Kind],
+    gripper: str | None = None,
+) -> Weight:
+    """Let one robot of the batch weigh a cube, with a gripper on its flange or without."""
     robot = load_robot(name)
+    if gripper is not None:
+        robot = with_gripper(robot, load_gripper(gripper))
     rng = np.random.default_rng([seed, 1])
     posture = robot.postures["home"] + rng.uniform(-_AROUND, _AROUND, robot.dof)
     tool = Kinematics(robot, Pose.identity()).forward(posture)
@@ -76,7 +87,14 @@ def weighed(name: str, reality: str, seed: int, mass: float, kinds: Mapping[str,
                 "pose": {"xyz": at.position.tolist(), "quat": at.quaternion.tolist()},
             }
         },
-        "arms": {"arm1": {"robot": name, "base": {"xyz": [0.0, 0.0, 0.0]}, "tree": "succeed"}},
+        "arms": {
+            "arm1": {
+                "robot": name,
+                **({} if gripper is None else {"gripper": gripper}),
+                "base": {"xyz": [0.0, 0.0, 0.0]},
+                "tree": "succeed",
+            }
+        },
     }
     world = World(load_tree_file(tree, kinds), seed)
     controller = JointController(world, "arm1", PERIOD, Reservations())

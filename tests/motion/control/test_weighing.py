@@ -32,6 +32,26 @@ def test_mass_and_centre_of_what_nobody_has_weighed(robot: str, seed: int, mass:
     assert found.center_mm < 15.0
 
 
+@pytest.mark.parametrize(
+    ("robot", "gripper"),
+    [
+        ("panda", "panda_hand"),
+        ("panda", "suction_cup"),
+        ("ur3", "suction_cup"),
+        ("ur5", "robotiq_2f85"),
+        ("ur10", "panda_hand"),
+        ("xarm7", "robotiq_2f85"),
+    ],
+)
+def test_a_gripper_is_no_part_of_what_it_holds(robot: str, gripper: str) -> None:
+    """Grippers weigh 0.2 to 0.9 kg, which the arm knows of; 0.8 kg in them are told as exactly."""
+    found = weighed(robot, "lab", 1, 0.8, KINDS, gripper)
+    assert found.told == pytest.approx(found.true, rel=0.03, abs=0.02), found
+    assert found.center_mm < 15.0
+    neglected = weighed(robot, "rough", 1, 0.8, KINDS, gripper)
+    assert abs(neglected.told - neglected.true) < 2.0 * neglected.doubt, neglected
+
+
 def test_a_load_of_unknown_mass_no_longer_costs_the_path() -> None:
     """Weighed as the arm moves off: within what is asked for, not 0.117 mm."""
     for tool, motion, planned in curves("panda"):
