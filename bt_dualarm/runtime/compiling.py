@@ -9,6 +9,7 @@ from bt_dualarm.motion.safety.failsafe import reserve_something
 from bt_dualarm.motion.search.quick_search import search_something
 from bt_dualarm.motion.setpoints.planar_servo import follow_something
 from bt_dualarm.motion.timing.path_timing import time_something
+from bt_dualarm.vision.guessed_plane import swing_something
 from bt_dualarm.vision.motion_model import predict_something
 from bt_dualarm.vision.outline_error import outline_something
 from bt_dualarm.vision.stillness import rest_something
@@ -24,6 +25,6 @@ def compile_kernels() -> None:
     Harmless when repeated: once on a machine it does something.
     """
     world = draw_something, sense_something, touch_something, bound_something
-    vision = predict_something, rest_something, outline_something
+    vision = predict_something, rest_something, outline_something, swing_something
     motion = move_something, follow_something, time_something, search_something
     compile_once((*world, *vision, *motion, reserve_something, carry_something))

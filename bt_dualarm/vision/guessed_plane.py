@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass
-
 import numpy as np
 
 from bt_dualarm.pose import Matrix, Vector
@@ -19,21 +16,45 @@ _SURELY_NO_LEG_M = (1.0 - 1e-9) * _LEG_M
 _SLOPE = 0.1  # by which it has to be below 0
 _EXPLAINED = 0.6  # share of what the target seems to move that the slope has to explain
 _NEAREST = 1.0 / 3.0  # of the guess
+_ROOM = 256  # sightings for which there is room at first
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """One sighting.
+class _Past:
+    """What was seen of late, one after the other in memory: what looks at all of it copies nothing.
 
     Attributes:
-        stamp: When it was exposed, in s.
-        eye: Place of the camera in the world, of shape (3,), in m.
-        line: Way to the target for each metre into the plane, of shape (3,).
+        eyes: Places of the camera in the world, of shape (n, 3), in m; the oldest first.
+        lines: Ways to the target for each metre into the plane, of shape (n, 3).
     """
 
-    stamp: float
-    eye: Vector
-    line: Vector
+    def __init__(self) -> None:
+        self._begin, self._end = 0, 0
+        self._stamps = np.empty(_ROOM)
+        self._eyes, self._lines = np.empty((2, _ROOM, 3))
+        self.eyes, self.lines = self._eyes[:0], self._lines[:0]
+
+    def append(self, stamp: float, eye: Vector, line: Vector) -> None:
+        """Enter what was exposed at a time in s, and forget what is too old by then."""
+        if self._end == len(self._stamps):
+            self._make_room()
+        end = self._end
+        self._stamps[end], self._eyes[end], self._lines[end] = stamp, eye, line
+        self._end = end + 1
+        while self._stamps[self._begin] < stamp - _MEMORY_S:
+            self._begin += 1
+        kept = slice(self._begin, self._end)
+        self.eyes, self.lines = self._eyes[kept], self._lines[kept]
+
+    def _make_room(self) -> None:
+        """Move what is kept to the front, of longer arrays where it fills half of these."""
+        kept = slice(self._begin, self._end)
+        count = self._end - self._begin
+        room = max(len(self._stamps), 4 * count)
+        stamps, eyes, lines = self._stamps[kept], self._eyes[kept], self._lines[kept]
+        self._stamps = np.empty(room)
+        self._eyes, self._lines = np.empty((2, room, 3))
+        self._stamps[:count], self._eyes[:count], self._lines[:count] = stamps, eyes, lines
+        self._begin, self._end = 0, count
 
 
 class OnGuessedPlane(Localiser):
@@ -54,7 +75,7 @@ class OnGuessedPlane(Localiser):
     def __init__(self, eye: Vector, ahead: Vector, normal: Vector) -> None:
         self._eye, self._way, self._normal = eye, ahead - eye, normal
         self._share = 1.0
-        self._seen: deque[_Seen] = deque()
+        self._past = _Past()
         self._plane = OnPlane(ahead, normal)
 
     @property
@@ -74,9 +95,7 @@ class OnGuessedPlane(Localiser):
         """Bring the plane nearer if the target seems to move against a camera that swings."""
         eye = frame.pose.position
         line = self.locate(detection, frame).point - eye
-        self._seen.append(_Seen(detection.stamp, eye, line / abs(float(self._normal @ line))))
-        while self._seen[0].stamp < detection.stamp - _MEMORY_S:
-            self._seen.popleft()
+        self._past.append(detection.stamp, eye, line / abs(float(self._normal @ line)))
         slope = self._slope()
         if slope > -_SLOPE:
             return False
@@ -93,45 +112,37 @@ class OnGuessedPlane(Localiser):
 
     def _slope(self) -> float:
         """How far the target moves for each metre of a camera that swings; 0 if that is unsure."""
-        eyes = np.array([seen.eye for seen in self._seen])
-        begin = _swing_begin(eyes)
+        begin = _swing_begin(self._past.eyes)
         if begin is None:
             return 0.0
-        eyes = eyes[begin:]
-        lines = np.array([seen.line for seen in self._seen])[begin:]
+        from bt_dualarm.vision.swing_kernels import slope_against
+
         depth = self._share * abs(float(self._normal @ self._way))
-        places = eyes + depth * lines
-        eyes, places = eyes - eyes.mean(axis=0), places - places.mean(axis=0)
-        slope = float(np.sum(places * eyes) / np.sum(eyes * eyes))
-        rest = places - slope * eyes
-        explained = 1.0 - float(np.sum(rest * rest) / np.sum(places * places))
+        past = self._past
+        slope, explained = slope_against(past.eyes[begin:], past.lines[begin:], depth)
         return slope if explained > _EXPLAINED else 0.0
 
 
 def _swing_begin(eyes: Matrix) -> int | None:
     """Where among the places of a camera, of shape (n, 3), its last legs to and fro began."""
+    if len(eyes) < 2 * _LEGS:
+        return None
+    from bt_dualarm.vision.swing_kernels import spread, swing_begin
+
+    middle, products = np.empty(3), np.empty((3, 3))
     # Along no direction do they reach farther than the diagonal of their box.
-    if len(eyes) < 2 * _LEGS or np.linalg.norm(np.ptp(eyes, axis=0)) < _SURELY_NO_LEG_M:
+    if spread(eyes, middle, products) < _SURELY_NO_LEG_M:
         return None
-    off = eyes - eyes.mean(axis=0)
-    along = off @ np.linalg.eigh(off.T @ off)[1][:, -1]
-    if np.ptp(along) < _LEG_M:
-        return None
-    turns = _turns(along)
-    return turns[-_LEGS - 1] if len(turns) > _LEGS else None
+    axis = np.ascontiguousarray(np.linalg.eigh(products)[1][:, -1])
+    begin = swing_begin(eyes, middle, axis, _LEG_M, _LEGS)
+    return begin if begin >= 0 else None
 
 
-def _turns(along: Vector) -> list[int]:
-    """Indices of the ends of all legs, the first and the last place among them if they are some."""
-    turns: list[int] = [0]
-    farthest, sign = 0, 0.0
-    for index, place in enumerate(along.tolist()):
-        if sign == 0.0:
-            if abs(place - along[0]) >= _LEG_M:
-                sign, farthest = float(np.sign(place - along[0])), index
-        elif sign * (place - along[farthest]) >= 0.0:
-            farthest = index
-        elif sign * (along[farthest] - place) >= _LEG_M:
-            turns.append(farthest)
-            sign, farthest = -sign, index
-    return [*turns, farthest] if sign else turns
+def swing_something() -> None:
+    """Have all kernels of swinging cameras compiled."""
+    from bt_dualarm.vision.swing_kernels import slope_against
+
+    places = np.zeros((2 * _LEGS, 3))
+    places[:, 0] = np.arange(len(places))
+    _swing_begin(places)
+    slope_against(places, places, 1.0)
