@@ -26,6 +26,7 @@ from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.testing.scenario import Tree
 from bt_dualarm.world.grippers.mounting import with_gripper
 from bt_dualarm.world.grippers.named import load_gripper
 from bt_dualarm.world.robots.catalogue import load_robot, robot_names
@@ -70,6 +71,7 @@ def weighed(
     tool = Kinematics(robot, Pose.identity()).forward(posture)
     edge = 0.06
     at = tool @ Pose.from_rpy((0.0, 0.0, 0.5 * edge + 0.02))
+    fields = {"robot": name} if gripper is None else {"robot": name, "gripper": gripper}
     tree = {
         "bt_dualarm": 1,
         "name": "weighing",
@@ -78,23 +80,8 @@ def weighed(
             "seed": seed,
             "reality": {"set": reality, "payload": {"known": False}},
         },
-        "objects": {
-            "load": {
-                "shape": "box",
-                "size": [edge, edge, edge],
-                "mass": mass,
-                "spawned": False,
-                "pose": {"xyz": at.position.tolist(), "quat": at.quaternion.tolist()},
-            }
-        },
-        "arms": {
-            "arm1": {
-                "robot": name,
-                **({} if gripper is None else {"gripper": gripper}),
-                "base": {"xyz": [0.0, 0.0, 0.0]},
-                "tree": "succeed",
-            }
-        },
+        "objects": {"load": _cube(edge, mass, at)},
+        "arms": {"arm1": fields | {"base": {"xyz": [0.0, 0.0, 0.0]}, "tree": "succeed"}},
     }
     world = World(load_tree_file(tree, kinds), seed)
     controller = JointController(world, "arm1", PERIOD, Reservations())
@@ -108,6 +95,17 @@ def weighed(
     center = held.relative.apply(body.ipos)
     off = 1e3 * float(np.linalg.norm(load.pose.position - center))
     return Weight(float(body.mass[0]), load.mass or 0.0, load.mass_doubt, off)
+
+
+def _cube(edge: float, mass: float, at: Pose) -> Tree:
+    """A cube of the tree file that is not there yet."""
+    return {
+        "shape": "box",
+        "size": [edge, edge, edge],
+        "mass": mass,
+        "spawned": False,
+        "pose": {"xyz": at.position.tolist(), "quat": at.quaternion.tolist()},
+    }
 
 
 def swing(world: World, controller: JointController, posture: Vector) -> None:
