@@ -98,7 +98,8 @@ def _refuse_unknown(tree: KinematicTree, arguments: argparse.Namespace) -> None:
 def _write(target: Path, text: str) -> None:
     """Write the page and read it as a tree file would."""
     from bt_dualarm.runtime.atomic_write import write_text
-    from bt_dualarm.world.robots.catalogue import is_page, load_robot
+    from bt_dualarm.world.robots.catalogue import load_robot
+    from bt_dualarm.world.robots.page_path import is_page
 
     if not is_page(target.name):
         raise DualArmError(f"--out {target}: the name of a page ends with .yaml")

@@ -81,7 +81,8 @@ def _skills(arguments: argparse.Namespace) -> int:
 
 def _show_robots(name: str, others: Mapping[str, Kind], *, as_json: bool) -> int:
     from bt_dualarm.cli.robot_summaries import list_robots, show_robot
-    from bt_dualarm.world.robots.catalogue import is_page, robot_names
+    from bt_dualarm.world.robots.catalogue import robot_names
+    from bt_dualarm.world.robots.page_path import is_page
 
     if name == _ROBOTS:
         list_robots(as_json=as_json)

@@ -78,7 +78,8 @@ def show_robot(name: str, *, as_json: bool) -> None:
 
 def _summary(name: str) -> RobotSummary:
     from bt_dualarm.motion.kinematics.robot_summary import robot_summary
-    from bt_dualarm.world.robots.catalogue import is_page, load_robot
+    from bt_dualarm.world.robots.catalogue import load_robot
+    from bt_dualarm.world.robots.page_path import is_page
 
     if is_page(name):
         page = Path(name)

@@ -19,7 +19,8 @@ from bt_dualarm.world.composition import names_in, scene_names, scene_spec
 from bt_dualarm.world.grippers.gripper import Gripper
 from bt_dualarm.world.grippers.mounting import with_gripper
 from bt_dualarm.world.grippers.named import gripper_names, load_gripper
-from bt_dualarm.world.robots.catalogue import is_page, load_robot, robot_names
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from bt_dualarm.world.robots.page_path import is_page
 from bt_dualarm.world.robots.robot import Robot
 from bt_dualarm.world.urdf.xml_source import DescriptionError
 

@@ -33,7 +33,7 @@ from bt_dualarm.world.cameras.calibration import calibration_of
 from bt_dualarm.world.cameras.camera import Camera
 from bt_dualarm.world.rendering.choose import choose_renderer
 from bt_dualarm.world.rendering.renderer import Renderer, RendererKind
-from bt_dualarm.world.robots.catalogue import is_page
+from bt_dualarm.world.robots.page_path import is_page
 from bt_dualarm.world.robots.robot import Robot
 from bt_dualarm.world.touches import Touches
 from bt_dualarm.world.world import World

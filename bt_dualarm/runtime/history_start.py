@@ -15,7 +15,7 @@ from bt_dualarm.runtime.summary import json_ready, versions
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.world.robots.catalogue import is_page
+from bt_dualarm.world.robots.page_path import is_page
 
 
 @dataclass(frozen=True)

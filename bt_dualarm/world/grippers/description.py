@@ -15,9 +15,9 @@ from bt_dualarm.spec.source import Path as Place
 from bt_dualarm.world.grippers.gripper import Cup, Finger, Gripper, RigidPart, Solid, Span
 from bt_dualarm.world.grippers.gripper_entry import FingersEntry, GripperFile
 from bt_dualarm.world.grippers.parts import part_of, part_of_link
-from bt_dualarm.world.robots.arm_description import file_below
 from bt_dualarm.world.robots.example_robot_data import robot_data_dir
 from bt_dualarm.world.robots.mesh_check import mesh_problems
+from bt_dualarm.world.robots.page_path import file_below
 from bt_dualarm.world.robots.urdf import Urdf
 from bt_dualarm.world.urdf.attributes import Complaints
 from bt_dualarm.world.urdf.description import read_urdf

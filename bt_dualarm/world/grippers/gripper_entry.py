@@ -6,17 +6,12 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from bt_dualarm.pose import Pose
 from bt_dualarm.spec.document import LONGEST_NAME
-from bt_dualarm.spec.explain import explain
-from bt_dualarm.spec.problems import Problem, SpecError
-from bt_dualarm.spec.reader import read_file
-from bt_dualarm.spec.source import Path as Place
-from bt_dualarm.spec.source import Source, with_tuples
 from bt_dualarm.spec.values import Value
-from bt_dualarm.world.urdf.xml_source import DescriptionError
+from bt_dualarm.world.robots.page_file import PageFile
 
 _Metres: TypeAlias = Annotated[float, Field(ge=-2.0, le=2.0)]
 _Length: TypeAlias = Annotated[float, Field(gt=0.0, le=2.0)]
@@ -154,7 +149,7 @@ class GripperEntry(Value):
     color: tuple[_Share, _Share, _Share, _Share] = (0.2, 0.2, 0.22, 1.0)
 
 
-class GripperFile:
+class GripperFile(PageFile[GripperEntry]):
     """A page that was read, and the text that messages point into.
 
     Raises:
@@ -162,20 +157,4 @@ class GripperFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            self._source: Source = read_file(path)
-            self.entry = GripperEntry.model_validate(with_tuples(self._source.data))
-        except SpecError as error:
-            raise DescriptionError(error.problems) from error
-        except ValidationError as error:
-            data = self._source.data
-            found = [
-                self._source.problem(f.path, f.message, f.hint, key=f.at_key)
-                for f in explain(error, GripperEntry, data, "field")
-            ]
-            raise DescriptionError(found) from error
-
-    def problem(self, place: Place, message: str, hint: str = "", *, key: bool = False) -> Problem:
-        """What is wrong at the value of a place of the file, or at its key."""
-        return self._source.problem(place, message, hint, key=key)
+        super().__init__(path, GripperEntry)

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from functools import lru_cache
 from pathlib import Path
 
-from bt_dualarm.errors import CatalogueError
-from bt_dualarm.share import share_dir
-from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.world.grippers.description import gripper_of
 from bt_dualarm.world.grippers.gripper import Gripper
 from bt_dualarm.world.grippers.gripper_entry import GripperFile
-from bt_dualarm.world.robots.arm_description import file_below
-from bt_dualarm.world.robots.catalogue import is_page
+from bt_dualarm.world.robots.page_path import is_page, page_path, shipped_names
 
 
 def gripper_names() -> tuple[str, ...]:
     """Names of the grippers in the shipped catalogue, sorted."""
-    return tuple(sorted(path.stem for path in (share_dir("assets") / "grippers").glob("*.yaml")))
+    return shipped_names("gripper")
 
 
 def load_gripper(name: str, root: Path | None = None) -> Gripper:
@@ -27,7 +22,7 @@ def load_gripper(name: str, root: Path | None = None) -> Gripper:
     Raises:
         CatalogueError: No such gripper, or its file is wrong; the message names file and entry.
     """
-    path = _gripper_file(name, root)
+    path = page_path("gripper", name, root)
     if is_page(name):
         return gripper_of(GripperFile(path))
     state = path.stat()
@@ -38,27 +33,3 @@ def load_gripper(name: str, root: Path | None = None) -> Gripper:
 def _catalogued(path: Path, _changed: int, _size: int) -> Gripper:
     """A shipped gripper, read again only when its page has changed."""
     return gripper_of(GripperFile(path))
-
-
-def _gripper_file(name: str, root: Path | None) -> Path:
-    if is_page(name):
-        folder = (root or Path.cwd()).resolve()
-        path = file_below(folder, name)
-        if path is not None:
-            return path
-        raise CatalogueError(
-            f"there is no gripper file {name!r} below {folder}; {_elsewhere(folder, name)}"
-        )
-    if name in gripper_names():
-        return share_dir("assets") / "grippers" / f"{name}.yaml"
-    near = suggestion(name, gripper_names(), "gripper")
-    raise CatalogueError(f"there is no gripper {name!r} in the catalogue; {near}")
-
-
-def _elsewhere(folder: Path, name: str) -> str:
-    """A hint for the path of a page that is not there, or not below the folder."""
-    path = Path(os.path.normpath(folder / name.replace("\0", "")))
-    if not path.is_relative_to(folder):
-        return "a gripper's page lies beside the tree file or in a folder below it"
-    pages = [page.name for page in path.parent.glob("*.yaml") if page != path]
-    return suggestion(path.name, pages, "gripper file")

@@ -15,6 +15,7 @@ from bt_dualarm.world.robots.friction_check import friction_of
 from bt_dualarm.world.robots.joint_limits import limits_of
 from bt_dualarm.world.robots.mesh_check import mesh_problems
 from bt_dualarm.world.robots.page import RobotFile
+from bt_dualarm.world.robots.page_path import file_below
 from bt_dualarm.world.robots.robot import JointLimits
 from bt_dualarm.world.robots.urdf import Urdf
 from bt_dualarm.world.urdf.attributes import Complaints
@@ -98,15 +99,6 @@ def _files(file: RobotFile) -> tuple[Path, Path | None]:
 def _description_file(file: RobotFile, name: str) -> Path | None:
     found = (file_below(folder, name) for folder in (file.path.parent, robot_data_dir()))
     return next((path for path in found if path is not None), None)
-
-
-def file_below(folder: Path, name: str) -> Path | None:
-    """The file of that name if there is one in the folder, or in one of its own."""
-    try:
-        path = (folder / name).resolve()
-        return path if path.is_file() and path.is_relative_to(folder) else None
-    except (OSError, RuntimeError, ValueError):  # a name too long, a loop of symlinks, a NUL
-        return None
 
 
 def _selection(file: RobotFile, tree: KinematicTree, pairs: set[frozenset[str]]) -> Selection:

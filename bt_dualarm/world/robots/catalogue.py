@@ -6,29 +6,21 @@ what a URDF lacks: acceleration and jerk limits, postures, the tool frame, camer
 
 from __future__ import annotations
 
-import os
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from bt_dualarm.errors import CatalogueError
 from bt_dualarm.pose import Pose
-from bt_dualarm.share import share_dir
-from bt_dualarm.spec.problems import suggestion
-from bt_dualarm.world.robots.arm_description import description_of, file_below
+from bt_dualarm.world.robots.arm_description import description_of
 from bt_dualarm.world.robots.page import RobotEntry, RobotFile
+from bt_dualarm.world.robots.page_path import is_page, page_path, shipped_names
 from bt_dualarm.world.robots.robot import CameraMount, Flange, Robot
-
-
-def is_page(name: str) -> bool:
-    """Whether a robot is named by the path of its page, and not as the catalogue does."""
-    return name.endswith((".yaml", ".yml"))
 
 
 def robot_names() -> tuple[str, ...]:
     """Names of the arms in the shipped catalogue, sorted."""
-    return tuple(sorted(path.stem for path in (share_dir("assets") / "robots").glob("*.yaml")))
+    return shipped_names("robot")
 
 
 def load_robot(name: str, root: Path | None = None) -> Robot:
@@ -37,7 +29,7 @@ def load_robot(name: str, root: Path | None = None) -> Robot:
     Raises:
         CatalogueError: No such arm, or its file is wrong; the message names file and entry.
     """
-    path = _robot_file(name, root)
+    path = page_path("robot", name, root)
     if is_page(name):
         return _read(path)
     state = path.stat()
@@ -85,27 +77,3 @@ def flange_of(entry: RobotEntry) -> Flange:
     shape, tool = entry.tool.shape, entry.tool.pose
     length = 0.0 if shape is None else shape.length
     return Flange(entry.tool.link, tool @ Pose.from_rpy((0, 0, -length), (0, 0, 0)))
-
-
-def _robot_file(name: str, root: Path | None) -> Path:
-    if is_page(name):
-        folder = (root or Path.cwd()).resolve()
-        path = file_below(folder, name)
-        if path is not None:
-            return path
-        raise CatalogueError(
-            f"there is no robot file {name!r} below {folder}; {_elsewhere(folder, name)}"
-        )
-    if name in robot_names():
-        return share_dir("assets") / "robots" / f"{name}.yaml"
-    near = suggestion(name, robot_names(), "robot")
-    raise CatalogueError(f"there is no robot {name!r} in the catalogue; {near}")
-
-
-def _elsewhere(folder: Path, name: str) -> str:
-    """A hint for the path of a robot's page that is not there, or not below the folder."""
-    path = Path(os.path.normpath(folder / name.replace("\0", "")))
-    if not path.is_relative_to(folder):
-        return "a robot's page lies beside the tree file or in a folder below it"
-    pages = [page.name for page in path.parent.glob("*.yaml") if page != path]
-    return suggestion(path.name, pages, "robot file")
