@@ -105,7 +105,8 @@ class TrackingReference:
             time: Simulated time of actuation, in s.
             displacement: Place of the tool in the plane, from its start, of shape (2,), in m.
         """
-        if not self._tracker.locked or self.stale_for(time) > 0.0:
+        age = self._tracker.age(time)
+        if age > self._stale_after or not self._tracker.locked:
             return self._without_target(time, displacement)
         self._search = None
         target = (
@@ -115,7 +116,7 @@ class TrackingReference:
         )
         if not self._may_go_to(target.position, time):
             return None
-        self.old_data_steps += self._tracker.age(time) > STALE_S
+        self.old_data_steps += age > STALE_S
         self._last_place = target.position
         return target
 
@@ -126,8 +127,8 @@ class TrackingReference:
     def _predicted(self, time: float) -> PlaneTarget:
         """Predictive control: where the target is now, by all that was seen of it."""
         axes, motion = self._view.axes, self._tracker.predict(time)
-        place = axes @ (motion.position - self._view.ahead())
-        return PlaneTarget(place, axes @ motion.velocity, axes @ motion.acceleration)
+        place = axes.dot(motion.position - self._view.ahead())  # half as dear as with an operator
+        return PlaneTarget(place, axes.dot(motion.velocity), axes.dot(motion.acceleration))
 
     def _stepped(self, gains: TrackingGains, displacement: Vector) -> PlaneTarget:
         """Proportional control: one step for each new image."""

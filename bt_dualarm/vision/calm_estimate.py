@@ -10,11 +10,13 @@ Kirubarajan, Estimation with Applications to Tracking and Navigation, 5.4).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
-from bt_dualarm.pose import Vector
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.vision.estimate import Motion, TargetEstimate
 from bt_dualarm.vision.motion_model import Oscillator
 
@@ -45,14 +47,12 @@ class CalmEstimate(TargetEstimate):
         self._calm = TargetEstimate(replace(lively, jerk_density=jerk))
         self._mean: Vector = np.zeros(1)
         self._doubt = 0.0
+        self._share = self._believed()
 
     @property
     def calm_share(self) -> float:
         """Weight of the calm filter, from 0 to 1."""
-        if self._calmness == 0.0:
-            return 0.0
-        low, high = (self._calmness * bound for bound in _BELIEVED)
-        return min(max((high - self._doubt) / (high - low), 0.0), 1.0)
+        return self._share
 
     def anew(self) -> CalmEstimate:
         """One for another target, of the same models, that has not seen anything yet."""
@@ -71,17 +71,15 @@ class CalmEstimate(TargetEstimate):
         Raises:
             ValueError: There has been no measurement.
         """
-        share = self.calm_share
+        share = self._share
         if share == 0.0:
             return super().predict(time)
-        from bt_dualarm.vision.oscillator_kernels import blend
-
         lively, calm = self._last, self._calm._last
         motion = np.empty((3, len(lively.state)))
-        blend(
+        _blend()(
             lively.state, time - lively.stamp, calm.state, time - calm.stamp, share, motion
         )  # fmt: skip
-        return Motion(*motion)
+        return Motion(motion[0], motion[1], motion[2])
 
     def _judge(self, passed: float, innovation: Vector) -> None:
         """Take the calm filter's newest innovation, of shape (n,), into account."""
@@ -90,3 +88,19 @@ class CalmEstimate(TargetEstimate):
         count = (1.0 + kept) / (1.0 - kept)  # of independent numbers with a mean as sure as this
         doubt = min(count * float(self._mean @ self._mean), _MOST)
         self._doubt = max(doubt, self._doubt * math.exp(-passed / _FADES_S))
+        self._share = self._believed()
+
+    def _believed(self) -> float:
+        """How far the calm filter is believed, from 0 to 1, by what speaks against it."""
+        if self._calmness == 0.0:
+            return 0.0
+        low, high = (self._calmness * bound for bound in _BELIEVED)
+        return min(max((high - self._doubt) / (high - low), 0.0), 1.0)
+
+
+@cache
+def _blend() -> Callable[[Matrix, float, Matrix, float, float, Matrix], None]:
+    """The kernel that blends: an import statement costs as much as it does."""
+    from bt_dualarm.vision.oscillator_kernels import blend
+
+    return blend
