@@ -112,3 +112,20 @@ def test_a_good_picture_is_handed_on_as_it_is() -> None:
     known = Calibration(lambda _: Pose.identity(), 1.0)
     image = np.zeros((4, 4, 3), np.uint8)
     assert known.suffered(image, (0, 0, 4, 4)) is image
+
+
+@pytest.mark.parametrize("noise", [1.5, 200.0])
+def test_noise_is_what_was_drawn_in_whole_levels_that_there_are(noise: float) -> None:
+    """What a black picture has more, and a white one less; where levels end, it ends."""
+    count, shape = 600, (10, 20, 3)
+    found = Calibration(lambda _: Pose.identity(), 1.0, noise=noise, rng=np.random.default_rng(5))
+    rng = np.random.default_rng(5)
+    Spread().draw(rng, 1)  # of the light, which stays as it is
+    drawn = np.rint(noise * rng.standard_normal(count + 2**18, dtype=np.float32))
+    begin = int(rng.integers(2**18))
+    expected = drawn[begin : begin + count].reshape(shape)
+    suffer = found.suffering((0, 0, 20, 10))
+    black, white = (suffer(np.full(shape, level, np.uint8)).astype(float) for level in (0, 255))
+    assert (black == expected.clip(0, 255)).all()
+    assert (white == 255 - (-expected).clip(0, 255)).all()
+    assert (noise < 100.0) == (abs(expected).max() < 255.0)
