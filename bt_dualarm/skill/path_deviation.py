@@ -48,14 +48,15 @@ class PathDeviation:
             return 0.0
         planned = self._planned_at(parameters)
         away = np.linalg.norm(executed - planned, axis=1)
+        farthest = float(away.max())
         self._count += len(away)
         self._squares += float((away**2).sum())
-        self.worst_m = max(self.worst_m, float(away.max()))
+        self.worst_m = max(self.worst_m, farthest)
         self._planned.append(planned)
         self._executed.append(executed)
         if self._count - self._recorded >= _TOGETHER:
             self.flush()
-        return float(away.max())
+        return farthest
 
     def flush(self) -> None:
         """Record what was compared and is not recorded yet."""
@@ -72,11 +73,12 @@ class PathDeviation:
         """Tool positions, of shape (n, 3), m, planned for path parameters in s."""
         motion = self._source.trajectory
         index = parameters / motion.dt
-        low = np.clip(index.astype(int), 0, max(len(motion) - 2, 0))
+        # Minimum and maximum: a clip costs three times as much.
+        low = np.maximum(np.minimum(index.astype(int), len(motion) - 2), 0)
         high = np.minimum(low + 1, len(motion) - 1)
         first = int(low.min())
         piece = motion.piece(first, int(high.max()) + 1)
         planned = self._arm.planned_tool_positions(piece)
-        low, high, u = low - first, high - first, np.clip(index - low, 0.0, 1.0)[:, None]
-        between: Matrix = planned[low] + u * (planned[high] - planned[low])
+        u, begin = np.minimum(np.maximum(index - low, 0.0), 1.0)[:, None], planned[low - first]
+        between: Matrix = begin + u * (planned[high - first] - begin)
         return between
