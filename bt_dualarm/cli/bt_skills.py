@@ -1,4 +1,4 @@
-"""``bt-skills``: what may be written in a tree file, robots too, and the schema for editors."""
+"""``bt-skills``: what may be written in a tree file, robots and grippers too, and the schema."""
 
 from __future__ import annotations
 
@@ -28,6 +28,8 @@ examples:
   bt-skills robots             every robot with its reach, postures and camera mounts
   bt-skills ur5                its joints, postures and camera mounts with their numbers
   bt-skills robots/z1.yaml     those of a robot's page of your own
+  bt-skills grippers           every gripper with its stroke, force, payload and mass
+  bt-skills suction_cup        what it can do; or a gripper's page of your own
   bt-skills --schema tree.schema.json
                                for editors: begin a tree file with the line
                                # yaml-language-server: $schema=tree.schema.json
@@ -35,6 +37,7 @@ examples:
 
 _STDOUT = Path("-")
 _ROBOTS = "robots"
+_GRIPPERS = "grippers"
 
 
 def main(argv: Sequence[str] | None) -> int:
@@ -50,7 +53,10 @@ def _command_line() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "name", metavar="NAME", nargs="?", help="a skill, a word, a robot, or robots"
+        "name",
+        metavar="NAME",
+        nargs="?",
+        help="a skill, a word, a robot, a gripper, robots, or grippers",
     )
     parser.add_argument("--json", action="store_true", help="for programs")
     parser.add_argument(
@@ -76,24 +82,34 @@ def _skills(arguments: argparse.Namespace) -> int:
         return _list(kinds, LANGUAGE, as_json=arguments.json)
     if arguments.name in everything:
         return _show(everything[arguments.name], as_json=arguments.json)
-    return _show_robots(arguments.name, everything, as_json=arguments.json)
+    return _show_of_catalogue(arguments.name, everything, as_json=arguments.json)
 
 
-def _show_robots(name: str, others: Mapping[str, Kind], *, as_json: bool) -> int:
+def _show_of_catalogue(name: str, others: Mapping[str, Kind], *, as_json: bool) -> int:
+    from bt_dualarm.cli.gripper_summaries import is_gripper_page, list_grippers, show_gripper
     from bt_dualarm.cli.robot_summaries import list_robots, show_robot
+    from bt_dualarm.world.grippers.named import gripper_names
     from bt_dualarm.world.robots.catalogue import robot_names
     from bt_dualarm.world.robots.page_path import is_page
 
     if name == _ROBOTS:
         list_robots(as_json=as_json)
-        return SUCCEEDED
-    if is_page(name) or name in robot_names():
+    elif name == _GRIPPERS:
+        list_grippers(as_json=as_json)
+    elif name in gripper_names() or (is_page(name) and is_gripper_page(name)):
+        show_gripper(name, as_json=as_json)
+    elif is_page(name) or name in robot_names():
         show_robot(name, as_json=as_json)
-        return SUCCEEDED
+    else:
+        raise _unknown(name, (*others, _ROBOTS, _GRIPPERS, *robot_names(), *gripper_names()))
+    return SUCCEEDED
+
+
+def _unknown(name: str, known: Sequence[str]) -> DualArmError:
     from bt_dualarm.spec.problems import suggestion
 
-    hint = suggestion(name, (*others, _ROBOTS, *robot_names()), "name")
-    raise DualArmError(f"there is no skill, word or robot '{name}'; {hint}")
+    hint = suggestion(name, known, "name")
+    return DualArmError(f"there is no skill, word, robot or gripper '{name}'; {hint}")
 
 
 def _write_schema(kinds: Mapping[str, Kind], target: Path) -> int:
@@ -122,6 +138,7 @@ def _list(kinds: Mapping[str, Kind], words: Mapping[str, Kind], *, as_json: bool
         for name, kind in sorted(some.items()):
             print(f"  {name:<{width}}  {kind.summary}")
     print("robots: listed by bt-skills robots")
+    print("grippers: listed by bt-skills grippers")
     return SUCCEEDED
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rich.table import Table
+from bt_dualarm.cli.sheets import escape, print_json, print_parts, table
 
+if TYPE_CHECKING:
     from bt_dualarm.motion.kinematics.robot_summary import RobotSummary
 
 
@@ -20,7 +18,7 @@ def list_robots(*, as_json: bool) -> None:
 
     summaries = [_summary(name) for name in robot_names()]
     if as_json:
-        _print_json({summary.name: asdict(summary) for summary in summaries})
+        print_json({summary.name: asdict(summary) for summary in summaries})
         return
     rows = (
         (
@@ -34,7 +32,7 @@ def list_robots(*, as_json: bool) -> None:
         for summary in summaries
     )
     titles = ("robot", "", "joints", "reach", "postures", "camera mounts")
-    _print("robots:", _table(titles, rows), "\nbt-skills NAME shows one robot whole.")
+    print_parts("robots:", table(titles, rows), "\nbt-skills NAME shows one robot whole.")
 
 
 def show_robot(name: str, *, as_json: bool) -> None:
@@ -47,7 +45,7 @@ def show_robot(name: str, *, as_json: bool) -> None:
 
     summary = _summary(name)
     if as_json:
-        _print_json(asdict(summary))
+        print_json(asdict(summary))
         return
     joints = (
         (j.name, f"{j.lower_deg:g}°", f"{j.upper_deg:g}°", f"{j.velocity_deg_s:g} °/s")
@@ -58,15 +56,15 @@ def show_robot(name: str, *, as_json: bool) -> None:
         for p in summary.postures
     )
     mounts = ((c.name, c.link, numbers(c.xyz_m), direction(c.looks)) for c in summary.cameras)
-    tool = f"({numbers(summary.tool_m)}) m in {_escape(summary.tool_link)}, its z axis out of it"
-    _print(
-        f"[bold]{_escape(summary.name)}[/bold]  {_escape(summary.title)}",
+    tool = f"({numbers(summary.tool_m)}) m in {escape(summary.tool_link)}, its z axis out of it"
+    print_parts(
+        f"[bold]{escape(summary.name)}[/bold]  {escape(summary.title)}",
         "\njoints, base to tip:",
-        _table(("joint", "from", "to", "velocity"), joints),
+        table(("joint", "from", "to", "velocity"), joints),
         "\npostures, the tool as seen from the base link:",
-        _table(("posture", "angles in degrees", "tool at, m", "points"), postures),
+        table(("posture", "angles in degrees", "tool at, m", "points"), postures),
         *(
-            ("\ncamera mounts:", _table(("mount", "in the link", "at, m", "looks"), mounts))
+            ("\ncamera mounts:", table(("mount", "in the link", "at, m", "looks"), mounts))
             if summary.cameras
             else ()
         ),
@@ -85,34 +83,3 @@ def _summary(name: str) -> RobotSummary:
         page = Path(name)
         return robot_summary(load_robot(page.name, page.parent))
     return robot_summary(load_robot(name))
-
-
-def _print(*parts: str | Table) -> None:
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    for part in parts:
-        console.print(part)
-
-
-def _print_json(content: object) -> None:
-    print(json.dumps(content, indent=2, ensure_ascii=False))
-
-
-def _table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    first, *others = titles
-    table.add_column(f"  {first}", no_wrap=True)
-    for title in others:
-        table.add_column(title)
-    for name, *cells in rows:
-        table.add_row(f"  {_escape(name)}", *map(_escape, cells))
-    return table
-
-
-def _escape(text: str) -> str:
-    from rich.markup import escape
-
-    return escape(text)

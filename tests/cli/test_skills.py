@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm import cli
+from bt_dualarm.share import share_dir
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.language import LANGUAGE
+from bt_dualarm.world.grippers.named import gripper_names, load_gripper
 from bt_dualarm.world.robots.catalogue import load_robot, robot_names
 from tests.world.worlds import WORLD
 
@@ -96,9 +98,52 @@ def test_robots_are_shown_to_programs(capsys: pytest.CaptureFixture[str]) -> Non
     assert json.loads(capsys.readouterr().out) == everything["ur5"]
 
 
+@pytest.mark.parametrize("width", [80, 100])
+def test_grippers_fit_the_terminal(
+    width: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A row each with its figures, and one gripper whole; nothing is folded or cut."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert cli.skills(["grippers"]) == 0
+    out = capsys.readouterr().out
+    for name in gripper_names():
+        gripper = load_gripper(name)
+        (row,) = (line for line in out.splitlines() if line.startswith(f"  {name} "))
+        assert f" {gripper.force.most:g} N " in row
+        assert row.rstrip().endswith(f"{gripper.mass:.3g} kg")
+        assert cli.skills([name]) == 0
+        whole = capsys.readouterr().out
+        assert f"payload: {gripper.payload:g} kg" in whole
+        assert ("stroke: " in whole) == bool(gripper.fingers)
+        assert max(map(len, (*out.splitlines(), *whole.splitlines()))) <= width
+
+
+def test_a_gripper_of_one_s_own_is_shown_by_its_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And told from a robot's by what it says, not by its name."""
+    page = tmp_path / "claw.yaml"
+    page.write_bytes((share_dir("assets") / "grippers" / "robotiq_2f85.yaml").read_bytes())
+    assert cli.skills([str(page)]) == 0
+    assert "claw  Robotiq 2F-85" in capsys.readouterr().out
+
+
+def test_grippers_are_shown_to_programs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.skills(["grippers", "--json"]) == 0
+    everything = json.loads(capsys.readouterr().out)
+    assert set(everything) == set(gripper_names())
+    assert cli.skills(["suction_cup", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == everything["suction_cup"]
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
-    [("pnada", "did you mean 'panda'?"), ("robot", "did you mean"), ("no.yaml", "no robot file")],
+    [
+        ("pnada", "did you mean 'panda'?"),
+        ("robot", "did you mean"),
+        ("suction", "did you mean 'suction_cup'?"),
+        ("no.yaml", "no robot file"),
+    ],
 )
 def test_an_unknown_robot_is_code_2(
     name: str, said: str, capsys: pytest.CaptureFixture[str]
