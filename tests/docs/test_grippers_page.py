@@ -5,6 +5,9 @@ from __future__ import annotations
 import runpy
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from bt_dualarm.world.grippers.named import gripper_names
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -18,3 +21,14 @@ def test_the_page_is_up_to_date() -> None:
 
 def test_every_gripper_is_there() -> None:
     assert all(f"| `{name}` |" in PAGE for name in gripper_names())
+
+
+def test_the_picture_shows_the_grippers_of_the_pages() -> None:
+    """Drawn anew it is the same, but for the last digits of another processor."""
+    script = runpy.run_path(str(DOCS / "images" / "grippers.py"))
+    assert f"images/{script['TARGET'].name}" in PAGE
+    drawn = cv2.imread(str(script["TARGET"]))
+    assert drawn is not None
+    fresh = script["pictures"]()
+    assert drawn.shape == fresh.shape
+    assert np.abs(drawn.astype(float) - fresh.astype(float)).mean() < 0.5, "draw it anew"
