@@ -71,10 +71,15 @@ def picture(gripper: str) -> Image:
     return np.asarray(image, np.uint8)
 
 
-def main() -> None:
-    """Draw all of them side by side; the same bytes for the same pages."""
+def pictures() -> Image:
+    """All of them side by side, in OpenCV's order of colours."""
     row = np.hstack([picture(name) for name in gripper_names()])
-    cv2.imwrite(str(TARGET), cv2.cvtColor(row, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return np.asarray(cv2.cvtColor(row, cv2.COLOR_RGB2BGR), np.uint8)
+
+
+def main() -> None:
+    """Write the picture; the same bytes for the same pages."""
+    cv2.imwrite(str(TARGET), pictures(), [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
 if __name__ == "__main__":
