@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -51,6 +52,9 @@ class Grasp(Skill):
             unit="N",
             gt=0,
         )
+        most_force: float | None = port(
+            None, "force of each pad, or of a cup, that the object bears", unit="N", gt=0
+        )
         mass: float | None = port(
             None, "mass to reckon with; by default what is known of it", unit="kg", gt=0, le=100
         )
@@ -65,7 +69,7 @@ class Grasp(Skill):
         approach_speed: Speed = port(0.15, "share of the arm's limits on the straight parts")
 
     failures = {
-        "INVALID_TARGET": "the object is fixed",
+        "INVALID_TARGET": "the object is fixed, or bears less than the gripper's least force",
         "NOT_THERE": "the object is not in the world",
         "TOO_WIDE": "the fingers do not open that far",
         "TOO_HEAVY": "no grasp of this gripper bears its weight",
@@ -115,13 +119,18 @@ class Grasp(Skill):
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
         if world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
+        bears, least = self.ports.most_force, self.arm.gripper.page.force.least
+        if bears is not None and bears < least:
+            reason = f"{name!r} bears {bears:g} N; the least that the gripper does is {least:g} N"
+            raise Failure("INVALID_TARGET", reason, most_force_n=bears, least_n=least)
 
     def _wanted(self) -> WantedGrasp:
         ports, world = self.ports, self.arm.world
         told = None if world.nominal[self.arm.name].weighs else world.objects[ports.object].mass
         mass = ports.mass or told or _UNKNOWN_KG
         lies = world.object_pose(ports.object) if ports.at is None else ports.at.pose
-        return WantedGrasp(ports.object, lies, mass, ports.shake, ports.margin)
+        bears = ports.most_force or math.inf
+        return WantedGrasp(ports.object, lies, mass, ports.shake, ports.margin, bears)
 
     @property
     def _unseen(self) -> frozenset[str]:
@@ -180,7 +189,7 @@ class Grasp(Skill):
         gripper, grasp = self.arm.gripper, way.ranked.grasp
         page = gripper.page
         needed = grasp.force if page.fingers else page.force.most  # a vacuum crushes nothing
-        force = page.force.clipped(self.ports.force or needed)
+        force = min(page.force.clipped(self.ports.force or needed), wanted.most_force)
         gripper.command(force=force, speed=page.speed.least if not page.fingers else None)
         began, since = self.time, None
         while since is None or self.time - since < _HOLD_S:
@@ -198,7 +207,7 @@ class Grasp(Skill):
             raise Failure(
                 "NOT_GRASPED", "the gripper closed on something else or nothing", **numbers
             )
-        gripper.hold(wanted.name, self._lies(way, wanted))
+        gripper.hold(wanted.name, self._lies(way, wanted), wanted.most_force)
 
     def _lies(self, way: WayToGrasp, wanted: WantedGrasp) -> Pose:
         """Pose of the object now: the pads have moved it to their middle."""

@@ -70,6 +70,7 @@ class Transport(Skill):
     def _gripped(self, going: Iterator[float | None], name: str) -> Iterator[float | None]:
         """Go, and see all the way that what fingers or a cup hold stays there."""
         arm, grip, slid = self.arm, Grip(self.arm, name), self._true_place(name)
+        felt = arm.slips_felt
         grip.look()
         try:
             for progress in going:
@@ -86,6 +87,9 @@ class Transport(Skill):
             if self.time - began > _HELD_S:
                 raise Failure("DROPPED", f"{name!r} is no longer held")
         self.metrics["slid_m"] = self._true_place(name).distance(slid)  # the truth, for the score
+        if arm.slips_felt > felt:
+            self.metrics["slips_felt"] = arm.slips_felt - felt
+            self.metrics["grip_force_n"] = arm.gripper.commanded.force
         if arm.grip_pace < 1.0:
             self.metrics["grip_pace"] = arm.grip_pace
 

@@ -45,10 +45,11 @@ class Arm(ArmState):
         self._lease = shared.lease.for_leaf(leaf)
         self._patience = shared.patience
         self._carrying = shared.carrying
+        self._slip = shared.slip
         self._touching = Touching(shared.touches, shared.name)
         state = ArmState(shared.world, shared.name, shared.controller, shared.kinematics)
         self._gripper = ArmGripper(shared.world, shared.name, self._lease)
-        self._executor = Executor(state, self._lease, shared.patience, self._touching)
+        self._executor = Executor(state, self._lease, shared.patience, self._touching, shared.slip)
         self._planner = ArmPlanner(
             state, self._lease, shared.planning, shared.carrying, shared.seed
         )
@@ -181,6 +182,11 @@ class Arm(ArmState):
     def grip_pace(self) -> float:
         """Share of its pace that the gripper's friction allowed the last motion, up to 1."""
         return self._carrying.grip_pace
+
+    @property
+    def slips_felt(self) -> int:
+        """How often this arm has gripped harder, as what its gripper held was pulled at."""
+        return self._slip.felt
 
     def refuse_load(self, thing: str, q: Vector, seen: Pose | None = None) -> None:
         """Check an object, where it was ``seen`` or is, before it is taken at ``q`` (dof,), rad."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from bt_dualarm.arm.lease import Leaseholder
 from bt_dualarm.arm.patience import Patience
+from bt_dualarm.arm.slip_response import SlipResponse
 from bt_dualarm.arm.state import ArmState
 from bt_dualarm.arm.touching import Touching
 from bt_dualarm.errors import RAISED_BY_SKILLS, BlockedFailure, Failure, SkillError
@@ -39,16 +40,23 @@ class Executor:
         lease: Lease of the arm, as the leaf holds it.
         patience: Time that the arm waits for another one.
         touching: Score of what the arm touches while the leaf moves it.
+        slip: Watch over what the gripper holds.
     """
 
     def __init__(
-        self, arm: ArmState, lease: Leaseholder, patience: Patience, touching: Touching
+        self,
+        arm: ArmState,
+        lease: Leaseholder,
+        patience: Patience,
+        touching: Touching,
+        slip: SlipResponse,
     ) -> None:
         self._arm = arm
         self._controller = arm.controller
         self._lease = lease
         self._patience = patience
         self._touching = touching
+        self._slip = slip
         self._begun: SetPointSource | None = None
 
     def follow(
@@ -107,6 +115,7 @@ class Executor:
         """
         self._lease.take()
         self._touching.begin()
+        self._slip.may_touch = may_touch
         self._begun = motion = self._controller.follow(
             trajectory, along_path=along_path, may_touch=may_touch
         )
@@ -116,6 +125,7 @@ class Executor:
         """Follow a stream of set-points until ``release`` or ``halt``."""
         self._lease.take()
         self._touching.begin()
+        self._slip.may_touch = False
         self._controller.stream(source)
         self._begun = self._controller.motion
 
@@ -184,10 +194,12 @@ class Executor:
         """Raise what went wrong with the motion since it began.
 
         Raises:
-            Failure: Among others ``INTERRUPTED``, when something else has stopped it.
+            Failure: Among others ``INTERRUPTED``, when something else has stopped it, and
+                ``DROPPED``, when the gripper has lost what it held.
         """
         if self._controller.fault is not None:
             raise self._controller.fault
+        self._slip.refuse_lost()
         begun = self._begun
         if begun is not None and not begun.done and self._controller.motion is not begun:
             self._begun = None
@@ -202,6 +214,7 @@ class Executor:
         if self._lease.intrusion:
             error, self._lease.intrusion = SkillError(self._lease.intrusion), ""
             return error
+        self._slip.look()
         if not self._lease.has_it:
             return None
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from bt_dualarm.arm.lease import Leaseholder
@@ -120,15 +121,16 @@ class ArmGripper:
             )
         )
 
-    def hold(self, thing: str, pose: Pose) -> None:
+    def hold(self, thing: str, pose: Pose, most_force: float = math.inf) -> None:
         """Believe that it holds an object: from now on that moves with the tool.
 
         Args:
             thing: Name of the object.
             pose: Pose in the world that the object is believed to have now.
+            most_force: Force in N of each pad, or of a cup, that the object bears.
         """
         self._lease.refuse_other_threads()
-        self._world.hold(self._arm, thing, pose)
+        self._world.hold(self._arm, thing, pose, most_force)
 
     def let_go(self, thing: str) -> bool:
         """Believe no longer that it holds an object; whether it was believed to."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from bt_dualarm.arm.carrying import Carrying
 from bt_dualarm.arm.lease import Lease
 from bt_dualarm.arm.patience import Patience
+from bt_dualarm.arm.slip_response import SlipResponse
+from bt_dualarm.arm.state import ArmState
 from bt_dualarm.motion.control.controller import JointController
 from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.planning.process import PlanningProcess
@@ -30,6 +32,7 @@ class SharedArm:
         carrying: What it can carry.
         lease: Right to move the arm.
         patience: Time that the arm waits for another one.
+        slip: Watch over what its gripper holds.
     """
 
     def __init__(
@@ -53,3 +56,4 @@ class SharedArm:
         self.carrying = Carrying(world, name)
         self.lease = Lease(name, lambda: controller.at_rest)
         self.patience = Patience(name, seed)
+        self.slip = SlipResponse(ArmState(world, name, controller, self.kinematics))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -36,6 +36,7 @@ class WantedGrasp:
         mass: Mass in kg to reckon with.
         shake: Largest acceleration of the tool in m/s² to reckon with.
         margin: Factor of the force that the grip is to have in hand.
+        most_force: Force in N of each pad, or of a cup, that the object bears.
     """
 
     name: str
@@ -43,6 +44,7 @@ class WantedGrasp:
     mass: float
     shake: float
     margin: float
+    most_force: float = math.inf
 
 
 def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
@@ -60,10 +62,13 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     jaw: JawMeasures | None = None
     if page.fingers:
         jaw = jaw_measures(page, thing.friction)
+        jaw = replace(jaw, most_force=min(jaw.most_force, wanted.most_force))
         _refuse_width(solid, jaw, wanted.name)
         found = jaw_grasps(solid, jaw, load, jaw.friction)
     else:
-        found = cup_grasps(solid, cup_measures(page, thing.friction), load)
+        cup = cup_measures(page, thing.friction)
+        cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
+        found = cup_grasps(solid, cup, load)
     if not found:
         raise _too_much(solid, jaw, arm, wanted)
     here = arm.tool_pose
@@ -157,9 +162,9 @@ def _too_much(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGra
         return Failure(
             "TOO_HEAVY",
             f"no grasp of {page.name} bears {wanted.mass:.3g} kg of {wanted.name!r} with "
-            f"{page.force.most:g} N and friction {friction:g}",
+            f"{min(page.force.most, wanted.most_force):g} N and friction {friction:g}",
             mass_kg=wanted.mass,
-            force_n=page.force.most,
+            force_n=min(page.force.most, wanted.most_force),
             friction=friction,
         )
     if jaw is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator
 from typing import Final
@@ -66,8 +67,11 @@ class Grip:
             return force_n  # the cup is pressed on
         friction = 2.0 * max(page.friction, thing.friction)  # of two pads
         needed = _FIRM * force_n / max(friction, 1e-3)
-        if needed > gripper.commanded.force:
-            gripper.command(force=page.force.clipped(needed))
+        held = self._arm.world.attachments.find(self._arm.name, self._thing)
+        bears = math.inf if held is None else held.most_force
+        firm = min(page.force.clipped(needed), bears)
+        if firm > gripper.commanded.force:
+            gripper.command(force=firm)
         return min(force_n, gripper.commanded.force * friction / _FIRM)
 
     def judge(self, slip: Failure) -> Iterator[None]:
@@ -97,6 +101,8 @@ class Grip:
 
     def _failure(self, code: str, how: str) -> Failure:
         gripper = self._arm.gripper
+        if code == "DROPPED":
+            gripper.let_go(self._thing)
         return Failure(
             code,
             f"{self._thing!r} {how}",

@@ -35,6 +35,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "OVERLOADED": "the arm cannot carry what it holds, or is to hold",
     "TRACKING_ERROR": "the arm does not follow what it was sent",
     "FORCE_LIMIT": "the arm pressed harder on something than it may",
+    "DROPPED": "what the gripper held is no longer there",
     "TIMED_OUT": "the motion was held up for too long",
     "STALE": "a stream of set-points gave no new one for 0.1 s",
     "INTERRUPTED": "something else has stopped the motion",

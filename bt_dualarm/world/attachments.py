@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ class Attachment:
         since: Simulated time in seconds.
         was_seen: Whether that pose is by sight, and not the true one.
         by_gripper: Whether fingers or a cup hold it, and no weld: then it is only believed.
+        most_force: Force of each pad, or of a cup, that it may be held with at most, N.
     """
 
     arm: str
@@ -30,6 +32,7 @@ class Attachment:
     since: float
     was_seen: bool = False
     by_gripper: bool = False
+    most_force: float = math.inf
 
     @property
     def name(self) -> str:

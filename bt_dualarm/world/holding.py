@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 from bt_dualarm.errors import WorldError
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.attachments import Attachment, Attachments
@@ -38,16 +41,21 @@ class HoldingView(WorldView):
         held = Attachment(arm, thing, relative, self.time, bool(seen))
         return self.attachments.attach(held, link, self.arms[arm].tool_link_pose.inverse @ pose)
 
-    def hold(self, arm: str, thing: str, pose: Pose) -> None:
+    def hold(self, arm: str, thing: str, pose: Pose, most_force: float = math.inf) -> None:
         """Believe that an arm's gripper holds an object that is at ``pose`` in the world now.
+
+        Args:
+            arm: Name of the arm.
+            thing: Name of the object.
+            pose: Pose of the object in the world, as it is believed.
+            most_force: Force in N that it may be held with at most.
 
         Raises:
             WorldError: Arm or object is not present, or the object is fixed.
         """
         relative = self._believed(arm, thing, pose)
-        self.attachments.hold(
-            Attachment(arm, thing, relative, self.time, was_seen=True, by_gripper=True)
-        )
+        held = Attachment(arm, thing, relative, self.time, was_seen=True, by_gripper=True)
+        self.attachments.hold(replace(held, most_force=most_force))
 
     def _believed(self, arm: str, thing: str, pose: Pose | None) -> Pose:
         """An object at ``pose``, by default its true one, in the tool link by the encoders."""

@@ -1,0 +1,171 @@
+"""Pulls at what a gripper carries: how soon they are felt, what is kept, and false alarms.
+
+    python -m benchmarks.pulls [--pulls 20] [--quiet 60] [--seed 0] [--robot ur5]
+                               [--gripper robotiq_2f85] [--reality lab] [--times 1.2]
+
+A box of 0.1 to 0.8 kg is carried to and fro as fast as the arm may. At a random moment a force in
+a random direction pulls at it for 0.1 s, so many times what the grip's friction holds along the
+pads; the delay is that until the gripper is asked for more force, or the leaf fails. In `--quiet`
+seconds of the same carrying nobody pulls, and each such answer is a false alarm.
+Exit code 1 if a pull was felt after 50 ms, or not at all, or there was a false alarm.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import cycle, islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import yaml
+
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.load import load_tree_file
+
+PULL_S = 0.1
+"""Seconds for which a pull lasts."""
+
+SOON_S = 0.05
+"""Delay in seconds that is asked for."""
+
+PLACES = ((0.30, -0.45, 0.70), (0.40, -0.20, 0.60), (0.45, -0.40, 0.62), (0.20, -0.55, 0.65))
+"""Between which the box is carried, m."""
+
+
+@dataclass
+class Puller(IdleObserver):
+    """Pulls once, and notes when the gripper answers.
+
+    Attributes:
+        run: The run.
+        after: Simulated seconds from the first transport to the pull; infinite for none.
+        times: Force of the pull, in holding forces.
+        way: Direction of the pull in the world, of shape (3,).
+        began: When the box was held, s.
+        pulled: When it was pulled at, s.
+        answered: When the gripper was asked for more force, s.
+        held_s: Seconds for which it was held without a pull.
+    """
+
+    run: Run
+    after: float
+    times: float
+    way: np.ndarray
+    began: float | None = None
+    pulled: float | None = None
+    answered: list[float] = field(default_factory=list)
+    held_s: float = 0.0
+    _force: float = 0.0
+
+    def after_step(self, time: float) -> None:
+        """Pull, and look at what the gripper is asked for."""
+        world = self.run.world
+        held, asked = world.attachments.find("arm1", "box"), world.grippers["arm1"].commanded
+        if held is None:
+            return
+        if self.began is None:
+            self.began, self._force = time, asked.force
+        self.held_s = time - self.began
+        if asked.force > self._force:
+            self.answered.append(time)
+        self._force = asked.force
+        body = world.object_body("box")
+        if self.pulled is None and self.held_s >= self.after:
+            self.pulled = time
+            friction = max(world.grippers["arm1"].gripper.friction, world.objects["box"].friction)
+            held_n = 2.0 * friction * asked.force
+            world.data.xfrc_applied[body, :3] = self.times * held_n * self.way
+        elif self.pulled is not None and time - self.pulled > PULL_S:
+            world.data.xfrc_applied[body, :3] = 0.0
+
+
+def task(options: argparse.Namespace, rng: np.random.Generator, carries: int) -> dict[str, Any]:
+    """The tree file of one run."""
+    edges = [float(edge) for edge in rng.uniform(0.035, 0.06, 3)]
+    pose = {"xyz": [0.45, -0.40, 0.4005 + edges[2] / 2]}
+    box = {"shape": "box", "size": edges, "mass": float(rng.uniform(0.1, 0.8)), "pose": pose}
+    carry: Iterator[Any] = islice(cycle(PLACES), carries)
+    leaves = [
+        {"transport": {"object": "box", "to": {"xyz": list(to)}, "speed": 1.0}} for to in carry
+    ]
+    base = {"xyz": [0.0, 0.0, 0.40]}
+    arm = {"robot": options.robot, "gripper": options.gripper, "base": base}
+    return {
+        "bt_dualarm": 1,
+        "name": "pulls",
+        "world": {"scene": "table", "reality": options.reality, "time_limit": 600},
+        "objects": {"box": box},
+        "arms": {"arm1": arm | {"tree": {"sequence": [{"grasp": {"object": "box"}}, *leaves]}}},
+    }
+
+
+def played(
+    options: argparse.Namespace, seed: int, registry: Registry, *, pulls: bool, carries: int
+) -> tuple[Puller, str]:
+    """One run, and how it ended: what is still held, or the code with which it failed."""
+    rng = np.random.default_rng(seed)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "pulls.yaml"
+        path.write_text(yaml.safe_dump(task(options, rng, carries)), encoding="utf-8")
+        file = load_tree_file(path, registry.kinds)
+        run = Run(file, registry, RunOptions(seed=seed, renderer="ray"))
+        way = rng.normal(size=3)
+        after = float(rng.uniform(1.0, 5.0)) if pulls else np.inf
+        puller = Puller(run, after, options.times, way / np.linalg.norm(way))
+        run.watch(puller)
+        with run:
+            result = run.finish()
+    failed = [leaf for leaf in result.arms["arm1"].leaves.values() if leaf.status == "FAILURE"]
+    return puller, str(failed[0].code) if failed else "kept"
+
+
+def main() -> int:
+    """Pull, carry without pulls, print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--pulls", type=int, default=20)
+    parser.add_argument("--quiet", type=float, default=60.0)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robot", default="ur5")
+    parser.add_argument("--gripper", default="robotiq_2f85")
+    parser.add_argument("--reality", default="lab")
+    parser.add_argument("--times", type=float, default=1.2)
+    options, registry = parser.parse_args(), Registry.load()
+    delays, ends = [], []
+    for seed in range(options.seed, options.seed + options.pulls):
+        puller, end = played(options, seed, registry, pulls=True, carries=8)
+        if puller.pulled is None:
+            ends.append(f"not pulled: {end}")
+            continue
+        pulled = puller.pulled
+        delay = next((at - pulled for at in puller.answered if at >= pulled), np.inf)
+        delays.append(delay)
+        ends.append(end)
+        print(f"seed {seed}: felt after {1e3 * delay:.0f} ms, {end}", flush=True)
+    quiet_s, alarms, seed = 0.0, 0, options.seed + options.pulls
+    while quiet_s < options.quiet:
+        puller, end = played(options, seed, registry, pulls=False, carries=24)
+        quiet_s, alarms, seed = quiet_s + puller.held_s, alarms + len(puller.answered), seed + 1
+        if puller.answered or end != "kept":
+            print(f"seed {seed - 1}, no pull: {len(puller.answered)} alarms, {end}", flush=True)
+        if not puller.held_s:
+            break
+    soon = sum(delay <= SOON_S for delay in delays)
+    counts = {end: ends.count(end) for end in sorted(set(ends))}
+    print(f"{options.robot}, {options.gripper}, {options.reality}: {soon} of {len(delays)} pulls")
+    print(
+        f"  felt within 50 ms, median {1e3 * float(np.median(delays or [np.inf])):.0f} ms; {counts}"
+    )
+    print(f"  {alarms} false alarms in {quiet_s:.0f} s of carrying")
+    return 1 if soon < len(delays) or alarms else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,86 @@
+"""What fingers hold and somebody pulls at is gripped harder, and soon; else it is told as lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.world.world import World
+from tests.plays import Play, Stage
+from tests.skills.scenarios import GRIPPING, ON_TABLE, Scenario, Tree
+
+CARRY: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.35, 0.2, 0.7]}, "speed": 1.0}}
+GOING = 5.0
+"""Simulated seconds after which the cube is on its way."""
+
+
+def pulls(newton: float) -> Callable[[World], None]:
+    """Pull the cube along the fingers' pads, away from the palm, from now on."""
+
+    def pull(world: World) -> None:
+        along = world.arms["arm1"].tool_pose.rotation_matrix[:, 2]
+        world.data.xfrc_applied[world.object_body("cube"), :3] = newton * along
+
+    return pull
+
+
+def play(stage: Stage, newton: float, **ports: Any) -> tuple[Play, list[tuple[float, float]]]:
+    """Pull at it for 0.1 s while it is carried; the times at which the force was asked for anew."""
+    grasp: Tree = {"grasp": {"object": "cube", **ports}}
+    cube = {"cube": ON_TABLE["cube"] | {"mass": 0.5}}
+    file = Scenario(cube, arm=GRIPPING, scene="table").file(grasp, CARRY)
+    one = stage.play(file, deeds=((GOING, pulls(newton)), (GOING + 0.1, pulls(0.0))))
+    asked: list[tuple[float, float]] = []
+
+    def note(world: World) -> None:
+        force = world.grippers["arm1"].commanded.force
+        if world.attachments.find("arm1", "cube") and (not asked or asked[-1][1] != force):
+            asked.append((world.time, force))
+
+    one.watchers.append(note)
+    one.run()
+    return one, asked
+
+
+def test_nobody_pulls_and_the_grip_stays(stage: Stage) -> None:
+    one, asked = play(stage, 0.0)
+    assert one.arm().outcome == "SUCCESS"
+    assert len(asked) == 1
+    assert "slips_felt" not in one.leaf("transport").metrics
+
+
+def test_a_pull_beyond_friction_is_answered_within_50_ms(stage: Stage) -> None:
+    one, asked = play(stage, 40.0)
+    leaf = one.leaf("transport")
+    assert leaf.status == "SUCCESS", leaf.reason
+    (_, first), (at, firmer), *_ = asked
+    assert 0.0 < at - GOING <= 0.05
+    assert firmer > 2.0 * first
+    assert float(leaf.metrics["slips_felt"]) >= 1
+    assert leaf.metrics["grip_force_n"] == asked[-1][1]
+
+
+def test_no_firmer_than_the_object_bears(stage: Stage) -> None:
+    _, asked = play(stage, 40.0, most_force=30.0)
+    assert max(force for _, force in asked) == 30.0
+
+
+def test_what_is_torn_out_is_dropped_and_no_longer_believed_in(stage: Stage) -> None:
+    """As hard as no grip of 21 N bears it: the next motion is not held up by it."""
+    one, _ = play(stage, 300.0, most_force=21.0)
+    leaf = one.leaf("transport")
+    assert leaf.code in ("DROPPED", "SLIPPED"), leaf.reason
+    away = one.world.object_pose("cube").position - one.world.arms["arm1"].tool_pose.position
+    assert np.linalg.norm(away) > 0.05
+
+
+@pytest.mark.parametrize("force", [5.0, 19.0])
+def test_what_bears_less_than_the_gripper_presses_is_refused(force: float, stage: Stage) -> None:
+    grasp: Tree = {"grasp": {"object": "cube", "most_force": force}}
+    file = Scenario(ON_TABLE, arm=GRIPPING, scene="table").file(grasp)
+    leaf = stage.run(file).leaf("grasp")
+    assert leaf.code == "INVALID_TARGET"
+    assert leaf.metrics["most_force_n"] == force
