@@ -16,7 +16,7 @@ from bt_dualarm.world.attachments import Attachment
 from bt_dualarm.world.composition import nominal_model
 from bt_dualarm.world.grippers.carrying import Carrying
 from bt_dualarm.world.grippers.drive import GripperHardware
-from bt_dualarm.world.grippers.gripper import Gripper
+from bt_dualarm.world.grippers.gripper import FINGERS, Gripper
 from bt_dualarm.world.hardware.arm_hardware import ArmHardware
 from bt_dualarm.world.hardware.drawn_arm import (
     DrawnArm,
@@ -71,7 +71,8 @@ class Equipment:
             for name, arm in file.arms.items()
         }
         self.drawn: dict[str, DrawnArm] = {
-            name: draw_arm(errors, robots[name], seed, name) for name, errors in self.errors.items()
+            name: draw_arm(errors, robots[name], seed, name, _fingers(mounted.get(name)))
+            for name, errors in self.errors.items()
         }
 
     def add(self, name: str, option: mujoco.MjOption) -> None:
@@ -182,3 +183,8 @@ class Equipment:
         """Set the friction of all arms for the velocities of now."""
         for act in self._rub:
             act()
+
+
+def _fingers(gripper: Gripper | None) -> tuple[str, ...]:
+    """Bodies of an arm that its page does not know of."""
+    return FINGERS if gripper is not None and gripper.fingers else ()

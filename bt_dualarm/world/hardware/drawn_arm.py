@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.spec.reality import PayloadErrors, RealityErrors
+from bt_dualarm.spec.reality import LinkErrors, PayloadErrors, RealityErrors
 from bt_dualarm.world.robots.friction import JointFriction
 from bt_dualarm.world.robots.robot import Robot
 
@@ -34,7 +34,7 @@ class DrawnArm:
     """The true arm beside the one that is believed in.
 
     Attributes:
-        links: Factors of each link, by name; empty where all are as on the page.
+        links: Factors of each link and finger, by name; empty where all are as on the page.
         friction: Friction of the joints.
         rotor: Inertia of each joint's rotor, of shape (dof,), kg m².
         gain: Factor of each joint's torque, of shape (dof,).
@@ -59,7 +59,9 @@ def stream(seed: int, owner: str) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(owner.encode())])
 
 
-def draw_arm(errors: RealityErrors, robot: Robot, seed: int, name: str) -> DrawnArm:
+def draw_arm(
+    errors: RealityErrors, robot: Robot, seed: int, name: str, fingers: Sequence[str] = ()
+) -> DrawnArm:
     """Draw one robot of the batch.
 
     Args:
@@ -67,10 +69,13 @@ def draw_arm(errors: RealityErrors, robot: Robot, seed: int, name: str) -> Drawn
         robot: The page.
         seed: Seed of the run.
         name: Name of the arm in the file: two arms are two robots.
+        fingers: Bodies that move in its gripper, which the page's links do not have.
     """
+    links = _links(errors.links, list(robot.model.links), stream(seed, f"{name}:links"))
+    links |= _links(errors.links, fingers, stream(seed, f"{name}:fingers"))
     camera, focal, stamp_s, bend = _camera(errors, stream(seed, f"{name}:calibration"))
     return DrawnArm(
-        links=_links(errors, robot, stream(seed, f"{name}:links")),
+        links=links,
         friction=_friction(errors, robot, stream(seed, f"{name}:friction")),
         rotor=_rotor(errors, robot, stream(seed, f"{name}:rotors")),
         gain=1.0 + errors.drive.gain.draw(stream(seed, f"{name}:drives"), robot.dof),
@@ -88,11 +93,11 @@ def draw_object(errors: PayloadErrors, seed: int, name: str) -> LinkFactors:
     return LinkFactors(mass, mass, errors.center.draw(rng, 3))
 
 
-def _links(errors: RealityErrors, robot: Robot, rng: np.random.Generator) -> dict[str, LinkFactors]:
-    spread = errors.links
+def _links(
+    spread: LinkErrors, names: Sequence[str], rng: np.random.Generator
+) -> dict[str, LinkFactors]:
     if not (spread.mass.most or spread.inertia.most or spread.center.most):
         return {}
-    names = list(robot.model.links)
     mass = 1.0 + spread.mass.draw(rng, len(names))
     inertia = mass * (1.0 + spread.inertia.draw(rng, len(names)))
     shift = spread.center.draw(rng, 3 * len(names)).reshape(-1, 3)
