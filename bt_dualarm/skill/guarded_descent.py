@@ -30,7 +30,8 @@ def guarded_descent(
         look: Check that is made once a tick, and may raise.
 
     Returns:
-        Whether something was felt, and the largest force, N.
+        Whether something was felt, and the largest force until the arm stood, N; that of the
+        first `EDGE_S` does not count.
 
     Raises:
         Failure: As the arm's own motions, and what ``look`` raises.
@@ -44,13 +45,17 @@ def guarded_descent(
         yield motion.progress
         arm.check()
         look()
-        if sense.force() > force and arm.time - began > EDGE_S:
-            yield from _still(arm)
+        felt = sense.force()
+        if arm.time - began <= EDGE_S:
+            sense.most = 0.0
+        elif felt > force:
+            yield from _still(arm, sense)
             return True, sense.most
     return False, sense.most
 
 
-def _still(arm: Arm) -> Generator[float, None, None]:
+def _still(arm: Arm, sense: TouchSense) -> Generator[float, None, None]:
     for _ in arm.halt():
         yield 1.0
+        sense.force()
     yield from arm.relax()
