@@ -76,6 +76,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.grasp_way import first_way as first_way
     from bt_dualarm.skill.grip import Grip as Grip
     from bt_dualarm.skill.guarded_descent import guarded_descent as guarded_descent
+    from bt_dualarm.skill.held_through import held_through as held_through
     from bt_dualarm.skill.looking_around import SIDES as SIDES
     from bt_dualarm.skill.looking_around import camera_now as camera_now
     from bt_dualarm.skill.looking_around import gazes as gazes
@@ -201,6 +202,7 @@ _CONTENTS: Final = {
     "WayToGrasp": "skill.grasp_way:WayToGrasp",
     "first_way": "skill.grasp_way:first_way",
     "Grip": "skill.grip:Grip",
+    "held_through": "skill.held_through:held_through",
     "guarded_descent": "skill.guarded_descent:guarded_descent",
     "TouchSense": "skill.touch_sense:TouchSense",
     "MarkView": "vision.hand_eye:MarkView",

@@ -108,7 +108,12 @@ def check_pick_and_track(ran: Ran) -> None:
     (held,) = ran.summary["attachments"]
     assert (held["arm"], held["object"], held["released_s"]) == ("arm1", "cube", None)
     assert held["lifted_m"] >= 0.2
+    check_both_curves(ran)
     assert lift(ran, "cube", held["attached_s"]) >= 0.2
+
+
+def check_both_curves(ran: Ran) -> None:
+    """The Panda followed the cube on both curves and never lost it."""
     (track,) = ran.leaves("arm2", "track")
     assert track["metrics"]["yz_rms_m"] <= 0.005
     assert track["metrics"]["lost_count"] == 0
@@ -117,6 +122,23 @@ def check_pick_and_track(ran: Ran) -> None:
         assert track["started_s"] < curve["started_s"] < curve["ended_s"] < track["ended_s"]
         assert curve["metrics"]["path_rms_m"] < 0.001
         assert follows(ran, curve["started_s"] + 1.0, curve["ended_s"]) <= 0.005
+
+
+def test_main_job_holds_its_cube_by_friction_alone(bt_run: BtRun) -> None:
+    """With fingers nothing slides by a tenth of a millimetre, and the Panda sees as much."""
+    ran = bt_run("trees/pick_and_track.yaml", "--param", "grasp=fingers")
+    assert ran.code == 0, ran.err
+    check_summary(ran)
+    check_both_curves(ran)
+    assert not ran.leaves("arm1", "approach_and_attach")
+    (taken,) = ran.leaves("arm1", "grasp")
+    assert lift(ran, "cube", taken["ended_s"]) >= 0.2
+    carried = [leaf for leaf in ran.summary["arms"]["arm1"]["leaves"] if leaf["skill"] in CARRYING]
+    assert len(carried) == 4
+    assert max(leaf["metrics"]["slid_m"] for leaf in carried) < 1e-4
+
+
+CARRYING = ("transport", "circle", "lissajous")
 
 
 def lift(ran: Ran, thing: str, since: float) -> float:

@@ -49,7 +49,7 @@ def follow_curve(
     Returns:
         ``path_rms_m`` and ``path_max_m`` of executed against planned tool positions at equal
         times, ``duration_s``, and ``shortest_s``: the least that velocity and acceleration allow
-        on this path, jerk aside (TOPP-RA).
+        on this path, jerk aside (TOPP-RA). ``grip_pace`` where the gripper's hold slows it.
 
     Raises:
         Failure: ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE``, ``IN_COLLISION`` or
@@ -66,7 +66,8 @@ def follow_curve(
     if plan.leaving is not None:
         yield from _leave(arm, plan.leaving)
     times = {"duration_s": plan.motion.duration, "shortest_s": plan.shortest_s}
-    return {"path_rms_m": rms, "path_max_m": worst, **times}
+    pace = {"grip_pace": plan.pace} if plan.pace < 1.0 else {}
+    return {"path_rms_m": rms, "path_max_m": worst, **times, **pace}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +77,13 @@ class _Plan:
     Attributes:
         motion: Motion along the path.
         shortest_s: Least duration that velocity and acceleration allow there, jerk aside.
+        pace: Share of the pace that the grip on what is held allows, up to 1.
         leaving: Motion from the path's end to where the tool is to end; None if that is there.
     """
 
     motion: Trajectory
     shortest_s: float
+    pace: float
     leaving: Trajectory | None
 
     @classmethod
@@ -89,7 +92,8 @@ class _Plan:
         motion, shortest = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
         arm.refuse_collision_along(motion)
         motion = arm.within_efforts(motion)
-        return cls(motion, shortest, _to_end(arm, motion.end, path.end, end, speed))
+        pace = arm.grip_pace
+        return cls(motion, shortest, pace, _to_end(arm, motion.end, path.end, end, speed))
 
     @property
     def share(self) -> float:

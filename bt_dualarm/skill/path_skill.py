@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from typing import Any, ClassVar
 
 from bt_dualarm.motion.paths.cartesian_path import CartesianPath
+from bt_dualarm.pose import Pose
+from bt_dualarm.skill.held_through import held_through
 from bt_dualarm.skill.path_following import TOLERANCE_M, follow_curve
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.ports import port
@@ -32,6 +34,8 @@ class PathSkill(Skill):
         "PATH_BROKEN": "the arm can follow only a part of the path; nothing was executed",
         "IN_COLLISION": "the arm would touch something on the way",
         "TRACKING_ERROR": "the arm was blocked or left its plan by more than the tolerance",
+        "SLIPPED": "what the gripper holds slid between the fingers",
+        "DROPPED": "fingers or cup no longer hold what they held",
         "BUSY": "another leaf moves the arm",
     }
     needs = ("scipy.interpolate",)
@@ -44,9 +48,12 @@ class PathSkill(Skill):
             to_center: Whether the tool goes on to the middle of a curve, on a straight line.
 
         Raises:
-            Failure: As `follow_curve`.
+            Failure: As `follow_curve`; of what the gripper holds as `held_through`.
         """
         end = path.center if to_center else None
+        self.metrics |= yield from held_through(self.arm, self._follow(path, end))
+
+    def _follow(self, path: CartesianPath, end: Pose | None) -> Iterator[float | None]:
         ports = self.ports
         self.metrics |= yield from follow_curve(
             self.arm, path, ports.speed, self.record, ports.tolerance, end

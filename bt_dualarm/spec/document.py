@@ -22,6 +22,7 @@ from pydantic import (
 from bt_dualarm.spec.camera import CameraSpec
 from bt_dualarm.spec.collision import CollisionSpec
 from bt_dualarm.spec.marker import MarkerSpec
+from bt_dualarm.spec.mounted import Mounted
 from bt_dualarm.spec.name import Name, written_as
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import port
@@ -155,12 +156,11 @@ class ArmSpec(Value):
         min_length=1,
         max_length=200,
     )
-    gripper: str | None = port(
+    gripper: Mounted = port(
         None,
-        "Gripper in place of the robot's own tool: name in the catalogue, or path of such a page "
-        "relative to the tree file",
-        min_length=1,
-        max_length=200,
+        "Gripper in place of the robot's own tool: name in the catalogue, path of such a page "
+        "relative to the tree file, or `none`; or by a parameter: "
+        '`{value: "{grasp}", cases: {fingers: robotiq_2f85, attach: none}}`',
     )
     base: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its base in the world")
     posture: Name = port("home", "Posture of the robot's catalogue page in which it starts")

@@ -24,14 +24,16 @@ def unused(
         source: A file without errors.
         params: Parameters that it declares.
         subtrees: Subtrees that it declares; one without arms declares them for others.
-        used: Subtrees that are used by the arms' trees, and by each other.
+        used: Subtrees that are used by the arms' trees, and by each other. One that a parameter
+            can choose by its name, ``use: "{grasp}"``, counts as used, too.
     """
+    choices = {choice for param in params.values() for choice in param.choices or ()}
     outside = {part: item for part, item in source.data.items() if part not in _OF_SUBTREES}
     yield from _params(source, ("params",), params, outside)
     for subtree in subtrees:
         *path, tree = subtree.path
         yield from _params(source, (*path, "params"), subtree.params, source.get((*path, tree)))
-        if "arms" in source.data and subtree not in used:
+        if "arms" in source.data and subtree not in used and subtree.name not in choices:
             message = f"nothing uses the subtree '{subtree.name}'"
             yield _warning(source, tuple(path), message)
 

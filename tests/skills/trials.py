@@ -147,6 +147,7 @@ def inserted(xyz: list[float], **fields: Any) -> Tree:
 
 INSERT = inserted([0.25, -0.45, 0.425])
 CARRY_FAR: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.35, 0.2, 0.6]}, "speed": 0.2}}
+SMALL = [[0.05, 0.0], [0.0, 0.05], [-0.05, 0.0], [0.0, -0.05]]
 GRASPED = {"before": (GRASP,), "arm": GRIPPING}
 SUCKING = GRIPPING | {"gripper": "suction_cup"}
 
@@ -204,6 +205,15 @@ def moving(skill: str, node: Tree, at: float, body: str = HAND) -> dict[tuple[st
     return {
         (skill, "TRACKING_ERROR"): Trial(node, deeds=knocks(body, at), moves=True),
         (skill, "BUSY"): Trial(while_moving(node), moves=True),
+    }
+
+
+def losing(skill: str, ports: Tree) -> dict[tuple[str, str], Trial]:
+    """What can happen to what a gripper carries along a path: it gets thin, or is gone."""
+    carrying = {"objects": ON_TABLE, "scene": "table", "before": (GRASP,), "arm": GRIPPING}
+    return {
+        (skill, code): Trial({skill: ports}, carrying, ((4.9, deed),), moves=True)
+        for code, deed in (("SLIPPED", shrinks("cube")), ("DROPPED", steals("cube")))
     }
 
 
@@ -318,6 +328,15 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"rotate_tool": {"axis": "y", "angle": 40, "point": [0, 0, -0.5]}}, {"objects": BESIDE}
     ),
     **moving("rotate_tool", {"rotate_tool": {"angle": 90}}, 0.4),
+    # Carrying along paths
+    **losing("circle", {"plane": "xy", "radius": 0.05, "speed": 0.1}),
+    **losing("lissajous", {"plane": "xy", "amplitudes": [0.05, 0.05], "speed": 0.1}),
+    **losing("draw", {"plane": "xy", "points": SMALL, "speed": 0.1}),
+    **losing("move_linear", {"offset": {"xyz": [0, 0, 0.2]}, "speed": 0.1}),
+    **losing(
+        "move_through", {"poses": [{"xyz": [0.40, -0.45, z]} for z in (0.55, 0.70)], "speed": 0.1}
+    ),
+    **losing("rotate_tool", {"angle": 60, "speed": 0.1}),
     # Handling objects with a gripper
     ("open_gripper", "INVALID_TARGET"): Trial(
         {"open_gripper": {"width": "{width}"}}, {"before": known_late("width", 0.2)}

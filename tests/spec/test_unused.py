@@ -54,6 +54,18 @@ def warned(folder: Path, **uses: str) -> list[str]:
     return [problem.message for problem in problems]
 
 
+def test_a_subtree_that_a_parameter_can_choose_is_used(tmp_path: Path) -> None:
+    """Whichever is chosen, the others are not told of; one that no choice names is."""
+    text = """
+        bt_dualarm: 1
+        params: {way: {type: text, default: high, choices: [high, low]}}
+        subtrees: {high: {tree: {log: h}}, low: {tree: {log: l}}, other: {tree: {log: o}}}
+        arms: {arm1: {robot: ur5, tree: {subtree: {use: "{way}"}}}}
+    """
+    problems = check_file(write(tmp_path, text), SKILLS)
+    assert [problem.message for problem in problems] == ["nothing uses the subtree 'other'"]
+
+
 def test_every_parameter_that_is_used_nowhere_is_told_where_it_stands(tmp_path: Path) -> None:
     assert warned(tmp_path) == [
         f"nothing uses the parameter '{name}'" for name in ("number", "text", "vector")
