@@ -135,7 +135,18 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
         {"object": "cube", "direction": [0, 0, -1]},
         {"object": "cube", "at": {"xyz": [0.40, -0.45, 0.425]}},
     ),
-    "grasp": ({"object": "cube", "at": {"xyz": [0.40, -0.45, 0.425]}, "most_force": 60.0},),
+    "grasp": (
+        {
+            "object": "cube",
+            "at": {"xyz": [0.40, -0.45, 0.425]},
+            "most_force": 60.0,
+            "force": 40.0,
+            "mass": 0.3,
+        },
+    ),
+    "open_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),
+    "close_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),
+    "release": ({"width": 0.02, "speed": 0.05},),
     "look_at": ({"at": {"xyz": [0.68, 0.11, 0.70]}, "direction": [-1, 0, 0]},),
     **dict.fromkeys(("scan", "locate", "count", "wait_for"), LOOKED_FOR),
     "track": (
