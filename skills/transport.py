@@ -9,17 +9,15 @@ from bt_dualarm import (
     Angle,
     CarriedPose,
     Failure,
-    Grip,
     ObjectName,
     Planner,
     PortModel,
     Pose,
     Skill,
     Speed,
+    held_through,
     port,
 )
-
-_HELD_S = 1.0  # that fingers may take to come to rest
 
 
 class Transport(Skill):
@@ -60,42 +58,11 @@ class Transport(Skill):
         tool_goal = goal @ object_in_tool.inverse
         configurations = arm.kinematics.solutions(tool_goal, arm.setpoint.q)
         going = arm.travel(configurations, self.ports.speed, planner=self.ports.planner)
-        if held.by_gripper:
-            yield from self._gripped(going, name)
-        else:
-            yield from going
+        self.metrics |= yield from held_through(arm, going)
+        if held.by_gripper and arm.grip_pace < 1.0:
+            self.metrics["grip_pace"] = arm.grip_pace
         self._note_weight(name)
         self._verify(name, goal)
-
-    def _gripped(self, going: Iterator[float | None], name: str) -> Iterator[float | None]:
-        """Go, and see all the way that what fingers or a cup hold stays there."""
-        arm, grip, slid = self.arm, Grip(self.arm, name), self._true_place(name)
-        felt = arm.slips_felt
-        grip.look()
-        try:
-            for progress in going:
-                yield progress
-                grip.look()
-        except Failure as failure:
-            if failure.code == "SLIPPED":
-                yield from grip.judge(failure)
-            raise
-        began = self.time
-        while not arm.gripper.holding:
-            yield 1.0
-            grip.look()
-            if self.time - began > _HELD_S:
-                raise Failure("DROPPED", f"{name!r} is no longer held")
-        self.metrics["slid_m"] = self._true_place(name).distance(slid)  # the truth, for the score
-        if arm.slips_felt > felt:
-            self.metrics["slips_felt"] = arm.slips_felt - felt
-            self.metrics["grip_force_n"] = arm.gripper.commanded.force
-        if arm.grip_pace < 1.0:
-            self.metrics["grip_pace"] = arm.grip_pace
-
-    def _true_place(self, name: str) -> Pose:
-        """Where the object truly is in the tool, as far as encoders tell where that is."""
-        return self.arm.tool_pose.inverse @ self.arm.world.object_pose(name)
 
     def _lies(self, name: str) -> Pose:
         """Pose of the object; of one that was taken by sight, by where it was seen."""

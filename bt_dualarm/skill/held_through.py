@@ -23,7 +23,8 @@ def held_through(
         going: Its motion; where the gripper holds nothing that is all there is.
 
     Returns:
-        ``slid_m``: how far what is held moved in the tool, by the truth; nothing if nothing is.
+        ``slid_m``: how far what is held moved in the tool, by the truth; ``slips_felt`` and
+        ``grip_force_n`` where pulls were answered; nothing if nothing is held.
 
     Raises:
         Failure: ``SLIPPED`` or ``DROPPED`` by what the gripper senses; what the motion raises.
@@ -33,10 +34,14 @@ def held_through(
         yield from going
         return {}
     name = held[0]  # a gripper holds one thing
-    grip, began_at = Grip(arm, name), _true_place(arm, name)
+    grip, began_at, felt = Grip(arm, name), _true_place(arm, name), arm.slips_felt
     yield from _watched(going, grip)
     yield from _at_rest(arm, grip, name)
-    return {"slid_m": _true_place(arm, name).distance(began_at)}
+    found: dict[str, Number] = {"slid_m": _true_place(arm, name).distance(began_at)}
+    if arm.slips_felt > felt:
+        found |= {"slips_felt": arm.slips_felt - felt}
+        found |= {"grip_force_n": arm.gripper.commanded.force}
+    return found
 
 
 def _watched(going: Iterator[float | None], grip: Grip) -> Iterator[float | None]:
