@@ -97,7 +97,7 @@ def of_words() -> Iterator[Mistake]:
     tree["objects"]["cube"]["spawned"] = False
     yield Mistake("a cube that is not there to be let go", tree, "NOT_SPAWNED_YET", ("cube",))
     tree = shipped("pick_and_track")
-    steps(tree)[0]["approach_and_attach"]["object"] = "cube"
+    steps(tree)[0] = {"approach_and_attach": {"object": "cube", "standoff": 0.10}}
     tree["objects"]["cube"]["pose"]["xyz"] = [0.60, -0.70, 0.425]
     tree["arms"]["arm1"]["base"]["xyz"] = [-0.45, 0, 0.4]
     tree["arms"]["arm2"]["tree"]["sequence"][1]["track"]["lost_timeout"] = 4

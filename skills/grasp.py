@@ -51,9 +51,10 @@ class Grasp(Skill):
             "force of each pad, or of a cup; by default what the load asks for",
             unit="N",
             gt=0,
+            le=5000,
         )
         most_force: float | None = port(
-            None, "force of each pad, or of a cup, that the object bears", unit="N", gt=0
+            None, "force of each pad, or of a cup, that the object bears", unit="N", gt=0, le=5000
         )
         mass: float | None = port(
             None, "mass to reckon with; by default what is known of it", unit="kg", gt=0, le=100
