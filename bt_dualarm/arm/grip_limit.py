@@ -42,7 +42,7 @@ def grip_pace(motion: Trajectory, world: World, arm: str) -> float:
         world: World that the arm is in.
         arm: Name of the arm; with its gripper it holds something, or not.
     """
-    held = [one for one in world.attachments if one.arm == arm and one.by_gripper]
+    held = world.attachments.gripped_by(arm)
     paces = [_pace(motion, world, one, load) for one in held for load in _loads(world, one)]
     return min(paces, default=1.0)
 

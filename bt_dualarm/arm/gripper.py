@@ -12,10 +12,6 @@ from bt_dualarm.world.grippers.drive import SPEED_S, GripperCommand, GripperHard
 from bt_dualarm.world.grippers.gripper import Gripper
 from bt_dualarm.world.world import World
 
-CLOSED_M: Final = 0.001
-"""Opening in metres, or two steps of the encoder if that is more, at which nothing is between the
-fingers: they are closed."""
-
 _STILL: Final = 0.003
 """m/s; of fingers that stand; or what some steps of the encoder are in its time for a speed."""
 
@@ -73,7 +69,7 @@ class ArmGripper:
     @property
     def closed_width(self) -> float:
         """Opening in m below which nothing is between the fingers."""
-        return max(CLOSED_M, 2.0 * self.page.resolution)
+        return self.page.closed_width
 
     @property
     def holding(self) -> bool:
@@ -90,8 +86,7 @@ class ArmGripper:
     @property
     def held(self) -> tuple[str, ...]:
         """Objects that it is believed to hold."""
-        held = self._world.attachments
-        return tuple(one.object for one in held if one.arm == self._arm and one.by_gripper)
+        return tuple(one.object for one in self._world.attachments.gripped_by(self._arm))
 
     def command(
         self, width: float | None = None, speed: float | None = None, force: float | None = None

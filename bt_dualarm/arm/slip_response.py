@@ -74,7 +74,7 @@ class SlipResponse:
         hardware = self._arm.world.grippers.get(self._arm.name)
         if hardware is None:
             return
-        held = self._what_is_held()
+        held = next(iter(self._arm.world.attachments.gripped_by(self._arm.name)), None)
         if held is None or hardware.commanded.width > 0.0:
             self._held = None
             return
@@ -86,12 +86,6 @@ class SlipResponse:
         pulled = self._is_pulled(now) and not self.may_touch
         if (pulled or self._gives(hardware)) and now - self.felt_at > _PAUSE_S:
             self._grip(held, hardware)
-
-    def _what_is_held(self) -> Attachment | None:
-        for one in self._arm.world.attachments:
-            if one.arm == self._arm.name and one.by_gripper:
-                return one
-        return None
 
     def _begin(self, held: Attachment, hardware: GripperHardware) -> None:
         self._held, self._width, self._full = held, hardware.width, 0.0
@@ -140,7 +134,7 @@ class SlipResponse:
     def _refuse_lost(self, held: Attachment, hardware: GripperHardware) -> None:
         page, asked = hardware.gripper, hardware.commanded
         if page.fingers:
-            lost = hardware.width <= max(1e-3, 2.0 * page.resolution)
+            lost = hardware.width <= page.closed_width
         else:
             lost = hardware.vacuum < 0.5 * asked.force / page.force.most
         if not lost:

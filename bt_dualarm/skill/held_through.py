@@ -29,11 +29,11 @@ def held_through(
     Raises:
         Failure: ``SLIPPED`` or ``DROPPED`` by what the gripper senses; what the motion raises.
     """
-    held = [one.object for one in arm.world.attachments if one.arm == arm.name and one.by_gripper]
+    held = arm.world.attachments.gripped_by(arm.name)
     if not held:
         yield from going
         return {}
-    name = held[0]  # a gripper holds one thing
+    name = held[0].object  # a gripper holds one thing
     grip, began_at, felt = Grip(arm, name), _true_place(arm, name), arm.slips_felt
     yield from _watched(going, grip)
     yield from _at_rest(arm, grip, name)

@@ -70,6 +70,10 @@ class Attachments:
         """The attachment of this pair, if there is one."""
         return self._held.get((arm, thing))
 
+    def gripped_by(self, arm: str) -> tuple[Attachment, ...]:
+        """What the arm's fingers or cup are believed to hold, the first that was taken first."""
+        return tuple(a for a in self._held.values() if a.arm == arm and a.by_gripper)
+
     def attach(self, new: Attachment, link: str, relative: Pose) -> Attachment:
         """Weld an object to an arm's link; a second time changes nothing.
 

@@ -91,7 +91,19 @@ class MeshSolid:
             direction: Direction of it, of unit length.
 
         Returns:
-            None where it meets nothing; by Möller and Trumbore, J. Graphics Tools 1997.
+            None where it meets nothing.
+        """
+        along = self._hits(origin, direction)
+        met = np.flatnonzero(along > _SAME)
+        if not len(met):
+            return None
+        last = met[int(along[met].argmax())]
+        return origin + along[last] * direction, self.normals[last]
+
+    def _hits(self, origin: Vector, direction: Vector) -> Vector:
+        """Metres after which a ray meets each triangle, of shape (n,); where not, minus infinity.
+
+        By Möller and Trumbore, J. Graphics Tools 1997.
         """
         first = self.corners[:, 0]
         one, two = self.corners[:, 1] - first, self.corners[:, 2] - first
@@ -104,11 +116,8 @@ class MeshSolid:
         v = turned @ direction / safe
         along = np.einsum("ij,ij->i", two, turned) / safe
         within = (u >= -_SAME) & (v >= -_SAME) & (u + v <= 1 + _SAME) & np.isfinite(safe)
-        met = np.flatnonzero(within & (along > _SAME))
-        if not len(met):
-            return None
-        last = met[int(along[met].argmax())]
-        return origin + along[last] * direction, self.normals[last]
+        hits: Vector = np.where(within, along, -np.inf)
+        return hits
 
 
 def _winding(to: npt.NDArray[np.float64]) -> float:

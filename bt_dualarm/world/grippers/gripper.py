@@ -11,6 +11,9 @@ from bt_dualarm.pose import Matrix, Pose, Vector
 PALM: Final = "gripper/palm"
 """Link that a gripper adds to its arm; no link of a URDF has a slash in its name."""
 
+CLOSED_M: Final = 0.001
+"""Opening in metres at which fingers are closed, or more where their encoder is coarser."""
+
 FINGERS: Final = ("gripper/left", "gripper/right")
 """Bodies and joints of the two fingers, below the palm."""
 
@@ -139,6 +142,11 @@ class Gripper:
     def kind(self) -> str:
         """``"fingers"`` or ``"suction"``."""
         return "fingers" if self.fingers else "suction"
+
+    @property
+    def closed_width(self) -> float:
+        """Opening in m below which nothing is between the fingers: two steps of the encoder."""
+        return max(CLOSED_M, 2.0 * self.resolution)
 
     @property
     def moved_mass(self) -> float:
