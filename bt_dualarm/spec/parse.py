@@ -80,7 +80,7 @@ class Parser:
             children += self._use(ports, here)
         return NodeSpec(
             kind.name,
-            self._name(kind, fields, here),
+            self._name(kind, fields.get("name"), ports, here),
             ports,
             tuple(child for _, child in children),
             tuple(slot for slot, _ in children),
@@ -90,11 +90,10 @@ class Parser:
             parameters=frozenset(site.scope.values),
         )
 
-    def _name(self, kind: Kind, fields: Mapping[str, Data], here: Site) -> str:
-        given = fields.get("name")
-        default = fields.get(kind.uses) if kind.uses else kind.name
-        if given is None:
-            return default if isinstance(default, str) else kind.name
+    def _name(self, kind: Kind, given: Data, ports: Mapping[str, Data], here: Site) -> str:
+        if given is None:  # a subtree's name may have come from a parameter
+            used = ports.get(kind.uses)
+            return used if isinstance(used, str) and KEY.fullmatch(used) else kind.name
         if (
             isinstance(given, str)
             and 0 < len(given) <= _LONGEST_NAME

@@ -71,6 +71,16 @@ def test_unknown_subtree(tmp_path: Path) -> None:
     assert check_file(path, SKILLS)[0].hint == "did you mean 'pause'?"
 
 
+def test_a_subtree_that_a_parameter_names_is_called_by_its_name(tmp_path: Path) -> None:
+    before = """
+    params: {how: {type: text, default: slow}}
+    subtrees: {slow: {tree: {wait: 2}}, fast: {tree: {wait: 1}}}
+    """
+    path = task(tmp_path, 'subtree: {use: "{how}"}', before)
+    assert tree_of(path).name == "slow"
+    assert load_tree_file(path, SKILLS, {"how": "fast"}).arms["arm1"].tree.name == "fast"
+
+
 def test_keys_of_the_user_are_not_visible_inside(tmp_path: Path) -> None:
     before = 'subtrees: {inner: {tree: {wait: "{x}"}}}\n'
     path = task(
