@@ -59,9 +59,7 @@ class Answer:
         Raises:
             ViewError: There is none.
         """
-        if content is None:
-            raise ViewError("there is no picture")
-        return cls("image/jpeg", content)
+        return cls("image/jpeg", _there(content, "picture"))
 
     @classmethod
     def numbers(cls, content: bytes | None) -> Answer:
@@ -70,9 +68,13 @@ class Answer:
         Raises:
             ViewError: There is none.
         """
-        if content is None:
-            raise ViewError("there is no such mesh")
-        return cls("application/octet-stream", content)
+        return cls("application/octet-stream", _there(content, "such mesh"))
+
+
+def _there(content: bytes | None, what: str) -> bytes:
+    if content is None:
+        raise ViewError(f"there is no {what}")
+    return content
 
 
 Asked: TypeAlias = Callable[[Query], Answer]

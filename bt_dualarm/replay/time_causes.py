@@ -25,7 +25,8 @@ def time_causes(e: Evidence) -> Iterator[Cause]:
     if e.verdict.at is None and limit is not None and limit.last("FAILURE") is not None:
         seconds = limit.ports.get("seconds")
         sentence = f"the timeout {limit.path!r} of {seconds} s ended it: {ran}"
-        remedy = f"more seconds than {seconds}, or a faster motion"
+        faster = ", or a faster motion" if "speed" in e.ports else ""
+        remedy = f"more seconds than {seconds}{faster}"
         yield e.cause("TOO_LITTLE_TIME", sentence + _usual(e), remedy, leaf=limit.path)
     elif e.verdict.at is not None:
         yield _at_work(e)

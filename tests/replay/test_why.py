@@ -139,3 +139,13 @@ def test_a_record_that_was_cut_short_is_told_as_far_as_it_goes(
     out = capsys.readouterr().out
     assert "the run was not ended in order" in out
     assert "part of a block" in out
+
+
+@pytest.mark.parametrize(("leaf", "faster"), [("wait: 5", False), (BACK, True)])
+def test_only_of_a_motion_it_says_that_a_faster_one_would_do(
+    leaf: str, faster: bool, tmp_path: Path
+) -> None:
+    late = SHORT.replace(BACK, f"timeout: {{seconds: 0.2, child: {{{leaf}}}}}")
+    [story] = stories(recorded(tmp_path, late))
+    assert story.causes[0].kind == "TOO_LITTLE_TIME"
+    assert ("a faster motion" in story.causes[0].remedy) == faster
