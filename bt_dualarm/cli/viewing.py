@@ -23,10 +23,10 @@ def record_folder(arguments: argparse.Namespace) -> Iterator[Path | None]:
     elif arguments.record is not None or not arguments.view:
         yield arguments.record
     else:
-        from tempfile import TemporaryDirectory
+        from bt_dualarm.cli.view_folder import view_folder
 
-        with TemporaryDirectory(prefix="bt_dualarm_view_", ignore_cleanup_errors=True) as folder:
-            yield Path(folder)
+        with view_folder() as folder:
+            yield folder
 
 
 @contextmanager
