@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from threading import Event, Lock, Thread
 from types import TracebackType
@@ -27,7 +27,8 @@ class FileWatch(IdleObserver):
     """An observer that changes a run's trees when their file is saved.
 
     The file is checked in another thread; what is good is taken up between two steps. Of what is
-    bad the problems are logged, and the old trees go on.
+    bad the problems are logged, and the old trees go on. So it is told that the code of a skill was
+    saved, which is not taken up.
 
     Args:
         run: The run.
@@ -44,10 +45,12 @@ class FileWatch(IdleObserver):
     ) -> None:
         self._run, self._path, self._registry, self._params = run, path, registry, params
         self._file = self._checked()
-        self._stamps = _stamps(self._file, path)
+        self._stamps = _stamps(self._parts())
+        self._code = _stamps(_code_of(self._file, registry))
         self._lock, self._end = Lock(), Event()
         self._ready: TreeFile | None = None
         self._problems = ""
+        self._told: list[str] = []
         self._thread = Thread(target=self._look_on, name="watch", daemon=True)
 
     def __enter__(self) -> FileWatch:
@@ -67,14 +70,15 @@ class FileWatch(IdleObserver):
 
     def look(self) -> None:
         """Check the file if it, or what it includes, has been saved since the last time."""
-        stamps = _stamps(self._file, self._path)
+        self._look_at_code()
+        stamps = _stamps(self._parts())
         if stamps == self._stamps:
             return
         self._stamps = stamps
         ready, problems = None, ""
         try:
             ready = self._checked()
-            self._stamps = _stamps(ready, self._path)
+            self._stamps = _stamps({*ready.texts, str(self._path)})
         except DualArmError as error:
             problems = str(error)
         with self._lock:
@@ -86,11 +90,13 @@ class FileWatch(IdleObserver):
 
     def take(self) -> bool:
         """Take up what is good, tell what is not; whether there was anything."""
-        if self._ready is None and not self._problems:
+        if self._ready is None and not self._problems and not self._told:
             return False
         with self._lock:
-            ready, problems = self._ready, self._problems
-            self._ready, self._problems = None, ""
+            ready, problems, told = self._ready, self._problems, self._told
+            self._ready, self._problems, self._told = None, "", []
+        for file in told:
+            _log.warning("%s was saved: code of skills takes effect at the next run", file)
         if problems:
             said = "%s was saved with errors; the run goes on as it was\n%s"
             _log.warning(said, self._path.name, problems)
@@ -108,6 +114,17 @@ class FileWatch(IdleObserver):
         for sentence in said:
             _log.info("at %.3f s: %s", self._run.time, sentence)
 
+    def _look_at_code(self) -> None:
+        """Note which files of skills that the trees name have been saved since the last time."""
+        code = _stamps(_code_of(self._file, self._registry))
+        saved = [file for file in code if self._code.get(file, code[file]) != code[file]]
+        self._code |= code
+        with self._lock:
+            self._told += saved
+
+    def _parts(self) -> set[str]:
+        return {*self._file.texts, str(self._path)}
+
     def _checked(self) -> TreeFile:
         checked = check(self._path, self._registry.kinds, self._params, build=False)
         return checked.runnable()
@@ -117,13 +134,20 @@ class FileWatch(IdleObserver):
             self.look()
 
 
-def _stamps(file: TreeFile, path: Path) -> dict[str, tuple[int, int]]:
-    """When the files were saved that a tree consists of, and how large they are."""
+def _code_of(file: TreeFile, registry: Registry) -> set[str]:
+    """Files of the skills that the trees of a file name."""
+    kinds = {node.kind for arm in file.arms.values() for node in arm.tree.walk()}
+    origins = {registry.kinds[kind].origin for kind in kinds & registry.kinds.keys()}
+    return {origin for origin in origins if origin.endswith(".py")}
+
+
+def _stamps(files: Iterable[str]) -> dict[str, tuple[int, int]]:
+    """When files were saved, and how large they are."""
     found = {}
-    for part in {*map(Path, file.texts), path}:
+    for file in sorted(files):
         try:
-            state = part.stat()
-            found[str(part)] = state.st_mtime_ns, state.st_size
+            state = Path(file).stat()
+            found[file] = state.st_mtime_ns, state.st_size
         except OSError:  # an editor is about to put another one there
-            found[str(part)] = 0, 0
+            found[file] = 0, 0
     return found

@@ -151,3 +151,41 @@ def test_the_file_must_be_right_at_first(tmp_path: Path) -> None:
         edited.path.write_text("nonsense")
         with pytest.raises(bt_dualarm.SpecError):
             FileWatch(run, edited.path, REGISTRY, {})
+
+
+SKILL = '''"""Waits two ticks."""
+from bt_dualarm import Skill
+class Dawdle(Skill):
+    """Wait two ticks."""
+    example = "dawdle"
+    def run(self):
+        """Wait."""
+        yield
+        yield
+'''
+
+
+def test_a_skill_that_is_saved_is_told_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of two in the folder only the one that the tree names; the run goes on with the old one."""
+    skills = tmp_path / "own"
+    skills.mkdir()
+    for name in ("Dawdle", "Idle"):
+        (skills / f"{name.lower()}.py").write_text(SKILL.replace("Dawdle", name))
+    registry = registry_of([skills])
+    path = write_short(tmp_path / "trees", LATER.replace("wait: {seconds: 0.2}", "dawdle"))
+    with bt_dualarm.open(path, skills=[skills]) as run, caplog.at_level(logging.INFO, "bt_dualarm"):
+        watch = FileWatch(run, path, registry, {})
+        run.watch(watch)
+        for name in ("dawdle.py", "idle.py"):
+            (skills / name).write_text("nonsense(")
+            os.utime(skills / name, (1, 1))
+        for _ in range(3):
+            watch.look()
+            run.step(0.1)
+        assert run.finish().outcome == "SUCCESS"
+    said = [record.message for record in caplog.records if "was saved" in record.message]
+    assert said == [
+        f"{skills / 'dawdle.py'} was saved: code of skills takes effect at the next run"
+    ]
