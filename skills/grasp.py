@@ -81,7 +81,7 @@ class Grasp(Skill):
         "DROPPED": "the object was lost",
     }
     example = "grasp: {object: cube}"
-    needs = ("scipy.interpolate",)
+    needs = ("scipy.interpolate", "bt_dualarm.skill.grasps_prepared")
     needs_gripper = True
     ports: Ports
 

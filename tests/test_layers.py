@@ -27,7 +27,7 @@ FLOORS = (
     {"world.robots"},
     {"world.hardware", "world.nominal", "world.grippers"},
     {"world"},
-    {"world.rendering"},
+    {"world.rendering", "motion.pinching"},
     {
         "world.cameras",
         "motion.paths",

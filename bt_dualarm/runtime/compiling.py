@@ -5,6 +5,7 @@ from __future__ import annotations
 from bt_dualarm.kernels.kernel import compile_once
 from bt_dualarm.motion.chains.warming import move_something
 from bt_dualarm.motion.collision.bounding_spheres import bound_something
+from bt_dualarm.motion.grasping.warming import grasp_something
 from bt_dualarm.motion.safety.failsafe import reserve_something
 from bt_dualarm.motion.search.quick_search import search_something
 from bt_dualarm.motion.setpoints.planar_servo import follow_something
@@ -27,4 +28,5 @@ def compile_kernels() -> None:
     world = draw_something, sense_something, touch_something, bound_something
     vision = predict_something, rest_something, outline_something, swing_something
     motion = move_something, follow_something, time_something, search_something
-    compile_once((*world, *vision, *motion, reserve_something, carry_something))
+    grips = reserve_something, carry_something, grasp_something
+    compile_once((*world, *vision, *motion, *grips))

@@ -6,5 +6,6 @@ there is none.
 Open first: `jaw_grasps` (candidates of a parallel gripper); others: `solids` (box, cylinder,
 sphere, capsule) and `mesh_solid` (triangles), `antipodal` (pairs of opposite points), `pads`
 (what they meet), `holding_force` (wrenches that friction of soft fingers resists), `suction`
-(faces for a cup), `ranking` (margin, clearance, reach), `gripper_measures`, `grasp`.
+(faces for a cup), `ranking` (margin, clearance, reach), `gripper_measures`, `grasp`,
+`warming` (calls the kernels of `motion.pinching` once).
 """

@@ -38,8 +38,7 @@ def pinching_force(
     Returns:
         The force; infinite where friction, or the moment of it, cannot hold the load.
     """
-    forces = load.mass * (load.gravity + load.shake * _WAYS)
-    needed = pinching_forces(forces, load.center - center, axis, width, levers, friction)
+    needed = pinching_forces(shaken(load), load.center - center, axis, width, levers, friction)
     return float(needed.max())
 
 
@@ -59,17 +58,16 @@ def pinching_forces(
     Returns:
         The forces; infinite where friction, or the moment of it, cannot hold a load.
     """
-    if friction <= 0.0 or width <= 0.0:
-        return np.full(len(forces), math.inf)
-    moments = np.asarray(np.cross(offset, forces), dtype=float)
-    pressing = np.abs(forces @ axis)
-    turning = 0.5 * np.abs(moments @ axis)
-    sliding = 0.5 * _across(forces, axis) + _across(moments, axis) / width
-    if lever <= 0.0 and turning.max() > 1e-9:
-        return np.full(len(forces), math.inf)
-    twisting = turning / max(lever, 1e-9)
-    needed: Vector = np.hypot(sliding, twisting) / friction + 0.5 * pressing
-    return needed
+    from bt_dualarm.motion.pinching.pad_kernels import pinch
+
+    loads, apart, line = (np.ascontiguousarray(one, dtype=float) for one in (forces, offset, axis))
+    return pinch(loads, apart, line, float(width), float(lever), float(friction))
+
+
+def shaken(load: Load) -> Matrix:
+    """Forces in N on a load at its centre, one for each way of the shake, of shape (26, 3)."""
+    forces: Matrix = load.mass * (load.gravity + load.shake * _WAYS)
+    return forces
 
 
 def suction_forces(forces: Matrix, offset: Vector, normal: Vector, cup: CupMeasures) -> Vector:
@@ -103,8 +101,7 @@ def suction_force(load: Load, place: Vector, normal: Vector, cup: CupMeasures) -
         normal: Direction from the object to the cup, of unit length, of shape (3,).
         cup: Measures of the cup.
     """
-    forces = load.mass * (load.gravity + load.shake * _WAYS)
-    return float(suction_forces(forces, load.center - place, normal, cup).max())
+    return float(suction_forces(shaken(load), load.center - place, normal, cup).max())
 
 
 def _across(vectors: Matrix, axis: Vector) -> Vector:

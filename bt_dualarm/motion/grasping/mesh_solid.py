@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
+from bt_dualarm.motion.grasping.solids import Solid
+from bt_dualarm.motion.pinching.kernel_forms import CONVEX, TRIANGLES, Form
 from bt_dualarm.pose import Matrix, Vector
 
 _GRAZING = 1e-12
@@ -16,7 +18,7 @@ _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class MeshSolid:
+class MeshSolid(Solid):
     """Triangles that bound a volume; their corners run anticlockwise seen from outside.
 
     Attributes:
@@ -55,24 +57,12 @@ class MeshSolid:
         planes: Vector = np.einsum("ij,ij->i", self.corners[:, 0], self.normals)
         return planes
 
-    def reach(self, direction: Vector) -> float:
-        """As `Solid.reach`: at one of the corners."""
-        return float((self.corners.reshape(-1, 3) @ direction).max())
-
-    def distance(self, points: Matrix) -> Vector:
-        """As `Solid.distance`: to the nearest triangle, inside where the surface winds around.
-
-        From outside a convex solid it is that of the farthest plane, which is never more.
-        Winding number by solid angles: Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 1983.
-        """
-        if self.is_convex:
-            beyond: Vector = (points @ self.normals.T - self._planes).max(axis=1)
-            return beyond
-        away = np.empty(len(points))
-        for i, point in enumerate(points):
-            to = self.corners - point
-            away[i] = _nearest(to) * (-1.0 if _winding(to) > 0.5 else 1.0)
-        return away
+    @cached_property
+    def form(self) -> Form:
+        """As `Solid.form`; from outside a convex one distances are those of the farthest plane."""
+        kind = CONVEX if self.is_convex else TRIANGLES
+        rows = (self.corners.reshape(-1, 9), self.normals, self._planes[:, None])
+        return Form(kind, np.hstack(rows))
 
     def sample(self, number: int, rng: np.random.Generator) -> tuple[Matrix, Matrix]:
         """Points spread evenly over the surface, and their normals, each of shape (number, 3)."""
@@ -118,30 +108,3 @@ class MeshSolid:
         within = (u >= -_SAME) & (v >= -_SAME) & (u + v <= 1 + _SAME) & np.isfinite(safe)
         hits: Vector = np.where(within, along, -np.inf)
         return hits
-
-
-def _winding(to: npt.NDArray[np.float64]) -> float:
-    """How often the surface winds around a point, from its corners seen from there."""
-    a, b, c = to.transpose(1, 0, 2)
-    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    dots = (np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a)))
-    ab, bc, ca = dots
-    angles = 2.0 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
-    return float(angles.sum() / (4.0 * np.pi))
-
-
-def _nearest(to: npt.NDArray[np.float64]) -> float:
-    """Distance in m from a point to the nearest triangle, from corners seen from there."""
-    normal = np.cross(to[:, 1] - to[:, 0], to[:, 2] - to[:, 0])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    height = np.einsum("ij,ij->i", to[:, 0], normal)
-    foot = height[:, None] * normal
-    inside = np.ones(len(to), dtype=bool)
-    nearest = np.full(len(to), np.inf)
-    for i in range(3):
-        start, edge = to[:, i], to[:, (i + 1) % 3] - to[:, i]
-        inside &= np.einsum("ij,ij->i", np.cross(edge, foot - start), normal) >= 0.0
-        share = np.clip(-np.einsum("ij,ij->i", start, edge) / (edge**2).sum(axis=1), 0.0, 1.0)
-        nearest = np.minimum(nearest, np.linalg.norm(start + share[:, None] * edge, axis=1))
-    return float(np.where(inside, np.abs(height), nearest).min())

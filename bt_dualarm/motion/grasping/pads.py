@@ -7,17 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bt_dualarm.motion.grasping.solids import Solid
-from bt_dualarm.pose import Matrix, Vector
-
-PRESSED = 3e-4
-"""Depth in m to which a pad gives way; rubber and MuJoCo's contacts do about as much."""
-
-_SPOT = 1.5e-3  # m: lever of what touches at a spot, which a soft pad makes a patch; of a ball of
-# 10 mm that is pressed in by 0.3 mm it is 1.6 mm
-_ROWS = 7
-_STEPS = 20  # of a trace: each is as long as the distance to the solid
-_HIT = 2e-5  # m
-_SLOPE = 1e-5  # m, over which normals are measured
+from bt_dualarm.pose import Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,37 +58,12 @@ def pressed(
         along: Direction of the pad's length, of unit length, square to the normal.
         size: Length and width of the pad, of shape (2,), m.
     """
-    steps = size[:, None] * ((np.arange(_ROWS) + 0.5) / _ROWS - 0.5)
-    flat = np.array(np.meshgrid(*steps)).reshape(2, -1).T
-    start = center + (solid.reach(normal) - center @ normal) * normal
-    points = start + flat @ np.vstack((along, np.cross(normal, along)))
-    lines = _traced(solid, points, -normal)
-    if not len(lines):
+    from bt_dualarm.motion.pinching.pad_kernels import press
+
+    met = np.empty(6)
+    if not press(*solid.form, center, normal, along, size, met):
         return None
-    on, at = points[lines[:, 0].astype(int)], lines[:, 1]
-    touching = at <= at.min() + PRESSED
-    met = on[touching] - at[touching][:, None] * normal
-    middle = met.mean(axis=0)
-    middle = middle + float(((on - at.min() * normal) - middle).mean(axis=0) @ normal) * normal
-    spread = np.linalg.norm(met - met.mean(axis=0), axis=1)
-    cosine = float((normals(solid, met) @ normal).max())
-    share, slope = len(met) / len(points), float(np.arccos(min(cosine, 1.0)))
-    return PadContact(middle, share, max(float(spread.mean()), _SPOT), slope)
-
-
-def _traced(solid: Solid, points: Matrix, direction: Vector) -> Matrix:
-    """Which rays from points of shape (n, 3) meet a solid, and after how many metres: (m, 2)."""
-    gone, farthest = np.zeros(len(points)), solid.reach(direction) + solid.reach(-direction)
-    left = np.arange(len(points))
-    for _ in range(_STEPS):
-        away = solid.distance(points[left] + gone[left, None] * direction)
-        gone[left] += np.maximum(away, 0.0)
-        left = left[(away >= _HIT) & (gone[left] <= farthest)]
-        if not len(left):
-            break
-    gone[left] = np.inf  # it passes close by
-    met = np.flatnonzero(gone <= farthest)
-    return np.column_stack((met, gone[met]))
+    return PadContact(met[:3], float(met[3]), float(met[4]), float(met[5]))
 
 
 def held(solid: Solid, center: Vector, axis: Vector, along: Vector, size: Vector) -> Hold | None:
@@ -111,28 +76,9 @@ def held(solid: Solid, center: Vector, axis: Vector, along: Vector, size: Vector
         along: Direction of their length, of unit length, square to the axis.
         size: Length and width of a pad, of shape (2,), m.
     """
-    one = pressed(solid, center, axis, along, size)
-    other = pressed(solid, center, -axis, along, size)
-    if one is None or other is None:
-        return None
-    line = one.middle - other.middle
-    width = float(line @ axis)
-    if width <= 0.0:
-        return None
-    skew = float(np.arccos(np.clip(width / np.linalg.norm(line), 0.0, 1.0)))
-    return Hold(
-        0.5 * (one.middle + other.middle),
-        width,
-        min(one.lever, other.lever),
-        max(one.slope, other.slope, skew),
-    )
+    from bt_dualarm.motion.pinching.pad_kernels import hold
 
-
-def normals(solid: Solid, points: Matrix) -> Matrix:
-    """Unit normals of a solid at points of its surface, each of shape (n, 3)."""
-    steps = _SLOPE * np.vstack((np.eye(3), -np.eye(3)))
-    around = (points[:, None] + steps).reshape(-1, 3)
-    away = solid.distance(around).reshape(len(points), 2, 3)
-    slope = away[:, 0] - away[:, 1]
-    unit: Matrix = slope / np.maximum(np.linalg.norm(slope, axis=1), 1e-12)[:, None]
-    return unit
+    between = np.empty(6)
+    if not hold(*solid.form, center, axis, along, size, between):
+        return None
+    return Hold(between[:3], float(between[3]), float(between[4]), float(between[5]))

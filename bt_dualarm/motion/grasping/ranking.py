@@ -73,11 +73,10 @@ def ranked(
             does not get there.
     """
     found = []
-    for grasp in grasps:
-        tool = lies @ grasp.tool
-        room = math.inf if jaw is None else _room(jaw, grasp, tool, obstacles)
+    for grasp, room in zip(grasps, _rooms(grasps, lies, jaw, obstacles), strict=True):
         if room < -_TOUCHING:
             continue
+        tool = lies @ grasp.tool
         effort = reach(tool)
         if math.isinf(effort):
             continue
@@ -110,11 +109,29 @@ def palm_points(jaw: JawMeasures) -> Matrix:
     return np.array([(x, y, z) for z in heights for x, y in ring])
 
 
-def _room(jaw: JawMeasures, grasp: Grasp, tool: Pose, obstacles: Sequence[Obstacle]) -> float:
-    """Least distance in m of palm and fingers, open or shut on the object, from what is around."""
-    if not obstacles:
-        return math.inf
-    openings = jaw.widest_opening, grasp.width
-    fingers = [finger_points(jaw, opening) for opening in openings]
-    points = tool.apply(np.vstack((*fingers, palm_points(jaw))))
-    return min(float(one.solid.distance(one.pose.inverse.apply(points)).min()) for one in obstacles)
+def _rooms(
+    grasps: Sequence[Grasp], lies: Pose, jaw: JawMeasures | None, obstacles: Sequence[Obstacle]
+) -> list[float]:
+    """Least distance in m of palm and fingers, open or shut on the object, from what is around.
+
+    Of one that has no room at all any distance that says so.
+    """
+    rooms = np.full(len(grasps), math.inf)
+    if jaw is None or not grasps:
+        return rooms.tolist()
+    from bt_dualarm.motion.pinching.jaw_kernels import narrow
+
+    tools = np.array([(*one.tool.position, *one.tool.quaternion) for one in grasps])
+    widths = np.array([(jaw.widest_opening, one.width) for one in grasps])
+    points = _moving_points(jaw)
+    for one in obstacles:
+        pose = (lies.inverse @ one.pose).matrix
+        narrow(*one.solid.form, pose, tools, widths, points, -_TOUCHING, rooms)
+    return rooms.tolist()
+
+
+def _moving_points(jaw: JawMeasures) -> Matrix:
+    """Points of the closed gripper, and which way each moves as it opens, of shape (n, 4)."""
+    fingers, palm = finger_points(jaw, 0.0), palm_points(jaw)
+    ways = np.repeat((1.0, -1.0, 0.0), (len(fingers) // 2, len(fingers) // 2, len(palm)))
+    return np.column_stack((np.vstack((fingers, palm)), ways))

@@ -4,27 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
 
 import numpy as np
 
+from bt_dualarm.motion.pinching.kernel_forms import BOX, CAPSULE, CYLINDER, Form
 from bt_dualarm.pose import Matrix, Vector
 
 
-class Solid(Protocol):
+class Solid:
     """What grasps are looked for on."""
+
+    @property
+    def form(self) -> Form:
+        """The solid in numbers."""
+        raise NotImplementedError
 
     def reach(self, direction: Vector) -> float:
         """Largest coordinate in m along a unit direction of shape (3,): the support function."""
-        ...
+        from bt_dualarm.motion.pinching.solid_kernels import reach
+
+        return reach(*self.form, np.ascontiguousarray(direction, dtype=float))
 
     def distance(self, points: Matrix) -> Vector:
-        """Signed distances in m of points of shape (n, 3), negative inside; of shape (n,)."""
-        ...
+        """Signed distances in m of points of shape (n, 3), negative inside; of shape (n,).
+
+        Exact, but for a convex mesh: there, outside, it is that of the farthest plane.
+        """
+        from bt_dualarm.motion.pinching.solid_kernels import distances
+
+        return distances(*self.form, np.ascontiguousarray(points, dtype=float))
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class Box(Solid):
     """A box around the origin.
 
     Attributes:
@@ -33,17 +46,14 @@ class Box:
 
     half: Vector
 
-    def reach(self, direction: Vector) -> float:
-        """As `Solid.reach`: where the corner is that lies farthest."""
-        return float(np.abs(direction) @ self.half)
-
-    def distance(self, points: Matrix) -> Vector:
-        """As `Solid.distance`, exact inside and outside."""
-        return _outside(np.abs(points) - self.half)
+    @cached_property
+    def form(self) -> Form:
+        """As `Solid.form`."""
+        return Form(BOX, np.array([self.half], dtype=float))
 
 
 @dataclass(frozen=True, eq=False)
-class Cylinder:
+class Cylinder(Solid):
     """A cylinder around the z axis.
 
     Attributes:
@@ -54,19 +64,14 @@ class Cylinder:
     radius: float
     half_length: float
 
-    def reach(self, direction: Vector) -> float:
-        """As `Solid.reach`: on the edge of an end."""
-        across = float(np.hypot(direction[0], direction[1]))
-        return self.radius * across + self.half_length * abs(float(direction[2]))
-
-    def distance(self, points: Matrix) -> Vector:
-        """As `Solid.distance`, exact inside and outside."""
-        across = np.hypot(points[:, 0], points[:, 1]) - self.radius
-        return _outside(np.column_stack((across, np.abs(points[:, 2]) - self.half_length)))
+    @cached_property
+    def form(self) -> Form:
+        """As `Solid.form`."""
+        return Form(CYLINDER, np.array([[self.radius, self.half_length]], dtype=float))
 
 
 @dataclass(frozen=True, eq=False)
-class Capsule:
+class Capsule(Solid):
     """A ball moved along the z axis; a sphere where it is not moved.
 
     Attributes:
@@ -77,16 +82,10 @@ class Capsule:
     radius: float
     half_length: float = 0.0
 
-    def reach(self, direction: Vector) -> float:
-        """As `Solid.reach`: on one of the two balls at its ends."""
-        return self.radius + self.half_length * abs(float(direction[2]))
-
-    def distance(self, points: Matrix) -> Vector:
-        """As `Solid.distance`, exact inside and outside."""
-        middle = np.clip(points[:, 2], -self.half_length, self.half_length)
-        along = points[:, 2] - middle
-        away: Vector = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + along**2) - self.radius
-        return away
+    @cached_property
+    def form(self) -> Form:
+        """As `Solid.form`."""
+        return Form(CAPSULE, np.array([[self.radius, self.half_length]], dtype=float))
 
 
 def solid_of(shape: str, size: Sequence[float]) -> Solid:
@@ -109,14 +108,3 @@ def solid_of(shape: str, size: Sequence[float]) -> Solid:
     if shape == "sphere":
         return Capsule(float(size[0]))
     raise ValueError(f"no grasps are known of a {shape!r}: box, cylinder, capsule, sphere are")
-
-
-def _outside(beyond: Matrix) -> Vector:
-    """Distances from what is bounded along independent axes.
-
-    Args:
-        beyond: Distances beyond the bound of each axis, negative within, of shape (n, axes), m.
-    """
-    outside = np.sqrt(np.square(np.maximum(beyond, 0.0)).sum(axis=1))
-    distance: Vector = outside + np.minimum(beyond.max(axis=1), 0.0)
-    return distance
