@@ -4,9 +4,10 @@
                                [--gripper robotiq_2f85] [--reality lab] [--times 1.2]
 
 A box of 0.1 to 0.8 kg is carried to and fro as fast as the arm may. At a random moment a force in
-a random direction pulls at it for 0.1 s, so many times what the grip's friction holds along the
-pads; the delay is that until the gripper is asked for more force, or the leaf fails. In `--quiet`
-seconds of the same carrying nobody pulls, and each such answer is a false alarm.
+a random direction pulls at it for 0.1 s, so many times what the grip holds: of fingers, friction
+along the pads; of a cup, what it bears in that direction (which is away from it, or across). The
+delay is that until the arm has felt it (`slips_felt`), or the leaf fails. In `--quiet` seconds of
+the same carrying nobody pulls, and each such answer is a false alarm.
 Exit code 1 if a pull was felt after 50 ms, or not at all, or there was a false alarm.
 """
 
@@ -15,20 +16,26 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from itertools import cycle, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import yaml
 
+from bt_dualarm.arm.measured_gripper import cup_measures
+from bt_dualarm.arm.slip_response import SlipResponse
+from bt_dualarm.motion.grasping.holding_force import suction_forces
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.parts import IdleObserver
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.world.world import World
 
 PULL_S = 0.1
 """Seconds for which a pull lasts."""
@@ -45,17 +52,17 @@ class Puller(IdleObserver):
     """Pulls once, and notes when the gripper answers.
 
     Attributes:
-        run: The run.
         after: Simulated seconds from the first transport to the pull; infinite for none.
         times: Force of the pull, in holding forces.
         way: Direction of the pull in the world, of shape (3,).
         began: When the box was held, s.
         pulled: When it was pulled at, s.
-        answered: When the gripper was asked for more force, s.
+        answered: When the arm felt a pull, s.
         held_s: Seconds for which it was held without a pull.
+        run: The run.
+        slip: What looks after the box.
     """
 
-    run: Run
     after: float
     times: float
     way: np.ndarray
@@ -63,28 +70,51 @@ class Puller(IdleObserver):
     pulled: float | None = None
     answered: list[float] = field(default_factory=list)
     held_s: float = 0.0
-    _force: float = 0.0
+    run: Run = field(init=False)
+    slip: SlipResponse | None = None
+    _felt: int = 0
 
     def after_step(self, time: float) -> None:
-        """Pull, and look at what the gripper is asked for."""
+        """Pull, and look whether the arm feels it."""
         world = self.run.world
-        held, asked = world.attachments.find("arm1", "box"), world.grippers["arm1"].commanded
-        if held is None:
-            return
-        if self.began is None:
-            self.began, self._force = time, asked.force
-        self.held_s = time - self.began
-        if asked.force > self._force:
+        held = world.attachments.find("arm1", "box")
+        if self.slip is not None and self.slip.felt > self._felt:
+            self._felt = self.slip.felt
             self.answered.append(time)
-        self._force = asked.force
-        body = world.object_body("box")
-        if self.pulled is None and self.held_s >= self.after:
-            self.pulled = time
-            friction = max(world.grippers["arm1"].gripper.friction, world.objects["box"].friction)
-            held_n = 2.0 * friction * asked.force
-            world.data.xfrc_applied[body, :3] = self.times * held_n * self.way
-        elif self.pulled is not None and time - self.pulled > PULL_S:
-            world.data.xfrc_applied[body, :3] = 0.0
+        if held is not None:
+            self.began = time if self.began is None else self.began
+            self.held_s = time - self.began
+            if self.pulled is None and self.held_s >= self.after:
+                self.pulled = time
+                self._pull(self.times * holding_force(world, self.way))
+        if self.pulled is not None and time - self.pulled > PULL_S:
+            self._pull(0.0)
+
+    def _pull(self, newton: float) -> None:
+        world = self.run.world
+        world.data.xfrc_applied[world.object_body("box"), :3] = newton * self.way
+
+
+def holding_force(world: World, way: np.ndarray) -> float:
+    """Force in N that the gripper of the arm holds on to the box with, in a direction, (3,)."""
+    hardware, thing = world.grippers["arm1"], world.objects["box"]
+    page, asked = hardware.gripper, hardware.commanded.force
+    if page.fingers:
+        return 2.0 * max(page.friction, thing.friction) * asked
+    forces = (world.arms["arm1"].tool_pose.rotation_matrix.T @ way)[None]
+    cup, back = cup_measures(page, thing.friction), np.array((0.0, 0.0, -1.0))
+    return asked / float(suction_forces(forces, np.zeros(3), back, cup)[0])
+
+
+def feeling(puller: Puller) -> AbstractContextManager[object]:
+    """While this lasts, what looks after the box is known to the puller."""
+    look = SlipResponse.look
+
+    def noted(slip: SlipResponse) -> None:
+        puller.slip = slip
+        look(slip)
+
+    return patch.object(SlipResponse, "look", noted)
 
 
 def task(options: argparse.Namespace, rng: np.random.Generator, carries: int) -> dict[str, Any]:
@@ -116,13 +146,15 @@ def played(
         path = Path(folder) / "pulls.yaml"
         path.write_text(yaml.safe_dump(task(options, rng, carries)), encoding="utf-8")
         file = load_tree_file(path, registry.kinds)
-        run = Run(file, registry, RunOptions(seed=seed, renderer="ray"))
         way = rng.normal(size=3)
+        way[2] = -abs(way[2])  # away from a cup
         after = float(rng.uniform(1.0, 5.0)) if pulls else np.inf
-        puller = Puller(run, after, options.times, way / np.linalg.norm(way))
-        run.watch(puller)
-        with run:
-            result = run.finish()
+        puller = Puller(after, options.times, way / np.linalg.norm(way))
+        with feeling(puller):
+            run = puller.run = Run(file, registry, RunOptions(seed=seed, renderer="ray"))
+            run.watch(puller)
+            with run:
+                result = run.finish()
     failed = [leaf for leaf in result.arms["arm1"].leaves.values() if leaf.status == "FAILURE"]
     return puller, str(failed[0].code) if failed else "kept"
 

@@ -214,7 +214,6 @@ class Executor:
         if self._lease.intrusion:
             error, self._lease.intrusion = SkillError(self._lease.intrusion), ""
             return error
-        self._slip.look()
         if not self._lease.has_it:
             return None
         try:

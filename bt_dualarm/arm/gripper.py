@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from bt_dualarm.arm.hold_signs import is_lost
 from bt_dualarm.arm.lease import Leaseholder
 from bt_dualarm.errors import Failure
 from bt_dualarm.pose import Pose
@@ -82,6 +83,11 @@ class ArmGripper:
         if not self.page.fingers:
             return self.commanded.width <= 0.0 and self.force >= _PRESSING * wanted
         return self.at_rest and self.force >= _PRESSING * wanted and self.width > self.closed_width
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether what it held is gone, by what it senses: fingers have shut, a cup leaks."""
+        return is_lost(self.page, self.width, self.vacuum, self.commanded.force)
 
     @property
     def held(self) -> tuple[str, ...]:

@@ -61,7 +61,15 @@ def _fingers(gripper: Gripper) -> tuple[str, ...]:
         f"speed: {_span(gripper.speed, 1e3, 'mm/s')} of both fingers together",
         f"force: {_span(gripper.force, 1.0, 'N')} of each pad",
         f"encoder: a step of {1e3 * gripper.resolution:g} mm",
+        f"pads: {_pads(gripper)}",
     )
+
+
+def _pads(gripper: Gripper) -> str:
+    felt = gripper.tactile
+    if felt is None:
+        return "do not feel"
+    return f"feel the force on them {felt.rate:g} times a second, within {felt.noise:g} N"
 
 
 def _cup(gripper: Gripper) -> tuple[str, ...]:
@@ -106,6 +114,7 @@ def _sheet(gripper: Gripper) -> dict[str, object]:
         "payload_kg": gripper.payload,
         "mass_kg": gripper.mass,
         "resolution_m": gripper.resolution,
+        "tactile_hz": None if gripper.tactile is None else gripper.tactile.rate,
         "friction": gripper.friction,
         "tool_m": (gripper.mount @ gripper.tool).position.tolist(),
     }

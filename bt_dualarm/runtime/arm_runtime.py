@@ -31,6 +31,7 @@ class ArmParts:
         eye: Camera of the arm, None where it has none.
         tick_period: Seconds between two ticks of the tree.
         control_period: Seconds between two updates of the controller.
+        watch: What looks after the arm at each of them, such as after what its gripper holds.
     """
 
     robot: str
@@ -39,6 +40,7 @@ class ArmParts:
     eye: Eye | None
     tick_period: Fraction
     control_period: Fraction
+    watch: Callable[[], None]
 
 
 class ArmRuntime:
@@ -76,6 +78,7 @@ class ArmRuntime:
         self._tree = parts.tree
         self._controller = parts.controller
         self._eye = parts.eye
+        self._watch = parts.watch
         self._ticks = Periodic(parts.tick_period, timestep, ticked_from)
         self._control = Periodic(parts.control_period, timestep, held_from)
 
@@ -134,9 +137,10 @@ class ArmRuntime:
         return True
 
     def control(self, step: int, time: float) -> None:
-        """Update the controller if that is due."""
+        """Update the controller if that is due, and look after the arm."""
         if self._control.due(step):
             self._controller.update(time)
+            self._watch()
 
     def halt(self, outcome: Outcome, time: float) -> None:
         """End a tree that is still running with this outcome, leaf by leaf."""

@@ -27,6 +27,7 @@ from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.tree.arm_tree import ArmTree
 from bt_dualarm.tree.build import build_tree
 from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.world.cameras.calibration import calibration_of
@@ -109,7 +110,15 @@ class _Parts:
         arm = SharedArm(
             self.world, name, controller, camera, self.seed, self.planning, self.touches
         )
-        tree = build_tree(
+        tree = self._grown(name, arm)
+        called = name_of_robot(spec.robot, self.world.robots[name])
+        eye = None if camera is None else _Eye(camera, self.world, self.sights[name])
+        return ArmParts(
+            called, tree, controller, eye, 1 / exact(spec.tick_hz), period, arm.slip.look
+        )
+
+    def _grown(self, name: str, arm: SharedArm) -> ArmTree:
+        return build_tree(
             name,
             self.trees[name],
             self.registry.skills,
@@ -118,9 +127,6 @@ class _Parts:
             self.on_event,
             None if self.notes is None else self.notes.of_tree,
         )
-        called = name_of_robot(spec.robot, self.world.robots[name])
-        eye = None if camera is None else _Eye(camera, self.world, self.sights[name])
-        return ArmParts(called, tree, controller, eye, 1 / exact(spec.tick_hz), period)
 
     def _rng(self, owner: str) -> np.random.Generator:
         """Randomness hangs on the seed and on who uses it, not on who runs first."""

@@ -8,13 +8,9 @@ from collections.abc import Iterator
 from typing import Final
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.hold_signs import LOST_S, has_slid
 from bt_dualarm.errors import Failure
 
-SHRUNK_M: Final = 0.003
-"""Change of the opening in metres that means that something else is between the pads."""
-
-_STEPS: Final = 3.0  # of the encoder, that may be its noise
-_LOST_S: Final = 0.04  # that a hold has to be gone for
 _FIRM: Final = 4.0  # times the force that is pressed with: some comes before the arm has stopped
 _JUDGED_S: Final = 1.0  # that fingers may take to shut
 
@@ -43,14 +39,14 @@ class Grip:
                 nothing is between them any more, or the cup does not seal.
         """
         gripper = self._arm.gripper
+        if gripper.is_lost:
+            fingers = gripper.page.fingers
+            how = "is no longer between the fingers" if fingers else "came off the cup"
+            raise self._failure("DROPPED", how)
         if gripper.page.fingers:
             moved = abs(self._settled_width() - self.width)
-            if gripper.width <= gripper.closed_width:
-                raise self._failure("DROPPED", "is no longer between the fingers")
-            if moved > max(SHRUNK_M, _STEPS * gripper.page.resolution):
+            if has_slid(gripper.page, moved):
                 raise self._failure("SLIPPED", f"slips: the fingers moved {1e3 * moved:.1f} mm")
-        elif gripper.vacuum < 0.5 * gripper.commanded.force / gripper.page.force.most:
-            raise self._failure("DROPPED", "came off the cup")
 
     def firm_for(self, force_n: float) -> float:
         """Hold so firmly that what is held can be pressed on something and does not slide.
@@ -85,9 +81,9 @@ class Grip:
         """
         yield from self._arm.halt()
         gripper, began = self._arm.gripper, self._arm.time
-        while self._arm.time - began < _JUDGED_S and gripper.width > gripper.closed_width:
+        while self._arm.time - began < _JUDGED_S and not gripper.is_lost:
             yield None
-        if gripper.page.fingers and gripper.width <= gripper.closed_width:
+        if gripper.is_lost:
             raise self._failure("DROPPED", "is no longer between the fingers") from None
         raise slip
 
@@ -95,7 +91,7 @@ class Grip:
         """The opening, by the smallest change of the last moments: one reading may be off."""
         now, gripper = self._arm.time, self._arm.gripper
         self._widths.append((now, gripper.width))
-        while now - self._widths[0][0] > _LOST_S:
+        while now - self._widths[0][0] > LOST_S:
             self._widths.popleft()
         return min((width for _, width in self._widths), key=lambda one: abs(one - self.width))
 

@@ -17,22 +17,26 @@ GOING = 5.0
 """Simulated seconds after which the cube is on its way."""
 
 
-def pulls(newton: float) -> Callable[[World], None]:
-    """Pull the cube along the fingers' pads, away from the palm, from now on."""
+def pulls(newton: float, axis: int = 2) -> Callable[[World], None]:
+    """Pull the cube along an axis of the tool, away from the palm by default, from now on."""
 
     def pull(world: World) -> None:
-        along = world.arms["arm1"].tool_pose.rotation_matrix[:, 2]
+        along = world.arms["arm1"].tool_pose.rotation_matrix[:, axis]
         world.data.xfrc_applied[world.object_body("cube"), :3] = newton * along
 
     return pull
 
 
-def play(stage: Stage, newton: float, **ports: Any) -> tuple[Play, list[tuple[float, float]]]:
+def play(
+    stage: Stage, newton: float, axis: int = 2, gripper: str = "robotiq_2f85", **ports: Any
+) -> tuple[Play, list[tuple[float, float]]]:
     """Pull at it for 0.1 s while it is carried; the times at which the force was asked for anew."""
     grasp: Tree = {"grasp": {"object": "cube", **ports}}
     cube = {"cube": ON_TABLE["cube"] | {"mass": 0.5}}
-    file = Scenario(cube, arm=GRIPPING, scene="table").file(grasp, CARRY)
-    one = stage.play(file, deeds=((GOING, pulls(newton)), (GOING + 0.1, pulls(0.0))))
+    arm = GRIPPING | {"gripper": gripper}
+    file = Scenario(cube, arm=arm, scene="table").file(grasp, CARRY)
+    deeds = ((GOING, pulls(newton, axis)), (GOING + 0.1, pulls(0.0)))
+    one = stage.play(file, deeds=deeds)
     asked: list[tuple[float, float]] = []
 
     def note(world: World) -> None:
@@ -57,10 +61,32 @@ def test_a_pull_beyond_friction_is_answered_within_50_ms(stage: Stage) -> None:
     leaf = one.leaf("transport")
     assert leaf.status == "SUCCESS", leaf.reason
     (_, first), (at, firmer), *_ = asked
-    assert 0.0 < at - GOING <= 0.05
+    assert 0.0 < at - GOING <= 0.016  # two readings of the pads and two set-points
     assert firmer > 2.0 * first
     assert float(leaf.metrics["slips_felt"]) >= 1
     assert leaf.metrics["grip_force_n"] == asked[-1][1]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_pull_aside_or_across_the_pads_is_answered_too(axis: int, stage: Stage) -> None:
+    one, asked = play(stage, 40.0, axis)
+    assert one.arm().outcome == "SUCCESS"
+    assert 0.0 < asked[1][0] - GOING <= 0.05
+
+
+def test_joints_feel_what_pulls_aside_at_a_cup(stage: Stage) -> None:
+    """It cannot hold more firmly: the pull is counted, and the cube carried on."""
+    one, asked = play(stage, 12.0, 0, "suction_cup")
+    leaf = one.leaf("transport")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["slips_felt"]) >= 1
+    assert len(asked) == 1
+
+
+def test_carrying_a_cube_by_a_cup_is_no_pull(stage: Stage) -> None:
+    one, _ = play(stage, 0.0, 0, "suction_cup")
+    assert one.arm().outcome == "SUCCESS"
+    assert "slips_felt" not in one.leaf("transport").metrics
 
 
 def test_no_firmer_than_the_object_bears(stage: Stage) -> None:

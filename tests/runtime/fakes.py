@@ -213,6 +213,7 @@ class Stage:
             eye=self.eyes.get(name),
             tick_period=Fraction(2, 100),
             control_period=Fraction(1, 100),
+            watch=lambda: None,
         )
 
     def run(self) -> RunResult:

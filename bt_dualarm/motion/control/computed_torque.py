@@ -77,7 +77,7 @@ class ComputedTorque:
         self._sent = state[SENT_Q], state[SENT_V], state[SENT_A]
         self._speed, self._torque, self.told = state[SPEED], state[TORQUE], np.zeros(TOLD)
         self.observer = StateObserver(law, state, self._hardware.q)
-        self.touch = MomentumObserver(state)
+        self.touch = MomentumObserver(state, self._inertias[0])
         minds, friction = world.declared_arms[arm].collision, self._nominal.friction
         self.hits = CollisionWatch(friction, minds.threshold) if minds.stop else None
         self.was_hit = False

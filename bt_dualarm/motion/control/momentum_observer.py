@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bt_dualarm.motion.chains.kernel_rows import EXTERNAL
+from bt_dualarm.motion.chains.kernel_rows import DISTURBING, EXTERNAL
 from bt_dualarm.pose import Matrix, Vector
 
 
@@ -17,19 +17,31 @@ class MomentumObserver:
 
     Args:
         state: State of the arm, see `kernel_rows`.
+        inertia: Inertia matrix of now, of shape (dof, dof), kg m²: a view of it.
 
     Attributes:
         is_new: Whether the arm weighs something else than in the period before.
+        inertia: Inertia matrix of now, as it was given.
     """
 
-    def __init__(self, state: Matrix) -> None:
+    def __init__(self, state: Matrix, inertia: Matrix) -> None:
         self.is_new = True
-        self._torque = state[EXTERNAL]
+        self.inertia = inertia
+        self._torque, self._disturbing = state[EXTERNAL], state[DISTURBING]
 
     @property
     def torque(self) -> Vector:
         """External torques, of shape (dof,), N m: positive where they push a joint forward."""
         torque: Vector = self._torque.copy()
+        return torque
+
+    @property
+    def disturbing(self) -> Vector:
+        """Torques that would disturb the nominal arm as much as it is, of shape (dof,), N m.
+
+        They come sooner than `torque`, and with more noise.
+        """
+        torque: Vector = self._disturbing.copy()
         return torque
 
     def square_since(self, before: Vector) -> float:

@@ -6,5 +6,6 @@ and cup in the arm's MjSpec; a drive with its sensors for each arm that is prese
 Open first: `gripper` (what a gripper is); others: `named` (gripper by name), `gripper_entry` and
 `description` (what its YAML may say), `parts` (shapes and inertia), `mounting` (on a flange),
 `sealing` (does a lip lie on a thing), `carrying` and `grip_kernels` (what is held goes with it),
-`mjspec` (fingers in the simulation), `drive` (how fingers move and what is felt of them).
+`mjspec` (fingers in the simulation), `drive` (how fingers move and what is felt of them),
+`tactile` (what pads feel).
 """

@@ -12,7 +12,15 @@ import numpy as np
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.source import Path as Place
-from bt_dualarm.world.grippers.gripper import Cup, Finger, Gripper, RigidPart, Solid, Span
+from bt_dualarm.world.grippers.gripper import (
+    Cup,
+    Finger,
+    Gripper,
+    RigidPart,
+    Solid,
+    Span,
+    Tactile,
+)
 from bt_dualarm.world.grippers.gripper_entry import FingersEntry, GripperFile
 from bt_dualarm.world.grippers.parts import part_of, part_of_link
 from bt_dualarm.world.robots.example_robot_data import robot_data_dir
@@ -57,7 +65,7 @@ def gripper_of(file: GripperFile) -> Gripper:
         palm = described.parts[entry.palm]
     else:
         palm = part_of(entry.palm)
-    cup, speed = entry.cup, entry.speed
+    cup, speed, felt = entry.cup, entry.speed, entry.tactile
     return Gripper(
         name=file.path.stem,
         title=entry.title,
@@ -73,6 +81,7 @@ def gripper_of(file: GripperFile) -> Gripper:
         fingers=() if entry.fingers is None else tuple(_fingers(entry.fingers, described)),
         cup=None if cup is None else Cup(cup.radius, cup.depth, cup.seal),
         drive_mass=entry.drive_mass,
+        tactile=None if felt is None else Tactile(felt.rate, felt.noise, felt.gain),
         color=entry.color,
     )
 
@@ -91,6 +100,8 @@ def _problems(file: GripperFile) -> Iterator[Problem]:
         if (fingers.links is None) == (fingers.part is None):
             hint = "links of the URDF, or a part of shapes"
             yield file.problem(("fingers",), "what do the fingers consist of?", hint, key=True)
+    if fingers is None and entry.tactile is not None:
+        yield file.problem(("tactile",), "feels the force on pads: a cup has none", key=True)
     from_urdf = isinstance(entry.palm, str) or (fingers is not None and fingers.links is not None)
     if from_urdf and entry.urdf is None:
         place: Place = ("palm",) if isinstance(entry.palm, str) else ("fingers", "links")

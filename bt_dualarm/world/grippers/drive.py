@@ -15,6 +15,7 @@ from bt_dualarm.spec.reality import RealityErrors
 from bt_dualarm.world.grippers.gripper import FINGERS, Gripper
 from bt_dualarm.world.grippers.mjspec import CUP, DRIVE
 from bt_dualarm.world.grippers.sealing import Seal
+from bt_dualarm.world.grippers.tactile import tactile_sensors
 
 _STIFFNESS: Final = 0.25
 """Of the drive's speed loop, times the mass of a finger over the step squared: with a damping of
@@ -72,6 +73,7 @@ class GripperHardware:
         force: Force of a pad as the motor's current tells, N; positive where it closes. Of a cup,
             that with which it holds.
         vacuum: Share of the full vacuum that a cup senses, 0 to 1: 0 where it does not seal.
+        tactile: What feels the force on each pad, if the page has something that does.
         stamp: Simulated time of all of them, s.
         commanded: What was asked for last.
     """
@@ -86,6 +88,7 @@ class GripperHardware:
         self.commanded = GripperCommand(begin, gripper.speed.most, gripper.force.most)
         self._gain = 1.0 + float(errors.drive.gain.draw(rng, 1)[0])
         self._rng, self._step = rng, timestep
+        self.tactile = tactile_sensors(gripper, errors, rng, timestep)
         encoder = errors.encoder
         self._resolution = gripper.resolution if encoder.resolution else 0.0
         finer = encoder.noise / encoder.resolution if encoder.resolution else 0.0
@@ -113,6 +116,8 @@ class GripperHardware:
             self._address = address  # the second finger follows the first
             self._q = data.qpos[address : address + 2]
             self._v = data.qvel[first : first + 2]
+            if self.tactile is not None:
+                self.tactile.connect(model, data, arm)
         else:
             lip = int(model.body(f"{arm}/{CUP}").geomadr[0])
             cup = self.gripper.cup
@@ -143,6 +148,8 @@ class GripperHardware:
         began, first = self._past[0]
         self.speed = (width - first) / (self.stamp - began) if self.stamp > began else 0.0
         self.width, self.force = width, -self._torque
+        if self.tactile is not None:
+            self.tactile.sense(self.stamp)
 
     def place(self, positions: Vector) -> None:
         """Put the fingers where they are by the encoder, in positions of the whole plant, (nq,)."""

@@ -88,6 +88,21 @@ class Cup:
 
 
 @dataclass(frozen=True)
+class Tactile:
+    """What feels the force on each pad.
+
+    Attributes:
+        rate: Readings a second, Hz.
+        noise: Deviation of a reading in each direction, N.
+        gain: Half-width of the share by which a pad's sensor reads too much or too little.
+    """
+
+    rate: float
+    noise: float
+    gain: float
+
+
+@dataclass(frozen=True)
 class Span:
     """What a gripper can be asked for: from the least to the most."""
 
@@ -119,6 +134,7 @@ class Gripper:
         fingers: Two fingers, or none.
         cup: Suction cup, if it has one.
         drive_mass: What a finger's drive adds to its inertia, kg.
+        tactile: What feels the force on each pad, if anything does.
         color: RGBA of its shapes.
     """
 
@@ -136,6 +152,7 @@ class Gripper:
     fingers: tuple[Finger, ...]
     cup: Cup | None
     drive_mass: float
+    tactile: Tactile | None
     color: tuple[float, float, float, float]
 
     @property

@@ -110,6 +110,22 @@ class SourcedValue(Value):
     source: _Text
 
 
+class TactileEntry(Value):
+    """Sensors under the pads that feel the force on each of them, and who says so.
+
+    Attributes:
+        rate: Readings a second, Hz.
+        noise: Deviation of a reading in each direction, N.
+        gain: Half-width of the share by which a pad's sensor reads too much or too little.
+        source: Where that is from.
+    """
+
+    rate: Annotated[float, Field(ge=10.0, le=10000.0)]
+    noise: Annotated[float, Field(ge=0.0, le=100.0)]
+    gain: Annotated[float, Field(ge=0.0, le=0.5)] = 0.0
+    source: _Text
+
+
 class GripperEntry(Value):
     """A page of the catalogue.
 
@@ -127,6 +143,7 @@ class GripperEntry(Value):
         speed: Speed of the opening, m/s.
         payload: Most that it may hold, kg.
         resolution: Step of its opening's encoder, m.
+        tactile: What feels the force on each pad; none where it is left out.
         friction: Least coefficient of friction of pads or cup.
         drive_mass: What the drive adds to a finger's inertia, kg.
         color: RGBA of its shapes.
@@ -144,6 +161,7 @@ class GripperEntry(Value):
     speed: SourcedSpan | None = None
     payload: SourcedValue
     resolution: SourcedValue | None = None
+    tactile: TactileEntry | None = None
     friction: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
     drive_mass: Annotated[float, Field(ge=0.0, le=100.0)] = 0.4
     color: tuple[_Share, _Share, _Share, _Share] = (0.2, 0.2, 0.22, 1.0)

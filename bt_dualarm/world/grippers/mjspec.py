@@ -27,6 +27,12 @@ CUP: Final = "gripper/cup"
 PAD: Final = "pad"
 """End of the names of what takes hold of things."""
 
+FELT: Final = "felt"
+"""End of the names of the sensors that feel the force on a pad."""
+
+_FORCE_OF_ALL: Final = (1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1)
+"""Of a contact sensor: the force, summed over all contacts (``reduce="netforce"``), once."""
+
 _SOLREF: Final = (0.004, 1.0)  # s, damping ratio: as good as rigid at a 2 ms step
 _PAD_SOLIMP: Final = (0.95, 0.99, 0.001)
 _DOMINANT: Final = 1e4
@@ -56,6 +62,8 @@ def add_gripper(spec: mujoco.MjSpec, robot: Robot, gripper: Gripper, *, visuals:
         for name, finger in zip(FINGERS, gripper.fingers, strict=True):
             _add_finger(spec, palm, name, finger, gripper, visuals=visuals)
         _add_drive(spec, gripper)
+        if gripper.tactile is not None:
+            _add_felt(spec)
         bodies += FINGERS
     else:
         _add_cup(spec, palm, gripper)
@@ -114,6 +122,18 @@ def _add_finger(
     pad = add_hold(spec, name, finger.pad, gripper)
     if visuals and not finger.part.visual:
         _add_seen(spec, name, f"{pad.name}_visual", finger.pad).rgba = pad.rgba
+
+
+def _add_felt(spec: mujoco.MjSpec) -> None:
+    """Sensors of the force on each pad; they change nothing else."""
+    for name in FINGERS:
+        spec.add_sensor(
+            name=f"{name}/{FELT}",
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_GEOM,
+            objname=f"{name}/{PAD}",
+            intprm=_FORCE_OF_ALL,
+        )
 
 
 def add_hold(spec: mujoco.MjSpec, body: str, solid: Solid, gripper: Gripper) -> mujoco.MjsGeom:
