@@ -14,7 +14,7 @@ from bt_dualarm.spec.reality_sets import REALITY_SETS
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.attachments import Attachment
 from bt_dualarm.world.composition import nominal_model
-from bt_dualarm.world.grippers.carrying import Carrying
+from bt_dualarm.world.grippers.carrying import Carrying, carry_all
 from bt_dualarm.world.grippers.drive import GripperHardware
 from bt_dualarm.world.grippers.gripper import FINGERS, Gripper
 from bt_dualarm.world.hardware.arm_hardware import ArmHardware
@@ -176,8 +176,7 @@ class Equipment:
 
     def carry(self) -> None:
         """Let what grippers hold go with them, after the integration of a step."""
-        for carrying in self._carrying:
-            carrying.carry()
+        carry_all(self._model, self._plant, self._carrying)
 
     def rub(self) -> None:
         """Set the friction of all arms for the velocities of now."""

@@ -7,6 +7,7 @@ outwards by half the step times the centripetal acceleration: 2 mm/s at 2 m/s² 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from types import ModuleType
 
@@ -46,23 +47,48 @@ class Carrying:
         self._positions, self._velocities = data.qpos, data.qvel
         self._parts = self._jacobian[:3], self._jacobian[3:]
 
-    def carry(self) -> None:
-        """Correct what is held after the integration of a step, before positions are taken up."""
-        data, model, palm, compiled = self._data, self._model, self._palm, kernels()
+    def look(self) -> int:
+        """The body that it holds, -1 where there is none; where that and the palm are is kept.
+
+        To be called of all grippers before any of them goes on: positions are then still those
+        before the step.
+        """
+        data, palm, compiled = self._data, self._palm, kernels()
         if not data.ncon:
-            return
+            return -1
         contact = data.contact
-        body = compiled.gripped(contact.geom, contact.dist, self._first, self._second, self._bodies)
+        body = int(
+            compiled.gripped(contact.geom, contact.dist, self._first, self._second, self._bodies)
+        )
         if body < 0 or self._addresses[body] < 0:
-            return
-        places, turns, before = self._places, self._turns, self._before
-        compiled.remember(places, turns, palm, body, before)
-        mujoco.mj_jacBody(model, data, *self._parts, palm)
-        mujoco.mj_kinematics(model, data)
-        compiled.remember(places, turns, palm, palm, before[1:])
+            return -1
+        compiled.remember(self._places, self._turns, palm, body, self._before)
+        mujoco.mj_jacBody(self._model, data, *self._parts, palm)
+        return body
+
+    def carry(self, body: int) -> None:
+        """Correct where the body that it holds is, once positions are those after the step."""
+        palm, before, compiled = self._palm, self._before, kernels()
+        compiled.remember(self._places, self._turns, palm, palm, before[1:])
         start = self._addresses[body]
         pose = self._positions[start : start + 7]
         compiled.go_with(pose, before, self._jacobian, self._velocities, self._step)
+
+
+def carry_all(model: mujoco.MjModel, data: mujoco.MjData, grippers: Sequence[Carrying]) -> None:
+    """Correct what all grippers hold after the integration of a step.
+
+    What two of them hold goes with the first.
+    """
+    held: dict[int, Carrying] = {}
+    for gripper in grippers:
+        body = gripper.look()
+        if body >= 0:
+            held.setdefault(body, gripper)
+    if held:
+        mujoco.mj_kinematics(model, data)
+        for body, gripper in held.items():
+            gripper.carry(body)
 
 
 @cache
