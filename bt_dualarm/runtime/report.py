@@ -18,7 +18,16 @@ from bt_dualarm.runtime.symbols import STYLES, Symbols
 _MOST_METRICS = 6
 """A line for a person names no more than this; the record has them all."""
 
-_SHOWN_AS = {"m": (1e3, "mm"), "rad": (180 / math.pi, "deg"), "s": (1.0, "s")}
+_SHOWN_AS = {
+    "m": (1e3, "mm"),
+    "rad": (180 / math.pi, "deg"),
+    "s": (1.0, "s"),
+    "n": (1.0, "N"),
+    "nm": (1.0, "N m"),
+    "kg": (1.0, "kg"),
+    "px": (1.0, "px"),
+}
+"""Factor and name of the unit that people read, by the ending of a number's name."""
 
 _DRAWN = " (its pictures are being drawn)"
 """The outcome is said first: nobody waits for pictures to hear it."""
