@@ -1,16 +1,19 @@
-"""A run of the command ``bt-run``, as it looks from outside."""
+"""Commands as they look from outside: in this process, and what a run of ``bt-run`` leaves."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TextIO, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+from bt_dualarm import cli
 
 
 @dataclass(frozen=True)
@@ -56,3 +59,20 @@ class Ran:
 
 BtRun: TypeAlias = Callable[..., Ran]
 """Takes the arguments of ``bt-run``."""
+
+
+def in_this_process(program: str, arguments: Sequence[str | Path], out: TextIO, err: TextIO) -> int:
+    """The exit code of a command; a fresh process would import for a second what is here already.
+
+    Args:
+        program: Name of the command, such as ``bt-run``.
+        arguments: As typed after it.
+        out: Takes its standard output.
+        err: Takes its standard error.
+    """
+    command = getattr(cli, program.removeprefix("bt-").replace("-", "_"))
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            return int(command([str(argument) for argument in arguments]))
+        except SystemExit as ended:  # --help, or arguments that are wrong
+            return int(ended.code or 0)

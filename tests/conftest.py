@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import io
+import itertools
 import os
 import subprocess
 import sys
@@ -15,7 +17,7 @@ import pytest
 from hypothesis import settings
 
 from bt_dualarm.skill.registry import Registry
-from tests.commands import BtRun, Ran
+from tests.commands import BtRun, Ran, in_this_process
 from tests.plays import Stage
 
 # A first example may import what is imported when it is asked for, on a machine with other work.
@@ -38,11 +40,16 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(folder.cleanup)
 
 
+OBJECTS = 100_000
+"""New objects after which Python looks for circles: as the commands have it. A run leaves none."""
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish() -> None:
     """Look no more for circles among what is imported and collected: all of it stays."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(OBJECTS)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -72,16 +79,12 @@ def stage(tmp_path: Path, registry: Registry) -> Stage:
 @pytest.fixture
 def bt_run(tmp_path: Path) -> BtRun:
     """Runs ``bt-run`` in a fresh process and reads what it left behind."""
-    count = 0
+    folders = (tmp_path / f"record{count}" for count in itertools.count(1))
 
     def run(*arguments: str | Path) -> Ran:
-        nonlocal count
-        count += 1
-        folder = tmp_path / f"record{count}"
-        program = Path(sys.executable).with_name("bt-run")
-        options = ("--display", "quiet", "--renderer", "ray", "--record", folder)
+        folder = next(folders)
         done = subprocess.run(
-            [str(part) for part in (program, *arguments, *options)],
+            [Path(sys.executable).with_name("bt-run"), *arguments, *recording_to(folder)],
             env=os.environ | {"OMP_NUM_THREADS": "1"},
             capture_output=True,
             text=True,
@@ -91,3 +94,20 @@ def bt_run(tmp_path: Path) -> BtRun:
         return Ran(done.returncode, done.stdout, done.stderr, folder)
 
     return run
+
+
+@pytest.fixture
+def bt_run_here(tmp_path: Path) -> BtRun:
+    """Runs ``bt-run`` in this process, which has imported all of it, and likewise."""
+    folders = (tmp_path / f"record_here{count}" for count in itertools.count(1))
+
+    def run(*arguments: str | Path) -> Ran:
+        folder, out, err = next(folders), io.StringIO(), io.StringIO()
+        code = in_this_process("bt-run", [*arguments, *recording_to(folder)], out, err)
+        return Ran(code, out.getvalue(), err.getvalue(), folder)
+
+    return run
+
+
+def recording_to(folder: Path) -> list[str]:
+    return ["--display", "quiet", "--renderer", "ray", "--record", str(folder)]

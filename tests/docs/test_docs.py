@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import io
 import json
-import os
 import re
 import shlex
 import shutil
@@ -17,6 +17,7 @@ import pytest
 
 from bt_dualarm.share import share_dir
 from bt_dualarm.spec.language import LANGUAGE
+from tests.commands import in_this_process
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -118,20 +119,12 @@ def test_make_knows_the_target(command: str) -> None:
     assert dry.returncode == 0, dry.stderr
 
 
-def run_in(folder: Path, command: str) -> subprocess.CompletedProcess[str]:
-    """Run a command of a page with this environment's programs; both outputs in one."""
+def run_in(folder: Path, command: str, monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
+    """Run a command of a page, in this process; its exit code, and both outputs in one."""
     program, *arguments = command.removeprefix(".venv/bin/").split()
-    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    return subprocess.run(
-        [program, *arguments],
-        cwd=folder,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    monkeypatch.chdir(folder)
+    said = io.StringIO()
+    return in_this_process(program, arguments, said, said), said.getvalue()
 
 
 def test_the_folder_of_the_urdfs_is_printed(tmp_path: Path) -> None:
@@ -144,7 +137,9 @@ def test_the_folder_of_the_urdfs_is_printed(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", EXAMPLE_PAGES)
-def test_examples_work_in_the_order_of_the_page(page: str, tmp_path: Path) -> None:
+def test_examples_work_in_the_order_of_the_page(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A reader who saves every file and types every command sees what the page says.
 
     Commands in bash blocks succeed; those in console blocks say what stands below them.
@@ -157,18 +152,20 @@ def test_examples_work_in_the_order_of_the_page(page: str, tmp_path: Path) -> No
         for command in block.commands:
             if not command.removeprefix(".venv/bin/").startswith("bt-"):
                 continue
-            done = run_in(tmp_path, command)
+            code, said = run_in(tmp_path, command, monkeypatch)
             if block.language == "console":
-                assert done.stdout == block.said
+                assert said == block.said
             else:
-                assert done.returncode == 0, f"{command}\n{done.stdout}"
+                assert code == 0, f"{command}\n{said}"
 
 
 @pytest.mark.slow
-def test_the_main_job_does_and_writes_what_readme_says(tmp_path: Path) -> None:
+def test_the_main_job_does_and_writes_what_readme_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The figure of the first screen, and the table of the files of a record."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    run_in(tmp_path, "bt-run pick_and_track --record out --display quiet")
+    run_in(tmp_path, "bt-run pick_and_track --record out --display quiet", monkeypatch)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     (track,) = (leaf for leaf in summary["arms"]["arm2"]["leaves"] if leaf["skill"] == "track")
     assert "less than 1 mm RMS" in text
