@@ -54,6 +54,8 @@ class NodeSpec:
 
     def walk(self) -> Iterator[NodeSpec]:
         """This node, then those below it, in the order of the file."""
-        yield self
-        for child in self.children:
-            yield from child.walk()
+        waiting = [self]
+        while waiting:
+            node = waiting.pop()
+            yield node
+            waiting += reversed(node.children)

@@ -153,10 +153,15 @@ def as_text(value: Data) -> str:
 
 def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str, str]:
     """The key behind each port of ``model`` that is given as a reference."""
-    texts = templates_of(model)
-    names = (name for name in ports if name in model.model_fields and name not in texts)
-    keys = {name: reference_of(ports[name]) for name in names}
-    return {name: key for name, key in keys.items() if key is not None}
+    keys = {name: reference_of(value) for name, value in ports.items()}
+    if all(key is None for key in keys.values()):
+        return {}
+    fields, texts = model.model_fields, templates_of(model)
+    return {
+        name: key
+        for name, key in keys.items()
+        if key is not None and name in fields and name not in texts
+    }
 
 
 @lru_cache(maxsize=512)

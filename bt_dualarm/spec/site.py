@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from bt_dualarm.spec.params import ParamSpec
 from bt_dualarm.spec.problems import Place, Problem
@@ -54,11 +54,15 @@ class Site:
 
     def into(self, *parts: str | int) -> Site:
         """The place that these keys and indices lead to."""
-        return replace(self, path=(*self.path, *parts))
+        return self._at((*self.path, *parts), self.depth)
 
     def deeper(self) -> Site:
         """The same place, below one more node."""
-        return replace(self, depth=self.depth + 1)
+        return self._at(self.path, self.depth + 1)
+
+    def _at(self, path: Path, depth: int) -> Site:
+        """The same but for these: one is made for every word of a file, so without `replace`."""
+        return Site(self.source, path, self.scope, self.library, self.uses, depth, self.user)
 
     @property
     def data(self) -> Data:
