@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -214,6 +215,11 @@ class Kinematics(Chain):
         condition = max(self.condition(q) for q in rows[::_EVERY])
         return _Followed(rows, self.room(rows) < _TOO_NEAR, condition)
 
+    @cached_property
+    def _reach(self) -> float:
+        """The tool's largest distance in m from the first joint, for people; takes 30 ms."""
+        return Workspace(self.robot, Pose.identity()).farthest()
+
     def _refuse_outside(self, goals: Sequence[Matrix]) -> None:
         """Refuse targets, of shape (4, 4), that no configuration can come near to."""
         centre, radius = self.bounding_ball
@@ -221,7 +227,7 @@ class Kinematics(Chain):
         worst = int(np.argmax(away))
         if away[worst] > radius:
             place = ", ".join(f"{x:.3f}" for x in goals[worst][:3, 3])
-            reach = Workspace(self.robot, Pose.identity()).farthest()
+            reach = self._reach
             raise Failure(
                 "INVALID_TARGET",
                 f"({place}) m is outside the workspace: {away[worst]:.2f} m from the first joint "
