@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.measured_gripper import cup_measures, jaw_measures
-from bt_dualarm.motion.grasping.holding_force import pinching_forces, suction_forces
+from bt_dualarm.motion.grasping.holding_force import SHAKEN_WAYS, pinching_forces, suction_forces
 from bt_dualarm.motion.setpoints.time_scaling import at_scale
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
@@ -47,17 +47,39 @@ def grip_pace(motion: Trajectory, world: World, arm: str) -> float:
     return min(paces, default=1.0)
 
 
+def force_for(world: World, held: Attachment, load: NominalLoad, shake: float) -> float:
+    """Force that holds what was weighed as the tool is turned now, with some in hand, N.
+
+    Args:
+        world: World that the arm is in.
+        held: What is held by whom.
+        load: The same as the arm has weighed it: of its mass as much as it may well be.
+        shake: Acceleration that it is to bear in any direction, m/s².
+
+    Returns:
+        Force of each pad, or of a cup; 0 where no mass is known, infinite where none holds it.
+    """
+    if load.mass is None:
+        return 0.0
+    nominal = world.nominal[held.arm]
+    turn = nominal.tool_link_pose_at(world.hardware[held.arm].q).rotation_matrix
+    mass = load.mass + load.mass_doubt
+    ways = shake * SHAKEN_WAYS
+    return _Grip(world, held, load).needs(mass, np.broadcast_to(turn, (len(ways), 3, 3)), ways)
+
+
 def at_pace(motion: Trajectory, pace: float) -> Trajectory:
     """The motion at an even time scale, itself at a scale of 1."""
     return motion if pace >= 1.0 else at_scale(motion, pace)
 
 
 def _loads(world: World, held: Attachment) -> list[NominalLoad]:
+    """What the arm reckons with of something that it holds."""
     return [load for load in world.nominal[held.arm].loads if load.object == held.object]
 
 
 def _pace(motion: Trajectory, world: World, held: Attachment, load: NominalLoad) -> float:
-    mass = UNKNOWN_KG if load.mass is None else load.mass
+    mass = UNKNOWN_KG if load.mass is None else load.mass + load.mass_doubt
     moved, turns = _accelerations(motion, world, held.arm, load)
     least, most = SLOWEST, 1.0
     grip = _Grip(world, held, load)
@@ -115,9 +137,13 @@ class _Grip:
             turns: Axes of the tool's link in the world at each look, of shape (n, 3, 3).
             moved: Accelerations of its centre in the world then, of shape (n, 3), m/s².
         """
+        return self.needs(mass, turns, moved) <= self._force
+
+    def needs(self, mass: float, turns: np.ndarray, moved: Matrix) -> float:
+        """Force in N that holds it, with some in hand; arguments as of `bears`."""
         in_link = np.einsum("nij,ni->nj", turns, mass * (_GRAVITY - moved))
         forces = in_link @ self._tool.rotation_matrix
-        return bool((IN_HAND * self._needed(forces)).max() <= self._force)
+        return float((IN_HAND * self._needed(forces)).max())
 
     def _needed(self, forces: Matrix) -> Vector:
         if self._cup is not None:

@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from bt_dualarm.arm.grip_limit import force_for
 from bt_dualarm.arm.hold_signs import LOST_S, gives, is_lost, leaks
 from bt_dualarm.arm.pull_sense import JointSense, PadSense
 from bt_dualarm.arm.state import ArmState
 from bt_dualarm.errors import Failure
 from bt_dualarm.world.attachments import Attachment
 from bt_dualarm.world.grippers.drive import GripperCommand, GripperHardware
+from bt_dualarm.world.nominal.nominal_load import NominalLoad
 
 FIRMER: Final = 3.0
 """Factor of the force at each sign of a slip, up to what gripper and object bear."""
 
 _PAUSE_S: Final = 0.05  # from one response to the next
+_SHAKE: Final = 8.0  # m/s²; that the grip on what was weighed is to bear, as that of `grasp`
 
 
 class SlipResponse:
@@ -37,7 +40,8 @@ class SlipResponse:
         self._arm = arm
         self._pads, self._joints = PadSense(), JointSense(arm)
         self._held: Attachment | None = None
-        self._friction = 0.0
+        self._friction, self._loads = 0.0, arm.payload
+        self._too_heavy: Failure | None = None
         self._width, self._full, self._sensed_at = 0.0, 0.0, 0.0
         self.may_touch = False
         self.felt, self.felt_at = 0, -math.inf
@@ -47,8 +51,12 @@ class SlipResponse:
 
         Raises:
             Failure: ``DROPPED`` where fingers that hold something have shut, or a cup no longer
-                seals; what was held is let go of then.
+                seals; what was held is let go of then. ``OVERLOADED`` where it was weighed, and no
+                force that gripper and object bear holds it.
         """
+        if self._too_heavy is not None:
+            failure, self._too_heavy = self._too_heavy, None
+            raise failure
         hardware = self._arm.world.grippers.get(self._arm.name)
         held = self._held
         if hardware is None or held is None:
@@ -76,6 +84,9 @@ class SlipResponse:
             return
         if held is not self._held:
             self._begin(held, hardware)
+        if self._arm.payload is not self._loads:
+            self._loads = self._arm.payload
+            self._hold_what_it_weighs(held, hardware)
         pulled = pulled or self._pads.feels(hardware, self._friction)
         now, asked = self._arm.time, hardware.commanded
         if not is_lost(hardware.gripper, hardware.width, hardware.vacuum, asked.force):
@@ -90,6 +101,18 @@ class SlipResponse:
         self._friction = max(hardware.gripper.friction, thing.friction)
         self._sensed_at = self._arm.time
         self._pads.forget()
+        self._too_heavy = None
+
+    def _hold_what_it_weighs(self, held: Attachment, hardware: GripperHardware) -> None:
+        """Press more firmly if what nobody told the mass of is heavier than was reckoned with."""
+        weighed = [one for one in self._loads if one.object == held.object and not one.is_told]
+        for load in weighed:
+            most = min(hardware.gripper.force.most, held.most_force)
+            if force_for(self._arm.world, held, load, 0.0) > most:
+                self._too_heavy = _too_heavy(load, most)
+                return
+            needed = min(force_for(self._arm.world, held, load, _SHAKE), most)
+            self._ask(hardware, needed)
 
     def _gives(self, hardware: GripperHardware) -> bool:
         """Whether the fingers come together, or the vacuum falls."""
@@ -99,10 +122,24 @@ class SlipResponse:
         return leaks(hardware.vacuum, self._full)
 
     def _grip(self, held: Attachment, hardware: GripperHardware) -> None:
-        asked = hardware.commanded
         most = min(hardware.gripper.force.most, held.most_force)
-        firmer = min(FIRMER * asked.force, most)
         self.felt, self.felt_at = self.felt + 1, self._arm.time
-        if firmer > asked.force:
+        self._ask(hardware, min(FIRMER * hardware.commanded.force, most))
+
+    def _ask(self, hardware: GripperHardware, force: float) -> None:
+        """Press with a force in N, if that is more than was asked for."""
+        asked = hardware.commanded
+        if force > asked.force:
             speed = hardware.gripper.speed.most
-            hardware.command(GripperCommand(asked.width, speed, firmer))
+            hardware.command(GripperCommand(asked.width, speed, force))
+
+
+def _too_heavy(load: NominalLoad, most: float) -> Failure:
+    mass = load.mass or 0.0
+    return Failure(
+        "OVERLOADED",
+        f"{load.object!r} weighs {mass:.2f} kg: {most:.0f} N, the most that it may be held with, "
+        "do not hold it",
+        mass_kg=mass,
+        most_force_n=most,
+    )

@@ -11,7 +11,7 @@ from bt_dualarm.motion.grasping.gripper_measures import CupMeasures, Load
 from bt_dualarm.pose import Matrix, Vector
 
 _DIRECTIONS = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
-_WAYS: Matrix = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
+SHAKEN_WAYS: Matrix = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
 """Directions in which a load is shaken, of shape (26, 3)."""
 
 
@@ -66,7 +66,7 @@ def pinching_forces(
 
 def shaken(load: Load) -> Matrix:
     """Forces in N on a load at its centre, one for each way of the shake, of shape (26, 3)."""
-    forces: Matrix = load.mass * (load.gravity + load.shake * _WAYS)
+    forces: Matrix = load.mass * (load.gravity + load.shake * SHAKEN_WAYS)
     return forces
 
 
