@@ -91,6 +91,10 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.skill import SkillContext as SkillContext
     from bt_dualarm.skill.still_pictures import own_camera as own_camera
     from bt_dualarm.skill.still_pictures import still_picture as still_picture
+    from bt_dualarm.skill.taking import Taking as Taking
+    from bt_dualarm.skill.taking import refuse_too_frail as refuse_too_frail
+    from bt_dualarm.skill.taking import thing_at as thing_at
+    from bt_dualarm.skill.taking_ports import TakingPorts as TakingPorts
     from bt_dualarm.skill.touch_sense import TouchSense as TouchSense
     from bt_dualarm.skill.tracking_reference import TrackingGains as TrackingGains
     from bt_dualarm.skill.visual_servoing import PlaneTracking as PlaneTracking
@@ -204,6 +208,10 @@ _CONTENTS: Final = {
     "Grip": "skill.grip:Grip",
     "held_through": "skill.held_through:held_through",
     "guarded_descent": "skill.guarded_descent:guarded_descent",
+    "Taking": "skill.taking:Taking",
+    "TakingPorts": "skill.taking_ports:TakingPorts",
+    "refuse_too_frail": "skill.taking:refuse_too_frail",
+    "thing_at": "skill.taking:thing_at",
     "TouchSense": "skill.touch_sense:TouchSense",
     "MarkView": "vision.hand_eye:MarkView",
     "MarkViews": "skill.mark_views:MarkViews",

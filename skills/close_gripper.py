@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from bt_dualarm import (
     Duration,
     Failure,
@@ -70,7 +68,7 @@ class CloseGripper(Skill):
                 self._refuse()
         self.metrics["width_m"], self.metrics["force_n"] = gripper.width, gripper.force
         if ports.object is not None and pose is not None and gripper.holding:
-            gripper.hold(ports.object, self._between_the_pads(pose))
+            gripper.hold(ports.object, gripper.between_the_pads(pose))
 
     def _seen(self) -> Pose | None:
         """Where the object is believed to be before the fingers touch it."""
@@ -80,15 +78,6 @@ class CloseGripper(Skill):
         if name not in world.objects:
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
         return world.object_pose(name) if self.ports.at is None else self.ports.at.pose
-
-    def _between_the_pads(self, pose: Pose) -> Pose:
-        """The pose, moved along the way of the fingers: they close from both sides alike."""
-        if not self.arm.gripper.page.fingers:
-            return pose
-        tool = self.arm.tool_pose
-        in_tool = tool.inverse @ pose
-        middle = np.array((in_tool.position[0], 0.0, in_tool.position[2]))
-        return tool @ Pose(middle, in_tool.quaternion)
 
     def _closed(self) -> bool:
         gripper = self.arm.gripper

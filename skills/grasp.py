@@ -9,65 +9,52 @@ import numpy as np
 
 from bt_dualarm import (
     Failure,
-    Grip,
     ObjectName,
     PortModel,
-    Pose,
     PoseSpec,
     Skill,
-    Speed,
-    TouchSense,
-    Vector,
+    Taking,
+    TakingPorts,
     WantedGrasp,
-    WayToGrasp,
-    first_way,
     grasps_on,
     port,
+    refuse_too_frail,
+    thing_at,
 )
 
-_HOLD_S = 0.15  # that pads have to press
-_CLOSING_S = 1.5
-_ELSE_M = 0.006  # by which the opening may be off: more is something else
-_PRESSED_M = 0.006  # that a cup may be pressed on deeper than the face was thought to be
-_PRESSED_N = 12.0
-_PRESSING = 0.01  # share of the limits
-_EARLY_M = 0.012
-_EDGE_S = 0.3  # at the beginning of the way, where joints break loose: no force counts
 _UNKNOWN_KG = 1.0
+_UNKNOWN_FRICTION = 0.5
+
+
+class _What(PortModel):
+    object: ObjectName | None = port(None, "object to take; the file says its shape")
+    at: PoseSpec | None = port(
+        None, "pose of the object, as `locate` writes it; its true one is then not looked at"
+    )
+    width: float | None = port(
+        None,
+        "extent of what lies `at` that pose and has no name, along its y axis: there fingers close",
+        unit="m",
+        ge=1e-3,
+        le=1,
+    )
+    depth: float | None = port(
+        None, "extent along its x axis; by default the width", unit="m", ge=1e-3, le=1
+    )
+    height: float | None = port(
+        None, "extent along its z axis; by default the width", unit="m", ge=1e-3, le=1
+    )
+    friction: float | None = port(
+        None, "its coefficient of sliding friction; by default 0.5", gt=0, le=10
+    )
 
 
 class Grasp(Skill):
     """Take an object with the gripper, lift it a little and see that it hangs there."""
 
-    class Ports(PortModel):
-        object: ObjectName = port(..., "object to take; the file says its shape")
-        at: PoseSpec | None = port(
-            None, "pose of the object, as `locate` writes it; its true one is then not looked at"
-        )
-        standoff: float = port(0.08, "length of the straight approach", unit="m", ge=0.01, le=0.3)
-        lift: float = port(0.04, "height of the lift that tests the hold", unit="m", ge=0, le=0.5)
-        force: float | None = port(
-            None,
-            "force of each pad, or of a cup; by default what the load asks for",
-            unit="N",
-            gt=0,
-            le=5000,
-        )
-        most_force: float | None = port(
-            None, "force of each pad, or of a cup, that the object bears", unit="N", gt=0, le=5000
-        )
-        mass: float | None = port(
-            None, "mass to reckon with; by default what is known of it", unit="kg", gt=0, le=100
-        )
-        shake: float = port(
-            8.0, "acceleration of the tool that the grip has to bear", unit="m/s²", ge=0, le=50
-        )
-        margin: float = port(
-            1.5, "load that the grip has to bear", unit="times the load", ge=1, le=10
-        )
-        touch: float = port(40.0, "force that ends the approach", unit="N", ge=1, le=200)
-        speed: Speed = port(0.5, "share of the arm's limits on the way there")
-        approach_speed: Speed = port(0.15, "share of the arm's limits on the straight parts")
+    class Ports(TakingPorts, _What):
+        exactly_one_of = ("object", "width")
+        goes_with = {"width": "at", "depth": "width", "height": "width", "friction": "width"}
 
     failures = {
         "INVALID_TARGET": "the object is fixed, or bears less than the gripper's least force",
@@ -88,153 +75,33 @@ class Grasp(Skill):
     def run(self) -> Iterator[float | None]:
         """Choose before moving; go, close with the force that is needed, lift, look."""
         name, gripper = self.ports.object, self.arm.gripper
-        if name in gripper.held and gripper.holding:
+        if name is not None and name in gripper.held and gripper.holding:
             return
-        self._refuse_invalid()
-        wanted = self._wanted()
-        order = grasps_on(self.arm, wanted)
-        yield from self._open()
-        seen = None if self.ports.at is None else self.ports.at.pose
-        way = yield from first_way(
-            self.arm, order, self.ports.object, self.ports.standoff, self.ports.speed, seen
-        )
-        for progress in self.arm.follow(way.to_standoff, self._unseen):
-            yield 0.5 * progress
-        yield from self._approach(way)
-        try:
-            yield from self._close(way, wanted)
-            grip = Grip(self.arm, name)
-            try:
-                yield from self._lift(wanted, grip)
-            except Failure as failure:
-                if failure.code == "SLIPPED":
-                    yield from grip.judge(failure)
-                raise
-        except Failure:
-            gripper.let_go(name)
-            raise
+        wanted = self._unnamed() if name is None else self._named(name)
+        refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
+        taking = Taking(self.arm, self.ports, wanted, self.ports.at is not None, self.metrics)
+        yield from taking.through(grasps_on(self.arm, wanted))
 
-    def _refuse_invalid(self) -> None:
-        name, world = self.ports.object, self.arm.world
+    def _named(self, name: str) -> WantedGrasp:
+        ports, world = self.ports, self.arm.world
         if name not in world.objects:
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
         if world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
-        bears, least = self.ports.most_force, self.arm.gripper.page.force.least
-        if bears is not None and bears < least:
-            reason = f"{name!r} bears {bears:g} N; the least that the gripper does is {least:g} N"
-            raise Failure("INVALID_TARGET", reason, most_force_n=bears, least_n=least)
-
-    def _wanted(self) -> WantedGrasp:
-        ports, world = self.ports, self.arm.world
-        told = None if world.nominal[self.arm.name].weighs else world.objects[ports.object].mass
+        told = None if world.nominal[self.arm.name].weighs else world.objects[name].mass
         mass = ports.mass or told or _UNKNOWN_KG
-        lies = world.object_pose(ports.object) if ports.at is None else ports.at.pose
+        lies = world.object_pose(name) if ports.at is None else ports.at.pose
         bears = ports.most_force or math.inf
-        return WantedGrasp(ports.object, lies, mass, ports.shake, ports.margin, bears)
+        return WantedGrasp(name, lies, mass, ports.shake, ports.margin, bears)
 
-    @property
-    def _unseen(self) -> frozenset[str]:
-        """What a plan does not know the place of: by sight the object is where it was seen."""
-        return frozenset() if self.ports.at is None else frozenset({self.ports.object})
-
-    def _open(self) -> Iterator[None]:
-        gripper = self.arm.gripper
-        gripper.command(gripper.page.stroke if gripper.page.fingers else 1.0)
-        began, way = self.time, gripper.page.stroke - gripper.width
-        while self.time - began < 1.0 + way / max(gripper.page.speed.most, 1e-3):
-            if gripper.at_rest and abs(gripper.width - gripper.page.stroke) < 2e-3:
-                return
-            yield
-
-    def _approach(self, way: WayToGrasp) -> Iterator[float | None]:
-        """Go straight to the grasp, and stop where the tool touches something."""
-        arm, along = self.arm, way.ranked.tool.rotation_matrix[:, 2]
-        sense = TouchSense(arm, along)
-        motion = arm.begin(arm.time_path(way.rows, self.ports.approach_speed), may_touch=True)
-        began = self.time
-        while not motion.done:
-            yield 0.5 + 0.2 * motion.progress
-            arm.check()
-            if sense.force() > self.ports.touch and self.time - began > _EDGE_S:
-                yield from arm.halt()
-                yield from arm.relax()
-                break
-        if not arm.gripper.page.fingers:
-            yield from self._press(way, along)
-        left = float((way.ranked.tool.position - arm.tool_pose.position) @ along)
-        self.metrics["approach_force_n"] = sense.most
-        if left > _EARLY_M:
-            yield from way.back_out(self.arm, self.ports.approach_speed)
-            raise Failure(
-                "NOT_GRASPED",
-                f"the gripper touched something {1e3 * left:.0f} mm before it was there",
-                left_m=left,
-                force_n=sense.most,
-            )
-
-    def _press(self, way: WayToGrasp, along: Vector) -> Iterator[float | None]:
-        """Press a cup on, slowly: its rim lies where the face was thought to be, or lower."""
-        arm, tool = self.arm, way.ranked.tool
-        sense = TouchSense(arm, along)
-        deeper = Pose(tool.position + _PRESSED_M * along, tool.quaternion)
-        rows = arm.line(arm.commanded_tool_pose, deeper)
-        motion = arm.begin(arm.time_path(rows, _PRESSING), may_touch=True)
-        while not motion.done and sense.force() < _PRESSED_N:
-            yield 0.7
-            arm.check()
-        yield from arm.halt()
-
-    def _close(self, way: WayToGrasp, wanted: WantedGrasp) -> Iterator[float | None]:
-        """Close with the force that the load asks for, and see that it is the object."""
-        gripper, grasp = self.arm.gripper, way.ranked.grasp
-        page = gripper.page
-        needed = grasp.force if page.fingers else page.force.most  # a vacuum crushes nothing
-        force = min(page.force.clipped(self.ports.force or needed), wanted.most_force)
-        gripper.command(force=force, speed=page.speed.least if not page.fingers else None)
-        began, since = self.time, None
-        while since is None or self.time - since < _HOLD_S:
-            yield None
-            since = None if not gripper.holding else self.time if since is None else since
-            if since is None and self.time - began > _CLOSING_S:
-                break
-        self.metrics |= {"width_m": gripper.width, "grip_force_n": force}
-        self.metrics |= {"grasp_margin": grasp.margin * force / page.force.most}
-        off = abs(gripper.width - grasp.width)
-        if since is None or (page.fingers and off > _ELSE_M):
-            numbers = {"width_m": gripper.width, "expected_m": grasp.width}
-            gripper.command(page.stroke if page.fingers else 1.0)
-            yield from way.back_out(self.arm, self.ports.approach_speed)
-            raise Failure(
-                "NOT_GRASPED", "the gripper closed on something else or nothing", **numbers
-            )
-        gripper.hold(wanted.name, self._lies(way, wanted), wanted.most_force)
-
-    def _lies(self, way: WayToGrasp, wanted: WantedGrasp) -> Pose:
-        """Pose of the object now: the pads have moved it to their middle."""
-        tool = self.arm.tool_pose
-        if not self.arm.gripper.page.fingers:
-            return wanted.lies
-        in_tool, meant = tool.inverse @ wanted.lies, way.ranked.grasp.tool.inverse
-        x, _, z = in_tool.position
-        return tool @ Pose(np.array((x, meant.position[1], z)), in_tool.quaternion)
-
-    def _lift(self, wanted: WantedGrasp, grip: Grip) -> Iterator[float]:
-        """Raise it a little: what hangs in the fingers keeps them apart, and weighs."""
-        arm, start = self.arm, self.arm.commanded_tool_pose
-        height = float(arm.world.object_pose(wanted.name).position[2])
-        up = Pose(start.position + np.array((0.0, 0.0, self.ports.lift)), start.quaternion)
-        for progress in arm.follow(arm.time_path(arm.line(start, up), self.ports.approach_speed)):
-            yield 0.8 + 0.2 * progress
-            grip.look()
-        began = self.time
-        while self.time - began < _HOLD_S:
-            yield 1.0
-            grip.look()
-        while not arm.gripper.holding:
-            if self.time - began > 1.0:
-                raise Failure("DROPPED", f"{wanted.name!r} is no longer held")
-            yield 1.0
-            grip.look()
-        rose = float(arm.world.object_pose(wanted.name).position[2]) - height
-        self.metrics["lifted_m"] = rose  # the truth, beside what the arm senses
+    def _unnamed(self) -> WantedGrasp:
+        """What lies at a pose, a box of the extent that was told."""
+        ports = self.ports
+        if ports.at is None or ports.width is None:
+            raise Failure("INVALID_TARGET", "neither an object is named, nor `at` and `width`")
+        width, lies = ports.width, ports.at.pose
+        edges = (ports.depth or width, width, ports.height or width)
+        name = thing_at(self.arm.world, lies.position, 0.5 * float(np.linalg.norm(edges)))
+        mass, bears = ports.mass or _UNKNOWN_KG, ports.most_force or math.inf
+        rubs = ports.friction or _UNKNOWN_FRICTION
+        return WantedGrasp(name, lies, mass, ports.shake, ports.margin, bears, edges, rubs)

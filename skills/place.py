@@ -29,7 +29,9 @@ class Place(Skill):
     """Set an object that the gripper holds down where it is to stand, let go, go away."""
 
     class Ports(PortModel):
-        object: ObjectName = port(..., "object to set down; the gripper must hold it")
+        object: ObjectName | None = port(
+            None, "object to set down; by default what the gripper holds"
+        )
         at: CarriedPose = port(..., "pose of the object then; turned as now if only xyz")
         height: float = port(0.05, "height from which it is lowered", unit="m", ge=0.01, le=0.3)
         force: float = port(7.0, "force by which the ground is felt", unit="N", ge=1, le=100)
@@ -57,12 +59,12 @@ class Place(Skill):
 
     def run(self) -> Iterator[float | None]:
         """Plan all of it before moving; lower until it touches; open; go back."""
-        arm, name = self.arm, self.ports.object
-        if name not in arm.gripper.held:
-            raise Failure("NOT_HELD", f"{arm.name} does not hold {name!r}")
+        arm = self.arm
+        name = self.ports.object or next(iter(arm.gripper.held), "")
         held = arm.world.attachments.find(arm.name, name)
-        if held is None:
-            raise Failure("NOT_HELD", f"{arm.name} does not hold {name!r}")
+        if held is None or not held.by_gripper:
+            what = repr(name) if name else "anything"
+            raise Failure("NOT_HELD", f"{arm.name} does not hold {what}")
         in_tool = arm.robot.tool.inverse @ held.relative
         goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
         tool = goal @ in_tool.inverse
@@ -77,8 +79,8 @@ class Place(Skill):
             if failure.code == "SLIPPED":
                 yield from grip.judge(failure)
             raise
-        yield from self._release()
-        self._note(goal)
+        yield from self._release(name)
+        self._note(name, goal)
 
     def _go_above(self, above: Pose, grip: Grip) -> Iterator[float]:
         arm, ports = self.arm, self.ports
@@ -112,7 +114,7 @@ class Place(Skill):
                 force_n=most,
             )
 
-    def _release(self) -> Iterator[float | None]:
+    def _release(self, name: str) -> Iterator[float | None]:
         """Open, and go back out of the fingers' way."""
         arm, ports = self.arm, self.ports
         gripper, page = arm.gripper, arm.gripper.page
@@ -123,11 +125,11 @@ class Place(Skill):
             yield 0.85
             if self.time - began > 2.0:
                 raise Failure("NOT_OPEN", "the fingers did not open", width_m=gripper.width)
-        gripper.let_go(ports.object)
+        gripper.let_go(name)
         back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -ports.retreat))
         rows = arm.line(arm.commanded_tool_pose, back)
-        arm.refuse_collision_along(rows, ignore=frozenset({ports.object}))
-        touching = frozenset({ports.object})
+        arm.refuse_collision_along(rows, ignore=frozenset({name}))
+        touching = frozenset({name})
         for progress in arm.follow(arm.time_path(rows, 0.3 * ports.speed), touching):
             yield 0.85 + 0.15 * progress
 
@@ -137,9 +139,9 @@ class Place(Skill):
             return gripper.vacuum < 0.02
         return gripper.at_rest and abs(gripper.width - gripper.commanded.width) < 2e-3
 
-    def _note(self, goal: Pose) -> None:
+    def _note(self, name: str, goal: Pose) -> None:
         """Where it truly stands, beside what the arm felt."""
-        pose = self.arm.world.object_pose(self.ports.object)
+        pose = self.arm.world.object_pose(name)
         self.metrics |= {
             "placed_error_m": pose.distance(goal),
             "placed_turned_rad": pose.angle(goal),

@@ -24,7 +24,9 @@ class Transport(Skill):
     """Carry an attached object to a pose, and check that it arrived and was not lost."""
 
     class Ports(PortModel):
-        object: ObjectName = port(..., "object to carry; it must be attached to this arm")
+        object: ObjectName | None = port(
+            None, "object to carry; by default the one that is attached to this arm, or held"
+        )
         to: CarriedPose = port(..., "pose of the object in the world; turned as now if only xyz")
         speed: Speed = port(0.5, "share of the arm's limits")
         planner: Planner = port("RRTConnect", "searches where the straight way is not free")
@@ -34,7 +36,8 @@ class Transport(Skill):
         angle_tolerance: Angle = port(2.0, "largest turn of the object at the end", ge=0.01, le=30)
 
     failures = {
-        "NOT_ATTACHED": "the object is not attached to this arm, or was lost on the way",
+        "NOT_ATTACHED": "the object is not attached to this arm, or was lost on the way; or none "
+        "is named, and not one is held",
         "SLIPPED": "the object slid between the fingers",
         "DROPPED": "fingers or cup no longer hold the object",
         "UNREACHABLE": "no configuration of the arm puts the object there",
@@ -49,7 +52,7 @@ class Transport(Skill):
 
     def run(self) -> Iterator[float | None]:
         """Plan with the object as part of the arm, carry it, look where it is."""
-        arm, name = self.arm, self.ports.object
+        arm, name = self.arm, self.ports.object or self._only_one()
         held = arm.world.attachments.find(arm.name, name)
         if held is None:
             raise Failure("NOT_ATTACHED", f"object {name!r} is not attached to {arm.name}")
@@ -63,6 +66,14 @@ class Transport(Skill):
             self.metrics["grip_pace"] = arm.grip_pace
         self._note_weight(name)
         self._verify(name, goal)
+
+    def _only_one(self) -> str:
+        """What the arm holds, where nobody says which thing is meant."""
+        held = self.arm.held
+        if len(held) != 1:
+            which = f"{', '.join(held)}: name one" if held else "nothing"
+            raise Failure("NOT_ATTACHED", f"{self.arm.name} holds {which}", held=len(held))
+        return held[0]
 
     def _lies(self, name: str) -> Pose:
         """Pose of the object; of one that was taken by sight, by where it was seen."""

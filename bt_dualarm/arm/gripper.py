@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+
 from bt_dualarm.arm.hold_signs import is_lost
 from bt_dualarm.arm.lease import Leaseholder
 from bt_dualarm.errors import Failure
@@ -122,16 +124,39 @@ class ArmGripper:
             )
         )
 
-    def hold(self, thing: str, pose: Pose, most_force: float = math.inf) -> None:
+    def between_the_pads(self, pose: Pose, meant: Pose | None = None) -> Pose:
+        """Where something is between pads that have closed on it: they have moved it to there.
+
+        Args:
+            pose: Pose in the world that it was believed to have before.
+            meant: Pose of the tool in its frame that was gone to; by default pads close on its
+                middle.
+
+        Returns:
+            That pose, moved along the way of the fingers; of a cup the same.
+        """
+        if not self.page.fingers:
+            return pose
+        q = self._world.hardware[self._arm].q
+        tool = self._world.nominal[self._arm].tool_pose_at(q)
+        in_tool = tool.inverse @ pose
+        along = 0.0 if meant is None else float(meant.inverse.position[1])
+        x, _, z = in_tool.position
+        return tool @ Pose(np.array((x, along, z)), in_tool.quaternion)
+
+    def hold(
+        self, thing: str, pose: Pose, most_force: float = math.inf, *, told: bool = True
+    ) -> None:
         """Believe that it holds an object: from now on that moves with the tool.
 
         Args:
             thing: Name of the object.
             pose: Pose in the world that the object is believed to have now.
             most_force: Force in N of each pad, or of a cup, that the object bears.
+            told: Whether its mass counts that the file tells, where arms are told any.
         """
         self._lease.refuse_other_threads()
-        self._world.hold(self._arm, thing, pose, most_force)
+        self._world.hold(self._arm, thing, pose, most_force, told=told)
 
     def let_go(self, thing: str) -> bool:
         """Believe no longer that it holds an object; whether it was believed to."""

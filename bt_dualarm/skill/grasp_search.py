@@ -18,11 +18,13 @@ from bt_dualarm.motion.grasping.ranking import Obstacle, RankedGrasp, ranked
 from bt_dualarm.motion.grasping.solids import Box, Capsule, Cylinder, Solid, solid_of
 from bt_dualarm.motion.grasping.suction import cup_grasps
 from bt_dualarm.pose import Pose
+from bt_dualarm.world.world import World
 
 GRAVITY = 9.81
 """Acceleration of gravity in m/s²."""
 
 _WIDE = 50.0  # m: half of a plane
+_ALONG = 0.99  # cosine
 _NEAR = 0.5  # m: what is farther from the object is in no finger's way
 
 
@@ -31,20 +33,48 @@ class WantedGrasp:
     """What is to be taken, and what the grip has to bear.
 
     Attributes:
-        name: Name of the object, whose shape and friction the file declares.
+        name: Name of the object, whose shape and friction the file declares; of what has no name
+            that of what is known to lie there, if anything is.
         lies: Pose of it in the world, as it is believed.
         mass: Mass in kg to reckon with.
         shake: Largest acceleration of the tool in m/s² to reckon with.
         margin: Factor of the force that the grip is to have in hand.
         most_force: Force in N of each pad, or of a cup, that the object bears.
+        edges: Edges in m of the box that counts for it where it has no name: fingers close along
+            the second; None where it has one.
+        rubs: Coefficient of friction of it then.
     """
 
-    name: str
+    name: str | None
     lies: Pose
     mass: float
     shake: float
     margin: float
     most_force: float = math.inf
+    edges: tuple[float, float, float] | None = None
+    rubs: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """The object in a sentence."""
+        return repr(self.name) if self.edges is None else "what lies there"
+
+    def solid(self, world: World) -> Solid:
+        """Its shape."""
+        if self.name is None or self.edges is not None:
+            return Box(0.5 * np.array(self.edges))
+        thing = world.objects[self.name]
+        return solid_of(thing.shape, thing.size)
+
+    def friction(self, world: World) -> float:
+        """Its coefficient of friction, as the file or the tree tells it."""
+        told = self.rubs if self.name is None or self.edges else None
+        return world.objects[self.name or ""].friction if told is None else told
+
+    def allows(self, grasp: Grasp) -> bool:
+        """Whether fingers close where its width was told."""
+        closing = grasp.tool.rotation_matrix[1, 1]
+        return self.edges is None or grasp.width == 0.0 or abs(float(closing)) > _ALONG
 
 
 def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
@@ -54,21 +84,21 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         Failure: ``TOO_WIDE``, ``TOO_HEAVY``, or ``OUT_OF_REACH`` where something is in the way of
             all of them; each with its numbers.
     """
-    page, thing = arm.gripper.page, arm.world.objects[wanted.name]
-    solid = solid_of(thing.shape, thing.size)
+    page, solid, rubs = arm.gripper.page, wanted.solid(arm.world), wanted.friction(arm.world)
     gravity = wanted.lies.rotation_matrix.T @ np.array([0.0, 0.0, -GRAVITY])
     load = Load(wanted.margin * wanted.mass, gravity, wanted.shake, np.zeros(3))
     _refuse_weight(arm, wanted)
     jaw: JawMeasures | None = None
     if page.fingers:
-        jaw = jaw_measures(page, thing.friction)
+        jaw = jaw_measures(page, rubs)
         jaw = replace(jaw, most_force=min(jaw.most_force, wanted.most_force))
-        _refuse_width(solid, jaw, wanted.name)
+        _refuse_width(solid, jaw, wanted)
         found = jaw_grasps(solid, jaw, load, jaw.friction)
     else:
-        cup = cup_measures(page, thing.friction)
+        cup = cup_measures(page, rubs)
         cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
         found = cup_grasps(solid, cup, load)
+    found = tuple(one for one in found if wanted.allows(one))
     if not found:
         raise _too_much(solid, jaw, arm, wanted)
     here = arm.tool_pose
@@ -78,7 +108,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     if not order:
         raise Failure(
             "OUT_OF_REACH",
-            f"something stands where the fingers would be around {wanted.name!r}",
+            f"something stands where the fingers would be around {wanted.label}",
             grasps=len(found),
         )
     return order
@@ -87,7 +117,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
 def obstacles_around(arm: Arm, wanted: WantedGrasp) -> list[Obstacle]:
     """What stands around the object, but for it and the arms: simple shapes of the world."""
     world, model = arm.world, arm.world.model
-    own = {world.object_geom(wanted.name)}
+    own = {world.object_geom(wanted.name)} if wanted.name else set()
     arms = set[int]().union(*(body.geom_ids for body in world.arms.values()))
     found = []
     for geom in range(model.ngeom):
@@ -130,19 +160,19 @@ def _refuse_weight(arm: Arm, wanted: WantedGrasp) -> None:
     if wanted.mass > most:
         raise Failure(
             "TOO_HEAVY",
-            f"{wanted.name!r} weighs {wanted.mass:.3g} kg; {arm.gripper.page.name} may hold "
+            f"{wanted.label} weighs {wanted.mass:.3g} kg; {arm.gripper.page.name} may hold "
             f"{most:g} kg",
             mass_kg=wanted.mass,
             payload_kg=most,
         )
 
 
-def _refuse_width(solid: Solid, jaw: JawMeasures, name: str) -> None:
-    least = least_width(solid)
+def _refuse_width(solid: Solid, jaw: JawMeasures, wanted: WantedGrasp) -> None:
+    least = least_width(solid) if wanted.edges is None else wanted.edges[1]
     if least > jaw.widest_opening - 2.0 * CLEAR:
         raise Failure(
             "TOO_WIDE",
-            f"{name!r} is {1e3 * least:.0f} mm wide; the fingers open to "
+            f"{wanted.label} is {1e3 * least:.0f} mm wide; the fingers open to "
             f"{1e3 * jaw.widest_opening:.0f} mm",
             width_m=least,
             opening_m=jaw.widest_opening,
@@ -152,7 +182,7 @@ def _refuse_width(solid: Solid, jaw: JawMeasures, name: str) -> None:
 def _too_much(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGrasp) -> Failure:
     """Why there is no grasp: what it weighs, or its shape."""
     light = Load(1e-6, np.array([0.0, 0.0, -GRAVITY]), 0.0, np.zeros(3))
-    page, friction = arm.gripper.page, arm.world.objects[wanted.name].friction
+    page, friction = arm.gripper.page, wanted.friction(arm.world)
     any_at_all: tuple[Grasp, ...]
     if jaw is None:
         any_at_all = cup_grasps(solid, cup_measures(page, friction), light)
@@ -161,12 +191,12 @@ def _too_much(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGra
     if any_at_all:
         return Failure(
             "TOO_HEAVY",
-            f"no grasp of {page.name} bears {wanted.mass:.3g} kg of {wanted.name!r} with "
+            f"no grasp of {page.name} bears {wanted.mass:.3g} kg of {wanted.label} with "
             f"{min(page.force.most, wanted.most_force):g} N and friction {friction:g}",
             mass_kg=wanted.mass,
             force_n=min(page.force.most, wanted.most_force),
             friction=friction,
         )
     if jaw is None:
-        return Failure("NO_FACE", f"{wanted.name!r} has no face on which the cup seals")
-    return Failure("NO_FACE", f"{wanted.name!r} has no two sides that the fingers come around")
+        return Failure("NO_FACE", f"{wanted.label} has no face on which the cup seals")
+    return Failure("NO_FACE", f"{wanted.label} has no two sides that the fingers come around")

@@ -10,6 +10,7 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.motion.grasping.ranking import RankedGrasp
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose
+from bt_dualarm.skill.grasp_search import WantedGrasp
 
 TRIES = 16
 """Grasps whose way is looked for, until the object counts as out of reach."""
@@ -50,7 +51,7 @@ class WayToGrasp:
 def first_way(
     arm: Arm,
     order: Sequence[RankedGrasp],
-    thing: str,
+    wanted: WantedGrasp,
     standoff: float,
     speed: float,
     seen: Pose | None = None,
@@ -60,7 +61,7 @@ def first_way(
     Args:
         arm: Arm that is to go there, its gripper open.
         order: Grasps, the best first.
-        thing: Name of the object.
+        wanted: What is to be taken.
         standoff: Length of the straight part, m.
         speed: Share of its limits on the way to that, above 0 to 1.
         seen: Pose of the object in the world by sight; the plan then knows it at no other place.
@@ -68,14 +69,15 @@ def first_way(
     Raises:
         Failure: ``OUT_OF_REACH`` with the reason of the best grasp; ``OVERLOADED`` or ``BUSY``.
     """
-    reasons = []
+    reasons, touched = [], frozenset({wanted.name} if wanted.name else ())
     for ranked in order[:TRIES]:
         out = ranked.tool @ Pose.from_rpy((0.0, 0.0, -standoff))
         try:
             rows = arm.line(out, ranked.tool)
-            arm.refuse_load(thing, rows[-1], seen)
-            arm.refuse_collision_along(rows, ignore=frozenset({thing}))
-            unknown = frozenset({thing} if seen else ())
+            if wanted.name and wanted.edges is None:
+                arm.refuse_load(wanted.name, rows[-1], seen)
+            arm.refuse_collision_along(rows, ignore=touched)
+            unknown = touched if seen else frozenset[str]()
             return WayToGrasp(
                 ranked, (yield from arm.plan([rows[0]], speed, unknown)), rows, standoff
             )
@@ -87,7 +89,7 @@ def first_way(
     first = reasons[0]
     raise Failure(
         "OUT_OF_REACH",
-        f"no way to {thing!r}: {first.reason}",
+        f"no way to {wanted.label}: {first.reason}",
         ways_tried=len(reasons),
         **first.numbers,
     )

@@ -169,6 +169,8 @@ def _choice_faults(part: str, model: type[PortModel]) -> Iterator[str]:
             yield f"{part}.exactly_one_of names '{name}', which is no port"
         elif field.is_required() or field.default is not None:
             yield f"{part}.{name} is one of several to choose from: its default must be None"
+    for name in {*model.goes_with, *model.goes_with.values()} - model.model_fields.keys():
+        yield f"{part}.goes_with names '{name}', which is no port"
 
 
 def _brought_faults(skill: type[Skill]) -> Iterator[str]:

@@ -52,12 +52,14 @@ class PortModel(BaseModel):
 
     Attributes:
         exactly_one_of: Names of ports, None by default, of which a node is given exactly one.
+        goes_with: Ports, None by default, that are given only together with another one.
     """
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True
     )
     exactly_one_of: ClassVar[tuple[str, ...]] = ()
+    goes_with: ClassVar[Mapping[str, str]] = {}
 
     @model_validator(mode="after")
     def _one_is_given(self) -> Self:
@@ -68,13 +70,18 @@ class PortModel(BaseModel):
 
 
 def miscounted(model: type[PortModel], ports: Mapping[str, object]) -> str:
-    """Why not exactly one of the ports is given that exclude each other; empty if it is.
+    """Why ports that exclude, or need, each other are not given so; empty if they are.
 
     A reference to the blackboard counts as given.
     """
     given = [name for name in model.exactly_one_of if ports.get(name) is not None]
     if not model.exactly_one_of or len(given) == 1:
-        return ""
+        alone = [
+            (one, other)
+            for one, other in model.goes_with.items()
+            if ports.get(one) is not None and ports.get(other) is None
+        ]
+        return "".join(f"'{one}' goes with '{other}', which is missing" for one, other in alone[:1])
     here = f"here are {' and '.join(given)}" if given else "here is none"
     return f"give exactly one of: {', '.join(model.exactly_one_of)}; {here}"
 

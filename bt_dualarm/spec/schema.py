@@ -131,6 +131,8 @@ def _body(kind: Kind, definitions: Json) -> Json:
     mapping["required"] = _required(kind)
     if kind.ports.exactly_one_of:
         mapping["oneOf"] = [{"required": [name]} for name in kind.ports.exactly_one_of]
+    if kind.ports.goes_with:
+        mapping["dependentRequired"] = {a: [b] for a, b in kind.ports.goes_with.items()}
     forms: list[Json] = [mapping]
     if kind.many:
         forms.append(children)

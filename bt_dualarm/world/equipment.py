@@ -127,7 +127,7 @@ class Equipment:
         self._everywhere = self._sensed.qpos  # views, as in `ArmHardware`
         loads: dict[str, list[NominalLoad]] = {name: [] for name in arms}
         for one in held:
-            known = self.errors[one.arm].payload.known
+            known = one.is_told and self.errors[one.arm].payload.known
             load = NominalLoad.of(one.object, objects[one.object], one.relative, known=known)
             loads[one.arm].append(load)
         for name, body in arms.items():

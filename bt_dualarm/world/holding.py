@@ -41,7 +41,15 @@ class HoldingView(WorldView):
         held = Attachment(arm, thing, relative, self.time, bool(seen))
         return self.attachments.attach(held, link, self.arms[arm].tool_link_pose.inverse @ pose)
 
-    def hold(self, arm: str, thing: str, pose: Pose, most_force: float = math.inf) -> None:
+    def hold(
+        self,
+        arm: str,
+        thing: str,
+        pose: Pose,
+        most_force: float = math.inf,
+        *,
+        told: bool = True,
+    ) -> None:
         """Believe that an arm's gripper holds an object that is at ``pose`` in the world now.
 
         Args:
@@ -49,13 +57,14 @@ class HoldingView(WorldView):
             thing: Name of the object.
             pose: Pose of the object in the world, as it is believed.
             most_force: Force in N that it may be held with at most.
+            told: Whether its mass counts that the file tells.
 
         Raises:
             WorldError: Arm or object is not present, or the object is fixed.
         """
         relative = self._believed(arm, thing, pose)
         held = Attachment(arm, thing, relative, self.time, was_seen=True, by_gripper=True)
-        self.attachments.hold(replace(held, most_force=most_force))
+        self.attachments.hold(replace(held, most_force=most_force, is_told=told))
 
     def _believed(self, arm: str, thing: str, pose: Pose | None) -> Pose:
         """An object at ``pose``, by default its true one, in the tool link by the encoders."""

@@ -143,6 +143,13 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
             "force": 40.0,
             "mass": 0.3,
         },
+        {
+            "at": {"xyz": [0.40, -0.45, 0.425]},
+            "width": 0.05,
+            "height": 0.05,
+            "depth": 0.05,
+            "friction": 0.8,
+        },
     ),
     "open_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),
     "close_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),

@@ -1,0 +1,87 @@
+"""Taking what has no name: by where it lies and how wide it is, and nothing else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import bt_dualarm as bt
+
+AT = {"xyz": [0.40, -0.45, 0.425]}
+TAKE = {"grasp": {"at": AT, "width": 0.05}}
+CARRY = {"transport": {"to": {"xyz": [0.30, -0.45, 0.60]}}}
+PUT = {"place": {"at": {"xyz": [0.25, -0.50, 0.425]}}}
+
+
+def task(*leaves: dict[str, Any], gripper: str = "robotiq_2f85", **cube: Any) -> dict[str, Any]:
+    thing = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.3, "pose": AT} | cube
+    return {
+        "bt_dualarm": 1,
+        "name": "unnamed",
+        "world": {"scene": "table", "reality": "lab", "time_limit": 60},
+        "objects": {"cube": thing},
+        "arms": {
+            "arm1": {
+                "robot": "ur5",
+                "gripper": gripper,
+                "base": {"xyz": [0, 0, 0.4]},
+                "tree": {"sequence": list(leaves)},
+            }
+        },
+    }
+
+
+@pytest.mark.parametrize("gripper", ["robotiq_2f85", "suction_cup"])
+def test_it_is_taken_carried_and_set_down(gripper: str) -> None:
+    """Two millimetres beside where it is said to lie, and turned: fingers centre it."""
+    beside = {"xyz": [0.401, -0.4483, 0.425], "rpy": [0, 0, 2]}
+    result = bt.run(task(TAKE, CARRY, PUT, gripper=gripper, pose=beside))
+    leaves = result.arms["arm1"].leaves
+    assert result.outcome == "SUCCESS"
+    assert leaves["sequence/grasp"].metrics["lifted_m"] > 0.035
+    assert leaves["sequence/place"].metrics["placed_error_m"] < 0.004
+
+
+def failure(*leaves: dict[str, Any], **cube: Any) -> tuple[str, str]:
+    """Code and reason of the last leaf of a run that fails."""
+    result = bt.run(task(*leaves, **cube))
+    assert result.outcome == "FAILURE"
+    last = [leaf for leaf in result.arms["arm1"].leaves.values() if leaf.status == "FAILURE"][-1]
+    return last.code, last.reason
+
+
+def test_where_nothing_lies_nothing_is_taken() -> None:
+    code, reason = failure(TAKE, pose={"xyz": [0.20, -0.55, 0.425]})
+    assert (code, reason) == ("NOT_GRASPED", "the gripper closed on something else or nothing")
+
+
+def test_what_is_not_as_wide_as_it_was_told_is_something_else() -> None:
+    assert failure(TAKE, size=[0.05, 0.03, 0.05])[0] == "NOT_GRASPED"
+
+
+def test_what_is_told_is_refused_before_moving() -> None:
+    wide = failure({"grasp": {"at": AT, "width": 0.09}})
+    assert wide == ("TOO_WIDE", "what lies there is 90 mm wide; the fingers open to 85 mm")
+    heavy = failure({"grasp": {"at": AT, "width": 0.05, "mass": 8.0}})
+    assert heavy == ("TOO_HEAVY", "what lies there weighs 8 kg; robotiq_2f85 may hold 5 kg")
+    frail = failure({"grasp": {"at": AT, "width": 0.05, "most_force": 5.0}})
+    assert frail[0] == "INVALID_TARGET"
+
+
+def test_what_is_held_has_to_be_clear() -> None:
+    assert failure(CARRY) == ("NOT_ATTACHED", "arm1 holds nothing")
+    assert failure(PUT) == ("NOT_HELD", "arm1 does not hold anything")
+
+
+@pytest.mark.parametrize(
+    ("ports", "message"),
+    [
+        ({}, "grasp: give exactly one of: object, width; here is none"),
+        ({"width": 0.05}, "grasp: 'width' goes with 'at', which is missing"),
+        ({"object": "cube", "height": 0.05}, "grasp: 'height' goes with 'width', which is missing"),
+    ],
+)
+def test_what_is_missing_is_said_at_its_line(ports: dict[str, Any], message: str) -> None:
+    (problem,) = bt.check(task({"grasp": ports}))
+    assert problem.message == message
