@@ -39,8 +39,8 @@ def test_it_is_taken_carried_and_set_down(gripper: str) -> None:
     result = bt.run(task(TAKE, CARRY, PUT, gripper=gripper, pose=beside))
     leaves = result.arms["arm1"].leaves
     assert result.outcome == "SUCCESS"
-    assert leaves["sequence/grasp"].metrics["lifted_m"] > 0.035
-    assert leaves["sequence/place"].metrics["placed_error_m"] < 0.004
+    assert float(leaves["sequence/grasp"].metrics["lifted_m"]) > 0.035
+    assert float(leaves["sequence/place"].metrics["placed_error_m"]) < 0.004
 
 
 def failure(*leaves: dict[str, Any], **cube: Any) -> tuple[str, str]:
