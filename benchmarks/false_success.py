@@ -97,6 +97,11 @@ class Judge(IdleObserver):
             yield f"it is {1e3 * gap:.1f} mm from the tool"
         self._in_hand[change.arm] = self._held_at(change.arm)
 
+    def _grasp(self, change: StatusChange) -> Iterator[str]:
+        if self.world.attachments.find(change.arm, THING) is None:
+            yield "it is not held"
+        self._in_hand[change.arm] = self._held_at(change.arm)
+
     def _transport(self, change: StatusChange) -> Iterator[str]:
         if change.arm not in self._holders:
             yield "it is not held"
