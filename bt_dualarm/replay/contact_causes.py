@@ -24,9 +24,18 @@ def contact_causes(e: Evidence) -> Iterator[Cause]:
     if e.code in ("TRACKING_ERROR", "NOT_REACHED", "PROXIMITY_NOT_REACHED"):
         yield from _blocked(e)
     if e.code == "NO_CONTACT":
-        way = 1e3 * float(e.numbers.get("distance_m", 0.0))
-        sentence = f"there was nothing to touch within {way:.0f} mm"
-        yield e.cause("NOTHING_THERE", sentence, "a longer distance, or another direction")
+        yield _nothing_there(e)
+
+
+def _nothing_there(e: Evidence) -> Cause:
+    """A way to the touch, or a place to stand, that is too far from what there is."""
+    if "search" in e.ports:
+        below = 1e3 * float(e.ports["search"])
+        sentence = f"there is no ground within {below:.0f} mm below the place: {e.reason}"
+        return e.cause("NOTHING_THERE", sentence, "a lower `at`, or a longer `search`")
+    way = 1e3 * float(e.numbers.get("distance_m", 0.0))
+    sentence = f"there was nothing to touch within {way:.0f} mm"
+    return e.cause("NOTHING_THERE", sentence, "a longer distance, or another direction")
 
 
 def _pressed(e: Evidence) -> Iterator[Cause]:

@@ -29,7 +29,7 @@ def reach_causes(e: Evidence) -> Iterator[Cause]:
         yield from _in_the_way(e)
     if "reach_m" in e.numbers:
         yield _outside(e)
-    elif e.code in _TOO_FAR and e.leaf.kind != "track":
+    elif e.code in _TOO_FAR and e.leaf.kind != "track" and "grasps" not in e.numbers:
         yield from _too_far(e)
     if e.code == "JOINT_LIMIT":
         yield e.cause("JOINT_LIMIT", e.reason, "an angle within the joint's limits")

@@ -101,6 +101,21 @@ class Scene:
                 names += [name for name in pair if "/" not in name]
         return names
 
+    def beside(self, thing: str, within: float) -> list[tuple[str, float]]:
+        """Other objects that are so near to one, the nearest first, and how near, in m."""
+        others = [name for name in self._record.start["objects"] if self.has(name)]
+        own, *geoms = (int(self.model.body_geomadr[self._body(name)]) for name in (thing, *others))
+        gaps = (
+            mujoco.mj_geomDistance(self.model, self.data, own, geom, 2.0 * within, None)
+            for geom in geoms
+        )
+        found = [
+            (name, max(float(gap), 0.0))
+            for name, gap in zip(others, gaps, strict=True)
+            if name != thing and gap <= within
+        ]
+        return sorted(found, key=lambda pair: pair[1])
+
     def touches(self, arm: str) -> list[Touch]:
         """What the arm, and what it holds, is in contact with."""
         own = {*self.held(arm)}

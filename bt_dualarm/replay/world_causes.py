@@ -67,10 +67,9 @@ def not_attached(e: Evidence, name: str) -> Cause:
         remedy = f"let go of {name} later"
         return e.cause("LET_GO", sentence, remedy, leaf=node.path, time_s=change.time)
     if not taken:
-        sentence = f"{e.arm} never took hold of {name}: no leaf had attached it before"
-        return e.cause(
-            "NEVER_ATTACHED", sentence, f"approach_and_attach: {{object: {name}}} before"
-        )
+        sentence = f"{e.arm} never took hold of {name}: no leaf had taken it before"
+        taker = "grasp" if e.code == "NOT_HELD" else "approach_and_attach"
+        return e.cause("NEVER_ATTACHED", sentence, f"{taker}: {{object: {name}}} before")
     holders = [arm for arm in e.record.arms if name in e.scene(e.ended).held(arm)]
     who = f"; {holders[0]} holds it" if holders else ""
     return e.cause("LOST_HOLD", f"{e.arm} no longer held {name}{who}")

@@ -1,0 +1,71 @@
+"""Why a gripper could not take or set down a thing: no room, no ground, nothing in its hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.replay.evidence import Cause
+from bt_dualarm.replay.story import stories
+from tests.replay.runs import recorded
+
+FILE = """\
+bt_dualarm: 1
+name: grips
+world: {{scene: table, time_limit: 20}}
+objects:
+  thing: {{shape: box, size: {size}, mass: 0.2, pose: {{xyz: [0.4, -0.45, {height}]}}}}
+{others}
+arms:
+  arm1:
+    robot: ur5
+    gripper: robotiq_2f85
+    base: {{xyz: [0, 0, 0.4]}}
+    tree: {{sequence: {steps}}}
+"""
+CUBE = [0.05, 0.05, 0.05]
+AROUND = "\n".join(
+    f"  {name}: {{shape: box, size: {CUBE}, mass: 1, pose: {{xyz: [{x}, {y}, 0.425]}}}}"
+    for name, x, y in (
+        ("east", 0.453, -0.45),
+        ("west", 0.345, -0.45),
+        ("north", 0.4, -0.395),
+        ("south", 0.4, -0.505),
+    )
+)
+TAKE = "grasp: {object: thing}"
+HIGH = "place: {object: thing, at: {xyz: [0.25, -0.4, 0.47]}}"
+
+
+def why(folder: Path, size: list[float], steps: str, others: str = "") -> Cause:
+    """The first cause that is named."""
+    text = FILE.format(size=size, height=0.4 + size[2] / 2, steps=steps, others=others)
+    [story] = stories(recorded(folder, text))
+    return story.causes[0]
+
+
+def test_what_stands_beside_a_thing_is_named_the_nearest_first(tmp_path: Path) -> None:
+    cause = why(tmp_path, CUBE, f"[{TAKE}]", AROUND)
+    assert cause.kind == "NO_ROOM"
+    assert "there is east (3 mm away), " in cause.sentence
+    assert cause.remedy == "move east away, or take it first"
+
+
+@pytest.mark.parametrize("size", [[0.12, 0.12, 0.05], [0.15, 0.1, 0.004]])
+def test_what_lies_flat_and_is_wide(size: list[float], tmp_path: Path) -> None:
+    cause = why(tmp_path, size, f"[{TAKE}]")
+    assert cause.kind == "TOO_WIDE"
+    assert "around its short side there is no room" in cause.sentence
+
+
+def test_a_place_without_ground_below(tmp_path: Path) -> None:
+    cause = why(tmp_path, CUBE, f"[{TAKE}, {HIGH}]")
+    assert cause.kind == "NOTHING_THERE"
+    assert "no ground within 15 mm" in cause.sentence
+    assert "`at`" in cause.remedy
+
+
+def test_what_was_never_taken_is_to_be_grasped(tmp_path: Path) -> None:
+    cause = why(tmp_path, CUBE, f"[{HIGH}]")
+    assert (cause.kind, cause.remedy) == ("NEVER_ATTACHED", "grasp: {object: thing} before")
