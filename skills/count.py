@@ -34,3 +34,4 @@ class Count(Skill):
         seen.take(picture)
         self.output("count", len(seen.things))
         self.metrics |= {"found": len(seen.things), "unlike": seen.unlike}
+        self.metrics["beyond_share"] = seen.beyond

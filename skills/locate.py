@@ -148,15 +148,13 @@ class Locate(Skill):
         }
 
     def _refuse_unseen(self) -> None:
-        unlike = self._seen.unlike
-        others = (
-            f"{unlike} patches are of another, or move" if unlike else "nothing has that colour"
-        )
+        seen = self._seen
         raise Failure(
             "NOT_SEEN",
-            f"nothing of this colour and shape in {self.ports.frames} pictures; {others}",
+            f"nothing of this colour and shape in {self.ports.frames} pictures; {seen.others}",
             frames=self.ports.frames,
-            unlike=unlike,
+            unlike=seen.unlike,
+            beyond_share=seen.beyond,
         )
 
     def _refuse_inaccurate(self) -> None:

@@ -74,7 +74,7 @@ class Scan(Skill):
             if len(seen.things) >= self.ports.least:
                 self._tell(seen, number)
                 return
-        self._refuse(looked, len(seen.things))
+        self._refuse(looked, seen)
 
     def _points(self) -> list[Vector]:
         """Middles of the parts of the area, each as large as half of what is in one picture."""
@@ -101,14 +101,17 @@ class Scan(Skill):
         self.output("count", len(seen.things))
         self.metrics |= {"found": len(seen.things), "places": places}
 
-    def _refuse(self, looked: int, found: int) -> None:
+    def _refuse(self, looked: int, seen: SightedThings) -> None:
+        found = len(seen.things)
         if not looked:
             raise Failure("OUT_OF_REACH", "no place above the area can be reached")
         raise Failure(
             "NOT_SEEN",
-            f"{found} of {self.ports.least} things of this colour and shape from {looked} places",
+            f"{found} of {self.ports.least} things of this colour and shape from {looked} places; "
+            f"in the last picture {seen.others}",
             found=found,
             places=looked,
+            beyond_share=seen.beyond,
         )
 
 

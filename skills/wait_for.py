@@ -40,8 +40,10 @@ class WaitFor(Skill):
             if in_row < ports.confirm and self.time - began > ports.wait:
                 raise Failure(
                     "NOT_SEEN",
-                    f"{most} of {ports.least} things came into view within {ports.wait:.1f} s",
+                    f"{most} of {ports.least} things came into view within {ports.wait:.1f} s; "
+                    f"in the last picture {seen.others}",
                     found=most,
+                    beyond_share=seen.beyond,
                     waited_s=self.time - began,
                 )
             while in_row < ports.confirm and self.time - looked < ports.every:

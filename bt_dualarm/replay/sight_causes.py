@@ -18,6 +18,9 @@ from bt_dualarm.spec.source import with_tuples
 _ANOTHER_SIZE: Final = 0.2
 """Share of its longest side by which a thing is of another size."""
 
+_BEHIND: Final = 0.15
+"""Share of a picture from which on what goes beyond its edge may be the ground of things."""
+
 _LOOKING_AROUND: Final = frozenset({"scan", "locate"})
 """Leaves that turn the camera themselves: what is hidden wherever they look is what matters."""
 
@@ -145,6 +148,11 @@ def _of_target(e: Evidence, name: str) -> Iterator[Cause]:
         yield _hidden(e, name, sight)
     elif worst == "outside":
         yield _outside(e, name, sight, last_seen)
+    elif float(e.numbers.get("beyond_share", 0.0)) > _BEHIND:
+        share = 100.0 * float(e.numbers["beyond_share"])
+        sentence = f"what is behind {name} has its colour: {share:.0f} % of the picture have it"
+        remedy = "`color` with ranges of saturation and value that only it has, or a marker on it"
+        yield e.cause("SAME_COLOR_BEHIND", sentence, remedy)
     else:
         away = f"{sight.distance_m:.2f} m away"
         sentence = f"{name} was in view, {away}, and was not taken for the target"

@@ -101,6 +101,7 @@ def go_to_camera(
     except Failure as failure:
         if failure.code not in _NO_WAY:
             raise
+        yield None  # one try a tick: many in one would hold up everybody
         return False
     return True
 

@@ -25,6 +25,9 @@ UNLIKE_PX: Final = 0.8
 LEAST_AREA_PX: Final = 60.0
 """Area of an outline, in square pixels, that tells a shape."""
 
+_BEHIND: Final = 0.15
+"""Share of a picture from which on what goes beyond its edge may be the ground of things."""
+
 _ASTRAY_PX: Final = 12.0
 """Pixels from its prediction at which a thing is still taken for the same, with half its width."""
 
@@ -64,10 +67,12 @@ class SightedThings:
         fitter: Fitter of their shape.
         middle: Middle of a thing in the frame of what is fitted, of shape (3,), m; by default its
             origin.
+        nothing: Words for a picture in which nothing is that could be one of them.
 
     Attributes:
         things: Things that were found, in no particular order.
         unlike: Number of patches of the colour, in the last picture, that are of another shape.
+        beyond: Share of the last picture covered by patches that go beyond its edge.
     """
 
     def __init__(
@@ -75,9 +80,11 @@ class SightedThings:
         find: Callable[[Frame], list[OutlineView]],
         fitter: ShapeFitter,
         middle: Vector | None = None,
+        nothing: str = "nothing has that colour",
     ) -> None:
+        self._nothing = nothing
         self.things: list[SightedThing] = []
-        self.unlike = 0
+        self.unlike, self.beyond = 0, 0.0
         self._find = find
         self._fitter = fitter
         self._middle: Vector = np.zeros(3) if middle is None else middle
@@ -94,7 +101,9 @@ class SightedThings:
     ) -> SightedThings:
         """Things that bear a marker, whose middle is there in the marker's frame, (3,), m."""
         fitter = MarkerFitter(SquareCorners("box", (marker.size,)), flat)
-        return cls(lambda frame: markers_in(frame, marker), fitter, middle)
+        return cls(
+            lambda frame: markers_in(frame, marker), fitter, middle, "no such marker is in it"
+        )
 
     @property
     def shape(self) -> KnownShape:
@@ -103,7 +112,10 @@ class SightedThings:
 
     def take(self, frame: Frame) -> None:
         """Take one picture in: better poses of known things, and new ones."""
-        patches = self._find(frame)
+        found = self._find(frame)
+        patches = [patch for patch in found if patch.is_whole]
+        cut = sum(patch.detection.area_px for patch in found if not patch.is_whole)
+        self.beyond = cut / (frame.width * frame.height)
         for thing in self.things:
             patch = self._of(thing, patches)
             if patch is not None:
@@ -116,6 +128,21 @@ class SightedThings:
                 self.unlike += 1
             elif not self._is_known(fits[0].scene.position):
                 self.things.append(SightedThing(fits, [patch], middle=self._middle))
+
+    @property
+    def others(self) -> str:
+        """What else has the colour in the last picture, in words."""
+        said = []
+        if self.unlike:
+            are = "patch is" if self.unlike == 1 else "patches are"
+            said.append(f"{self.unlike} {are} of another shape, covered in part, or moving")
+        if self.beyond > _BEHIND:
+            behind = "what is behind may have that colour, too: tell it apart by `color`"
+            share = f"{100 * self.beyond:.0f} %"
+            said.append(f"{share} of the picture have it, up to its edge; {behind}")
+        elif self.beyond:
+            said.append("something goes beyond the picture")
+        return "; ".join(said) or self._nothing
 
     def pose(self, thing: SightedThing) -> Pose:
         """Pose of a thing in the world; of those that look alike the one turned least."""
