@@ -3,11 +3,11 @@
     python -m benchmarks.weighing [--robots ur5 panda ...] [--set lab] [--seeds 3] [--loads 8]
                                   [--gripper robotiq_2f85]
 
-Every robot of the catalogue stands in a posture drawn around its own in which nothing touches, swings a little with nothing
-in its hand, is given a cube of 0.1 to 3 kg, its payload at most, and swings again. A seed is
-another robot of the batch and another posture. The mass that the arm then believes in is held
-against the simulator's. Asked for in `lab`: within 3 % or 20 g. One that sags under what nobody has
-told it of, further than a motion may be behind, has failed.
+Every robot of the catalogue stands in a posture drawn around its own in which nothing touches,
+swings a little with nothing in its hand, is given a cube of 0.1 to 3 kg, its payload at most, and
+swings again. A seed is another robot of the batch and another posture. The mass that the arm then
+believes in is held against the simulator's. Asked for in `lab`: within 3 % or 20 g. One that sags
+under what nobody has told it of, further than a motion may be behind, has failed.
 """
 
 from __future__ import annotations
