@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 from pydantic import Field
@@ -13,6 +13,7 @@ from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.marker import MarkerSpec
 from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.shapes import SIZE_IN_WORDS, SIZES, ShapeName
 from bt_dualarm.spec.values import ObjectName
 from bt_dualarm.vision.appearance import ColorlessError, color_of
 from bt_dualarm.vision.known_shape import KnownShape
@@ -20,9 +21,6 @@ from bt_dualarm.vision.sighted import SightedThings
 from bt_dualarm.world.marker_bodies import marker_height
 
 _Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
-
-_NUMBERS: Final = {"box": 3, "cylinder": 2, "sphere": 1}
-"""Numbers that the size of a shape has."""
 
 
 class SightPorts(PortModel):
@@ -39,12 +37,10 @@ class SightPorts(PortModel):
     marker: MarkerSpec | None = port(
         None, "marker to look for, where no object is named; its pose has z out of it"
     )
-    shape: Literal["box", "cylinder", "sphere"] | None = port(
-        None, "shape to look for, where no object is named"
-    )
+    shape: ShapeName | None = port(None, "shape to look for, where no object is named")
     size: tuple[_Length, ...] | None = port(
         None,
-        "edges of a box; radius and length of a cylinder; radius of a sphere",
+        SIZE_IN_WORDS.lower(),
         unit="m",
         min_length=1,
         max_length=3,
@@ -70,7 +66,7 @@ class SightPorts(PortModel):
             return SightedThings.of_marker(self.marker, flat=self.flat)
         if self.shape is None or self.size is None or self.color is None:
             raise Failure("INVALID_TARGET", "a shape has to come with its size and its color")
-        wanted = _NUMBERS[self.shape]
+        wanted = len(SIZES[self.shape])
         if len(self.size) != wanted:
             reason = f"the size of a {self.shape} has {wanted} numbers, not {len(self.size)}"
             raise Failure("INVALID_TARGET", reason)

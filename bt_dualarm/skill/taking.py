@@ -19,6 +19,7 @@ from bt_dualarm.skill.taking_ports import TakingPorts
 from bt_dualarm.skill.touch_sense import TouchSense
 from bt_dualarm.world.world import World
 
+_NOT_IT: Final = "the gripper closed on something else or nothing"
 _HOLD_S: Final = 0.15  # that pads have to press
 _CLOSING_S: Final = 1.5
 _ELSE_M: Final = 0.006  # by which the opening may be off: more is something else
@@ -52,13 +53,9 @@ class Taking:
         self._seen = wanted.lies if seen else None
 
     def through(self, order: Sequence[RankedGrasp]) -> Generator[float | None, None, RankedGrasp]:
-        """Go, close, lift and look; yields the progress once a tick.
+        """Go to the first of these grasps, best first, that has a way; close, lift and look.
 
-        Args:
-            order: Grasps, the best first.
-
-        Returns:
-            The grasp by which it was taken.
+        Yields the progress once a tick; returns the grasp by which it was taken.
 
         Raises:
             Failure: ``OUT_OF_REACH`` before anything moves; ``NOT_GRASPED``, ``SLIPPED`` or
@@ -149,9 +146,7 @@ class Taking:
             numbers = {"width_m": gripper.width, "expected_m": grasp.width}
             gripper.command(page.stroke if page.fingers else 1.0)
             yield from way.back_out(arm, self._ports.approach_speed)
-            raise Failure(
-                "NOT_GRASPED", "the gripper closed on something else or nothing", **numbers
-            )
+            raise Failure("NOT_GRASPED", _NOT_IT, **numbers)
         lies = gripper.between_the_pads(self._wanted.lies, way.ranked.grasp.tool)
         gripper.hold(name, lies, self._wanted.most_force, told=self._wanted.edges is None)
         return name

@@ -27,6 +27,7 @@ from bt_dualarm.spec.name import Name, written_as
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.ports import port
 from bt_dualarm.spec.reality import Reality
+from bt_dualarm.spec.shapes import SIZE_IN_WORDS, SIZES, ShapeName
 from bt_dualarm.spec.values import Duration, PoseSpec, Speed, Value
 from bt_dualarm.spec.wording import one_line
 
@@ -49,7 +50,6 @@ ColorName: TypeAlias = Literal["red", "orange", "yellow", "green", "blue", "whit
 _Part: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
 _Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
 _HalfWidth: TypeAlias = Annotated[float, Field(ge=0.0, le=10.0)]
-_SIZES: Final = {"box": ("x", "y", "z"), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 
 
 class WorldSpec(Value):
@@ -85,14 +85,8 @@ class NoiseSpec(Value):
 class ObjectSpec(Value):
     """A thing in the world."""
 
-    shape: Literal["box", "cylinder", "sphere"] = port(..., "Form, which says what `size` means")
-    size: tuple[_Length, ...] = port(
-        ...,
-        "Edges of a box; radius and length of a cylinder; radius of a sphere",
-        unit="m",
-        min_length=1,
-        max_length=3,
-    )
+    shape: ShapeName = port(..., "Form, which says what `size` means")
+    size: tuple[_Length, ...] = port(..., SIZE_IN_WORDS, unit="m", min_length=1, max_length=3)
     mass: float = port(..., "Mass, spread evenly", unit="kg", ge=1e-4, le=1000.0)
     friction: float = port(0.8, "Coefficient of sliding friction", ge=0.0, le=10.0)
     color: Annotated[
@@ -108,7 +102,7 @@ class ObjectSpec(Value):
 
     @model_validator(mode="after")
     def _size_fits_shape(self) -> ObjectSpec:
-        meaning = _SIZES[self.shape]
+        meaning = SIZES[self.shape]
         if len(self.size) != len(meaning):
             wanted = ", ".join(meaning)
             raise ValueError(f"the size of a {self.shape} is [{wanted}], not {list(self.size)}")
@@ -117,8 +111,8 @@ class ObjectSpec(Value):
     @model_validator(mode="after")
     def _marker_fits(self) -> ObjectSpec:
         if self.marker is not None:
-            if self.shape == "sphere":
-                raise ValueError("a sphere has no face for a marker")
+            if self.shape in ("sphere", "capsule"):
+                raise ValueError(f"a {self.shape} has no face for a marker")
             room = min(self.size[:2]) if self.shape == "box" else 2**0.5 * self.size[0]
             if self.marker.board > room + 1e-9:
                 raise ValueError(

@@ -6,18 +6,19 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 import numpy as np
 
 from bt_dualarm.pose import Matrix, Pose, Vector
-
-ShapeKind: TypeAlias = Literal["box", "cylinder", "sphere"]
+from bt_dualarm.spec.shapes import ShapeName
 
 _ROUND: Final = 48
 """Points of a circle: the corners of their polygon are off it by 0.2 % of the radius."""
 
 _YAW_STEP: Final = math.radians(15.0)
+_SPINNING: Final = ("cylinder", "capsule")
+
 _SAME: Final = 1e-6
 """Difference of two edges in m that is none."""
 
@@ -31,20 +32,21 @@ class KnownShape:
 
     Attributes:
         kind: Form, which says what ``size`` means.
-        size: Edges of a box; radius and length of a cylinder; radius of a sphere; in m.
+        size: Edges of a box; radius and length of a cylinder, or of a capsule between its
+            half balls; radius of a sphere; in m.
     """
 
-    kind: ShapeKind
+    kind: ShapeName
     size: tuple[float, ...]
 
     @cached_property
     def points(self) -> Matrix:
-        """Points whose convex hull it is, of shape (n, 3), in its own frame; none of a sphere."""
+        """Points whose convex hull it is, of shape (n, 3), in its own frame; if it has such."""
         if self.kind == "box":
             signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
             corners: Matrix = signs * np.array(self.size)
             return corners
-        if self.kind == "sphere":
+        if self.is_round:
             return np.zeros((0, 3))
         radius, length = self.size
         turn = np.arange(_ROUND) * (2.0 * math.pi / _ROUND)
@@ -60,9 +62,27 @@ class KnownShape:
             eye: Place of the camera from the centre, world axes, of shape (3,), m.
             rotation: Axes of the shape in the world, of shape (3, 3).
         """
-        if self.kind != "sphere":
-            turned: Matrix = self.points @ rotation.T
-            return turned
+        if self.is_round:
+            centers = self.ball_centers(rotation)
+            rings = [self._ring(eye - center) for center in centers[::_ROUND]]
+            return centers + np.vstack(rings)
+        turned: Matrix = self.points @ rotation.T
+        return turned
+
+    @property
+    def is_round(self) -> bool:
+        """Whether it is a ball, or lies between two: then these have its outline."""
+        return self.kind in ("sphere", "capsule")
+
+    def ball_centers(self, rotation: Matrix) -> Matrix:
+        """Centres of the balls whose outlines `seen_from` has, of shape (n, 3), world axes, m."""
+        if self.kind == "sphere":
+            return np.zeros((_ROUND, 3))
+        end = 0.5 * self.size[1] * rotation[:, 2]
+        return np.repeat((end, -end), _ROUND, axis=0)
+
+    def _ring(self, eye: Vector) -> Matrix:
+        """Outline of a ball about its centre, seen from ``eye``, of shape (n, 3), m."""
         away, radius = float(np.linalg.norm(eye)), self.size[0]
         toward = eye / max(away, radius * (1.0 + 1e-9))
         side = np.cross(toward, np.eye(3)[int(np.argmin(np.abs(toward)))])
@@ -76,8 +96,8 @@ class KnownShape:
     @property
     def extent(self) -> float:
         """Metres from its centre to its farthest point."""
-        if self.kind == "sphere":
-            return self.size[0]
+        if self.is_round:
+            return self.size[0] + 0.5 * sum(self.size[1:])
         return float(np.linalg.norm(self.points, axis=1).max())
 
     def guesses(self, *, flat: bool) -> list[Matrix]:
@@ -108,14 +128,14 @@ class KnownShape:
     @property
     def spins(self) -> Vector | None:
         """Axis in its frame about which a turn cannot be seen, of shape (3,), if there is one."""
-        return np.array((0.0, 0.0, 1.0)) if self.kind == "cylinder" else None
+        return np.array((0.0, 0.0, 1.0)) if self.kind in _SPINNING else None
 
     def canonical(self, pose: Pose) -> Pose:
         """The pose that looks the same and is turned least from the axes of the world."""
         axes = pose.rotation_matrix
         if self.kind == "sphere":
             return Pose(pose.position, np.array((1.0, 0.0, 0.0, 0.0)))
-        if self.kind == "cylinder":
+        if self.kind in _SPINNING:
             return _pose(pose.position, _least_turn_to(axes[:, 2] * (np.sign(axes[2, 2]) or 1.0)))
         alike = [axes @ turn for turn in self._symmetries]
         return _pose(pose.position, max(alike, key=lambda one: float(np.trace(one))))
@@ -125,7 +145,7 @@ class KnownShape:
         if self.kind == "sphere":
             return 0.0
         first, second = one.rotation_matrix, other.rotation_matrix
-        if self.kind == "cylinder":
+        if self.kind in _SPINNING:
             return math.acos(min(abs(float(first[:, 2] @ second[:, 2])), 1.0))
         traces = [float(np.trace(first.T @ second @ turn)) for turn in self._symmetries]
         return math.acos(min(max((max(traces) - 1.0) / 2.0, -1.0), 1.0))
@@ -146,7 +166,7 @@ class KnownShape:
     def _ways_up(self) -> list[Matrix]:
         """Axes of the shape in the world, one for each that may be upright."""
         upright, on_side, on_end = np.eye(3), _about_x(math.pi / 2), _about_y(math.pi / 2)
-        if self.kind == "cylinder":
+        if self.kind in _SPINNING:
             return [upright, on_end]
         a, b, c = self.size
         ways = [upright]
@@ -158,7 +178,7 @@ class KnownShape:
 
     def _yaws(self, up: Matrix) -> list[float]:
         """Turns about the vertical that look different, rad."""
-        if self.kind == "cylinder":
+        if self.kind in _SPINNING:
             whole = 0.0 if abs(up[2, 2]) > 0.5 else math.pi
         else:
             level = np.delete(np.array(self.size), int(np.argmax(np.abs(up[2]))))

@@ -122,8 +122,9 @@ def project(scene: Scene, shape: KnownShape, view: OutlineView) -> Projection | 
     focals = focal, view.focal_px
     if see(about, offset, inward, mount, focals, pixels, change) < _NEAREST_M:
         return None
-    if shape.kind == "sphere":
-        change[:, :, TURN] = 0.0
+    if shape.is_round:  # its outline does not turn with it, but the balls that have it do
+        centers = shape.ball_centers(scene.rotation)
+        change[:, :, TURN] = np.cross(centers[:, None], change[:, :, PLACE])
     around = cv2.convexHull(pixels.astype(np.float32), returnPoints=False)
     hull = np.asarray(around, dtype=np.intp)[:, 0]
     return Projection(pixels, change, hull)

@@ -58,12 +58,12 @@ def _where_it_rests(thing: ObjectSpec, pose: Pose, shift: Vector) -> Vector:
     """The drawn offset of the centre of mass, of shape (3,), m, as far as it makes nothing roll.
 
     A ball whose centre is aside would roll away from where the file has it as soon as time begins,
-    as would a cylinder that lies; there it stays in the middle, or on the axis.
+    as would a cylinder or capsule that lies; there it stays in the middle, or on the axis.
     """
     if thing.shape == "sphere":
         return np.zeros(3)
     lies = abs(float(pose.rotation_matrix[2, 2])) < _UPRIGHT
-    return shift * (0, 0, 1) if thing.shape == "cylinder" and lies else shift
+    return shift * (0, 0, 1) if thing.shape in ("cylinder", "capsule") and lies else shift
 
 
 def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:

@@ -95,6 +95,8 @@ class WorldView:
         elif thing.shape == "cylinder":
             radius, length = thing.size
             reach = min(radius / float(np.hypot(ray[0], ray[1])), 0.5 * length / float(ray[2]))
+        elif thing.shape == "capsule":
+            reach = _out_of_capsule(thing.size[0], thing.size[1], ray)
         else:
             reach = thing.size[0]
         point: Vector = pose.position + reach * direction
@@ -124,3 +126,12 @@ class WorldView:
             (geom1 == geom and geom2 in tool) or (geom2 == geom and geom1 in tool)
             for geom1, geom2 in self.data.contact.geom
         )
+
+
+def _out_of_capsule(radius: float, length: float, ray: Vector) -> float:
+    """Metres from a capsule's centre along a ray, of shape (3,), all of it positive."""
+    across, along, half = float(np.hypot(ray[0], ray[1])), float(ray[2]), 0.5 * length
+    aside = radius / across
+    if aside * along <= half:
+        return aside
+    return half * along + float(np.sqrt(radius**2 - (half * across) ** 2))

@@ -24,6 +24,7 @@ SHAPES = {
     "cube": KnownShape("box", (0.05, 0.05, 0.05)),
     "brick": KnownShape("box", (0.03, 0.05, 0.08)),
     "can": KnownShape("cylinder", (0.025, 0.06)),
+    "pill": KnownShape("capsule", (0.02, 0.05)),
     "ball": KnownShape("sphere", (0.03,)),
 }
 FOCAL_PX = 257.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -40,7 +41,12 @@ def test_a_gap_is_measured_however_wide() -> None:
 
 @pytest.mark.parametrize(
     ("shape", "size", "reach"),
-    [("box", (0.2, 0.4, 0.6), 0.1), ("cylinder", (0.15, 0.6), 0.15), ("sphere", (0.12,), 0.12)],
+    [
+        ("box", (0.2, 0.4, 0.6), 0.1),
+        ("cylinder", (0.15, 0.6), 0.15),
+        ("capsule", (0.15, 0.6), 0.15),
+        ("sphere", (0.12,), 0.12),
+    ],
 )
 def test_a_surface_point_is_on_the_surface(
     shape: Any, size: tuple[float, ...], reach: float
@@ -49,3 +55,20 @@ def test_a_surface_point_is_on_the_surface(
     world = World(file_of({"arm1": arm("ur5")}, {"thing": thing}))
     point = world.surface_point("thing", np.array([1.0, 0.0, 0.0]))
     assert point == pytest.approx([0.5 + reach, 0.4, 1.0])
+
+
+@pytest.mark.parametrize("degrees", [0, 10, 30, 45, 60, 89, 90])
+def test_rays_leave_a_capsule_where_mujoco_says(degrees: float) -> None:
+    """Out of its side, and out of its ends."""
+    thing = ObjectSpec(
+        shape="capsule", size=(0.04, 0.1), mass=1.0, pose=PoseSpec(xyz=(0.5, 0.4, 1.0))
+    )
+    world = World(file_of({"arm1": arm("ur5")}, {"thing": thing}))
+    angle = np.radians(degrees)
+    direction = np.array([np.sin(angle), 0.0, np.cos(angle)])
+    point = world.surface_point("thing", direction)
+    geom = world.object_geom("thing")
+    start, hit = point + 0.2 * direction, np.full(1, -1, dtype=np.int32)
+    far = mujoco.mj_ray(world.model, world.data, start, -direction, None, 1, -1, hit)
+    assert int(hit[0]) == geom
+    assert far == pytest.approx(0.2, abs=1e-9)

@@ -51,4 +51,12 @@ def inertia_per_mass(thing: ObjectSpec) -> Vector:
     if thing.shape == "cylinder":
         radius, length = np.square(thing.size)
         return np.array([3 * radius + length, 3 * radius + length, 6 * radius]) / 12
+    if thing.shape == "capsule":
+        radius, length = thing.size
+        straight = length / (length + 4.0 / 3.0 * radius)  # its share of the mass
+        ball = 1.0 - straight
+        along = (0.5 * straight + 0.4 * ball) * radius**2
+        across = straight * (length**2 / 12 + radius**2 / 4)
+        across += ball * (0.4 * radius**2 + length**2 / 4 + 0.375 * length * radius)
+        return np.array([across, across, along])
     return np.full(3, 0.4 * thing.size[0] ** 2)
