@@ -154,8 +154,19 @@ def key_name(key: str) -> str:
 
 
 def as_text(value: Data) -> str:
-    """A value as it is written out in a text: as YAML would have it."""
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    """A value as it is written out in a text for people: as YAML, to five digits, without nulls."""
+    return value if isinstance(value, str) else _in_flow(value)
+
+
+def _in_flow(value: Data) -> str:
+    if isinstance(value, dict):
+        given = (f"{key}: {_in_flow(item)}" for key, item in value.items() if item is not None)
+        return f"{{{', '.join(given)}}}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_in_flow, value))}]"
+    if isinstance(value, float) and abs(value) < 1e4:
+        value = float(f"{value:.5g}")
+    return json.dumps(value, ensure_ascii=False)
 
 
 def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str, str]:

@@ -8,6 +8,7 @@ from pydantic import ValidationError, model_validator
 from bt_dualarm.spec.leaf_words import Log
 from bt_dualarm.spec.ports import (
     PortModel,
+    as_text,
     miscounted,
     only,
     port,
@@ -101,3 +102,22 @@ def test_units() -> None:
 def test_a_text_with_keys_in_it_is_no_reference() -> None:
     assert templates_of(Log) == {"message"}
     assert references_in(Log, {"message": "{a}", "level": "{b}"}) == {"level": "b"}
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ("as it is", "as it is"),
+        (3, "3"),
+        (True, "true"),
+        (None, "null"),
+        (2.0, "2.0"),
+        (0.30009954502009384, "0.3001"),
+        (123456.75, "123456.75"),
+        ({"xyz": [0.1234567, 0.0, -1.0], "rpy": None}, "{xyz: [0.12346, 0.0, -1.0]}"),
+        ([], "[]"),
+    ],
+)
+def test_a_value_in_a_text(value: object, text: str) -> None:
+    """People read it: five digits, and nothing that is not given."""
+    assert as_text(value) == text
