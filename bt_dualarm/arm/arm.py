@@ -185,7 +185,7 @@ class Arm(ArmState):
 
     @property
     def slips_felt(self) -> int:
-        """How often this arm has gripped harder, as what its gripper held was pulled at."""
+        """How often a pull at what its gripper holds was felt, and answered where that could be."""
         return self._slip.felt
 
     def refuse_load(self, thing: str, q: Vector, seen: Pose | None = None) -> None:

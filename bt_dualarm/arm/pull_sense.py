@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from math import hypot
 from typing import Final
 
@@ -17,7 +18,8 @@ planned that takes more than 1 / 1.2 of it, see `grip_limit`."""
 
 _DEVIATIONS: Final = 3.0  # of a pad's reading
 _EASED: Final = 0.4  # share of the force asked for, below which something presses a pad open
-_TWICE: Final = 2  # readings in a row that say so
+_LAST: Final = 3  # readings that are looked at; what is torn loose bounces, and
+_TWICE: Final = 2  # of them have to say so
 _OF_A_HIT: Final = 0.65  # share of the torques that count as a hit: quick carrying makes up to 0.54
 
 
@@ -29,11 +31,12 @@ class PadSense:
     """
 
     def __init__(self) -> None:
-        self._stamp, self._count = -1.0, 0
+        self._stamp = -1.0
+        self._slid: deque[bool] = deque(maxlen=_LAST)
 
     def forget(self) -> None:
         """Begin anew: something else is held."""
-        self._count = 0
+        self._slid.clear()
 
     def feels(self, hardware: GripperHardware, friction: float) -> bool:
         """Whether the last readings say so.
@@ -48,9 +51,8 @@ class PadSense:
         if sensors.stamp != self._stamp:
             self._stamp = sensors.stamp
             doubt, least = _DEVIATIONS * felt.noise, _EASED * hardware.commanded.force
-            slides = _slides(sensors.forces, friction, doubt, least)
-            self._count = self._count + 1 if slides else 0
-        return self._count >= _TWICE
+            self._slid.append(_slides(sensors.forces, friction, doubt, least))
+        return sum(self._slid) >= _TWICE
 
 
 class JointSense:
