@@ -57,7 +57,8 @@ class Grasp(Skill):
         goes_with = {"width": "at", "depth": "width", "height": "width", "friction": "width"}
 
     failures = {
-        "INVALID_TARGET": "the object is fixed, or bears less than the gripper's least force",
+        "INVALID_TARGET": "the object is fixed, bears less than the gripper's least force, or "
+        "the approach has no length",
         "NOT_THERE": "the object is not in the world",
         "TOO_WIDE": "the fingers do not open that far",
         "TOO_HEAVY": "no grasp of this gripper bears its weight",
@@ -92,7 +93,7 @@ class Grasp(Skill):
         mass = ports.mass or told or _UNKNOWN_KG
         lies = world.object_pose(name) if ports.at is None else ports.at.pose
         bears = ports.most_force or math.inf
-        return WantedGrasp(name, lies, mass, ports.shake, ports.margin, bears)
+        return WantedGrasp(name, lies, mass, ports.shake, ports.margin, bears, along=ports.along)
 
     def _unnamed(self) -> WantedGrasp:
         """What lies at a pose, a box of the extent that was told."""
@@ -104,4 +105,6 @@ class Grasp(Skill):
         name = thing_at(self.arm.world, lies.position, 0.5 * float(np.linalg.norm(edges)))
         mass, bears = ports.mass or _UNKNOWN_KG, ports.most_force or math.inf
         rubs = ports.friction or _UNKNOWN_FRICTION
-        return WantedGrasp(name, lies, mass, ports.shake, ports.margin, bears, edges, rubs)
+        return WantedGrasp(
+            name, lies, mass, ports.shake, ports.margin, bears, edges, rubs, ports.along
+        )

@@ -17,7 +17,7 @@ from bt_dualarm.motion.grasping.jaw_grasps import CLEAR, jaw_grasps, least_width
 from bt_dualarm.motion.grasping.ranking import Obstacle, RankedGrasp, ranked
 from bt_dualarm.motion.grasping.solids import Box, Capsule, Cylinder, Solid, solid_of
 from bt_dualarm.motion.grasping.suction import cup_grasps
-from bt_dualarm.pose import Pose
+from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.world import World
 
 GRAVITY = 9.81
@@ -25,6 +25,9 @@ GRAVITY = 9.81
 
 _WIDE = 50.0  # m: half of a plane
 _ALONG = 0.99  # cosine
+_AS_TOLD = math.cos(math.radians(30.0))
+_OTHER = math.radians(45.0)
+_HALF_TURN = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, math.pi))
 _NEAR = 0.5  # m: what is farther from the object is in no finger's way
 
 
@@ -43,6 +46,10 @@ class WantedGrasp:
         edges: Edges in m of the box that counts for it where it has no name: fingers close along
             the second; None where it has one.
         rubs: Coefficient of friction of it then.
+        along: Way of the straight approach in the world, of unit length, of shape (3,), within
+            30°; None for any.
+        unlike: Pose of the tool in the object's frame from which it has to be turned by 45° at
+            least, or by what is short of half a turn by as much; None for any.
     """
 
     name: str | None
@@ -53,6 +60,8 @@ class WantedGrasp:
     most_force: float = math.inf
     edges: tuple[float, float, float] | None = None
     rubs: float = 0.0
+    along: Vector | None = None
+    unlike: Pose | None = None
 
     @property
     def label(self) -> str:
@@ -72,9 +81,16 @@ class WantedGrasp:
         return world.objects[self.name or ""].friction if told is None else told
 
     def allows(self, grasp: Grasp) -> bool:
-        """Whether fingers close where its width was told."""
-        closing = grasp.tool.rotation_matrix[1, 1]
-        return self.edges is None or grasp.width == 0.0 or abs(float(closing)) > _ALONG
+        """Whether fingers close where its width was told, and the tool comes as it is to come."""
+        axes = grasp.tool.rotation_matrix
+        if self.edges is not None and grasp.width > 0.0 and abs(float(axes[1, 1])) <= _ALONG:
+            return False
+        if self.along is not None and self.lies.turn(axes[:, 2]) @ self.along < _AS_TOLD:
+            return False
+        if self.unlike is None:
+            return True
+        turned = self.unlike.angle(grasp.tool), (self.unlike @ _HALF_TURN).angle(grasp.tool)
+        return min(turned) >= _OTHER
 
 
 def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
@@ -98,9 +114,9 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         cup = cup_measures(page, rubs)
         cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
         found = cup_grasps(solid, cup, load)
-    found = tuple(one for one in found if wanted.allows(one))
     if not found:
         raise _too_much(solid, jaw, arm, wanted)
+    found = tuple(one for one in found if wanted.allows(one))
     here = arm.tool_pose
     order = ranked(
         found, wanted.lies, jaw, obstacles_around(arm, wanted), lambda tool: _turning(tool, here)
@@ -108,7 +124,9 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     if not order:
         raise Failure(
             "OUT_OF_REACH",
-            f"something stands where the fingers would be around {wanted.label}",
+            f"something stands where the fingers would be around {wanted.label}"
+            if found
+            else f"no grasp of {wanted.label} is of the kind that is asked for",
             grasps=len(found),
         )
     return order

@@ -149,6 +149,7 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
             "height": 0.05,
             "depth": 0.05,
             "friction": 0.8,
+            "approach": [0, 0, -1],
         },
     ),
     "open_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),

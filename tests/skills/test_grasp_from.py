@@ -1,0 +1,40 @@
+"""From where a gripper comes to what it takes, where the tree says so."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bt_dualarm as bt
+from tests.skills.test_unnamed import failure, task
+
+TALL: dict[str, Any] = {"size": [0.04, 0.04, 0.20], "pose": {"xyz": [0.40, -0.45, 0.50]}}
+
+
+@pytest.mark.parametrize("approach", [[0, 0, -2], [0, -1, 0]])
+def test_it_comes_along_the_way_that_is_asked_for(approach: list[float]) -> None:
+    tree = {"grasp": {"object": "cube", "approach": approach}}
+    with bt.open(task(tree, **TALL)) as run:
+        result = run.finish()
+        along = run.world.arms["arm1"].tool_pose.rotation_matrix[:, 2]
+    assert result.outcome == "SUCCESS"
+    wanted = np.array(approach) / np.linalg.norm(approach)
+    assert along @ wanted > np.cos(np.radians(30.0))
+
+
+def said(**ports: Any) -> tuple[str, str]:
+    return failure({"grasp": {"object": "cube"} | ports}, **TALL)
+
+
+def test_what_cannot_be_is_refused_before_moving() -> None:
+    """From below there is the table; a way without a length is none."""
+    assert said(approach=[0, 0, 1])[0] == "OUT_OF_REACH"
+    assert said(approach=[0, 0, 0])[0] == "INVALID_TARGET"
+    flat = failure(
+        {"grasp": {"object": "cube", "approach": [0, 0, -1]}},
+        size=[0.2, 0.2, 0.04],
+        pose={"xyz": [0.40, -0.45, 0.42]},
+    )
+    assert flat == ("OUT_OF_REACH", "no grasp of 'cube' is of the kind that is asked for")
