@@ -8,6 +8,7 @@ from pathlib import Path
 
 from bt_dualarm.errors import CatalogueError, OverlapError, WorldError
 from bt_dualarm.preflight.loads import overloads
+from bt_dualarm.preflight.markers import unborne_markers
 from bt_dualarm.preflight.reaching import out_of_reach
 from bt_dualarm.preflight.robots import Names
 from bt_dualarm.spec.document import TreeFile
@@ -80,7 +81,11 @@ def check(
         except (CatalogueError, WorldError) as error:
             return Checked(None, (Problem(Place(loaded.name), str(error)),))
     robots = names.robots
-    warnings = (*out_of_reach(file, robots, kinds), *overloads(file, robots, kinds))
+    warnings = (
+        *out_of_reach(file, robots, kinds),
+        *overloads(file, robots, kinds),
+        *unborne_markers(file, kinds),
+    )
     return Checked(file, in_order((*loaded.problems, *warnings)))
 
 
