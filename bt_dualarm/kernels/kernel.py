@@ -12,7 +12,6 @@ stands in files that have ``kernel`` in their names as well.
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import logging
 import os
 import sys
@@ -20,26 +19,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import version
-from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, ParamSpec, TypeVar, cast
 
-from bt_dualarm.share import cache_dir
+from bt_dualarm.kernels.kernel_folder import folder
 
-_PACKAGE: Final = Path(__file__).resolve().parent.parent
 _LOG: Final = logging.getLogger(__name__)
 _NO_CACHE: Final = "cannot cache function"
 
 Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
-
-
-@cache
-def folder() -> Path:
-    """Where the machine code of these sources is kept."""
-    sources = sorted(_PACKAGE.rglob("*kernel*.py"))
-    digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources))
-    return cache_dir() / "kernels" / digest.hexdigest()[:16]
 
 
 def kernel(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
@@ -48,12 +37,14 @@ def kernel(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
     Where nothing can be kept, it is compiled in every process.
     """
     with _settings() as numba:
+        from bt_dualarm.kernels.kernel_cache import keep_code  # it imports numba
+
+        compiled = numba.njit(function)
         try:
-            compiled = numba.njit(cache=True)(function)
+            keep_code(compiled, function)
         except RuntimeError as error:
             if _NO_CACHE not in str(error):
                 raise
-            compiled = numba.njit(function)
     return cast("Callable[Given, Returned]", compiled)
 
 
@@ -65,7 +56,7 @@ def _settings() -> Iterator[ModuleType]:
 
     config: Any = numba.config  # its settings are made at run time
     before = config.CACHE_LOCATOR_CLASSES
-    config.CACHE_LOCATOR_CLASSES = f"{__name__}_cache.KernelCache"
+    config.CACHE_LOCATOR_CLASSES = f"{__name__}_cache.KernelPlace"
     try:
         yield numba
     finally:
@@ -80,9 +71,7 @@ def compile_once(warm_ups: Sequence[Callable[[], object]]) -> None:
     Args:
         warm_ups: Call all the kernels, with arrays of the types that they are given later.
     """
-    # Without docstrings (``-OO``) the byte code is another, and so is what is made of it.
-    kind = f"{sys.implementation.cache_tag}-{sys.flags.optimize}"
-    mark = folder() / f"compiled-{kind}-{version('numba')}"
+    mark = folder() / _mark()
     if mark.exists():
         return
     _LOG.info("Compiling kernels, once on this machine: about a minute")
@@ -93,6 +82,12 @@ def compile_once(warm_ups: Sequence[Callable[[], object]]) -> None:
             warm_up()
         with suppress(OSError):
             mark.touch()
+
+
+@cache
+def _mark() -> str:
+    """Name of the file that says that all is compiled; to ask for a version takes 2 ms."""
+    return f"compiled-{sys.implementation.cache_tag}-{version('numba')}"
 
 
 @contextmanager

@@ -1,13 +1,16 @@
-"""Where numba keeps the machine code of our kernels."""
+"""Where numba keeps the machine code of our kernels, and by what it finds it again."""
 
 from __future__ import annotations
 
-from numba.core.caching import UserWideCacheLocator
+from collections.abc import Callable
+from typing import Any
 
-from bt_dualarm.kernels.kernel import folder
+from numba.core.caching import FunctionCache, UserWideCacheLocator
+
+from bt_dualarm.kernels.kernel_folder import folder
 
 
-class KernelCache(UserWideCacheLocator):
+class KernelPlace(UserWideCacheLocator):
     """One folder for every installation of the same sources.
 
     Numba's own locators add the place of the file, so that each installation compiles anew.
@@ -20,3 +23,30 @@ class KernelCache(UserWideCacheLocator):
     def get_source_stamp(self) -> str:
         """Stands for the sources of all kernels, not of this file alone."""
         return folder().name
+
+
+class KernelCache(FunctionCache):
+    """The machine code of one kernel, for each signature.
+
+    Numba's own asks for the same byte code, too, which is another without docstrings (``-OO``):
+    all would be compiled twice. Here the sources are known by the folder.
+    """
+
+    def _index_key(
+        self,
+        sig: object,
+        codegen: Any,  # numba has no types
+    ) -> tuple[object, ...]:
+        return sig, codegen.magic_tuple()
+
+
+def keep_code(
+    compiled: Any,  # numba has no types
+    function: Callable[..., object],
+) -> None:
+    """Have a compiled function take its code from the folder, and leave it there.
+
+    Raises:
+        RuntimeError: Nothing can be kept there.
+    """
+    compiled._cache = KernelCache(function)  # type: ignore[no-untyped-call]  # numba has no types

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.kernels.kernel import folder
+from bt_dualarm.kernels.kernel_folder import folder
 from tests.source import MODULES, PACKAGE, ROOT, dotted_name, imports_of
 
 KERNEL_FILES = [path for path in MODULES if "kernel" in path.name]
@@ -29,7 +29,8 @@ def doubled(x):
 """
 USE = """
 import json, logging, sys
-from bt_dualarm.kernels.kernel import compile_once, folder
+from bt_dualarm.kernels.kernel import compile_once
+from bt_dualarm.kernels.kernel_folder import folder
 said = []
 handler = logging.Handler()
 handler.emit = lambda record: said.append(record.getMessage())
@@ -60,8 +61,8 @@ def scripts(tmp_path: Path) -> Path:
     return place
 
 
-def started(cache: Path, scripts: Path) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", USE]
+def started(cache: Path, scripts: Path, *flags: str) -> subprocess.Popen[str]:
+    command = [sys.executable, *flags, "-c", USE]
     pipe = subprocess.PIPE
     return subprocess.Popen(
         command, env=environment(cache, scripts), stdout=pipe, stderr=pipe, text=True
@@ -89,6 +90,16 @@ def test_code_is_compiled_once_and_found_from_anywhere(tmp_path: Path, scripts: 
     elsewhere.chmod(stat.S_IRUSR | stat.S_IXUSR)
     assert told(started(cache, elsewhere)) == (6.0, 1, [], place)
     elsewhere.chmod(stat.S_IRWXU)
+
+
+def test_python_without_docstrings_finds_the_same_code(tmp_path: Path, scripts: Path) -> None:
+    """Its byte code is another one; the sources are the same."""
+    text = (scripts / "double_kernels.py").read_text()
+    documented = text.replace("(x):\n", '(x):\n    """Twice as much."""\n')
+    assert documented != text
+    (scripts / "double_kernels.py").write_text(documented)
+    told(started(tmp_path / "cache", scripts))
+    assert told(started(tmp_path / "cache", scripts, "-OO"))[:3] == (6.0, 1, [])
 
 
 def test_two_processes_may_compile_at_once(tmp_path: Path, scripts: Path) -> None:
