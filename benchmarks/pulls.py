@@ -35,6 +35,7 @@ from bt_dualarm.runtime.parts import IdleObserver
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.world.grippers.named import load_gripper
 from bt_dualarm.world.world import World
 
 PULL_S = 0.1
@@ -42,6 +43,17 @@ PULL_S = 0.1
 
 SOON_S = 0.05
 """Delay in seconds that is asked for."""
+
+POST_M = 0.08
+"""Height in m of what a box that a cup takes stands on."""
+
+POST = {
+    "shape": "box",
+    "size": [0.04, 0.04, POST_M],
+    "mass": 1.0,
+    "fixed": True,
+    "pose": {"xyz": [0.45, -0.40, 0.40 + POST_M / 2]},
+}
 
 PLACES = ((0.30, -0.45, 0.70), (0.40, -0.20, 0.60), (0.45, -0.40, 0.62), (0.20, -0.55, 0.65))
 """Between which the box is carried, m."""
@@ -119,8 +131,11 @@ def feeling(puller: Puller) -> AbstractContextManager[object]:
 
 def task(options: argparse.Namespace, rng: np.random.Generator, carries: int) -> dict[str, Any]:
     """The tree file of one run."""
-    edges = [float(edge) for edge in rng.uniform(0.035, 0.06, 3)]
-    pose = {"xyz": [0.45, -0.40, 0.4005 + edges[2] / 2]}
+    cup = load_gripper(options.gripper).cup
+    least = 0.035 if cup is None else 2.0 * cup.radius + 0.005
+    edges = [float(edge) for edge in rng.uniform(least, 0.06, 3)]
+    high = 0.0 if cup is None else POST_M  # short as it is, the arm would lie on the table
+    pose = {"xyz": [0.45, -0.40, 0.4005 + high + edges[2] / 2]}
     box = {"shape": "box", "size": edges, "mass": float(rng.uniform(0.1, 0.8)), "pose": pose}
     carry: Iterator[Any] = islice(cycle(PLACES), carries)
     leaves = [
@@ -132,7 +147,7 @@ def task(options: argparse.Namespace, rng: np.random.Generator, carries: int) ->
         "bt_dualarm": 1,
         "name": "pulls",
         "world": {"scene": "table", "reality": options.reality, "time_limit": 600},
-        "objects": {"box": box},
+        "objects": {"box": box} | ({} if cup is None else {"post": POST}),
         "arms": {"arm1": arm | {"tree": {"sequence": [{"grasp": {"object": "box"}}, *leaves]}}},
     }
 
