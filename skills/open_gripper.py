@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bt_dualarm import Failure, GripForce, GripSpeed, GripWidth, PortModel, Skill, port
+from bt_dualarm import GripForce, GripSpeed, GripWidth, PortModel, Skill, port
 
 
 class OpenGripper(Skill):
@@ -37,23 +37,5 @@ class OpenGripper(Skill):
         gripper.command(goal, ports.speed, ports.force)
         for thing in gripper.held:
             gripper.let_go(thing)
-        began = self.time
-        way = abs(goal - gripper.width) if page.fingers else 0.0
-        latest = began + 1.0 + 2.0 * way / max(gripper.commanded.speed, 1e-3)
-        off = 1e-3 + page.resolution
-        while not self._is_there(goal, off):
-            yield min((self.time - began) / (latest - began), 1.0)
-            if self.time > latest:
-                raise Failure(
-                    "NOT_OPEN",
-                    f"the fingers stand {1e3 * gripper.width:.1f} mm apart",
-                    width_m=gripper.width,
-                    force_n=gripper.force,
-                )
+        yield from gripper.until_open()
         self.metrics["width_m"] = gripper.width
-
-    def _is_there(self, goal: float, off: float) -> bool:
-        gripper = self.arm.gripper
-        if not gripper.page.fingers:
-            return gripper.vacuum < 0.01
-        return gripper.at_rest and abs(gripper.width - goal) <= off

@@ -21,7 +21,8 @@ from bt_dualarm import (
 )
 
 _ROOM_M = 0.01  # that the fingers open beside the object at least
-_FREE_M = 0.006  # above the goal, down to where nothing may be in the way
+_FREE_M = 0.004  # above the goal, down to where nothing may be in the way
+_OFF_M = 0.003  # back, until it leans on nothing
 _LOWERING = 0.3  # of the speed, down to there
 
 
@@ -34,7 +35,7 @@ class Place(Skill):
         )
         at: CarriedPose = port(..., "pose of the object then; turned as now if only xyz")
         height: float = port(0.05, "height from which it is lowered", unit="m", ge=0.01, le=0.3)
-        force: float = port(7.0, "force by which the ground is felt", unit="N", ge=1, le=100)
+        force: float = port(5.0, "force by which the ground is felt", unit="N", ge=1, le=100)
         search: float = port(0.015, "how much lower the ground may be", unit="m", ge=0.001, le=0.1)
         retreat: float = port(0.08, "how far the gripper goes back", unit="m", ge=0.01, le=0.3)
         tolerance: float = port(
@@ -90,7 +91,7 @@ class Place(Skill):
             grip.look()
 
     def _lower(self, tool: Pose, grip: Grip) -> Iterator[float | None]:
-        """Go down until the ground is felt, and no longer press on it."""
+        """Go down until the ground is felt, and press no harder on it."""
         arm, ports = self.arm, self.ports
         low = _raised(tool, _FREE_M)
         way = arm.line(arm.commanded_tool_pose, low)
@@ -98,7 +99,9 @@ class Place(Skill):
             yield 0.5 + 0.1 * progress
             grip.look()
         low, force = _raised(tool, -ports.search), grip.firm_for(ports.force)
-        felt, most = yield from guarded_descent(arm, low, ports.down_speed, force, grip.look)
+        felt, most = yield from guarded_descent(
+            arm, low, ports.down_speed, force, grip.look, lightly=True
+        )
         if not felt:
             yield from arm.settle()
             raise Failure(
@@ -120,12 +123,10 @@ class Place(Skill):
         gripper, page = arm.gripper, arm.gripper.page
         wide = gripper.width + 2.0 * _ROOM_M
         gripper.command(min(wide, page.stroke) if page.fingers else 1.0)
-        began = self.time
-        while not self._is_open():
+        for _ in gripper.until_open():
             yield 0.85
-            if self.time - began > 2.0:
-                raise Failure("NOT_OPEN", "the fingers did not open", width_m=gripper.width)
         gripper.let_go(name)
+        yield from self._come_off()
         back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -ports.retreat))
         rows = arm.line(arm.commanded_tool_pose, back)
         arm.refuse_collision_along(rows, ignore=frozenset({name}))
@@ -133,11 +134,15 @@ class Place(Skill):
         for progress in arm.follow(arm.time_path(rows, 0.3 * ports.speed), touching):
             yield 0.85 + 0.15 * progress
 
-    def _is_open(self) -> bool:
-        gripper = self.arm.gripper
-        if not gripper.page.fingers:
-            return gripper.vacuum < 0.02
-        return gripper.at_rest and abs(gripper.width - gripper.commanded.width) < 2e-3
+    def _come_off(self) -> Iterator[float]:
+        """A little way back, giving way still: it leans on what it has let go of."""
+        arm = self.arm
+        off = arm.commanded_tool_pose @ Pose.from_rpy((0.0, 0.0, -_OFF_M))
+        rows = arm.line(arm.commanded_tool_pose, off)
+        motion = arm.begin(arm.time_path(rows, _LOWERING), may_touch=True, compliant=True)
+        while not motion.done:
+            yield 0.85
+            arm.check()
 
     def _note(self, name: str, goal: Pose) -> None:
         """Where it truly stands, beside what the arm felt."""

@@ -92,10 +92,17 @@ class Arm(ArmState):
         return self._executor.follow(trajectory, ignore)
 
     def begin(
-        self, trajectory: Trajectory, *, along_path: bool = False, may_touch: bool = False
+        self,
+        trajectory: Trajectory,
+        *,
+        along_path: bool = False,
+        may_touch: bool = False,
+        compliant: bool = False,
     ) -> TrajectorySource:
         """Begin a motion and leave it to the caller to watch it with ``check``."""
-        return self._executor.begin(trajectory, along_path=along_path, may_touch=may_touch)
+        return self._executor.begin(
+            trajectory, along_path=along_path, may_touch=may_touch, compliant=compliant
+        )
 
     def watch(self, motion: TrajectorySource, ignore: frozenset[str] = _NOTHING) -> PlanMonitor:
         """A check of a motion against the world as it becomes while it runs."""

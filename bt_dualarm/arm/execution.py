@@ -104,7 +104,12 @@ class Executor:
         )
 
     def begin(
-        self, trajectory: Trajectory, *, along_path: bool = False, may_touch: bool = False
+        self,
+        trajectory: Trajectory,
+        *,
+        along_path: bool = False,
+        may_touch: bool = False,
+        compliant: bool = False,
     ) -> TrajectorySource:
         """Begin a motion and leave it to the caller to watch it with ``check``.
 
@@ -112,12 +117,13 @@ class Executor:
             trajectory: Motion that begins at the last set-point.
             along_path: Whether the tool's path matters, not only its end.
             may_touch: Whether the arm is meant to touch something, so that it minds no hit.
+            compliant: Whether it gives way to what it meets, until the next motion begins.
         """
         self._lease.take()
         self._touching.begin()
         self._slip.may_touch = may_touch
         self._begun = motion = self._controller.follow(
-            trajectory, along_path=along_path, may_touch=may_touch
+            trajectory, along_path=along_path, may_touch=may_touch, compliant=compliant
         )
         return motion
 
@@ -132,7 +138,8 @@ class Executor:
     def halt(self) -> Iterator[None]:
         """Brake with bounded jerk; yields once a tick until the arm stands still.
 
-        Where it stands does not matter: an arm that leans on something is at rest as well.
+        Where it stands does not matter: an arm that leans on something is at rest as well. A
+        compliant one then presses no harder, however long it stands.
 
         Raises:
             Failure: ``TRACKING_ERROR`` when it still moves after ``HALT_S``.
@@ -159,7 +166,8 @@ class Executor:
         for _ in range(_RELAXATIONS):
             here = np.clip(self._arm.q, limits.lower, limits.upper)
             way = point_to_point(self._arm.setpoint.q, here, limits, self._arm.period)
-            motion, began = self.begin(way, may_touch=True), self._arm.time
+            motion = self.begin(way, may_touch=True, compliant=self._controller.compliance.active)
+            began = self._arm.time
             latest = began + way.duration + SETTLE_S
             while self._arm.time < began + _YIELD_S or not self._controller.at_rest:
                 if self._arm.time > latest:
@@ -175,6 +183,7 @@ class Executor:
         Raises:
             Failure: ``TRACKING_ERROR`` when it does not get there.
         """
+        self._controller.compliance.active = False
         began = self._arm.time
         while True:
             self.check()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -19,6 +20,9 @@ _STILL: Final = 0.003
 """m/s; of fingers that stand; or what some steps of the encoder are in its time for a speed."""
 
 _STEPS: Final = 2.5
+_OPEN_M: Final = 1e-3  # besides a step of the encoder
+_NO_VACUUM: Final = 0.01
+_PATIENCE_S: Final = 1.0  # besides twice the time that fingers take to open
 _PRESSING: Final = 0.8  # share of the force that was asked for
 
 
@@ -123,6 +127,35 @@ class ArmGripper:
                 page.force.most if force is None else force,
             )
         )
+
+    def until_open(self, settle: float = 0.0) -> Iterator[float]:
+        """Wait until fingers stand where they were told to go, or a cup's vacuum is gone.
+
+        Yields the progress once a tick. ``settle`` is for how many seconds it has to be open.
+
+        Raises:
+            Failure: ``NOT_OPEN``: something is in the fingers' way.
+        """
+        began, asked = self._world.time, self.commanded
+        way = abs(asked.width - self.width) if self.page.fingers else 0.0
+        longest = _PATIENCE_S + 2.0 * way / max(asked.speed, 1e-3) + settle
+        since: float | None = None
+        while True:
+            now = self._world.time
+            since = None if not self._is_open else now if since is None else since
+            if since is not None and now - since >= settle:
+                return
+            if now - began > longest:
+                apart = f"the fingers stand {1e3 * self.width:.1f} mm apart"
+                raise Failure("NOT_OPEN", apart, width_m=self.width, force_n=self.force)
+            yield (now - began) / longest
+
+    @property
+    def _is_open(self) -> bool:
+        if not self.page.fingers:
+            return self.vacuum < _NO_VACUUM
+        off = abs(self.width - self.commanded.width)
+        return self.at_rest and off <= _OPEN_M + self.page.resolution
 
     def between_the_pads(self, pose: Pose, meant: Pose | None = None) -> Pose:
         """Where something is between pads that have closed on it: they have moved it to there.

@@ -28,15 +28,24 @@ class TouchSense:
     def __init__(self, arm: Arm, way: Vector) -> None:
         self._arm, self._way = arm, way
         self._felt = deque[tuple[float, float]]()
+        self._none = 0.0
         self.most = 0.0
 
-    def force(self) -> float:
-        """Force in N now; to be asked for once a tick."""
+    def force(self, *, stands: bool = False) -> float:
+        """Force in N now; to be asked for once a tick.
+
+        Args:
+            stands: Whether the tool has stopped: what was none then is so for as long as it stands,
+                for a force may come up slowly.
+        """
         now, (latest, earliest) = self._arm.time, _TARE_S
-        self._felt.append((now, -float(self._way @ self._arm.external_wrench[:3])))
+        felt = -float(self._way @ self._arm.external_wrench[:3])
+        self._felt.append((now, felt))
         while now - self._felt[0][0] > earliest:
             self._felt.popleft()
         before = [one for at, one in self._felt if now - at >= latest]
-        rise = self._felt[-1][1] - float(np.mean(before)) if before else 0.0
+        if not stands:
+            self._none = float(np.mean(before)) if before else felt
+        rise = felt - self._none
         self.most = max(self.most, rise)
         return rise

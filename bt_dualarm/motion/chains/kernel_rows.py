@@ -90,7 +90,9 @@ DISTURBING: Final = 16
 """Torques that would disturb the nominal arm as much."""
 TORQUE: Final = 17
 """Torques of the motors."""
-STATE: Final = 18
+MADE_UP: Final = 18
+"""Torques that make up for what disturbs it: all of it, or what was there for some time."""
+STATE: Final = 19
 
 # What is told of the joints besides, of shape (TOLD,).
 FASTEST: Final = 0
@@ -124,6 +126,7 @@ class Law(NamedTuple):
         touch_bandwidth: Bandwidth of the external torques, 1/s.
         compensated: Share of the effort with which a disturbance is made up for.
         turn: Speed over which dry friction changes sides, rad/s.
+        heeded: Share of a new disturbance that is made up for in a period; see `Compliance`.
     """
 
     gravity: Vector
@@ -141,3 +144,4 @@ class Law(NamedTuple):
     touch_bandwidth: float
     compensated: float
     turn: float
+    heeded: float

@@ -13,7 +13,7 @@ from bt_dualarm.pose import Vector
 
 
 def numbers_of(law: Law) -> Vector:
-    """The law as kernels take it, of shape (17,): gravity, then the others in their order."""
+    """The law as kernels take it, of shape (18,): gravity, then the others in their order."""
     return np.concatenate((law.gravity, law[1:]))
 
 
@@ -36,4 +36,5 @@ def law_in(numbers: Vector) -> Law:
         numbers[14],
         numbers[15],
         numbers[16],
+        numbers[17],
     )

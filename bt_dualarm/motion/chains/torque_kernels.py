@@ -21,6 +21,7 @@ from bt_dualarm.motion.chains.kernel_rows import (
     DROP,
     FINE,
     LIMIT,
+    MADE_UP,
     NARROW,
     NO_NUMBER,
     OFFSET,
@@ -109,7 +110,9 @@ def _add_up(
     outcome = FINE
     for i in range(len(bias)):
         most = law.compensated * joints[LIMIT, i]
-        bias[i] += rubbing[i] + min(max(-state[DISTURBING, i], -most), most)
+        against = min(max(-state[DISTURBING, i], -most), most)
+        state[MADE_UP, i] = law.heeded * against + (1.0 - law.heeded) * state[MADE_UP, i]
+        bias[i] += rubbing[i] + state[MADE_UP, i]
         state[TORQUE, i] = bias[i] + driving[i]
         if not abs(state[TORQUE, i]) <= joints[LIMIT, i]:
             outcome = max(outcome, SATURATED if math.isfinite(state[TORQUE, i]) else NO_NUMBER)

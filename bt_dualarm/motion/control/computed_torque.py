@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bt_dualarm.errors import DivergenceError
+from bt_dualarm.motion.chains.compliance import Compliance
 from bt_dualarm.motion.chains.kernel_rows import (
     DISTURBING,
     DRIVING,
@@ -50,6 +51,7 @@ class ComputedTorque:
         saturated: Number of times that the efforts did not suffice.
         observer: What is known of the joints.
         touch: What is known of external torques.
+        compliance: Whether the arm gives way to what it meets.
         top_speed: Speeds that the joints can do, of shape (dof,), rad/s.
         told: What is told of the joints besides, see `kernel_rows`.
         hits: What tells a hit from all that is off in the model; None of an arm that minds none.
@@ -66,6 +68,7 @@ class ComputedTorque:
         self._hardware, self._nominal = world.hardware[arm], world.nominal[arm]
         law = law_of(period, world.timestep, self._nominal.model.opt.gravity.copy())
         self._law = numbers_of(law)
+        self.compliance = Compliance(self._law, period)
         # An arm may be told to keep to less than its robot can do: that breaks nothing.
         self.top_speed = (
             world.robots[arm].limits.velocity / world.declared_arms[arm].limits.velocity
@@ -104,6 +107,7 @@ class ComputedTorque:
             reads = self._weigh(self._weighing, sent, reads=reads)
         q[:], v[:], a[:], self._speed[:] = sent.q, sent.v, sent.a, hardware.v
         is_new, self.touch.is_new = self.touch.is_new, False
+        self.compliance.advance()
         outcome = self._drive(
             self._law,
             self._links,

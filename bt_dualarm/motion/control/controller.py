@@ -47,6 +47,7 @@ class JointController:
     Attributes:
         fault: Exception that ended the last motion; the skill that began it raises it.
         touch: What is known of torques from outside.
+        compliance: Whether the arm gives way to what it meets.
     """
 
     def __init__(self, world: World, name: str, period: float, reservations: Reservations) -> None:
@@ -63,7 +64,7 @@ class JointController:
         self._may_touch = False
         self._guard = ArmGuard(world, name, period, reservations)
         self._torque = ComputedTorque(world, name, period)
-        self.touch = self._torque.touch
+        self.touch, self.compliance = self._torque.touch, self._torque.compliance
         self._force = ForceLimit(world, name, self.touch)
         self._hold = self.setpoint
 
@@ -104,7 +105,12 @@ class JointController:
         return self._motion is None and bool((np.abs(self._torque.drift) < _STANDSTILL).all())
 
     def follow(
-        self, trajectory: Trajectory, *, along_path: bool = False, may_touch: bool = False
+        self,
+        trajectory: Trajectory,
+        *,
+        along_path: bool = False,
+        may_touch: bool = False,
+        compliant: bool = False,
     ) -> TrajectorySource:
         """Begin a motion; it must start where the last set-point was.
 
@@ -112,6 +118,7 @@ class JointController:
             trajectory: Trajectory from rest to rest.
             along_path: Whether the tool's path matters, not only its end.
             may_touch: Whether the arm is meant to touch something, so that it minds no hit.
+            compliant: Whether it gives way to what it meets, then and afterwards.
 
         Raises:
             Failure: ``TRACKING_ERROR`` if it starts elsewhere.
@@ -126,6 +133,7 @@ class JointController:
         motion = TrajectorySource(trajectory, along_path)
         self._motion, self.fault = motion, None
         self._followed, self._may_touch = motion, may_touch
+        self.compliance.active = compliant
         return motion
 
     def stream(self, source: Stream, *, may_touch: bool = False) -> None:
@@ -133,9 +141,11 @@ class JointController:
         jerk = self._robot.limits.jerk
         self._motion = StreamSource(source, self.setpoint, self.period, jerk)
         self._followed, self.fault, self._may_touch = self._motion, None, may_touch
+        self.compliance.active = False
 
     def stop(self) -> None:
         """Brake with bounded jerk and hold; harmless at rest, and where the arm brakes already."""
+        self.compliance.hold_force()
         if self._motion is not None and self._motion is not self._followed:
             return
         sent = self.setpoint
@@ -183,14 +193,14 @@ class JointController:
         if motion is None or not isinstance(refusal, CONTACTS):
             self.stop()
         else:
-            self._give_in(way_back(motion, refusal, self._q, self.setpoint.v))
+            self._give_in(way_back(motion, refusal, self._hardware.q, self.setpoint.v))
 
     def _wanted(self, time: float) -> SetPoint:
         motion = self._motion
         if motion is None:
             return self._hold
         if isinstance(motion, TrajectorySource) and motion.along_path:
-            motion.measure(self._nominal.tool_pose_at(self._q).position)
+            motion.measure(self._nominal.tool_pose_at(self._hardware.q).position)
         try:
             wanted = motion.next(time)
         except RAISED_BY_SKILLS as error:
@@ -215,13 +225,13 @@ class JointController:
     def _watch(self, behind: float) -> None:
         """Give up a motion whose set-points are so many rad ahead of the arm, or that was hit."""
         if behind > LEFT_BEHIND and self.fault is None:
-            self.fault = left_behind(self._robot, self.setpoint.q - self._q)
-            self._give_in(self._q)
+            self.fault = left_behind(self._robot, self.setpoint.q - self._hardware.q)
+            self._give_in(self._hardware.q)
         hits = self._torque.hits
         if hits is None or not self._torque.was_hit or self._may_touch:
             return
         if self._motion is self._followed:
-            jacobian = self._nominal.tool_jacobian_at(self._q)[:3]
+            jacobian = self._nominal.tool_jacobian_at(self._hardware.q)[:3]
             self._heed(hit(self._robot, hits, jacobian))
 
     def _give_in(self, q: Vector) -> None:
@@ -231,10 +241,6 @@ class JointController:
         braking = stop(sent.q, sent.v, sent.a, limits, self.period)
         back = braking.then(point_to_point(braking.q[-1], here, limits, self.period))
         self._go_on(self._guard.stop(self._motion, (back, braking), self._world.time))
-
-    @property
-    def _q(self) -> Vector:
-        return self._hardware.q
 
     def _go_on(self, motion: Trajectory) -> None:
         """Follow a motion whose first set-point is the one that was sent last."""

@@ -82,6 +82,7 @@ def law_of(period: float, timestep: float, gravity: Vector) -> Law:
         touch_bandwidth=TOUCH_BANDWIDTH,
         compensated=_COMPENSATED,
         turn=_TURN,
+        heeded=1.0,
     )
 
 
