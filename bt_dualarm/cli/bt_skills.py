@@ -39,6 +39,9 @@ _STDOUT = Path("-")
 _ROBOTS = "robots"
 _GRIPPERS = "grippers"
 
+_WIDE = 110
+"""Columns from which on a table of ports has room for what they mean."""
+
 
 def main(argv: Sequence[str] | None) -> int:
     """Show the installed skills; returns the exit code."""
@@ -158,7 +161,7 @@ def _show(kind: Kind, *, as_json: bool) -> int:
     for title, ports in (("ports", description.ports), ("outputs", description.outputs)):
         if ports:
             console.print(f"\n{title}:")
-            console.print(_table(ports))
+            console.print((_table if console.width >= _WIDE else _entries)(ports))
     if description.exactly_one_of:
         console.print(f"\nexactly one of {', '.join(description.exactly_one_of)} is given")
     if description.needs_camera:
@@ -193,6 +196,21 @@ def _table(ports: Sequence[PortDescription]) -> Table:
         default = "required" if port.required else port.default
         words = (port.type, port.unit, port.range, default, port.description)
         table.add_row(f"  {port.name}", *map(_escape, words))
+    return table
+
+
+def _entries(ports: Sequence[PortDescription]) -> Table:
+    """The same in two columns: what a port takes, and below it what it means."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for port in ports:
+        default = "required" if port.required else port.default and f"{port.default} by default"
+        facts = (" ".join(filter(None, (port.type, port.unit))), port.range, default)
+        table.add_row(f"  {port.name}", f"[dim]{_escape(', '.join(filter(None, facts)))}[/dim]")
+        table.add_row("", _escape(port.description))
     return table
 
 

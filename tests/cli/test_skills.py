@@ -160,3 +160,19 @@ def test_the_schema_goes_to_a_file_or_to_the_output(
     assert cli.skills(["--schema"]) == 0
     assert capsys.readouterr().out == target.read_text(encoding="utf-8")
     assert "2020-12" in json.loads(target.read_text(encoding="utf-8"))["$schema"]
+
+
+@pytest.mark.parametrize("columns", [80, 140])
+def test_what_a_port_means_is_on_few_lines(
+    columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In a narrow terminal it stands below what the port takes, not beside it word by word."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert cli.skills(["circle"]) == 0
+    said = capsys.readouterr().out
+    ports = Registry.load().kinds["circle"].ports.model_fields
+    short = [str(port.description) for port in ports.values() if len(str(port.description)) < 50]
+    assert len(short) > 3
+    for description in short:
+        assert description in said
+    assert max(map(len, said.splitlines())) <= columns
