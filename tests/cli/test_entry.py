@@ -18,7 +18,7 @@ from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
 
 PROGRAM = f"{HEEDING}import sys; import bt_dualarm.cli as cli; "
 COMMANDS = {
-    "bt-run": ("run", "circle", "--display", "log", "--duration", "0.5"),
+    "bt-run": ("run", "reach_to_pose", "--display", "log", "--duration", "0.5"),
     "bt-check": ("check", "circle"),
     "bt-skills": ("skills", "circle"),
     "bt-robot": ("robot", "z1_description/urdf/z1.urdf"),
@@ -26,7 +26,7 @@ COMMANDS = {
     "bt-experiments": ("experiments", "--help"),
 }
 CODES = dict.fromkeys(COMMANDS, 0) | {"bt-run": 1, "bt-tune-color": 1}
-"""1: the duration is over before the circle is, and nothing of the colour is seen at the start."""
+"""1: the duration is over before the motion is, and nothing of the colour is seen at the start."""
 
 MOMENTS = np.random.default_rng(7).uniform(0.0, 1.0, (2, len(COMMANDS)))
 """Seconds from when a program listens: while it imports, computes, prints. What it does then hangs

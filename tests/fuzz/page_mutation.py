@@ -25,12 +25,16 @@ VALUES: tuple[Data, ...] = (
 PIECES = ("\n", "  ", ":", "-", "{", "}", "[", "]", '"', "'", "#", "&a ", "*a", "!t ", "<<: ", "\t")
 
 
+_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+"""In C where the wheel has it: it writes ten times as fast."""
+
+
 def mutated(page: Data, dice: random.Random) -> str:
     """Text of a page with a few mutations."""
     page = copy.deepcopy(page)
     for _ in range(dice.randint(1, 3)):
         _mutate(page, dice)
-    text: str = yaml.safe_dump(page, sort_keys=False, allow_unicode=True)
+    text: str = yaml.dump(page, Dumper=_DUMPER, sort_keys=False, allow_unicode=True)
     return _torn(text, dice) if dice.random() < 0.15 else text
 
 
