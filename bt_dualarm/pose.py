@@ -152,22 +152,24 @@ def _axes(quaternion: Vector) -> tuple[_Row, _Row, _Row]:
 def _quaternion_of(rows: Sequence[Sequence[float]]) -> Vector:
     """The quaternion wxyz of a rotation of shape (3, 3), from its largest part (Shepperd 1978).
 
-    Each row of the table is four times the quaternion times one of its parts.
+    What is made of each part is four times the quaternion times that part.
     """
     (a, b, c), (d, e, f), (g, h, i) = rows
-    table = (
-        (1.0 + a + e + i, h - f, c - g, d - b),
-        (h - f, 1.0 + a - e - i, b + d, c + g),
-        (c - g, b + d, 1.0 - a + e - i, f + h),
-        (d - b, c + g, f + h, 1.0 - a - e + i),
-    )
-    largest = max(range(4), key=lambda n: table[n][n])
-    return _canonical(np.array(table[largest]))
+    squares = 1.0 + a + e + i, 1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i
+    w, x, y, z = squares
+    largest = max(squares)
+    if w == largest:
+        return _canonical(np.array((w, h - f, c - g, d - b)))
+    if x == largest:
+        return _canonical(np.array((h - f, x, b + d, c + g)))
+    if y == largest:
+        return _canonical(np.array((c - g, b + d, y, f + h)))
+    return _canonical(np.array((d - b, c + g, f + h, z)))
 
 
 def _canonical(quaternion: Vector) -> Vector:
     """Of unit length, and of the two that mean the same the one with w of 0 or more."""
-    length = float(np.linalg.norm(quaternion))
+    length = math.sqrt(quaternion.dot(quaternion))
     unit: Vector = quaternion / (-length if quaternion[0] < 0.0 else length)
     return unit
 
@@ -184,5 +186,5 @@ def _product(p: Vector, q: Vector) -> Vector:
             a * z + b * y - c * x + d * w,
         )
     )
-    unit: Vector = product / np.linalg.norm(product)
+    unit: Vector = product / math.sqrt(product.dot(product))
     return unit

@@ -10,10 +10,12 @@ from bt_dualarm.motion.safety.failsafe import reserve_something
 from bt_dualarm.motion.search.quick_search import search_something
 from bt_dualarm.motion.setpoints.planar_servo import follow_something
 from bt_dualarm.motion.timing.path_timing import time_something
+from bt_dualarm.vision.detect import detect_something
 from bt_dualarm.vision.guessed_plane import swing_something
 from bt_dualarm.vision.motion_model import predict_something
 from bt_dualarm.vision.outline_error import outline_something
 from bt_dualarm.vision.stillness import rest_something
+from bt_dualarm.world.cameras.shutter import move_past_something
 from bt_dualarm.world.grippers.carrying import carry_something
 from bt_dualarm.world.hardware.arm_hardware import sense_something
 from bt_dualarm.world.rendering.raycast import draw_something
@@ -25,8 +27,9 @@ def compile_kernels() -> None:
 
     Harmless when repeated: once on a machine it does something.
     """
-    world = draw_something, sense_something, touch_something, bound_something
+    cameras = draw_something, move_past_something, detect_something
+    world = sense_something, touch_something, bound_something
     vision = predict_something, rest_something, outline_something, swing_something
     motion = move_something, follow_something, time_something, search_something
     grips = reserve_something, carry_something, grasp_something
-    compile_once((*world, *vision, *motion, *grips))
+    compile_once((*cameras, *world, *vision, *motion, *grips))

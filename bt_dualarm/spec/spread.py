@@ -62,6 +62,11 @@ class Spread(Value):
         drawn: Vector = self.uniform * share + self.normal * np.clip(bell, -_TAIL, _TAIL)
         return drawn
 
+    def draw_one(self, rng: np.random.Generator) -> float:
+        """One value, as `draw` has it, for what is drawn for each picture."""
+        share, bell = rng.uniform(-1.0, 1.0), rng.normal(0.0, 1.0)
+        return self.uniform * share + self.normal * min(max(bell, -_TAIL), _TAIL)
+
 
 def _below(limit: float, unit: str = "") -> Callable[[Spread], Spread]:
     def check(spread: Spread) -> Spread:

@@ -1,9 +1,11 @@
-"""Find a coloured target in a frame: range, open and close, contours, moments (OpenCV)."""
+"""Find a coloured target in a frame: range, open and close, contours (OpenCV), coverage."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
 
 import cv2
 import numpy as np
@@ -14,7 +16,6 @@ from bt_dualarm.world.cameras.frame import Frame, Plain
 from bt_dualarm.world.rendering.renderer import Image, Region
 
 _KERNEL = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
-_NEIGHBOURS = cv2.getStructuringElement(cv2.MORPH_RECT, (5, 5))
 _MARGIN_PX = 3
 
 
@@ -112,6 +113,8 @@ def detect_all(
     frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
 ) -> list[Detection]:
     """All targets of the colour and of a fitting area, in no particular order."""
+    if frame.memory is None:
+        return [found for found, _ in detect_blobs(frame, color, min_area, max_area)]
 
     def look() -> Plain:
         return [found.plain for found, _ in detect_blobs(frame, color, min_area, max_area)]
@@ -169,24 +172,24 @@ class Blob:
         part = slice(top, bounds[3] + _MARGIN_PX), slice(left, bounds[2] + _MARGIN_PX)
         filled = np.zeros_like(raw[part])
         cv2.drawContours(filled, [contour], -1, 255, cv2.FILLED, offset=(-left, -top))
-        return cls(rgb[part], raw[part], filled, (left, top), bounds, (width, height))
+        colors, alike = np.ascontiguousarray(rgb[part]), np.ascontiguousarray(raw[part])
+        return cls(colors, alike, filled, (left, top), bounds, (width, height))
 
 
 def _measure(frame: Frame, blob: Blob) -> Detection:
     step, (left, top) = frame.stride, frame.region[:2]
-    moments = cv2.moments(coverage(blob))
-    total = max(moments["m00"], 1e-9)
+    area, by_column, by_row, filled, colored = _kernels().measure(blob.rgb, blob.raw, blob.filled)
+    total = max(area, 1e-9)
     # Half a sample: moments count a pixel at its index, a frame at its centre.
-    x = left + step * (blob.origin[0] + moments["m10"] / total + 0.5)
-    y = top + step * (blob.origin[1] + moments["m01"] / total + 0.5)
-    filled = cv2.countNonZero(blob.filled)
+    x = left + step * (blob.origin[0] + by_column / total + 0.5)
+    y = top + step * (blob.origin[1] + by_row / total + 0.5)
     x0, y0, x1, y1 = blob.bounds
     return Detection.at(
         frame,
         (x, y),
         total * step**2,
         (left + x0 * step, top + y0 * step, left + x1 * step, top + y1 * step),
-        cv2.countNonZero(cv2.bitwise_and(blob.filled, blob.raw)) / max(filled, 1),
+        colored / max(filled, 1),
         x0 == 0 or y0 == 0 or x1 == blob.limits[0] or y1 == blob.limits[1],
     )
 
@@ -198,16 +201,24 @@ def coverage(blob: Blob) -> npt.NDArray[np.float32]:
     background: along the line between their mean colours, its place between the extremes of its
     neighbourhood is the share.
     """
-    inside = cv2.erode(blob.filled, _KERNEL)
-    near = cv2.dilate(blob.filled, _KERNEL)
-    target = np.array(cv2.mean(blob.rgb, blob.filled)[:3])
-    background = np.array(cv2.mean(blob.rgb, cv2.bitwise_not(near))[:3])
-    along = cv2.transform(blob.rgb.astype(np.float32), (target - background)[None])
-    lowest, highest = cv2.erode(along, _NEIGHBOURS), cv2.dilate(along, _NEIGHBOURS)
-    share = (along - lowest) / np.maximum(highest - lowest, 1.0)
-    share[near == 0] = 0.0
-    share[inside > 0] = 1.0
-    return np.asarray(share, dtype=np.float32)
+    share = np.empty(blob.filled.shape, dtype=np.float32)
+    _kernels().cover(blob.rgb, blob.filled, share)
+    return share
+
+
+@cache
+def _kernels() -> ModuleType:
+    """The kernels of coverage: an import statement costs as much as they do."""
+    from bt_dualarm.vision import coverage_kernels
+
+    return coverage_kernels
+
+
+def detect_something() -> None:
+    """Have all kernels of detection compiled."""
+    nothing = np.zeros((3, 3), np.uint8)
+    _kernels().measure(np.zeros((3, 3, 3), np.uint8), nothing, nothing)
+    coverage(Blob(np.zeros((3, 3, 3), np.uint8), nothing, nothing, (0, 0), (0, 0, 3, 3), (3, 3)))
 
 
 def _open_and_close(mask: Mask) -> Mask:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -21,15 +22,13 @@ class Motion(NamedTuple):
     acceleration: Vector
 
 
-@dataclass(frozen=True, eq=False)
-class _Belief:
+class _Belief(NamedTuple):
     stamp: float
     state: Matrix
     covariance: Stack
 
 
-@dataclass(frozen=True, eq=False)
-class _Measurement:
+class _Measurement(NamedTuple):
     stamp: float
     position: Vector
     variance: Vector
@@ -48,6 +47,8 @@ class TargetEstimate:
         self._model: MotionModel = model or Oscillator()
         self._beliefs: list[_Belief] = []
         self._measurements: list[_Measurement] = []
+        # What was asked of a time is asked of it again: by gate, window and the next measurement.
+        self._foreseen: tuple[_Belief, _Belief] | None = None
 
     @property
     def seen(self) -> bool:
@@ -75,7 +76,8 @@ class TargetEstimate:
             position: Position in m, of shape (n,).
             sigma: Standard deviation in m: one for all axes or one an axis.
         """
-        variance = np.broadcast_to(np.square(sigma), np.shape(position)).astype(float)
+        variance = np.empty(len(position))
+        variance[:] = np.square(sigma)
         measurement = _Measurement(stamp, np.array(position, dtype=float), variance)
         later = [m for m in self._measurements if m.stamp > stamp]
         if later and len(later) == len(self._measurements):
@@ -135,10 +137,9 @@ class TargetEstimate:
 
     def _take(self, measurement: _Measurement) -> None:
         if self._beliefs:
-            from bt_dualarm.vision.filter_kernels import correct
-
             belief = self._moved(self._last, measurement.stamp)
-            correct(belief.state, belief.covariance, measurement.position, measurement.variance)
+            self._foreseen = None  # it is changed in place
+            _correct()(belief.state, belief.covariance, measurement.position, measurement.variance)
             state = self._model.confine(belief.state)
             belief = _Belief(belief.stamp, state, belief.covariance)
         else:
@@ -154,5 +155,18 @@ class TargetEstimate:
         return _Belief(measurement.stamp, self._model.start(measurement.position), covariance)
 
     def _moved(self, belief: _Belief, time: float) -> _Belief:
+        known = self._foreseen
+        if known is not None and known[0] is belief and known[1].stamp == time:
+            return known[1]
         carried = self._model.carry(belief.state, belief.covariance, time - belief.stamp)
-        return _Belief(time, *carried)
+        moved = _Belief(time, *carried)
+        self._foreseen = belief, moved
+        return moved
+
+
+@cache
+def _correct() -> Callable[[Matrix, Stack, Vector, Vector], None]:
+    """The kernel that corrects: an import statement costs as much as it does."""
+    from bt_dualarm.vision.filter_kernels import correct
+
+    return correct

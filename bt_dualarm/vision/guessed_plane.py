@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cache
+from types import ModuleType
+
 import numpy as np
 
 from bt_dualarm.pose import Matrix, Vector
@@ -12,7 +15,6 @@ from bt_dualarm.world.cameras.frame import Frame
 _MEMORY_S = 2.0  # three legs of the slowest swing of an arm
 _LEGS = 3  # to and fro and to again: a tool that once comes too far makes two
 _LEG_M = 0.006  # shorter ones tell nothing
-_SURELY_NO_LEG_M = (1.0 - 1e-9) * _LEG_M
 _SLOPE = 0.1  # by which it has to be below 0
 _EXPLAINED = 0.6  # share of what the target seems to move that the slope has to explain
 _NEAREST = 1.0 / 3.0  # of the guess
@@ -77,6 +79,8 @@ class OnGuessedPlane(Localiser):
         self._share = 1.0
         self._past = _Past()
         self._plane = OnPlane(ahead, normal)
+        # What was located is learnt from next, most times: once is enough.
+        self._located: tuple[Detection, Frame, Sighting] | None = None
 
     @property
     def ahead(self) -> Vector:
@@ -85,7 +89,12 @@ class OnGuessedPlane(Localiser):
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
         """Where the line of sight meets the plane as it is believed; see ``Localiser``."""
-        return self._plane.locate(detection, frame)
+        known = self._located
+        if known is not None and known[0] is detection and known[1] is frame:
+            return known[2]
+        sighting = self._plane.locate(detection, frame)
+        self._located = detection, frame, sighting
+        return sighting
 
     def relocate(self, sighting: Sighting) -> Sighting:
         """Where its line of sight meets the plane as it is believed now."""
@@ -102,7 +111,7 @@ class OnGuessedPlane(Localiser):
         share = max(self._share / (1.0 - slope), _NEAREST)
         if share >= self._share:
             return False
-        self._share = share
+        self._share, self._located = share, None
         self._plane = OnPlane(self._eye + share * self._way, self._normal)
         return True
 
@@ -112,37 +121,28 @@ class OnGuessedPlane(Localiser):
 
     def _slope(self) -> float:
         """How far the target moves for each metre of a camera that swings; 0 if that is unsure."""
-        begin = _swing_begin(self._past.eyes)
-        if begin is None:
-            return 0.0
-        from bt_dualarm.vision.swing_kernels import slope_against
-
-        depth = self._share * abs(float(self._normal @ self._way))
         past = self._past
-        slope, explained = slope_against(past.eyes[begin:], past.lines[begin:], depth)
+        if len(past.eyes) < 2 * _LEGS:
+            return 0.0
+        begin = _kernels().last_swing(past.eyes, _LEG_M, _LEGS)
+        if begin < 0:
+            return 0.0
+        depth = self._share * abs(float(self._normal @ self._way))
+        slope, explained = _kernels().slope_against(past.eyes[begin:], past.lines[begin:], depth)
         return slope if explained > _EXPLAINED else 0.0
 
 
-def _swing_begin(eyes: Matrix) -> int | None:
-    """Where among the places of a camera, of shape (n, 3), its last legs to and fro began."""
-    if len(eyes) < 2 * _LEGS:
-        return None
-    from bt_dualarm.vision.swing_kernels import spread, swing_begin
+@cache
+def _kernels() -> ModuleType:
+    """The kernels of swinging cameras: an import statement costs as much as they do."""
+    from bt_dualarm.vision import swing_kernels
 
-    middle, products = np.empty(3), np.empty((3, 3))
-    # Along no direction do they reach farther than the diagonal of their box.
-    if spread(eyes, middle, products) < _SURELY_NO_LEG_M:
-        return None
-    axis = np.ascontiguousarray(np.linalg.eigh(products)[1][:, -1])
-    begin = swing_begin(eyes, middle, axis, _LEG_M, _LEGS)
-    return begin if begin >= 0 else None
+    return swing_kernels
 
 
 def swing_something() -> None:
     """Have all kernels of swinging cameras compiled."""
-    from bt_dualarm.vision.swing_kernels import slope_against
-
     places = np.zeros((2 * _LEGS, 3))
     places[:, 0] = np.arange(len(places))
-    _swing_begin(places)
-    slope_against(places, places, 1.0)
+    _kernels().last_swing(places, _LEG_M, _LEGS)
+    _kernels().slope_against(places, places, 1.0)

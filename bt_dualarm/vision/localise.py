@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -113,13 +114,13 @@ class OnPlane(Localiser):
         """Where the line of sight meets the plane; see ``Localiser``."""
         ray = frame.ray(detection.centroid_px)
         slope = float(self.normal @ ray)
-        if abs(slope) < _MIN_SLOPE * float(np.linalg.norm(ray)):
+        if abs(slope) < _MIN_SLOPE * math.sqrt(ray.dot(ray)):
             raise LocaliseError("the camera looks along the plane of the target")
         depth = float(self.normal @ (self.point - frame.pose.position)) / slope
         if depth <= 0.0:
             raise LocaliseError("the plane of the target lies behind the camera")
         across = depth / frame.focal_px
-        sigma = across * _sigma_px(frame) * np.sqrt(np.maximum(1.0 - np.square(self.normal), 0.0))
+        sigma = across * _sigma_px(frame) * self._along
         return Sighting(
             detection.stamp,
             frame.pose.position + depth * ray,
@@ -127,6 +128,12 @@ class OnPlane(Localiser):
             math.sqrt(detection.area_px) * across,
             frame.pose,
         )
+
+    @cached_property
+    def _along(self) -> Vector:
+        """Share of each axis of the world that lies in the plane, of shape (3,)."""
+        along: Vector = np.sqrt(np.maximum(1.0 - np.square(self.normal), 0.0))
+        return along
 
     def relocate(self, sighting: Sighting) -> Sighting:
         """Along its line of sight to this plane."""

@@ -7,7 +7,8 @@ in SI units. Noise enters continuously, so that results do not depend on the fra
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from types import ModuleType
 from typing import Protocol
 
 import numpy as np
@@ -69,18 +70,14 @@ class Oscillator:
 
     def move(self, state: Matrix, dt: float) -> Matrix:
         """The sine through position, velocity and acceleration."""
-        from bt_dualarm.vision.oscillator_kernels import swing
-
         moved = np.empty_like(state)
-        swing(state, dt, moved)
+        _kernels().swing(state, dt, moved)
         return moved
 
     def jacobian(self, state: Matrix, dt: float) -> Stack:
         """Exact, by differentiating the sine."""
-        from bt_dualarm.vision.oscillator_kernels import differentiate
-
         jacobian = np.empty((len(state), _STATES, _STATES))
-        differentiate(state, dt, jacobian)
+        _kernels().differentiate(state, dt, jacobian)
         return jacobian
 
     def noise(self, dt: float) -> Matrix:
@@ -92,11 +89,9 @@ class Oscillator:
 
     def carry(self, state: Matrix, covariance: Stack, dt: float) -> tuple[Matrix, Stack]:
         """As `carried`, in machine code."""
-        from bt_dualarm.vision.oscillator_kernels import carry
-
         moved, spread = np.empty_like(state), np.empty_like(covariance)
         densities = self.jerk_density, self.frequency_density
-        carry(state, covariance, dt, densities, moved, spread)
+        _kernels().carry(state, covariance, dt, densities, moved, spread)
         return moved, spread
 
     def confine(self, state: Matrix) -> Matrix:
@@ -105,6 +100,14 @@ class Oscillator:
         frequency = confined[:, 3]
         np.minimum(np.maximum(frequency, 0.0), self.highest_frequency, out=frequency)
         return confined
+
+
+@cache
+def _kernels() -> ModuleType:
+    """The kernels of an oscillator: an import statement costs as much as they do."""
+    from bt_dualarm.vision import oscillator_kernels
+
+    return oscillator_kernels
 
 
 def carried(

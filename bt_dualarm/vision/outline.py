@@ -25,6 +25,7 @@ EDGE_SIGMA_PX = 0.5
 
 _Box: TypeAlias = npt.NDArray[np.float64]  # left, top, right, bottom in px
 
+_NO_BOX: _Box = np.zeros(4)
 _MIN_DEPTH_M = 1e-3
 _MEMORY_FRAMES = 10
 _STRANGENESS = 2.5  # times the doubt: another size of a shape that is not known, until it stays
@@ -95,7 +96,7 @@ class Outline:
         if frame.stride > 1:
             return
         detection, sighting = seen.detection, seen.sighting
-        rest = np.array(detection.bounds_px) - self._box(sighting.point, frame)
+        rest = self._beside(seen, frame)
         if strange and self.localiser.knows_shape:
             better = _misproportion(rest) + _SLACK_PX < _misproportion(self._rest)
             self._better_in_row = self._better_in_row + 1 if better else 0
@@ -109,6 +110,13 @@ class Outline:
         doubt = PIXEL_SIGMA / math.sqrt(detection.area_px)
         doubt += self.localiser.doubt(sighting.point, frame)
         self._look.take(look, _STRANGENESS * doubt if strange else doubt, _MEMORY_FRAMES)
+
+    def _beside(self, seen: Seen, frame: Frame) -> _Box:
+        """What is beside the shape that is known; nothing where none is."""
+        if not self.localiser.knows_shape:
+            return _NO_BOX
+        rest: _Box = np.array(seen.detection.bounds_px) - self._box(seen.sighting.point, frame)
+        return rest
 
     def alike(self, sighting: Sighting) -> bool:
         """Whether a thing may be the target by its size; anything may before that is known."""

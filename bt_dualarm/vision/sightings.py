@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import deque
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -42,7 +43,9 @@ class Sightings:
 
     def newest(self, count: int = NEWEST) -> list[Sighting]:
         """So many of the latest, or all that are kept whole, oldest first."""
-        return list(self._newest)[max(len(self._newest) - count, 0) :]
+        latest = list(islice(reversed(self._newest), count))
+        latest.reverse()
+        return latest
 
     def places(self) -> tuple[Vector, Matrix]:
         """When and where in the world it was seen, of those that are kept: s and m.

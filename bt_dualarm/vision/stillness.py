@@ -45,7 +45,9 @@ def look(sighting: Sighting, axes: Matrix) -> Look:
         axes: Unit vectors of the plane in the world, of shape (2, 3).
     """
     line = sighting.point - sighting.camera.position
-    depth = abs(float(np.cross(*axes) @ line))
+    (a, b, c), (x, y, z) = axes.tolist()
+    normal = np.array((b * z - c * y, c * x - a * z, a * y - b * x))
+    depth = abs(float(normal @ line))
     sigma = float(np.sqrt((np.square(axes) @ np.square(sighting.sigma)).max()))
     return Look(sighting.stamp, axes @ sighting.camera.position, axes @ line / depth, depth, sigma)
 

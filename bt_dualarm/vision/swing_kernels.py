@@ -9,6 +9,79 @@ import numpy as np
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
 
+_SURELY_NO_LEG = 1.0 - 1e-9
+"""Share of a leg that what spreads less surely has not, whatever the rounding."""
+
+_TURNS = 30
+"""Turns after which the axes of three by three products are known to the last bit."""
+
+
+@kernel
+def last_swing(places: Matrix, leg: float, legs: int) -> int:
+    """Index of the place at which the last legs to and fro began; -1 if there are fewer.
+
+    Legs are those along the axis along which the places spread most.
+
+    Args:
+        places: Places, of shape (n, 3), in m; one at least.
+        leg: Least length of a leg in m.
+        legs: Number of them.
+    """
+    middle, products = np.empty(3), np.empty((3, 3))
+    # Along no direction do they reach farther than the diagonal of their box.
+    if spread(places, middle, products) < _SURELY_NO_LEG * leg:
+        return -1
+    return swing_begin(places, middle, longest_axis(products), leg, legs)
+
+
+@kernel
+def longest_axis(products: Matrix) -> Vector:
+    """Unit eigenvector of the largest eigenvalue of a symmetric matrix, of shape (3, 3).
+
+    Jacobi's method (Golub and Van Loan, Matrix Computations, 8.5): turn the largest of the
+    elements beside the diagonal to zero, until none is left.
+
+    Args:
+        products: The matrix; it becomes diagonal.
+    """
+    axes = np.eye(3)
+    for _ in range(_TURNS):
+        p, q = 0, 1
+        for i, j in ((0, 2), (1, 2)):
+            if abs(products[i, j]) > abs(products[p, q]):
+                p, q = i, j
+        if products[p, q] == 0.0:
+            break
+        _turn_to_zero(products, axes, p, q)
+    largest = 0
+    for number in range(1, 3):
+        if products[number, number] > products[largest, largest]:
+            largest = number
+    return axes[:, largest].copy()
+
+
+@kernel
+def _turn_to_zero(products: Matrix, axes: Matrix, p: int, q: int) -> None:
+    """Turn one element of the products, which is not 0, to zero, and the axes with them."""
+    ratio = (products[q, q] - products[p, p]) / (2.0 * products[p, q])
+    tangent = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio**2))
+    cosine = 1.0 / math.sqrt(1.0 + tangent**2)
+    turn = cosine, tangent * cosine
+    _turn_columns(products, p, q, turn)
+    _turn_columns(products.T, p, q, turn)
+    _turn_columns(axes, p, q, turn)
+    products[p, q] = products[q, p] = 0.0
+
+
+@kernel
+def _turn_columns(matrix: Matrix, p: int, q: int, turn: tuple[float, float]) -> None:
+    """Turn two columns of a matrix of shape (3, 3) by an angle with this cosine and sine."""
+    cosine, sine = turn
+    for i in range(3):
+        first, second = matrix[i, p], matrix[i, q]
+        matrix[i, p] = cosine * first - sine * second
+        matrix[i, q] = sine * first + cosine * second
+
 
 @kernel
 def spread(places: Matrix, middle: Vector, products: Matrix) -> float:

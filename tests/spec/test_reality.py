@@ -84,6 +84,13 @@ def test_what_makes_no_sense_is_refused_where_it_stands(reality: str, words: str
     assert words in message
 
 
+@pytest.mark.parametrize("spread", [Spread(), Spread(uniform=0.2), Spread(normal=0.2)])
+def test_one_value_is_the_first_of_several(spread: Spread) -> None:
+    one, several = np.random.default_rng(7), np.random.default_rng(7)
+    for _ in range(500):
+        assert spread.draw_one(one) == spread.draw(several, 1)[0]
+
+
 @pytest.mark.parametrize("spread", [Spread(uniform=0.2), Spread(normal=0.2)])
 def test_a_spread_is_about_zero_and_keeps_to_its_bound(spread: Spread) -> None:
     drawn = spread.draw(np.random.default_rng(0), 20_000)

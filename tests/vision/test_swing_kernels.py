@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from bt_dualarm.pose import Matrix
-from bt_dualarm.vision.swing_kernels import slope_against, spread, swing_begin
+from bt_dualarm.vision.swing_kernels import (
+    last_swing,
+    longest_axis,
+    slope_against,
+    spread,
+    swing_begin,
+)
 
 LEG_M, LEGS = 0.006, 3
 
@@ -54,6 +60,23 @@ def test_the_last_legs_begin_where_the_camera_turned(turns: list[float], begin: 
     places = zigzag(turns)
     for one in both(swing_begin):
         assert one(places, places.mean(axis=0), np.full(3, 3.0**-0.5), LEG_M, LEGS) == begin
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_longest_axis_is_that_of_the_largest_eigenvalue(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(6, 3)) * rng.choice([1e-6, 1e-2, 1.0], 3)
+    products = root.T @ root
+    expected = np.linalg.eigh(products)[1][:, -1]
+    for one in both(longest_axis):
+        axis = one(products.copy())
+        assert axis * np.sign(axis @ expected) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(("turns", "begin"), [([0.0, 0.02, 0.0, 0.02], 0), ([0.0, 0.003, 0.0], -1)])
+def test_the_last_swing_is_along_the_longest_axis(turns: list[float], begin: int) -> None:
+    for one in both(last_swing):
+        assert one(zigzag(turns), LEG_M, LEGS) == begin
 
 
 @pytest.mark.parametrize("seed", range(20))

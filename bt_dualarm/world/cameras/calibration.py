@@ -80,8 +80,8 @@ class Calibration:
         if not self.suffers:
             return lambda blocks: blocks
         left, top, right, bottom = region
-        light = 1.0 + float(self.light.draw(self.rng, 1)[0])
-        shape = len(range(top, bottom, stride)), len(range(left, right, stride)), 3
+        light = 1.0 + self.light.draw_one(self.rng)
+        shape = -((top - bottom) // stride), -((left - right) // stride), 3
         more, less = (one.reshape(shape) for one in self._noise_of(math.prod(shape)))
 
         def suffer(blocks: Image) -> Image:

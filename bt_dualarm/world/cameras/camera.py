@@ -23,6 +23,7 @@ from bt_dualarm.world.rendering.renderer import Exposure, Image, Region, Rendere
 
 _CLOCK_TOLERANCE_S = 1e-9
 _MOST_LOOKS = 16  # far more than frames that are delivered in one step
+_STEADY = np.zeros(2)
 
 
 class CameraTiming(Protocol):
@@ -108,6 +109,7 @@ class Camera:
             self._optics = Optics(renderer, calibration.exposure_s, calibration.bend)
         self._rng = rng or np.random.default_rng(0)
         self._next_index = 0
+        self._known: tuple[mujoco.MjModel, int] | None = None
         self._pending: deque[Frame] = deque()
         self._callbacks: list[FrameCallback] = []
 
@@ -134,9 +136,7 @@ class Camera:
             WorldError: The model has no camera of this name (any more).
         """
         model, data = world.model, world.data
-        camera_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, self.name)
-        if camera_id < 0:
-            raise WorldError(f"the world has no camera {self.name!r}")
+        camera_id = self._number_in(model)
         # After mj_step positions of bodies are those before the step: bring them up to date,
         # else a camera at 2 ms a step would see everything 2 ms late.
         mujoco.mj_kinematics(model, data)
@@ -148,7 +148,9 @@ class Camera:
         pose = known.pose_at(stamp)
         window = self.aim(stamp, pose, self.width, self.height) if self.aim else Window()
         region = self._exposed(window)
-        shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
+        shake = _STEADY
+        if self._is_faulty:
+            shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
         exposure = Exposure(camera_id, self.width, self.height, region, window.stride)
         suffer = known.suffering(region, window.stride) if known.suffers else None
 
@@ -161,11 +163,25 @@ class Camera:
             frame: Frame = UndrawnFrame(size, lambda: draw(then.data()), stamp, *facts)
         else:
             frame = Frame(stamp, draw(data), *facts)
-        if self._rng.random() >= self.drop:
+        if not self._is_faulty or self._rng.random() >= self.drop:
             self._pending.append(frame)
         self._next_index = math.floor((time + _CLOCK_TOLERANCE_S) / self.period) + 1
         self.frames += 1
         return frame
+
+    @property
+    def _is_faulty(self) -> bool:
+        """Whether anything is drawn of its faults."""
+        return bool(self.noise or self.drop)
+
+    def _number_in(self, model: mujoco.MjModel) -> int:
+        """Number of the camera in a model; looked up once."""
+        if self._known is None or self._known[0] is not model:
+            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, self.name)
+            if number < 0:
+                raise WorldError(f"the world has no camera {self.name!r}")
+            self._known = model, number
+        return self._known[1]
 
     def _exposed(self, window: Window) -> Region:
         """The window's region inside the image, its corner on the grid of blocks."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, TypeAlias
 
@@ -64,7 +64,11 @@ class Frame:
 
     def posed(self, pose: Pose) -> Frame:
         """The same picture, by a camera that is believed to have been elsewhere."""
-        return replace(self, pose=pose)
+        seen = self
+        return Frame(
+            seen.stamp, seen.image, pose, seen.fov_rad, seen.region, seen.stride, seen.noise_px,
+            seen.memory, seen.merges,
+        )  # fmt: skip
 
     def answer(self, question: str, look: Callable[[], Plain]) -> Plain:
         """What is found in it; not looked for where that is known; arguments as of `Memory`."""

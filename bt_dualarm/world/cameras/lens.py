@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Final
 
 import cv2
@@ -55,7 +54,11 @@ class Lens:
         margin = -(-self._margin // exposure.stride) * exposure.stride  # corners are of blocks
         left, top, right, bottom = exposure.region
         wide = (left - margin, top - margin, right + margin, bottom + margin)
-        return replace(exposure, region=clip_region(wide, *self._size))
+        asked = exposure
+        return Exposure(
+            asked.camera_id, asked.width, asked.height, clip_region(wide, *self._size),
+            asked.stride, asked.groups,
+        )  # fmt: skip
 
     def bent(self, image: Image, exposure: Exposure) -> Image:
         """The picture behind the lens, black outside of the exposure's region."""

@@ -51,8 +51,11 @@ class Optics:
             shake: Turn of the camera about its x and y axes meanwhile, of shape (2,), in rad.
             suffer: What the colours of its blocks, of shape (rows, columns, 3), suffer besides.
         """
+        shakes = shake.any()
 
         def draw(state: mujoco.MjData, part: Exposure) -> Image:
+            if not shakes:
+                return self._renderer.render(model, state, part)
             with _turned(state, part.camera_id, shake):
                 return self._renderer.render(model, state, part)
 
@@ -98,9 +101,6 @@ def _alone(image: Image, wide: Exposure, exposure: Exposure, blocks: Image) -> I
 @contextmanager
 def _turned(data: mujoco.MjData, camera_id: int, angles: Vector) -> Iterator[None]:
     """The camera turned about its x and y axes by ``angles`` of shape (2,), in rad, meanwhile."""
-    if not angles.any():
-        yield
-        return
     straight = data.cam_xmat[camera_id].copy()
     turn = scipy.spatial.transform.Rotation.from_rotvec([*angles, 0.0]).as_matrix()
     data.cam_xmat[camera_id] = (straight.reshape(3, 3) @ turn).ravel()

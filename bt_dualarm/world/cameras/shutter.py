@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import cache
+from types import ModuleType
 from typing import Final, TypeAlias
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from bt_dualarm.pose import Vector
 from bt_dualarm.world.cameras.frame import focal_length_px
 from bt_dualarm.world.rendering.renderer import Exposure, Image
 
@@ -18,8 +21,6 @@ SHARP_PX: Final = 0.5
 
 MOST_PICTURES: Final = 8
 """Pictures that an exposure is the mean of, at most: farther apart than a pixel only beyond it."""
-
-_NEAREST_M: Final = 1e-3
 
 Draw: TypeAlias = Callable[[mujoco.MjData, Exposure], Image]
 """Draws a camera's picture of a state whose kinematics are up to date."""
@@ -56,7 +57,8 @@ class Shutter:
         for offset in (np.arange(count) + 0.5) / count - 0.5:
             image = draw(self._state(model, data, float(offset) * self._open_s), exposure)
             total += image[part]
-        image[part] = total // count  # the rest of the last one is as black as that of all
+        total //= count
+        image[part] = total  # the rest of the last one is as black as that of all
         return image
 
     def _state(self, model: mujoco.MjModel, data: mujoco.MjData, later: float) -> mujoco.MjData:
@@ -74,27 +76,20 @@ class Shutter:
         if self._model is not model:
             self._model, self._scratch = model, mujoco.MjData(model)
             self._things, self._radii = _things(model)
+            self._roots = model.body_rootid.copy()
         camera = exposure.camera_id
-        axes, eye = data.cam_xmat[camera].reshape(3, 3), data.cam_xpos[camera]
+        kernels, size = _kernels(), (exposure.width, exposure.height)
         focal_px = focal_length_px(exposure.height, math.radians(float(model.cam_fovy[camera])))
-        fastest, own = 0.0, np.zeros(6)
-        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_CAMERA, camera, own, 1)
-        turn, drift = own[:3].tolist(), own[3:].tolist()
-        places = ((data.xpos[self._things] - eye) @ axes).tolist()
-        for body, place, radius in zip(self._things.tolist(), places, self._radii, strict=True):
-            if _is_shown(exposure, focal_px, place, radius):
-                (x, y, z), velocity = place, np.zeros(6)
-                mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 0)
-                u, v, w = (velocity[3:] @ axes).tolist()
-                u -= drift[0] + turn[1] * z - turn[2] * y
-                v -= drift[1] + turn[2] * x - turn[0] * z
-                w -= drift[2] + turn[0] * y - turn[1] * x
-                across = math.hypot(u - x * w / z, v - y * w / z)
-                fastest = max(fastest, focal_px * across / -z)
-        return fastest
+        speed: float = kernels.fastest(
+            self._things, self._radii, int(model.cam_bodyid[camera]),
+            kernels.Bodies(data.xpos, data.cvel, data.subtree_com, self._roots),
+            data.cam_xpos[camera], data.cam_xmat[camera].reshape(3, 3), focal_px,
+            size, exposure.clipped,
+        )  # fmt: skip
+        return speed
 
 
-def _things(model: mujoco.MjModel) -> tuple[npt.NDArray[np.int64], list[float]]:
+def _things(model: mujoco.MjModel) -> tuple[npt.NDArray[np.int64], Vector]:
     """Bodies that are no link of an arm, the world left out, and how far they extend, in m."""
     things = [body for body in range(1, model.nbody) if "/" not in model.body(body).name]
     extents = [
@@ -107,19 +102,22 @@ def _things(model: mujoco.MjModel) -> tuple[npt.NDArray[np.int64], list[float]]:
         )
         for body in things
     ]
-    return np.array(things, dtype=np.int64), extents
+    return np.array(things, dtype=np.int64), np.array(extents)
 
 
-def _is_shown(exposure: Exposure, focal_px: float, place: Sequence[float], radius: float) -> bool:
-    """Whether a thing at a place in the camera's axes can be in the region that is exposed."""
-    x, y, z = place
-    if z > -_NEAREST_M:
-        return False
-    left, top, right, bottom = exposure.clipped
-    scale = focal_px / -z
-    column, row, room = (
-        exposure.width / 2 + x * scale,
-        exposure.height / 2 - y * scale,
-        radius * scale,
-    )
-    return left - room < column < right + room and top - room < row < bottom + room
+@cache
+def _kernels() -> ModuleType:
+    """The kernel of motion: an import statement costs as much as it does."""
+    from bt_dualarm.world.cameras import motion_kernels
+
+    return motion_kernels
+
+
+def move_past_something() -> None:
+    """Have the kernel of motion compiled."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_camera()
+    spec.worldbody.add_body(name="thing").add_geom(size=(0.1, 0.1, 0.1))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    Shutter(1.0).picture(model, data, Exposure(0, 2, 2), lambda _, exposure: exposure.black())

@@ -61,15 +61,23 @@ def stretch(
         that may not be, and of the first that cannot be; without one that is inside, any.
     """
     begin, end = float(left), float(right)
-    sure, unsure = begin, end
-    for from_column, slope, side in (first, second, third):
-        at = from_column + slope * row
-        least, most = at + min(slope, 0.0) - _SPARE, at + max(slope, 0.0) + _SPARE
-        if side > 0.0:
-            end, unsure = min(end, most + 1.0), min(unsure, least)
-        elif side < 0.0:
-            begin, sure = max(begin, least), max(sure, most + 1.0)
-        else:
-            unsure = begin
+    begin, sure, unsure, end = _narrowed(begin, begin, end, end, row, first)
+    begin, sure, unsure, end = _narrowed(begin, sure, unsure, end, row, second)
+    begin, sure, unsure, end = _narrowed(begin, sure, unsure, end, row, third)
     # What is cut off after the point is not below 0: it is rounded down.
     return int(begin), int(sure), int(max(unsure, 0.0)), int(max(end, 0.0))
+
+
+@kernel
+def _narrowed(
+    begin: float, sure: float, unsure: float, end: float, row: int, plane: Crossing
+) -> tuple[float, float, float, float]:
+    """The columns of `stretch` on the inner side of one more plane."""
+    from_column, slope, side = plane
+    at = from_column + slope * row
+    least, most = at + min(slope, 0.0) - _SPARE, at + max(slope, 0.0) + _SPARE
+    if side > 0.0:
+        return begin, sure, min(unsure, least), min(end, most + 1.0)
+    if side < 0.0:
+        return max(begin, least), max(sure, most + 1.0), unsure, end
+    return begin, sure, begin, end

@@ -8,6 +8,7 @@ with the plane's outward normal n and its distance h along n, negative where it 
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -17,7 +18,7 @@ from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.rendering.edge_kernels import crossing, stretch
 from bt_dualarm.world.rendering.kernel_arrays import Fan, Marks, Shapes
-from bt_dualarm.world.rendering.screen_kernels import NEAR_M, box_of, cells, project
+from bt_dualarm.world.rendering.screen_kernels import NEAR_M, SURELY, box_of, cells, project
 
 _TINY = 1e-12
 
@@ -43,6 +44,8 @@ def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) 
     if top >= bottom or left >= right:
         return
     ahead, rows, columns = _is_ahead(corners), fan.rays.shape[1], fan.rays.shape[2]
+    if ahead and is_hidden((top, bottom, left, right), _nearest(corners), marks.distances):
+        return
     for number in range(heap[2], heap[3]):
         normal = shapes.normals[number]
         height = shapes.offsets[number] - (
@@ -58,12 +61,13 @@ def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) 
         box = _box(a, b, c, rows, columns) if ahead else box_of(fan, _together(a, b, c))
         if box[0] >= box[1] or box[2] >= box[3]:
             continue
+        near = -SURELY * max(a[2], b[2], c[2]) if ahead else 0.0
         for axis in range(3):
             marks.normals[number, axis] = (
                 axes[axis, 0] * normal[0] + axes[axis, 1] * normal[1] + axes[axis, 2] * normal[2]
             )
         _mark(
-            number, box, (_cross(a, b), _cross(b, c), _cross(c, a)),
+            number, box, near, (_cross(a, b), _cross(b, c), _cross(c, a)),
             _inverse(turn, normal, height), fan.rays, fan.spacing, fan.centre,
             marks.faces, marks.distances,
         )  # fmt: skip
@@ -76,6 +80,26 @@ def _is_ahead(corners: Matrix) -> bool:
     for corner in range(len(corners)):
         ahead = ahead and -corners[corner, 2] >= NEAR_M
     return ahead
+
+
+@kernel
+def _nearest(corners: Matrix) -> float:
+    """Distance that no place of what corners span falls short of: that of a plane ahead, m."""
+    least = math.inf
+    for corner in range(len(corners)):
+        least = min(least, -corners[corner, 2])
+    return SURELY * least
+
+
+@kernel
+def is_hidden(box: tuple[int, int, int, int], near: float, distances: Matrix) -> bool:
+    """Whether all rays of a box meet something nearer than that."""
+    top, bottom, left, right = box
+    for row in range(top, bottom):
+        for column in range(left, right):
+            if not distances[row, column] <= near:
+                return False
+    return True
 
 
 @kernel
@@ -110,11 +134,15 @@ def seen(corners: Matrix, eye: Vector, turn: Matrix, fan: Fan) -> Matrix:
 
 @kernel
 def _mark(
-    number: int, box: tuple[int, int, int, int], sides: tuple[_Three, _Three, _Three],
-    plane: _Three, rays: npt.NDArray[np.float64], spacing: float, centre: tuple[float, float],
+    number: int, box: tuple[int, int, int, int], near: float,
+    sides: tuple[_Three, _Three, _Three], plane: _Three,
+    rays: npt.NDArray[np.float64], spacing: float, centre: tuple[float, float],
     faces: npt.NDArray[np.int32], distances: Matrix,
 ) -> None:  # fmt: skip
-    """Mark a triangle within a box: rays on the inner side of its three sides."""
+    """Mark a triangle within a box: rays on the inner side of its three sides.
+
+    None of it is nearer than `near`: what rays have met nearer than that stays.
+    """
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
     ux, uy, uz = plane
     top, bottom, left, right = box
@@ -124,6 +152,8 @@ def _mark(
     for row in range(top, bottom):
         begin, sure, unsure, end = stretch(left, right, row, first, second, third)
         for column in range(begin, end):
+            if distances[row, column] <= near:
+                continue
             x, y, z = rays[0, row, column], rays[1, row, column], rays[2, row, column]
             if column < sure or column >= unsure:
                 if ax * x + ay * y + az * z > 0.0:

@@ -64,10 +64,10 @@ class Marks(NamedTuple):
     """What the rays of a fan meet, as numbers from which `Hits` can be worked out.
 
     Attributes:
-        faces: Number of a hull's triangle in the heap; of another shape, -2 less its number among
-            the shapes; -1 for nothing. Of shape (rows, columns).
+        faces: Number of a face among all of the shapes; of what is curved, -2 less its number among
+            them; -1 for nothing. Of shape (rows, columns).
         distances: Distance from the eye in m, inf for nothing, of shape (rows, columns).
-        normals: Outward unit normals in the world of the triangles that were asked, (f, 3).
+        normals: Outward unit normals in the world of the faces that were asked, (f + n, 3).
         eyes: Place of the eye in the axes of each shape that was asked, of shape (n, 3), in m.
         turns: The camera's axes as columns in those axes, of shape (n, 3, 3).
     """
@@ -95,7 +95,8 @@ class Shapes(NamedTuple):
         offsets: Distances of the planes from the origin of the geom, of shape (f,), in m.
         heaps: First corner, last corner, first triangle, last triangle of each geom, the last
             ones not counted, of shape (n, 4).
-        owners: Number of the geom of each triangle, of shape (f,).
+        owners: Number of the geom of each face, of shape (f + n,): of each triangle, then of each
+            shape as a whole, which a plane's one face is.
     """
 
     geoms: Numbers

@@ -68,7 +68,7 @@ def shapes_of(model: mujoco.MjModel, geoms: Sequence[int]) -> tuple[Shapes, list
         normals=np.vstack([_NOTHING.normals, *(body.normals for body in bodies)]),
         offsets=np.concatenate([_NOTHING.offsets, *(body.offsets for body in bodies)]),
         heaps=np.column_stack((ends[:-1, 0], ends[1:, 0], ends[:-1, 1], ends[1:, 1])),
-        owners=np.array(known, dtype=np.int64).repeat(np.diff(ends[:, 1])),
+        owners=np.concatenate([np.repeat(known, np.diff(ends[:, 1])), known]).astype(np.int64),
     )
     return shapes, sorted(set(geoms) - set(known))
 

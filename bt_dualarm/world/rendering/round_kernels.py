@@ -23,21 +23,24 @@ from bt_dualarm.world.rendering.kernel_arrays import (
     Marks,
     Shapes,
 )
-from bt_dualarm.world.rendering.screen_kernels import box_of, project
+from bt_dualarm.world.rendering.screen_kernels import SURELY, box_of, project
 
 _TINY = 1e-12
 _ON_THE_CAP_M = 1e-9
 
 
 @kernel
-def meet_round(shapes: Shapes, index: int, fan: Fan, marks: Marks) -> None:
+def meet_round(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) -> None:
     """Mark a shape that is no hull where it is nearer than what is there; as `meet_hull`."""
     kind, size = shapes.kinds[index], shapes.sizes[index]
     eye, turn = marks.eyes[index], marks.turns[index]
     if contains(kind, size, eye):
         return
     if kind == PLANE:
-        _meet_plane(size, index, fan, marks)
+        face = len(shapes.normals) + index
+        for axis in range(3):
+            marks.normals[face, axis] = axes[axis, 2]
+        _meet_plane(size, index, face, fan, marks)
         return
     top, bottom, left, right = _covered(kind, size, eye, turn, fan)
     ray = np.empty(3)
@@ -53,13 +56,16 @@ def meet_round(shapes: Shapes, index: int, fan: Fan, marks: Marks) -> None:
 
 
 @kernel
-def _meet_plane(size: Vector, index: int, fan: Fan, marks: Marks) -> None:
+def _meet_plane(size: Vector, index: int, face: int, fan: Fan, marks: Marks) -> None:
     """Mark z = 0 within half the lengths along x and y, where rays go down."""
     eye, turn = marks.eyes[index], marks.turns[index]
     edge = crossing(fan.spacing, fan.centre, turn[2, 0], turn[2, 1], turn[2, 2])
+    near = SURELY * eye[2]
     for row in range(fan.rays.shape[1]):
         begin, _, _, end = stretch(0, fan.rays.shape[2], row, edge, edge, edge)
         for column in range(begin, end):
+            if marks.distances[row, column] <= near:
+                continue
             x, y, z = fan.rays[0, row, column], fan.rays[1, row, column], fan.rays[2, row, column]
             down = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
             if down >= -_TINY:
@@ -72,7 +78,7 @@ def _meet_plane(size: Vector, index: int, fan: Fan, marks: Marks) -> None:
             is_within = abs(eye[0] + distance * along) <= size[0]
             if is_within and abs(eye[1] + distance * across) <= size[1]:
                 marks.distances[row, column] = distance
-                marks.faces[row, column] = -2 - index
+                marks.faces[row, column] = face
 
 
 @kernel

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.rendering.block_kernels import enter
-from bt_dualarm.world.rendering.kernel_arrays import Fan, Hits, Lights, Shapes
-from bt_dualarm.world.rendering.trace_kernels import describe, trace
+from bt_dualarm.world.rendering.kernel_arrays import NOTHING, Fan, Hits, Lights, Numbers, Shapes
+from bt_dualarm.world.rendering.trace_kernels import facets, trace
 
 
 @kernel
@@ -24,13 +24,15 @@ def draw(
 
     Arguments as of `trace`, `shade` and `enter`; a ray is that of a block of pixels.
     """
-    hits = describe(shapes, axes, fan, trace(shapes, places, axes, fan))
+    marks = trace(shapes, places, axes, fan)
+    faces, owners, normals = facets(shapes, axes, fan, marks)
+    sun = _sun(lights, lit_from, lit_along)
     if step == 1:
         part = image[region[1] : region[3], region[0] : region[2]]
-        shade(lights, lit_from, lit_along, fan, hits, part)
+        _shade(lights, sun, fan, faces, owners, normals, marks.distances, part)
     else:
         pixels = np.empty((fan.rays.shape[1], fan.rays.shape[2], 3), np.uint8)
-        shade(lights, lit_from, lit_along, fan, hits, pixels)
+        _shade(lights, sun, fan, faces, owners, normals, marks.distances, pixels)
         enter(image, region, corner, step, pixels)
 
 
@@ -49,13 +51,31 @@ def shade(
         hits: What they met.
         pixels: The pixels.
     """
+    rows, columns = hits.geoms.shape
+    faces, owners = np.empty((rows, columns), np.int32), np.empty(rows * columns, np.int64)
+    normals = np.empty((rows * columns, 3))
+    for row in range(rows):
+        for column in range(columns):
+            face = row * columns + column
+            owners[face] = hits.geoms[row, column]
+            faces[row, column] = face if owners[face] >= 0 else NOTHING
+            normals[face] = hits.normals[:, row, column]
     sun = _sun(lights, lit_from, lit_along)
+    _shade(lights, sun, fan, faces, owners, normals, hits.distances, pixels)
+
+
+@kernel
+def _shade(
+    lights: Lights, sun: Matrix, fan: Fan, faces: npt.NDArray[np.int32], owners: Numbers,
+    normals: Matrix, distances: Matrix, pixels: npt.NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """As `shade`, of faces as of `facets`; lights are at, or towards, `sun`, of shape (n, 3)."""
     light, sky = np.empty(3), _sky(lights)
-    rays, axes, eye, normals = fan.rays, fan.axes, fan.eye, hits.normals
+    rays, axes, eye = fan.rays, fan.axes, fan.eye
     for row in range(pixels.shape[0]):
         for column in range(pixels.shape[1]):
-            geom = hits.geoms[row, column]
-            if geom < 0:
+            face = faces[row, column]
+            if face < 0:
                 for channel in range(3):
                     pixels[row, column, channel] = sky[channel]
                 continue
@@ -63,23 +83,25 @@ def shade(
             rx = axes[0, 0] * right + axes[0, 1] * up + axes[0, 2] * back
             ry = axes[1, 0] * right + axes[1, 1] * up + axes[1, 2] * back
             rz = axes[2, 0] * right + axes[2, 1] * up + axes[2, 2] * back
-            u, v, w = normals[0, row, column], normals[1, row, column], normals[2, row, column]
+            u, v, w = normals[face, 0], normals[face, 1], normals[face, 2]
             facing = -(u * rx + v * ry + w * rz)
             for channel in range(3):
                 light[channel] = lights.ambient[channel] + facing * lights.head[channel]
             for index in range(len(sun)):
                 x, y, z = sun[index, 0], sun[index, 1], sun[index, 2]
+                length = 1.0
                 if not lights.distant[index]:
-                    away = hits.distances[row, column]
+                    away = distances[row, column]
                     x -= eye[0] + rx * away
                     y -= eye[1] + ry * away
                     z -= eye[2] + rz * away
-                    x, y, z = _unit(x, y, z)
-                lambert = max(u * x + v * y + w * z, 0.0)
+                    length = math.sqrt(x * x + y * y + z * z)
+                lambert = max((u * x + v * y + w * z) / length, 0.0)
                 for channel in range(3):
                     light[channel] += lambert * lights.diffuse[index, channel]
             for channel in range(3):
-                pixels[row, column, channel] = _level(lights.base[geom, channel] * light[channel])
+                shaded = lights.base[owners[face], channel] * light[channel]
+                pixels[row, column, channel] = _level(shaded)
 
 
 @kernel
@@ -89,13 +111,6 @@ def _sky(lights: Lights) -> npt.NDArray[np.uint8]:
     for channel in range(3):
         sky[channel] = _level(lights.base[-1, channel])
     return sky
-
-
-@kernel
-def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """The direction of a vector."""
-    length = math.sqrt(x * x + y * y + z * z)
-    return x / length, y / length, z / length
 
 
 @kernel

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
@@ -50,7 +51,7 @@ def trace(shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan) -> Marks:
         if shapes.kinds[index] == HULL:
             meet_hull(shapes, index, own, fan, marks)
         else:
-            meet_round(shapes, index, fan, marks)
+            meet_round(shapes, index, own, fan, marks)
     return marks
 
 
@@ -60,7 +61,7 @@ def _nothing(shapes: Shapes, fan: Fan) -> Marks:
     rows, columns, count = fan.rays.shape[1], fan.rays.shape[2], len(shapes.geoms)
     faces, distances = np.empty((rows, columns), np.int32), np.empty((rows, columns))
     faces[:], distances[:] = -1, math.inf
-    normals = np.empty((len(shapes.normals), 3))
+    normals = np.empty((len(shapes.owners), 3))
     return Marks(faces, distances, normals, np.empty((count, 3)), np.empty((count, 3, 3)))
 
 
@@ -69,41 +70,53 @@ def describe(shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks) -> Hits:
     """What is marked; arguments as of `trace`."""
     rows, columns = marks.faces.shape
     hits = Hits(np.empty((rows, columns), np.int32), marks.distances, np.empty((3, rows, columns)))
-    if _describe_hulls(shapes, marks, hits):
-        _describe_rounds(shapes, axes, fan, marks, hits)
+    faces, owners, normals = facets(shapes, axes, fan, marks)
+    for row in range(rows):
+        for column in range(columns):
+            face = faces[row, column]
+            hits.geoms[row, column] = owners[face] if face >= 0 else -1
+            for axis in range(3):
+                hits.normals[axis, row, column] = normals[face, axis] if face >= 0 else 0.0
     return hits
 
 
 @kernel
-def _describe_hulls(shapes: Shapes, marks: Marks, hits: Hits) -> bool:
-    """Enter hulls and what is nothing; whether there is something else."""
-    faces, geoms, normals = marks.faces, hits.geoms, hits.normals
-    others = False
-    for row in range(faces.shape[0]):
-        for column in range(faces.shape[1]):
-            face = faces[row, column]
-            if face >= 0:
-                geoms[row, column] = shapes.owners[face]
-                for axis in range(3):
-                    normals[axis, row, column] = marks.normals[face, axis]
-            else:
-                others = others or face != NOTHING
-                geoms[row, column] = -1
-                for axis in range(3):
-                    normals[axis, row, column] = 0.0
-    return others
+def facets(
+    shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks
+) -> tuple[npt.NDArray[np.int32], Numbers, Matrix]:
+    """The faces that rays meet; of what is curved, one for each ray; arguments as of `describe`.
+
+    Returns:
+        Number of the face that each ray meets, -1 for nothing, of shape (rows, columns); numbers
+        of the faces' geoms, of shape (n,); their outward unit normals in the world, (n, 3).
+    """
+    count = 0
+    for row in range(marks.faces.shape[0]):
+        for column in range(marks.faces.shape[1]):
+            count += marks.faces[row, column] < NOTHING
+    if count == 0:
+        return marks.faces, shapes.owners, marks.normals
+    known = len(shapes.owners)
+    faces, owners = marks.faces.copy(), np.empty(known + count, np.int64)
+    normals = np.empty((known + count, 3))
+    owners[:known], normals[:known] = shapes.owners, marks.normals
+    _add_rounds(shapes, axes, fan, marks, faces, owners, normals)
+    return faces, owners, normals
 
 
 @kernel
-def _describe_rounds(shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks, hits: Hits) -> None:
-    """Enter what is no hull."""
+def _add_rounds(
+    shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks,
+    faces: npt.NDArray[np.int32], owners: Numbers, normals: Matrix,
+) -> None:  # fmt: skip
+    """Enter a face for each ray that meets what is curved, after all others."""
     rays, eyes, turns, size = fan.rays, marks.eyes, marks.turns, shapes.sizes
-    place = np.empty(3)
-    for row in range(marks.faces.shape[0]):
-        for column in range(marks.faces.shape[1]):
-            if marks.faces[row, column] >= NOTHING:
+    place, face = np.empty(3), len(shapes.owners)
+    for row in range(faces.shape[0]):
+        for column in range(faces.shape[1]):
+            if faces[row, column] >= NOTHING:
                 continue
-            index = -2 - marks.faces[row, column]
+            index = -2 - faces[row, column]
             geom, away = shapes.geoms[index], marks.distances[row, column]
             x, y, z = rays[0, row, column], rays[1, row, column], rays[2, row, column]
             for axis in range(3):
@@ -112,13 +125,12 @@ def _describe_rounds(shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks, hits:
                 place[axis] = eyes[index, axis] + away * along
             kind, radius, half = shapes.kinds[index], size[index, 0], size[index, 1]
             u, v, w = outward(kind, radius, half, place[0], place[1], place[2])
-            hits.geoms[row, column] = geom
+            own = axes[geom]
             for axis in range(3):
-                hits.normals[axis, row, column] = (
-                    axes[geom, 3 * axis] * u
-                    + axes[geom, 3 * axis + 1] * v
-                    + axes[geom, 3 * axis + 2] * w
-                )
+                along = own[3 * axis] * u + own[3 * axis + 1] * v
+                normals[face, axis] = along + own[3 * axis + 2] * w
+            faces[row, column], owners[face] = face, geom
+            face += 1
 
 
 @kernel
