@@ -72,8 +72,6 @@ class CalmEstimate(TargetEstimate):
             ValueError: There has been no measurement.
         """
         share = self._share
-        if share == 0.0:
-            return super().predict(time)
         lively, calm = self._last, self._calm._last
         motion = np.empty((3, len(lively.state)))
         _blend()(

@@ -102,11 +102,9 @@ def detect(
         ``None`` says that the target is not in the picture: an answer, not a failure.
     """
     found = detect_all(frame, color, min_area, max_area)
-    if not found:
-        return None
     if expected_px is None:
-        return max(found, key=lambda detection: detection.area_px)
-    return min(found, key=lambda detection: math.dist(detection.centroid_px, expected_px))
+        return max(found, key=lambda seen: seen.area_px, default=None)
+    return min(found, key=lambda seen: math.dist(seen.centroid_px, expected_px), default=None)
 
 
 def detect_all(

@@ -112,7 +112,8 @@ class TargetTracker:
         everything = Window(None, self._settings.search_stride)
         if self._hunting:
             return everything
-        point = camera.inverse.apply(self._estimate.predict(stamp).position)
+        offset = self._estimate.predict(stamp).position - camera.position
+        point = offset.dot(camera.rotation_matrix).tolist()
         if point[2] < _MIN_DEPTH_M:
             return everything
         scale = self._focal_px / point[2]

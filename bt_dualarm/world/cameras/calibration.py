@@ -82,7 +82,7 @@ class Calibration:
         left, top, right, bottom = region
         light = 1.0 + self.light.draw_one(self.rng)
         shape = -((top - bottom) // stride), -((left - right) // stride), 3
-        more, less = (one.reshape(shape) for one in self._noise_of(math.prod(shape)))
+        more, less = self._noise_of(math.prod(shape)).reshape(2, *shape)
 
         def suffer(blocks: Image) -> Image:
             # OpenCV keeps to the levels that there are.
