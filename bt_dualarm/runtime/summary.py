@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.metadata import version
+from types import MappingProxyType
 
 from bt_dualarm.runtime.processor import processor
 from bt_dualarm.runtime.result import ArmResult, RunResult
@@ -24,9 +26,11 @@ _PACKAGES = (
 )
 
 
-def versions() -> dict[str, str]:
-    """Of Python and of every package that can change a result."""
-    return {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
+@cache
+def versions() -> Mapping[str, str]:
+    """Of Python and of every package that can change a result; found once, as it takes 9 ms."""
+    found = {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
+    return MappingProxyType(found)
 
 
 def summary_of(
