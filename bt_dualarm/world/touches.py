@@ -86,6 +86,7 @@ class Touches:
             return []
         owners, holders = self._owner[geoms], self._holder[geoms]
         strange = (owners[:, 0] != owners[:, 1]) & (owners.max(axis=1) != _NOBODY)
+        strange &= data.contact.dist <= 0.0  # a cup's lip feels what is near, too
         strange &= (holders[:, 0] != owners[:, 1]) & (holders[:, 1] != owners[:, 0])
         found, force = [], np.empty(6)
         for i in np.flatnonzero(strange).tolist():

@@ -122,9 +122,10 @@ class WorldView:
         """Whether an arm's tool and an object touch now."""
         geom = self.object_geom(thing)
         tool = self.arms[arm].tool_geom_ids
+        contact = self.data.contact
         return any(
             (geom1 == geom and geom2 in tool) or (geom2 == geom and geom1 in tool)
-            for geom1, geom2 in self.data.contact.geom
+            for geom1, geom2 in contact.geom[contact.dist <= 0.0]
         )
 
 

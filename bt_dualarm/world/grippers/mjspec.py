@@ -42,6 +42,9 @@ _TORSION: Final = 0.005
 """m; radius of the patch with which a soft pad resists a turn about the normal of the contact."""
 
 _WITH_TORSION: Final = 4
+_STRETCHES: Final = 0.001
+"""m; by which a lip gives as it is pulled at, before it comes off: suction acts over that gap."""
+
 _COUPLING_SOLIMP: Final = (0.999, 0.9999, 0.001)
 
 
@@ -178,7 +181,8 @@ def _add_cup(spec: mujoco.MjSpec, palm: mujoco.MjsBody, gripper: Gripper) -> Non
     lip = Solid(
         "cylinder", (cup.radius, cup.depth), Pose.from_rpy((0.0, 0.0, -0.5 * cup.depth), (0, 0, 0))
     )
-    add_hold(spec, CUP, lip, gripper)
+    rim = add_hold(spec, CUP, lip, gripper)
+    rim.gap = _STRETCHES
     drive = spec.add_actuator(
         name=DRIVE, target=CUP, trntype=mujoco.mjtTrn.mjTRN_BODY, ctrlrange=(0.0, 1.0)
     )
