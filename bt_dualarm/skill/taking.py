@@ -91,7 +91,7 @@ class Taking:
     def _approach(self, way: WayToGrasp) -> Iterator[float | None]:
         """Go straight to the grasp, and stop where the tool touches something."""
         arm, along = self._arm, way.ranked.tool.rotation_matrix[:, 2]
-        sense = TouchSense(arm, along)
+        sense = TouchSense(arm, along, alone=True)
         motion = arm.begin(arm.time_path(way.rows, self._ports.approach_speed), may_touch=True)
         began = arm.time
         while not motion.done:

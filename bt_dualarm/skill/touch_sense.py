@@ -20,13 +20,15 @@ class TouchSense:
     Args:
         arm: Arm whose tool it is.
         way: Direction of the motion in the world, of unit length, of shape (3,).
+        alone: Whether nothing but a force along the way is taken to act. Friction then hardly
+            counts, whatever the posture; small forces are felt as still smaller ones.
 
     Attributes:
         most: Largest force in N so far.
     """
 
-    def __init__(self, arm: Arm, way: Vector) -> None:
-        self._arm, self._way = arm, way
+    def __init__(self, arm: Arm, way: Vector, *, alone: bool = False) -> None:
+        self._arm, self._way, self._alone = arm, way, alone
         self._felt = deque[tuple[float, float]]()
         self._none = 0.0
         self.most = 0.0
@@ -39,7 +41,7 @@ class TouchSense:
                 for a force may come up slowly.
         """
         now, (latest, earliest) = self._arm.time, _TARE_S
-        felt = -float(self._way @ self._arm.external_wrench[:3])
+        felt = self._against()
         self._felt.append((now, felt))
         while now - self._felt[0][0] > earliest:
             self._felt.popleft()
@@ -49,3 +51,17 @@ class TouchSense:
         rise = felt - self._none
         self.most = max(self.most, rise)
         return rise
+
+    def _against(self) -> float:
+        """Force in N against the way, of all that pushes the joints now.
+
+        Alone, it is what explains the joints' torques best, each as a share of the joint's effort
+        (weighted least squares). A whole wrench is more than near a singular posture can be told:
+        friction of joints that hardly move the tool was 100 N there.
+        """
+        arm, way = self._arm, self._way
+        if not self._alone:
+            return -float(way @ arm.external_wrench[:3])
+        lever = way @ arm.world.nominal[arm.name].tool_jacobian_at(arm.q)[:3]
+        shares = lever / arm.robot.limits.effort**2
+        return -float(shares @ arm.external_torque) / max(float(shares @ lever), 1e-12)

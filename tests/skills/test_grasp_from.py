@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import bt_dualarm as bt
+from tests.plays import Stage
 from tests.skills.test_unnamed import failure, task
 
 TALL: dict[str, Any] = {"size": [0.04, 0.04, 0.20], "pose": {"xyz": [0.40, -0.45, 0.50]}}
@@ -38,3 +39,30 @@ def test_what_cannot_be_is_refused_before_moving() -> None:
         pose={"xyz": [0.40, -0.45, 0.42]},
     )
     assert flat == ("OUT_OF_REACH", "no grasp of 'cube' is of the kind that is asked for")
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_friction_near_a_singular_posture_is_no_touch(seed: int, stage: Stage) -> None:
+    """Of a cube straight before a UR5 104 and 111 N were felt where nothing was touched."""
+    look = {"at": {"xyz": [0, 0.42, 0.025]}, "distance": 0.5, "direction": [0, 1, -1.5]}
+    steps = [
+        {"look_at": {**look, "lean": 15}},
+        {"locate": {"object": "cube", "pose": "{where}"}},
+        {"grasp": {"object": "cube", "at": "{where}"}},
+    ]
+    cube = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.15, "color": "green"}
+    file = {
+        "world": {"scene": "empty", "reality": "lab", "time_limit": 60},
+        "objects": {"cube": {**cube, "pose": {"xyz": [0, 0.42, 0.025], "rpy": [0, 0, 10]}}},
+        "arms": {
+            "arm1": {
+                "robot": "ur5",
+                "gripper": "robotiq_2f85",
+                "camera": {},
+                "tree": {"sequence": steps},
+            }
+        },
+    }
+    leaf = stage.run(file, seed=seed).leaf("grasp")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["approach_force_n"]) < 30
