@@ -71,7 +71,7 @@ class Transport(Skill):
         """What the arm holds, where nobody says which thing is meant."""
         held = self.arm.held
         if len(held) != 1:
-            which = f"{', '.join(held)}: name one" if held else "nothing"
+            which = f"{', '.join(held)}: name one" if held else "nothing that it could carry"
             raise Failure("NOT_ATTACHED", f"{self.arm.name} holds {which}", held=len(held))
         return held[0]
 

@@ -24,6 +24,7 @@ class Attachment:
         was_seen: Whether that pose is by sight, and not the true one.
         by_gripper: Whether fingers or a cup hold it, and no weld: then it is only believed.
         most_force: Force of each pad, or of a cup, that it may be held with at most, N.
+        lay: Pose in the world at which fingers or a cup were believed to take it.
         is_told: Whether the file tells its mass, where arms are told any: it was taken by name.
     """
 
@@ -35,6 +36,7 @@ class Attachment:
     by_gripper: bool = False
     most_force: float = math.inf
     is_told: bool = True
+    lay: Pose | None = None
 
     @property
     def name(self) -> str:

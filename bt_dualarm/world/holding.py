@@ -64,7 +64,7 @@ class HoldingView(WorldView):
         """
         relative = self._believed(arm, thing, pose)
         held = Attachment(arm, thing, relative, self.time, was_seen=True, by_gripper=True)
-        self.attachments.hold(replace(held, most_force=most_force, is_told=told))
+        self.attachments.hold(replace(held, most_force=most_force, is_told=told, lay=pose))
 
     def _believed(self, arm: str, thing: str, pose: Pose | None) -> Pose:
         """An object at ``pose``, by default its true one, in the tool link by the encoders."""

@@ -54,6 +54,7 @@ SCENARIOS = {
     "open_gripper": Scenario(arm=GRIPPING),
     "grasp": Scenario(ON_TABLE, arm=GRIPPING, scene="table"),
     "place": Scenario(ON_TABLE, arm=GRIPPING, before=(GRASP,), scene="table", again="FAILURE"),
+    "regrasp": Scenario(ON_TABLE, arm=GRIPPING, before=(GRASP,), scene="table"),
     "transport": Scenario(ON_TABLE, before=(PICK,), scene="table"),
     "detach": Scenario(ON_TABLE, before=(PICK,), scene="table"),
     "circle": Scenario(arm=PRESENTING),

@@ -147,6 +147,7 @@ def inserted(xyz: list[float], **fields: Any) -> Tree:
 
 INSERT = inserted([0.25, -0.45, 0.425])
 CARRY_FAR: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.35, 0.2, 0.6]}, "speed": 0.2}}
+AGAIN: Tree = {"regrasp": {"object": "cube"}}
 SMALL = [[0.05, 0.0], [0.0, 0.05], [-0.05, 0.0], [0.0, -0.05]]
 GRASPED = {"before": (GRASP,), "arm": GRIPPING}
 SUCKING = GRIPPING | {"gripper": "suction_cup"}
@@ -381,6 +382,13 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("place", "NOT_OPEN"): Trial(PLACE, deeds=((5.0, jams),), moves=True),
     ("place", "SLIPPED"): Trial(PLACE, deeds=((4.9, shrinks("cube")),), moves=True),
     ("place", "DROPPED"): Trial(PLACE, deeds=((4.9, steals("cube")),), moves=True),
+    ("regrasp", "NOT_HELD"): Trial({"regrasp": {}}, {"before": ()}),
+    ("regrasp", "OUT_OF_REACH"): Trial({"regrasp": {"approach": [0, 0, 1]}}, moves=True),
+    ("regrasp", "NO_CONTACT"): Trial({"regrasp": {"at": {"xyz": [0.35, -0.45, 0.5]}}}, moves=True),
+    ("regrasp", "NOT_OPEN"): Trial(AGAIN, deeds=((5.0, jams),), moves=True),
+    ("regrasp", "NOT_GRASPED"): Trial(AGAIN, deeds=((10.0, steals("cube")),), moves=True),
+    ("regrasp", "SLIPPED"): Trial(AGAIN, deeds=((4.9, shrinks("cube")),), moves=True),
+    ("regrasp", "DROPPED"): Trial(AGAIN, deeds=((4.9, steals("cube")),), moves=True),
     ("insert", "NOT_HELD"): Trial(INSERT, {"before": ()}),
     ("insert", "NO_CONTACT"): Trial(inserted([0.25, -0.45, 0.5]), moves=True),
     ("insert", "NOT_FOUND"): Trial(inserted([0.262, -0.45, 0.425], radius=0.0002), moves=True),

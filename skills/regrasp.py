@@ -1,0 +1,83 @@
+"""Take an object in another way than it is held, or lies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Iterator
+
+from bt_dualarm import (
+    CarriedPose,
+    Failure,
+    ObjectName,
+    Pose,
+    SettingDown,
+    Skill,
+    Taking,
+    TakingPorts,
+    WantedGrasp,
+    grasps_on,
+    port,
+    refuse_too_frail,
+)
+
+_UNKNOWN_KG = 1.0
+
+
+class Regrasp(Skill):
+    """Set down what the gripper holds, by touch, and take it in another way."""
+
+    class Ports(TakingPorts):
+        object: ObjectName | None = port(None, "object to take; by default what the gripper holds")
+        at: CarriedPose | None = port(
+            None, "pose at which it is set down; by default where it was taken"
+        )
+
+    failures = {
+        "NOT_HELD": "the gripper holds nothing, and no object is named",
+        "OUT_OF_REACH": "no other grasp has room, is as asked for, or can be reached",
+        "NO_CONTACT": "nothing was felt below it where it was to stand",
+        "NOT_OPEN": "the fingers did not open",
+        "NOT_GRASPED": "the gripper closed on nothing, or on something else",
+        "SLIPPED": "the object slid between the fingers",
+        "DROPPED": "the object was lost",
+    }
+    example = "regrasp: {object: cube}"
+    needs = ("scipy.interpolate", "bt_dualarm.skill.grasps_prepared")
+    needs_gripper = True
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """See that there is another grasp; set down; take anew; go nowhere else."""
+        arm = self.arm
+        name = self.ports.object or next(iter(arm.gripper.held), None)
+        if name is None:
+            raise Failure("NOT_HELD", f"{arm.name} holds nothing in its gripper")
+        refuse_too_frail(arm, repr(name), self.ports.most_force)
+        wanted = yield from self._put_down(name)
+        taking = Taking(arm, self.ports, wanted, False, self.metrics)
+        ranked = yield from taking.through(grasps_on(arm, wanted))
+        if wanted.unlike is not None:
+            self.metrics["turned_rad"] = ranked.grasp.tool.angle(wanted.unlike)
+
+    def _put_down(self, name: str) -> Generator[float | None, None, WantedGrasp]:
+        """Where it is when it stands, and from what the new grasp has to differ."""
+        arm, ports = self.arm, self.ports
+        held = arm.world.attachments.find(arm.name, name)
+        if held is None or not held.by_gripper:
+            return self._wanted(name, arm.world.object_pose(name), None)
+        in_tool = arm.robot.tool.inverse @ held.relative
+        now = arm.commanded_tool_pose @ in_tool
+        goal = held.lay or now
+        if ports.at is not None:
+            goal = ports.at.pose_from(now)
+        unlike = None if ports.approach is not None else in_tool.inverse
+        grasps_on(arm, self._wanted(name, goal, unlike))  # before anything moves
+        lies = yield from SettingDown(arm, held, goal, ports.speed).through()
+        return self._wanted(name, lies, unlike)
+
+    def _wanted(self, name: str, lies: Pose, unlike: Pose | None) -> WantedGrasp:
+        ports, world = self.ports, self.arm.world
+        told = None if world.nominal[self.arm.name].weighs else world.objects[name].mass
+        bears = ports.most_force or math.inf
+        bearing = (ports.mass or told or _UNKNOWN_KG, ports.shake, ports.margin, bears)
+        return WantedGrasp(name, lies, *bearing, along=ports.along, unlike=unlike)

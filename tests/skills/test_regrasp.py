@@ -1,0 +1,47 @@
+"""Taking what is held in another way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import bt_dualarm as bt
+from tests.skills.test_grasp_from import TALL
+from tests.skills.test_unnamed import task
+
+
+def test_it_is_taken_from_another_side_and_hangs_there() -> None:
+    """First as seems best; then from the side; then as the file asks, at another place."""
+    leaves: list[dict[str, Any]] = [
+        {"grasp": {"object": "cube"}},
+        {"regrasp": {"approach": [0, -1, 0]}},
+    ]
+    with bt.open(task(*leaves, **TALL)) as run:
+        result = run.finish()
+        world = run.world
+        tool = world.arms["arm1"].tool_pose
+        assert world.object_pose("cube").position[2] > 0.53
+        assert world.attachments.find("arm1", "cube") is not None
+    assert result.outcome == "SUCCESS"
+    assert tool.rotation_matrix[:, 2] @ (0.0, -1.0, 0.0) > np.cos(np.radians(30.0))
+
+
+def test_by_default_the_fingers_stand_otherwise() -> None:
+    leaves: list[dict[str, Any]] = [
+        {"grasp": {"object": "cube"}},
+        {"regrasp": {"at": {"xyz": [0.30, -0.45, 0.425]}}},
+        {"place": {"at": {"xyz": [0.25, -0.50, 0.425]}}},
+    ]
+    result = bt.run(task(*leaves))
+    ran = result.arms["arm1"].leaves
+    assert result.outcome == "SUCCESS"
+    turned = float(ran["sequence/regrasp"].metrics["turned_rad"])
+    assert np.radians(45.0) <= turned <= np.pi
+    assert float(ran["sequence/place"].metrics["placed_error_m"]) < 0.003
+
+
+def test_what_lies_is_taken_as_by_grasp() -> None:
+    result = bt.run(task({"regrasp": {"object": "cube"}}))
+    assert result.outcome == "SUCCESS"
+    assert "turned_rad" not in result.arms["arm1"].leaves["sequence/regrasp"].metrics
