@@ -87,6 +87,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.path_skill import PathSkill as PathSkill
     from bt_dualarm.skill.scoring import TrackingScore as TrackingScore
     from bt_dualarm.skill.setting_down import SettingDown as SettingDown
+    from bt_dualarm.skill.setting_down import SettingDownPorts as SettingDownPorts
     from bt_dualarm.skill.sight_ports import SightPorts as SightPorts
     from bt_dualarm.skill.skill import Skill as Skill
     from bt_dualarm.skill.skill import SkillContext as SkillContext
@@ -210,6 +211,7 @@ _CONTENTS: Final = {
     "held_through": "skill.held_through:held_through",
     "guarded_descent": "skill.guarded_descent:guarded_descent",
     "SettingDown": "skill.setting_down:SettingDown",
+    "SettingDownPorts": "skill.setting_down:SettingDownPorts",
     "Taking": "skill.taking:Taking",
     "TakingPorts": "skill.taking_ports:TakingPorts",
     "refuse_too_frail": "skill.taking:refuse_too_frail",

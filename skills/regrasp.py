@@ -11,6 +11,7 @@ from bt_dualarm import (
     ObjectName,
     Pose,
     SettingDown,
+    SettingDownPorts,
     Skill,
     Taking,
     TakingPorts,
@@ -21,6 +22,7 @@ from bt_dualarm import (
 )
 
 _UNKNOWN_KG = 1.0
+_TOLERANCE_M = 0.004  # in height, where it is set down
 
 
 class Regrasp(Skill):
@@ -35,6 +37,7 @@ class Regrasp(Skill):
     failures = {
         "NOT_HELD": "the gripper holds nothing, and no object is named",
         "OUT_OF_REACH": "no other grasp has room, is as asked for, or can be reached",
+        "NOT_REACHED": "it touched something before it was down",
         "NO_CONTACT": "nothing was felt below it where it was to stand",
         "NOT_OPEN": "the fingers did not open",
         "NOT_GRASPED": "the gripper closed on nothing, or on something else",
@@ -72,7 +75,8 @@ class Regrasp(Skill):
             goal = ports.at.pose_from(now)
         unlike = None if ports.approach is not None else in_tool.inverse
         grasps_on(arm, self._wanted(name, goal, unlike))  # before anything moves
-        lies = yield from SettingDown(arm, held, goal, ports.speed).through()
+        how = SettingDownPorts(speed=ports.speed, tolerance=_TOLERANCE_M)
+        lies = yield from SettingDown(arm, how, held, self.metrics).through(goal)
         return self._wanted(name, lies, unlike)
 
     def _wanted(self, name: str, lies: Pose, unlike: Pose | None) -> WantedGrasp:

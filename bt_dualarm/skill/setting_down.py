@@ -8,21 +8,34 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.errors import Failure
+from bt_dualarm.errors import Failure, Number
+from bt_dualarm.motion.planning.planners import Planner
 from bt_dualarm.pose import Pose
 from bt_dualarm.skill.grip import Grip
 from bt_dualarm.skill.guarded_descent import guarded_descent
+from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.values import Speed
 from bt_dualarm.world.attachments import Attachment
 
-_HIGH_M: Final = 0.05  # above the goal, from where it is lowered
-_FREE_M: Final = 0.006  # above the goal, down to where nothing may be in the way
-_SEARCHED_M: Final = 0.015  # below it: the ground may lie lower
-_TOUCH_N: Final = 7.0
-_LOWERING: Final = 0.3  # of the speed, down to there
-_SLOWLY: Final = 0.003  # share of the limits where it may touch
 _ROOM_M: Final = 0.01  # that the fingers open beside the object at least
-_BACK_M: Final = 0.08
-_OPENING_S: Final = 2.0
+_FREE_M: Final = 0.006  # above the goal, down to where nothing may be in the way
+_OFF_M: Final = 0.003  # back, until it leans on nothing
+_LOWERING: Final = 0.3  # of the speed, down to there
+
+
+class SettingDownPorts(PortModel):
+    """How something is set down."""
+
+    height: float = port(0.05, "height from which it is lowered", unit="m", ge=0.01, le=0.3)
+    force: float = port(5.0, "force by which the ground is felt", unit="N", ge=1, le=100)
+    search: float = port(0.015, "how much lower the ground may be", unit="m", ge=0.001, le=0.1)
+    retreat: float = port(0.08, "how far the gripper goes back", unit="m", ge=0.01, le=0.3)
+    tolerance: float = port(
+        0.008, "largest difference in height at the touch", unit="m", ge=1e-3, le=0.1
+    )
+    speed: Speed = port(0.5, "share of the arm's limits on the way there")
+    down_speed: Speed = port(0.003, "share of the arm's limits where it may touch")
+    planner: Planner = port("RRTConnect", "searches where the straight way is not free")
 
 
 class SettingDown:
@@ -30,32 +43,38 @@ class SettingDown:
 
     Args:
         arm: Arm whose gripper holds it.
+        ports: How it is to go about it.
         held: What it holds.
-        goal: Pose in the world at which it is to stand.
-        speed: Share of the arm's limits on the way there, above 0 to 1.
+        metrics: What was measured on the way, to be filled.
     """
 
-    def __init__(self, arm: Arm, held: Attachment, goal: Pose, speed: float) -> None:
-        self._arm, self._thing, self._speed = arm, held.object, speed
+    def __init__(
+        self, arm: Arm, ports: SettingDownPorts, held: Attachment, metrics: dict[str, Number]
+    ) -> None:
+        self._arm, self._ports, self._metrics = arm, ports, metrics
+        self._thing = held.object
         self._in_tool = arm.robot.tool.inverse @ held.relative
-        self._tool = goal @ self._in_tool.inverse
 
-    def through(self) -> Generator[float | None, None, Pose]:
-        """Go above, lower until it touches, open, go back; yields the progress once a tick.
+    def through(self, goal: Pose) -> Generator[float | None, None, Pose]:
+        """Plan all of it before moving; lower until it touches; open; go back.
 
-        Returns:
-            The pose in the world at which it was let go, by what the arm believes.
+        Yields the progress once a tick; returns the pose in the world at which it was let go, by
+        what the arm believes.
+
+        Args:
+            goal: Pose in the world at which it is to stand.
 
         Raises:
-            Failure: ``NO_CONTACT``, ``NOT_OPEN``, ``SLIPPED``, ``DROPPED``; what motions raise.
+            Failure: ``NO_CONTACT``, ``NOT_REACHED``, ``NOT_OPEN``, ``SLIPPED``, ``DROPPED``; what
+                motions raise.
         """
-        arm, grip = self._arm, Grip(self._arm, self._thing)
+        arm, tool, grip = self._arm, goal @ self._in_tool.inverse, Grip(self._arm, self._thing)
         grip.look()
-        above = _raised(self._tool, _HIGH_M)
-        arm.refuse_collision_along(arm.line(above, _raised(self._tool, _FREE_M)))
+        above = _raised(tool, self._ports.height)
+        arm.refuse_collision_along(arm.line(above, _raised(tool, _FREE_M)))
         try:
             yield from self._go_above(above, grip)
-            yield from self._lower(grip)
+            yield from self._lower(tool, grip)
         except Failure as failure:
             if failure.code == "SLIPPED":
                 yield from grip.judge(failure)
@@ -65,48 +84,65 @@ class SettingDown:
         return lies
 
     def _go_above(self, above: Pose, grip: Grip) -> Iterator[float]:
-        arm = self._arm
+        arm, ports = self._arm, self._ports
         goals = arm.kinematics.solutions(above, arm.setpoint.q)
-        for progress in arm.travel(goals, self._speed):
+        for progress in arm.travel(goals, ports.speed, planner=ports.planner):
             yield 0.5 * (progress or 0.0)
             grip.look()
 
-    def _lower(self, grip: Grip) -> Iterator[float | None]:
-        """Go down until the ground is felt."""
-        arm = self._arm
-        way = arm.line(arm.commanded_tool_pose, _raised(self._tool, _FREE_M))
-        for progress in arm.follow(arm.time_path(way, _LOWERING * self._speed)):
+    def _lower(self, tool: Pose, grip: Grip) -> Iterator[float | None]:
+        """Go down until the ground is felt, and press no harder on it."""
+        arm, ports = self._arm, self._ports
+        low = _raised(tool, _FREE_M)
+        way = arm.line(arm.commanded_tool_pose, low)
+        for progress in arm.follow(arm.time_path(way, _LOWERING * ports.speed)):
             yield 0.5 + 0.1 * progress
             grip.look()
-        low, force = _raised(self._tool, -_SEARCHED_M), grip.firm_for(_TOUCH_N)
-        felt, _ = yield from guarded_descent(arm, low, _SLOWLY, force, grip.look)
+        low, force = _raised(tool, -ports.search), grip.firm_for(ports.force)
+        felt, most = yield from guarded_descent(
+            arm, low, ports.down_speed, force, grip.look, lightly=True
+        )
         if not felt:
             yield from arm.settle()
-            raise Failure("NO_CONTACT", f"nothing is felt below {self._thing!r}")
+            raise Failure(
+                "NO_CONTACT", f"nothing is felt {1e3 * ports.search:.0f} mm below where it stands"
+            )
+        height = float(arm.tool_pose.position[2] - tool.position[2])
+        self._metrics |= {"impact_n": most, "height_off_m": height}
+        if abs(height) > ports.tolerance:
+            raise Failure(
+                "NOT_REACHED",
+                f"it touched something {1e3 * height:.1f} mm above where it was to stand",
+                height_off_m=height,
+                force_n=most,
+            )
 
     def _release(self) -> Iterator[float | None]:
         """Open, and go back out of the fingers' way."""
-        arm, gripper = self._arm, self._arm.gripper
-        page, touching = gripper.page, frozenset({self._thing})
+        arm, ports = self._arm, self._ports
+        gripper, page = arm.gripper, arm.gripper.page
         wide = gripper.width + 2.0 * _ROOM_M
         gripper.command(min(wide, page.stroke) if page.fingers else 1.0)
-        began = arm.time
-        while not self._is_open():
+        for _ in gripper.until_open():
             yield 0.85
-            if arm.time - began > _OPENING_S:
-                raise Failure("NOT_OPEN", "the fingers did not open", width_m=gripper.width)
         gripper.let_go(self._thing)
-        back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -_BACK_M))
+        yield from self._come_off()
+        back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -ports.retreat))
         rows = arm.line(arm.commanded_tool_pose, back)
-        arm.refuse_collision_along(rows, ignore=touching)
-        for progress in arm.follow(arm.time_path(rows, _LOWERING * self._speed), touching):
+        arm.refuse_collision_along(rows, ignore=frozenset({self._thing}))
+        touching = frozenset({self._thing})
+        for progress in arm.follow(arm.time_path(rows, 0.3 * ports.speed), touching):
             yield 0.85 + 0.15 * progress
 
-    def _is_open(self) -> bool:
-        gripper = self._arm.gripper
-        if not gripper.page.fingers:
-            return gripper.vacuum < 0.02
-        return gripper.at_rest and abs(gripper.width - gripper.commanded.width) < 2e-3
+    def _come_off(self) -> Iterator[float]:
+        """A little way back, giving way still: it leans on what it has let go of."""
+        arm = self._arm
+        off = arm.commanded_tool_pose @ Pose.from_rpy((0.0, 0.0, -_OFF_M))
+        rows = arm.line(arm.commanded_tool_pose, off)
+        motion = arm.begin(arm.time_path(rows, _LOWERING), may_touch=True, compliant=True)
+        while not motion.done:
+            yield 0.85
+            arm.check()
 
 
 def _raised(pose: Pose, height: float) -> Pose:

@@ -384,6 +384,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("place", "DROPPED"): Trial(PLACE, deeds=((4.9, steals("cube")),), moves=True),
     ("regrasp", "NOT_HELD"): Trial({"regrasp": {}}, {"before": ()}),
     ("regrasp", "OUT_OF_REACH"): Trial({"regrasp": {"approach": [0, 0, 1]}}, moves=True),
+    ("regrasp", "NOT_REACHED"): Trial(
+        {"regrasp": {"at": {"xyz": [0.35, -0.45, 0.4205]}}}, moves=True
+    ),
     ("regrasp", "NO_CONTACT"): Trial({"regrasp": {"at": {"xyz": [0.35, -0.45, 0.5]}}}, moves=True),
     ("regrasp", "NOT_OPEN"): Trial(AGAIN, deeds=((5.0, jams),), moves=True),
     ("regrasp", "NOT_GRASPED"): Trial(AGAIN, deeds=((10.0, steals("cube")),), moves=True),
