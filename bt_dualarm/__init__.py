@@ -72,8 +72,6 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.following_error import FollowingError as FollowingError
     from bt_dualarm.skill.grasp_search import WantedGrasp as WantedGrasp
     from bt_dualarm.skill.grasp_search import grasps_on as grasps_on
-    from bt_dualarm.skill.grasp_way import WayToGrasp as WayToGrasp
-    from bt_dualarm.skill.grasp_way import first_way as first_way
     from bt_dualarm.skill.grip import Grip as Grip
     from bt_dualarm.skill.guarded_descent import guarded_descent as guarded_descent
     from bt_dualarm.skill.held_through import held_through as held_through
@@ -205,8 +203,6 @@ _CONTENTS: Final = {
     "WantedGrasp": "skill.grasp_search:WantedGrasp",
     "grasps_on": "skill.grasp_search:grasps_on",
     "RankedGrasp": "motion.grasping.ranking:RankedGrasp",
-    "WayToGrasp": "skill.grasp_way:WayToGrasp",
-    "first_way": "skill.grasp_way:first_way",
     "Grip": "skill.grip:Grip",
     "held_through": "skill.held_through:held_through",
     "guarded_descent": "skill.guarded_descent:guarded_descent",

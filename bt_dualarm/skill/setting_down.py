@@ -56,13 +56,10 @@ class SettingDown:
         self._in_tool = arm.robot.tool.inverse @ held.relative
 
     def through(self, goal: Pose) -> Generator[float | None, None, Pose]:
-        """Plan all of it before moving; lower until it touches; open; go back.
+        """Lower it to a pose in the world, until it touches; open; go back.
 
         Yields the progress once a tick; returns the pose in the world at which it was let go, by
         what the arm believes.
-
-        Args:
-            goal: Pose in the world at which it is to stand.
 
         Raises:
             Failure: ``NO_CONTACT``, ``NOT_REACHED``, ``NOT_OPEN``, ``SLIPPED``, ``DROPPED``; what
@@ -93,8 +90,7 @@ class SettingDown:
     def _lower(self, tool: Pose, grip: Grip) -> Iterator[float | None]:
         """Go down until the ground is felt, and press no harder on it."""
         arm, ports = self._arm, self._ports
-        low = _raised(tool, _FREE_M)
-        way = arm.line(arm.commanded_tool_pose, low)
+        way = arm.line(arm.commanded_tool_pose, _raised(tool, _FREE_M))
         for progress in arm.follow(arm.time_path(way, _LOWERING * ports.speed)):
             yield 0.5 + 0.1 * progress
             grip.look()

@@ -58,8 +58,7 @@ class Taking:
         Yields the progress once a tick; returns the grasp by which it was taken.
 
         Raises:
-            Failure: ``OUT_OF_REACH`` before anything moves; ``NOT_GRASPED``, ``SLIPPED`` or
-                ``DROPPED`` by what is sensed; what motions raise.
+            Failure: ``OUT_OF_REACH`` before it moves; ``NOT_GRASPED``, ``SLIPPED``, ``DROPPED``.
         """
         arm, ports, wanted = self._arm, self._ports, self._wanted
         yield from self._open()

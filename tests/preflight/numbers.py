@@ -152,6 +152,15 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
             "approach": [0, 0, -1],
         },
     ),
+    "regrasp": (
+        {
+            "object": "cube",
+            "most_force": 60.0,
+            "force": 40.0,
+            "mass": 0.3,
+            "approach": [0, 0, -1],
+        },
+    ),
     "open_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),
     "close_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),
     "release": ({"width": 0.02, "speed": 0.05},),
