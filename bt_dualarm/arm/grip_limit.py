@@ -12,6 +12,7 @@ from bt_dualarm.motion.setpoints.time_scaling import at_scale
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.attachments import Attachment
+from bt_dualarm.world.grippers.gripper import Gripper
 from bt_dualarm.world.nominal.nominal_load import NominalLoad
 from bt_dualarm.world.world import World
 
@@ -66,6 +67,21 @@ def force_for(world: World, held: Attachment, load: NominalLoad, shake: float) -
     mass = load.mass + load.mass_doubt
     ways = shake * SHAKEN_WAYS
     return _Grip(world, held, load).needs(mass, np.broadcast_to(turn, (len(ways), 3, 3)), ways)
+
+
+def least_force(page: Gripper, friction: float, load: NominalLoad) -> float:
+    """Least force of each pad, or of a cup, that holds a load at rest, with some in hand, N.
+
+    Its mass counts alone: where its centre is, nobody knows well who has weighed it.
+
+    Args:
+        page: Page of the gripper.
+        friction: Coefficient of friction.
+        load: What is held; 0 is the answer where no mass is known.
+    """
+    weight = -_GRAVITY[2] * (load.mass or 0.0)
+    share = 2.0 * friction if page.fingers else 1.0
+    return float(IN_HAND * weight / max(share, 1e-9))
 
 
 def at_pace(motion: Trajectory, pace: float) -> Trajectory:

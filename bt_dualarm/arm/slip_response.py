@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from bt_dualarm.arm.grip_limit import force_for
+from bt_dualarm.arm.grip_limit import force_for, least_force
 from bt_dualarm.arm.hold_signs import LOST_S, gives, is_lost, leaks
 from bt_dualarm.arm.pull_sense import JointSense, PadSense
 from bt_dualarm.arm.state import ArmState
@@ -108,7 +108,7 @@ class SlipResponse:
         weighed = [one for one in self._loads if one.object == held.object and not one.is_told]
         for load in weighed:
             most = min(hardware.gripper.force.most, held.most_force)
-            if force_for(self._arm.world, held, load, 0.0) > most:
+            if least_force(hardware.gripper, self._friction, load) > most:
                 self._too_heavy = _too_heavy(load, most)
                 return
             needed = min(force_for(self._arm.world, held, load, _SHAKE), most)
