@@ -45,7 +45,11 @@ class _What(PortModel):
         None, "extent along its z axis; by default the width", unit="m", ge=1e-3, le=1
     )
     friction: float | None = port(
-        None, "its coefficient of sliding friction; by default 0.5", gt=0, le=10
+        None,
+        "sliding friction of it; by default 0.5",
+        unit="times the pressure",
+        gt=0,
+        le=10,
     )
 
 
