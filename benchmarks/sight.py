@@ -134,9 +134,12 @@ def pick(number: int, reality: str, seed: int, text: str) -> tuple[str, str]:
         f"  cube: {{shape: {one['shape']}, size: {size}, mass: 0.1, color: {color}, "
         f"pose: {{xyz: [{x:.5f}, {y:.5f}, {height(one):.5f}], rpy: [0, 0, {turn:.3f}]}}}}\n\n"
     )
-    file = text.replace(old, new).replace("0.427]", f"{height(one) + 0.002:.5f}]")
+    put = f"at: {{xyz: [{PUT[0]:.2f}, {PUT[1]:.2f}, "
+    if f"{put}0.425]" not in text:
+        raise ValueError(f"{TREE.name} places its cube elsewhere than {put}0.425]")
+    file = text.replace(old, new).replace(f"{put}0.425]", f"{put}{height(one):.5f}]")
     if number % 2:
-        file = file.replace("robot: panda", "robot: ur5")
+        file = file.replace("robot: panda", "robot: ur5").replace("panda_hand", "robotiq_2f85")
     with bt.open(file, seed=seed + number, renderer="ray", reality=reality) as run:
         result = run.finish()
         place = run.world.object_pose("cube").position
