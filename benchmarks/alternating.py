@@ -54,8 +54,13 @@ class Cost(NamedTuple):
     outcome: str
 
 
-def cost(checkout: Path, tree: str) -> Cost:
+def cost(checkout: Path, tree: str, compiled: str) -> Cost:
     """Run a tree of a checkout in a process of its own.
+
+    Args:
+        checkout: Folder with a state of the project.
+        tree: Name of the tree.
+        compiled: Folder for Python's byte code, which an installation has, too.
 
     Raises:
         subprocess.CalledProcessError: It could not be run.
@@ -63,11 +68,16 @@ def cost(checkout: Path, tree: str) -> Cost:
     done = subprocess.run(
         [sys.executable, "-c", _RUN, str(checkout / "trees" / f"{tree}.yaml")],
         cwd=checkout,
-        env=os.environ | {"PYTHONPATH": str(checkout)},
+        env=_environment(checkout, compiled),
         stdout=subprocess.PIPE,
         check=True,
     )
     return Cost(*json.loads(done.stdout.splitlines()[-1]))
+
+
+def _environment(checkout: Path, compiled: str) -> dict[str, str]:
+    given = os.environ | {"PYTHONPATH": str(checkout), "PYTHONPYCACHEPREFIX": compiled}
+    return {name: value for name, value in given.items() if name != "PYTHONDONTWRITEBYTECODE"}
 
 
 @contextmanager
@@ -92,13 +102,13 @@ def main() -> None:
     parser.add_argument("--tree", default="pick_and_track")
     parser.add_argument("--pairs", type=int, default=6)
     arguments = parser.parse_args()
-    with checkout_of(arguments.before) as before:
+    with checkout_of(arguments.before) as before, tempfile.TemporaryDirectory() as compiled:
         for state in (before, ROOT):
-            cost(state, arguments.tree)
+            cost(state, arguments.tree, compiled)
         pairs = []
         for number in range(arguments.pairs):
             order = (before, ROOT) if number % 2 == 0 else (ROOT, before)
-            found = {state: cost(state, arguments.tree) for state in order}
+            found = {state: cost(state, arguments.tree, compiled) for state in order}
             pairs.append((found[before], found[ROOT]))
             report(f"pair {number + 1}", *pairs[-1])
     whole = median(old.whole_s / new.whole_s for old, new in pairs)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.trial import Trial
+from bt_dualarm.kernels.cubic_spline import CubicSpline
 from bt_dualarm.vision.estimate import TargetEstimate
 from bt_dualarm.vision.motion_model import MotionModel
 

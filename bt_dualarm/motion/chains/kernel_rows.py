@@ -7,7 +7,13 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple, TypeAlias
 
+import numpy as np
+import numpy.typing as npt
+
 from bt_dualarm.pose import Vector
+
+Stack: TypeAlias = npt.NDArray[np.float64]
+"""Matrices, one behind the other."""
 
 Triple: TypeAlias = tuple[float, float, float]
 """A vector of the world: numbers that stay in registers."""
@@ -27,7 +33,7 @@ ROTOR: Final = 19
 """Inertia of the rotor, kg m²."""
 LINK: Final = 20
 
-# Rows of the limits of joints, of shape (5, dof).
+# Rows of the limits of joints, of shape (LIMITS, dof).
 LOWER: Final = 0
 UPPER: Final = 1
 """Positions, rad."""
@@ -35,6 +41,7 @@ MOST_VELOCITY: Final = 2
 MOST_ACCELERATION: Final = 3
 MOST_JERK: Final = 4
 """Rates, rad/s, rad/s², rad/s³."""
+LIMITS: Final = 5
 ROUNDING: Final = 1e-6
 """In rad, and as a share of a rate's limit: floating point, not motion."""
 
@@ -92,19 +99,37 @@ TORQUE: Final = 17
 """Torques of the motors."""
 MADE_UP: Final = 18
 """Torques that make up for what disturbs it: all of it, or what was there for some time."""
-STATE: Final = 19
+WANTED_Q: Final = 19
+WANTED_V: Final = 20
+WANTED_A: Final = 21
+"""The set-point that is wanted; it is sent if it keeps the limits."""
+UNTOUCHED: Final = 22
+"""External torques while nothing was touched."""
+STATE: Final = 23
 
 # What is told of the joints besides, of shape (TOLD,).
 FASTEST: Final = 0
 """Largest speed, as a share of what the joint can do."""
 BEHIND: Final = 1
 """Largest distance from the set-point, rad."""
-TOLD: Final = 2
+PRESSED: Final = 2
+"""Square of how much external torques differ from those while nothing was touched, (N m)²."""
+TOLD: Final = 3
 
 # How a torque came out.
 FINE: Final = 0
 SATURATED: Final = 1
 NO_NUMBER: Final = 2
+BENT: Final = 3
+"""There is none: the set-point does not keep the limits."""
+
+# Which set-point is handed over; bits.
+READS: Final = 1
+"""The encoders' reading is to be taken up with it."""
+IS_NEW: Final = 2
+"""The arm is another one than in the period before."""
+KEEPS: Final = 4
+"""It is known to keep the limits."""
 
 
 class Law(NamedTuple):

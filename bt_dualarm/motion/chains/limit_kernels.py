@@ -12,6 +12,7 @@ from bt_dualarm.motion.chains.kernel_rows import (
     MOST_VELOCITY,
     ROUNDING,
     UPPER,
+    Stack,
 )
 from bt_dualarm.pose import Matrix
 
@@ -111,3 +112,27 @@ def turn_and_stop(limits: Matrix, i: int, v: float, a: float, seconds: float) ->
     speed = min(abs(v) + most * seconds, fast) + 0.5 * most * fade
     turn: float = speed * (seconds + fade + 0.5 * speed / brisk + 0.5 * brisk / jerk)
     return turn
+
+
+@kernel
+def within(scaled: Stack, dt: float, more: float, limits: Matrix) -> bool:
+    """Whether set-points keep the limits, one by one and from each to the next.
+
+    Args:
+        scaled: Positions, velocities, accelerations, of shape (3, n, dof), of a motion.
+        dt: Seconds from one to the next.
+        more: What the limits are multiplied by, for rounding.
+        limits: Limits of velocity, acceleration, jerk, of shape (3, dof), rad/s, rad/s², rad/s³.
+    """
+    v, a = scaled[1], scaled[2]
+    for i in range(len(v)):
+        for j in range(v.shape[1]):
+            brisk = limits[1, j]
+            if not (abs(v[i, j]) <= limits[0, j] * more and abs(a[i, j]) <= brisk * more):
+                return False
+            if i and not (
+                abs(v[i, j] - v[i - 1, j]) <= brisk * dt * more
+                and abs(a[i, j] - a[i - 1, j]) <= limits[2, j] * dt * more
+            ):
+                return False
+    return True

@@ -92,8 +92,7 @@ class BoundingSpheres:
             second: ``centers`` after it.
             turn: Turn of each joint, of shape (dof,), rad.
         """
-        way = np.sqrt(((second - first) ** 2).sum(axis=1))
-        return float((way + self._bounds * (self._turned @ np.abs(turn))).max())
+        return float(kernels().moved(first, second, self._bounds, self._turned, turn))
 
     def _reach(self, last: list[int | None]) -> tuple[float, Vector]:
         """Span and spans, from the last joint that moves each sphere, None for the base's."""
@@ -130,6 +129,8 @@ def bound_something() -> None:
     kernels().farthest(np.ones((1, 1)), np.ones(1))
     kernels().reach(np.ones((1, 1)), np.ones(1), 1.0)
     kernels().nearest(spheres, spheres)
+    places = np.ones((1, 3))
+    kernels().moved(places, places, np.ones(1), np.ones((1, 1)), np.ones(1))
 
 
 def _spheres(model: mujoco.MjModel, geom: int) -> Matrix:

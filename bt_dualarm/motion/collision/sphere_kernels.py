@@ -99,3 +99,25 @@ def nearest(first: Matrix, second: Matrix) -> float:
                 square += (first[i, k] - second[j, k]) ** 2
             least = min(least, math.sqrt(square) - first[i, 3] - second[j, 3])
     return least
+
+
+@kernel
+def moved(first: Matrix, second: Matrix, bounds: Vector, turned: Matrix, turn: Vector) -> float:
+    """How far any point of some shapes has moved at most on a short way, m.
+
+    Args:
+        first: Centres of the shapes before it, of shape (n, 3), m.
+        second: Centres after it, likewise.
+        bounds: Radii of the shapes, of shape (n,), m.
+        turned: Whether a joint turns a shape, 1 or 0, of shape (n, dof).
+        turn: Turn of each joint, of shape (dof,), rad.
+    """
+    most = 0.0
+    for i in range(len(bounds)):
+        square, angle = 0.0, 0.0
+        for k in range(3):
+            square += (second[i, k] - first[i, k]) ** 2
+        for j in range(len(turn)):
+            angle += turned[i, j] * abs(turn[j])
+        most = max(most, math.sqrt(square) + bounds[i] * angle)
+    return most

@@ -7,11 +7,14 @@ import numpy as np
 from bt_dualarm.errors import DivergenceError
 from bt_dualarm.motion.chains.compliance import Compliance
 from bt_dualarm.motion.chains.kernel_rows import (
+    BENT,
     DISTURBING,
     DRIVING,
+    IS_NEW,
+    KEEPS,
     NO_NUMBER,
+    READS,
     SATURATED,
-    SENT_A,
     SENT_Q,
     SENT_V,
     SPEED,
@@ -19,6 +22,9 @@ from bt_dualarm.motion.chains.kernel_rows import (
     TOLD,
     TORQUE,
     TREMOR,
+    WANTED_A,
+    WANTED_Q,
+    WANTED_V,
 )
 from bt_dualarm.motion.chains.links import links_of
 from bt_dualarm.motion.control.collision_watch import CollisionWatch
@@ -27,7 +33,9 @@ from bt_dualarm.motion.control.law import joints_of, law_of
 from bt_dualarm.motion.control.momentum_observer import MomentumObserver
 from bt_dualarm.motion.control.state_observer import StateObserver
 from bt_dualarm.motion.control.weighing import Weighing
+from bt_dualarm.motion.setpoints.limiter import SetPointLimiter
 from bt_dualarm.motion.setpoints.set_point import SetPoint
+from bt_dualarm.motion.setpoints.stopping_distance import limit_rows
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.nominal.nominal_load import NominalLoad
 from bt_dualarm.world.world import World
@@ -40,7 +48,8 @@ class ComputedTorque:
     Siciliano et al., Robotics, 8.5.2; d is the acceleration by which the arm does otherwise than
     its model, see `StateObserver`), within the joints' efforts. Dynamics are those of the nominal
     arm with what it holds, friction is what its page says of the velocity that is meant. All of it,
-    the observer's part too, is worked out in one call of machine code (`torque_kernels`).
+    the observer's part and the look at the limits too, is worked out in one call of machine code
+    (`follow_kernels`).
 
     Args:
         world: World that the arm is in.
@@ -59,10 +68,10 @@ class ComputedTorque:
     """
 
     def __init__(self, world: World, arm: str, period: float) -> None:
+        from bt_dualarm.motion.chains.follow_kernels import follow
         from bt_dualarm.motion.chains.law_kernels import numbers_of
-        from bt_dualarm.motion.chains.torque_kernels import drive
 
-        self._drive = drive
+        self._follow = follow
         self.saturated = 0
         self._name = arm
         self._hardware, self._nominal = world.hardware[arm], world.nominal[arm]
@@ -77,8 +86,10 @@ class ComputedTorque:
         dof = len(self._hardware.q)
         self._state, self._inertias = np.zeros((STATE, dof)), np.zeros((2, dof, dof))
         state = self._state  # views of rows: looking one up costs as much as filling it
-        self._sent = state[SENT_Q], state[SENT_V], state[SENT_A]
+        state[SENT_Q] = self._hardware.q
+        self._wanted = state[WANTED_Q], state[WANTED_V], state[WANTED_A]
         self._speed, self._torque, self.told = state[SPEED], state[TORQUE], np.zeros(TOLD)
+        self._limits, self._drives = limit_rows(world.robots[arm].limits), self._hardware.drives
         self.observer = StateObserver(law, state, self._hardware.q)
         self.touch = MomentumObserver(state, self._inertias[0])
         minds, friction = world.declared_arms[arm].collision, self._nominal.friction
@@ -93,40 +104,70 @@ class ComputedTorque:
         drift: Vector = self._state[SENT_V] + self._state[TREMOR]
         return drift
 
-    def command(self, sent: SetPoint, time: float) -> None:
-        """Command the torques for a set-point.
+    def command(self, sent: SetPoint, time: float) -> SetPoint:
+        """Command the torques for a set-point that keeps the limits of the arm; returns it.
 
         Raises:
             DivergenceError: A torque is not a number.
         """
+        return self._command(sent, None, time)
+
+    def send(self, wanted: SetPoint, limiter: SetPointLimiter, time: float) -> SetPoint:
+        """Command the torques for a set-point, bent where it does not keep the limits.
+
+        Args:
+            wanted: Set-point that may break them.
+            limiter: Gate of the arm, which has let all set-points so far pass.
+            time: Simulated time in s.
+
+        Returns:
+            The set-point that was sent.
+
+        Raises:
+            DivergenceError: A torque is not a number.
+        """
+        if self._weighing is None:  # who weighs wants to know what is sent before it is
+            return self._command(wanted, limiter, time)
+        return self._command(limiter.bend(wanted), None, time)
+
+    def _command(self, sent: SetPoint, limiter: SetPointLimiter | None, time: float) -> SetPoint:
+        """Without a limiter it is known to keep the limits."""
         if self._held is not self._nominal.loads:
             self._take_up(self._nominal.loads, grace=True)
-        hardware, (q, v, a) = self._hardware, self._sent
+        hardware, (q, v, a) = self._hardware, self._wanted
         reads = self.observer.take(hardware.q)
         if self._weighing is not None:
             reads = self._weigh(self._weighing, sent, reads=reads)
         q[:], v[:], a[:], self._speed[:] = sent.q, sent.v, sent.a, hardware.v
-        is_new, self.touch.is_new = self.touch.is_new, False
         self.compliance.advance()
-        outcome = self._drive(
-            self._law,
-            self._links,
-            self._joints,
-            self._inertias,
-            reads,
-            is_new,
-            self._state,
-            self.told,
-        )
+        how = READS * reads | IS_NEW * self.touch.is_new | KEEPS * (limiter is None)
+        outcome = self._call(how)
+        if outcome == BENT and limiter is not None:
+            sent = limiter.bent(sent)
+            q[:], v[:], a[:] = sent.q, sent.v, sent.a
+            outcome = self._call(how | KEEPS)
+        self.touch.is_new = False
         if outcome == NO_NUMBER:
-            raise DivergenceError(
-                f"the simulation diverged at {time:.3f} s: "
-                f"the torques of {self._name} are no numbers"
-            )
+            what = f"the torques of {self._name} are no numbers"
+            raise DivergenceError(f"the simulation diverged at {time:.3f} s: {what}")
         self.saturated += outcome == SATURATED
         if self.hits is not None:
             self.was_hit = self.hits.take(self._inertias[0], sent, self._state[DISTURBING].copy())
-        hardware.command(self._torque.copy())
+        hardware.was_commanded(self._torque.copy())
+        return sent
+
+    def _call(self, how: int) -> int:
+        return self._follow(
+            self._law,
+            self._limits,
+            self._links,
+            self._joints,
+            self._inertias,
+            self._drives,
+            how,
+            self._state,
+            self.told,
+        )
 
     def _weigh(self, weighing: Weighing, sent: SetPoint, *, reads: bool) -> bool:
         """Learn what the arm holds; what that changes, no joint feels.

@@ -54,9 +54,7 @@ class JointController:
         reservations.withdraw(name)
         self.period = period
         self.fault: BaseException | None = None
-        self._world = world
-        self._name = name
-        self._robot = world.robots[name]
+        self._world, self._robot = world, world.robots[name]
         self._hardware, self._nominal = world.hardware[name], world.nominal[name]
         self._limiter = SetPointLimiter(self._robot.limits, period, world.hardware[name].q)
         self._motion: SetPointSource | None = None
@@ -166,23 +164,20 @@ class JointController:
         Raises:
             DivergenceError: A torque is not a number.
         """
+        guard, limiter = self._guard, self._limiter
         if self._motion is not None and self._motion is self._followed:
-            self._heed(self._guard.look(self._motion, self.setpoint, time))
-        sent = self._limiter.bend(self._wanted(time))
-        if isinstance(self._motion, StreamSource):
-            refusal = self._guard.permits(self._motion, sent, time)
+            self._heed(guard.look(self._motion, limiter.sent, time))
+        wanted = self._wanted(time)
+        if isinstance(self._motion, StreamSource) and not guard.is_free(time):
+            sent = limiter.bend(wanted)
+            refusal = guard.permits(self._motion, sent, time)
             if refusal is not None:
                 self._heed(refusal)
-                sent = self._limiter.bend(self._wanted(time))
-        self._limiter.sent = sent
-        self._torque.command(sent, time)
-        pressed = self._force.look()
-        if pressed is not None:  # by a link: no force is allowed
-            self._heed(self._guard.touch() or pressed)
-        fastest, behind = self._torque.told.tolist()
-        self._watch_speed(fastest)
-        if self._motion is not None:
-            self._watch(behind)
+                sent = limiter.bend(self._wanted(time))
+            limiter.sent = self._torque.command(sent, time)
+        else:
+            limiter.sent = self._torque.send(wanted, limiter, time)
+        self._watch(*self._torque.told.tolist())
 
     def _heed(self, refusal: Failure | None) -> None:
         """Give up the motion if the guard says so."""
@@ -222,15 +217,19 @@ class JointController:
             self.fault = too_fast(self._robot, np.abs(self._hardware.v) / self._torque.top_speed)
             self.stop()
 
-    def _watch(self, behind: float) -> None:
-        """Give up a motion whose set-points are so many rad ahead of the arm, or that was hit."""
+    def _watch(self, fastest: float, behind: float, square: float) -> None:
+        """Give up what presses, is too fast, that many rad behind, or was hit, see `told`."""
+        pressed = self._force.look(square)
+        if pressed is not None:  # by a link: no force is allowed
+            self._heed(self._guard.touch() or pressed)
+        self._watch_speed(fastest)
+        if self._motion is None:
+            return
         if behind > LEFT_BEHIND and self.fault is None:
             self.fault = left_behind(self._robot, self.setpoint.q - self._hardware.q)
             self._give_in(self._hardware.q)
-        hits = self._torque.hits
-        if hits is None or not self._torque.was_hit or self._may_touch:
-            return
-        if self._motion is self._followed:
+        hits, minds = self._torque.hits, not self._may_touch
+        if hits is not None and self._torque.was_hit and minds and self._motion is self._followed:
             jacobian = self._nominal.tool_jacobian_at(self._hardware.q)[:3]
             self._heed(hit(self._robot, hits, jacobian))
 

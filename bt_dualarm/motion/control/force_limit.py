@@ -51,22 +51,26 @@ class ForceLimit:
         self._hardware, self._nominal = world.hardware[arm], world.nominal[arm]
         self._limit_n = world.declared_arms[arm].force_limit
         self._little = (0.5 * _WEAK * self._limit_n) ** 2
-        self._untouched = touch.torque
         self._told = False
         self._generation = -1
 
-    def look(self) -> ForceFailure | None:
-        """``FORCE_LIMIT`` if the arm has begun to press harder than it may."""
-        if self._touch.square_since(self._untouched) < self._little:
+    def look(self, square: float) -> ForceFailure | None:
+        """``FORCE_LIMIT`` if the arm has begun to press harder than it may.
+
+        Args:
+            square: Square of what `MomentumObserver.since` says, (N m)².
+        """
+        if square < self._little:
             self._told = False
             return None
-        since = self._touch.torque - self._untouched
+        since = self._touch.since
         if self._generation != self._world.generation:
             self._generation = self._world.generation
             self._contacts = OutsideContacts(self._world, self._arm)
         touching = self._contacts.deepest()
         if touching is None:
-            self._untouched, self._told = self._touch.torque, False
+            self._touch.untouched()
+            self._told = False
             return None
         force_n = float(np.linalg.norm(wrench_of(self._nominal, self._hardware.q, since)[:3]))
         told, self._told = self._told, force_n > self._limit_n

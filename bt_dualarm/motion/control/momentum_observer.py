@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bt_dualarm.motion.chains.kernel_rows import DISTURBING, EXTERNAL
+from bt_dualarm.motion.chains.kernel_rows import DISTURBING, EXTERNAL, UNTOUCHED
 from bt_dualarm.pose import Matrix, Vector
 
 
@@ -28,6 +28,7 @@ class MomentumObserver:
         self.is_new = True
         self.inertia = inertia
         self._torque, self._disturbing = state[EXTERNAL], state[DISTURBING]
+        self._untouched = state[UNTOUCHED]
 
     @property
     def torque(self) -> Vector:
@@ -44,10 +45,15 @@ class MomentumObserver:
         torque: Vector = self._disturbing.copy()
         return torque
 
-    def square_since(self, before: Vector) -> float:
-        """Square of how much external torques differ from others, of shape (dof,), N m: (N m)²."""
-        since = self._torque - before
-        return float(since.dot(since))
+    @property
+    def since(self) -> Vector:
+        """By how much external torques differ from those while nothing was touched, (dof,), N m."""
+        since: Vector = self._torque - self._untouched
+        return since
+
+    def untouched(self) -> None:
+        """Say that nothing is touched: what there is now is friction, or a mass that is off."""
+        self._untouched[:] = self._torque
 
     def forget(self) -> None:
         """Begin anew: the arm weighs something else now."""

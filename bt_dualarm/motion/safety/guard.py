@@ -99,6 +99,10 @@ class ArmGuard:
         contact = self._touch.unwanted()
         return None if contact is None else self.report.given_up(contact)
 
+    def is_free(self, time: float) -> bool:
+        """Whether a stream may do what it likes at a simulated time in s: nobody need ask."""
+        return time < self._free_until
+
     def permits(self, motion: StreamSource, wanted: SetPoint, time: float) -> Failure | None:
         """Let a stream's set-point pass; or returns why the stream must be given up.
 
@@ -107,7 +111,7 @@ class ArmGuard:
             wanted: Set-point, within the arm's limits.
             time: Simulated time in s of it.
         """
-        if time < self._free_until:
+        if self.is_free(time):
             return None
         free = self._rule.leave_alone(wanted, time, self._waits)
         self._free_until = time + free - 1e-9

@@ -57,10 +57,12 @@ class SetPointLimiter:
         sent, last, asked = self.sent, self._last, self._wanted
         last[0], last[1], last[2] = sent.q, sent.v, sent.a
         asked[0], asked[1], asked[2] = wanted.q, wanted.v, wanted.a
-        if not self._keep(self._rows, self._period, last, asked):
-            self.clipped += 1
-            wanted = self._bent(wanted)
-        return wanted
+        return wanted if self._keep(self._rows, self._period, last, asked) else self.bent(wanted)
+
+    def bent(self, wanted: SetPoint) -> SetPoint:
+        """As ``bend``, of one that is known not to keep the limits."""
+        self.clipped += 1
+        return self._bent(wanted)
 
     def _within(self, wanted: SetPoint) -> Flags:
         """Which limits are kept from the last set-point to this one, of shape (5, dof)."""

@@ -192,15 +192,16 @@ def _lost(off: float, *turn: float) -> Failure:
 
 def follow_something() -> None:
     """Have all kernels of set-points compiled."""
-    from bt_dualarm.motion.chains.limit_kernels import can_stop, keep, stopping_way, turn_and_stop
+    from bt_dualarm.motion.chains import limit_kernels as limiting
     from bt_dualarm.motion.setpoints.following_kernels import jerk_bandwidth
     from bt_dualarm.motion.setpoints.servo_kernels import answer, look
 
     work, seen, state = np.ones((WORK, 1)), np.ones(SEEN), np.ones((3, 1))
     look(np.ones((1, LINK)), np.ones((3, 12)), np.ones((3, 3)), 1.0, work, seen)
     answer(1.0, 1.0, 1.0, 1.0, True, np.ones((3, 2)), work, seen, state)
-    keep(work[:5].copy(), 1.0, state, state)
-    can_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
-    stopping_way(1.0, 1.0, 1.0, 1.0)
-    turn_and_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
+    limiting.keep(work[:5].copy(), 1.0, state, state)
+    limiting.can_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
+    limiting.stopping_way(1.0, 1.0, 1.0, 1.0)
+    limiting.turn_and_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
     jerk_bandwidth(1.0, 1.0)
+    limiting.within(np.ones((3, 1, 1)), 1.0, 1.0, state)

@@ -13,10 +13,11 @@ import numpy as np
 import ruckig
 
 from bt_dualarm.errors import Failure
+from bt_dualarm.motion.chains.kernel_rows import Stack
 from bt_dualarm.motion.timing.law import Rows, SetPoints
 from bt_dualarm.motion.timing.point_to_point import stop
 from bt_dualarm.motion.timing.ruckig_solver import answer
-from bt_dualarm.motion.timing.trajectory import Trajectory, joined
+from bt_dualarm.motion.timing.trajectory import LongTrajectory, Trajectory, joined
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.robots.robot import JointLimits
 
@@ -29,6 +30,7 @@ _AHEAD_S = 0.4  # planned seconds whose speeds bound the change
 _RUN_OUT_S = 0.8  # a motion that ends sooner need not be stopped before
 _JERK_SHARE = 0.9  # of the limit: rounding to the grid takes some
 
+_SPARSE = 8.0  # set-points from one that is asked for to the next: far apart, they come one by one
 _ROUNDING = 1.0 + 1e-6
 
 
@@ -79,9 +81,9 @@ def change_scale(
             parameters = _profile(begin, scale, (rate / longer, jerk / longer**2), motion.dt)
         except Failure:  # where Ruckig finds no root it may find one for a slower change
             continue
-        piece = ScaledPiece(parameters, sampled_at(motion, parameters), scale)
-        if _within(piece.motion, limits):
-            return piece
+        rows = _sampled(motion, parameters)
+        if _within(rows, motion.dt, limits):
+            return ScaledPiece(parameters, Trajectory(motion.dt, *rows), scale)
     return None
 
 
@@ -102,35 +104,19 @@ def keep_scale(motion: Trajectory, begin: PathParameter, count: int) -> Matrix:
     return parameters
 
 
-def advance(
+def to_rest_after(
     motion: Trajectory, begin: PathParameter, scale: float, count: int, limits: JointLimits
 ) -> ScaledPiece | None:
-    """The next ``count`` set-points, changing to a time scale.
+    """The next ``count`` set-points, changing to a time scale, then to rest on the path.
 
-    Where the time scale cannot change, it is kept; None where it is changing and cannot change
-    back.
+    Where the time scale cannot change, it is kept. Near its end a motion rests soonest at its end.
+    None where it is changing and cannot change back, and where it takes too long to rest.
     """
-    change = None
-    if begin.scale != scale or begin.change:
-        change = change_scale(motion, begin, scale, limits)
-        if change is None and begin.change:
-            return None
-    if change is None:
-        parameters, scale = keep_scale(motion, begin, count), begin.scale
-    else:
-        parameters, scale = change.parameters[: count + 1], change.goal
-        last = PathParameter(*parameters[-1].tolist())
-        more = count + 1 - len(parameters)
-        parameters = np.vstack((parameters, keep_scale(motion, last, more)[1:]))
-    return ScaledPiece(parameters, sampled_at(motion, parameters), scale)
-
-
-def stop_after(motion: Trajectory, piece: ScaledPiece, limits: JointLimits) -> ScaledPiece | None:
-    """The same piece, then to rest on the path; None where that takes too long.
-
-    Near its end a motion rests soonest at its end.
-    """
-    last = PathParameter(*piece.parameters[-1].tolist())
+    ahead = _advance(motion, begin, scale, count, limits)
+    if ahead is None:
+        return None
+    parameters, goal = ahead
+    last = PathParameter(*parameters[-1].tolist())
     change = change_scale(motion, last, 0.0, limits)
     if change is not None:
         tail = change.parameters
@@ -139,8 +125,25 @@ def stop_after(motion: Trajectory, piece: ScaledPiece, limits: JointLimits) -> S
         if last.change or steps > round(_RUN_OUT_S / motion.dt):
             return None
         tail = keep_scale(motion, last, int(np.ceil(steps)))
-    whole = np.vstack((piece.parameters, tail[1:]))
-    return ScaledPiece(whole, sampled_at(motion, whole), piece.goal)
+    whole = np.vstack((parameters, tail[1:]))
+    return ScaledPiece(whole, sampled_at(motion, whole), goal)
+
+
+def _advance(
+    motion: Trajectory, begin: PathParameter, scale: float, count: int, limits: JointLimits
+) -> tuple[Matrix, float] | None:
+    """Path parameters of the next set-points, changing to a time scale, and the one they have."""
+    change = None
+    if begin.scale != scale or begin.change:
+        change = change_scale(motion, begin, scale, limits)
+        if change is None and begin.change:
+            return None
+    if change is None:
+        return keep_scale(motion, begin, count), begin.scale
+    parameters = change.parameters[: count + 1]
+    last = PathParameter(*parameters[-1].tolist())
+    more = count + 1 - len(parameters)
+    return np.vstack((parameters, keep_scale(motion, last, more)[1:])), change.goal
 
 
 def brake_after(
@@ -159,12 +162,20 @@ def brake_after(
 
 def sampled_at(motion: Trajectory, parameters: Matrix) -> Trajectory:
     """Set-points of a motion at path parameters, of shape (n, 3): s, time scale, its change."""
-    s, scale, change = parameters.T[:, :, None]
-    q, rate, curve = motion.sampled(s[:, 0])
-    over = s >= (len(motion) - 1) * motion.dt  # beyond the end it rests
-    v = np.where(over, 0.0, scale * rate)
-    a = np.where(over, 0.0, scale**2 * curve + change * rate)
-    return Trajectory(motion.dt, q, v, a)
+    return Trajectory(motion.dt, *_sampled(motion, parameters))
+
+
+def _sampled(motion: Trajectory, parameters: Matrix) -> Stack:
+    """The same, positions, velocities and accelerations, of shape (3, n, dof)."""
+    from bt_dualarm.motion.timing.average_kernels import scale
+
+    far = _SPARSE * len(parameters) * motion.dt
+    if isinstance(motion, LongTrajectory) and far < np.ptp(parameters[:, 0]):
+        return np.concatenate([_sampled(motion, one[None]) for one in parameters], axis=1)
+    (first, rows), count = motion.around(parameters[:, 0]), len(motion)
+    scaled = np.empty((3, len(parameters), rows[0].shape[1]))
+    scale(*rows, first, count, motion.dt, np.ascontiguousarray(parameters), scaled)
+    return scaled
 
 
 def at_scale(motion: Trajectory, scale: float) -> Trajectory:
@@ -215,11 +226,8 @@ def _profile(begin: PathParameter, scale: float, bounds: tuple[float, float], dt
     return rows
 
 
-def _within(motion: Trajectory, limits: JointLimits) -> bool:
-    dt = motion.dt
-    return bool(
-        (np.abs(motion.v) <= limits.velocity * _ROUNDING).all()
-        and (np.abs(motion.a) <= limits.acceleration * _ROUNDING).all()
-        and (np.abs(np.diff(motion.v, axis=0)) <= limits.acceleration * dt * _ROUNDING).all()
-        and (np.abs(np.diff(motion.a, axis=0)) <= limits.jerk * dt * _ROUNDING).all()
-    )
+def _within(rows: Stack, dt: float, limits: JointLimits) -> bool:
+    from bt_dualarm.motion.chains.limit_kernels import within
+
+    most = np.array((limits.velocity, limits.acceleration, limits.jerk))
+    return within(rows, dt, _ROUNDING, most)

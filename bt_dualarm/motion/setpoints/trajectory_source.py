@@ -10,12 +10,11 @@ from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.time_scaling import (
     PathParameter,
     ScaledPiece,
-    advance,
     brake_after,
     change_scale,
     keep_scale,
     sampled_at,
-    stop_after,
+    to_rest_after,
 )
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
@@ -133,8 +132,7 @@ class TrajectorySource:
 
         None where that is not possible within the limits.
         """
-        piece = advance(self.trajectory, self.parameter, scale, count, limits)
-        return None if piece is None else stop_after(self.trajectory, piece, limits)
+        return to_rest_after(self.trajectory, self.parameter, scale, count, limits)
 
     def to_brake_after(self, count: int, limits: JointLimits) -> ScaledPiece | None:
         """The next ``count`` set-points, then to rest joint by joint, wherever that leads.

@@ -1,9 +1,9 @@
-"""What an averaged motion asks of an arm's limits, from one end of it to the other."""
+"""Set-points: what those of an averaged motion ask of limits, and those at other time scales."""
 
 from __future__ import annotations
 
 from bt_dualarm.kernels.kernel import kernel
-from bt_dualarm.motion.timing.kernel_arrays import Parabolas, Spline
+from bt_dualarm.motion.timing.kernel_arrays import Parabolas, Pieces, Spline
 from bt_dualarm.pose import Matrix, Vector
 
 
@@ -104,3 +104,45 @@ def _piece(knots: Vector, at: float, near: int) -> int:
     while piece > 0 and knots[piece] > at:
         piece -= 1
     return piece
+
+
+@kernel
+def scale(
+    q: Matrix,
+    v: Matrix,
+    a: Matrix,
+    first: int,
+    count: int,
+    dt: float,
+    parameters: Matrix,
+    scaled: Pieces,
+) -> None:
+    """Enter set-points at path parameters; what is beyond the end rests.
+
+    Between set-points positions are on the cubic that meets positions and velocities (Hermite),
+    velocities and accelerations on straight lines.
+
+    Args:
+        q: Positions of the motion, or of all of it that is needed, of shape (m, dof), rad.
+        v: Velocities, likewise, rad/s.
+        a: Accelerations, likewise, rad/s².
+        first: Number of the first of them in the motion.
+        count: How many set-points the motion has.
+        dt: Seconds from one to the next.
+        parameters: s, time scale, its change, of shape (n, 3): s, 1, 1/s.
+        scaled: Takes positions, velocities, accelerations, of shape (3, n, dof).
+    """
+    for i in range(len(parameters)):
+        s, rate, change = parameters[i, 0], parameters[i, 1], parameters[i, 2]
+        place = min(max(s / dt, 0.0), count - 1.0)
+        low = min(int(place), max(count - 2, 0))
+        u, over = place - low, s >= (count - 1) * dt
+        before, after = low - first, min(low + 1, count - 1) - first
+        for j in range(q.shape[1]):
+            start, step = q[before, j], q[after, j] - q[before, j]
+            bend = (1.0 - u) * (v[before, j] * dt - step) - u * (v[after, j] * dt - step)
+            slope = v[before, j] + u * (v[after, j] - v[before, j])
+            curve = a[before, j] + u * (a[after, j] - a[before, j])
+            scaled[0, i, j] = start + u * step + u * (1.0 - u) * bend
+            scaled[1, i, j] = 0.0 if over else rate * slope
+            scaled[2, i, j] = 0.0 if over else rate * rate * curve + change * slope

@@ -116,19 +116,20 @@ class Trajectory:
         q, v, a = self.set_point(i if u < _ROUNDING else i + 1)
         return q.copy(), v.copy(), a.copy()
 
-    def sampled(self, times: Vector) -> SetPoints:
-        """Positions, velocities and accelerations at times of shape (n,), each of shape (n, dof).
+    def around(self, times: Vector) -> tuple[int, SetPoints]:  # noqa: ARG002 - all are at hand
+        """The set-points between which some times lie, in one piece.
 
-        As `at`, but what is before the beginning and after the end has the velocity and the
-        acceleration of the first and the last set-point, which need not be zero.
+        Args:
+            times: Times of shape (n,), s; before the beginning and after the end, those of the ends
+                are meant.
+
+        Returns:
+            Number of the first of them; positions, velocities, accelerations, each (m, dof).
         """
-        count = len(self)
-        index = np.clip(times / self.dt, 0.0, count - 1.0)
-        low = np.minimum(index.astype(int), max(count - 2, 0))
-        high = np.minimum(low + 1, count - 1)
-        return self._between(self.rows(low), self.rows(high), (index - low)[:, None])
+        q, v, a = map(np.ascontiguousarray, self._held)
+        return 0, (q, v, a)
 
-    def _between(self, before: SetPoints, after: SetPoints, u: float | Matrix) -> SetPoints:
+    def _between(self, before: SetPoints, after: SetPoints, u: float) -> SetPoints:
         """Between set-points and the next ones, at the share ``u`` of the way.
 
         Positions by the cubic that meets positions and velocities (Hermite), velocities and
@@ -184,6 +185,13 @@ class LongTrajectory(Trajectory):
             return self._worked_out(first, end)
         begin, block = self._block_of(first, end)
         return block.piece(first - begin, end - begin)
+
+    def around(self, times: Vector) -> tuple[int, SetPoints]:
+        """The set-points between which some times, of shape (n,), s, lie, in one piece."""
+        ends = np.clip((times.min() / self.dt, times.max() / self.dt), 0.0, len(self) - 1.0)
+        first, last = ends.astype(int).tolist()
+        first = min(first, len(self) - 2)
+        return first, self.piece(first, min(last + 2, len(self))).around(times)[1]
 
     def set_point(self, i: int) -> SetPoints:
         """Position, velocity and acceleration at a set-point, each of shape (dof,)."""

@@ -9,12 +9,12 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.pose import Vector
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.spec.reality import RealityErrors
 from bt_dualarm.world.hardware.drawn_arm import DrawnArm, stream
 from bt_dualarm.world.hardware.drives import Drives
 from bt_dualarm.world.hardware.encoders import Encoders
-from bt_dualarm.world.hardware.kernel_rows import FRICTION
+from bt_dualarm.world.hardware.kernel_rows import DRIVES, FRICTION
 from bt_dualarm.world.hardware.rubbing import Rubbing
 
 KEPT_S: Final = 0.25
@@ -132,8 +132,17 @@ class ArmHardware:
         Args:
             torque: Torques of the joints, of shape (dof,), N m, within their efforts.
         """
-        self.commanded = torque
         self._drives.command(torque)
+        self.was_commanded(torque)
+
+    @property
+    def drives(self) -> Matrix:
+        """What machine code commands the drives by, see `kernel_rows`; it then says so."""
+        return self._drives.rows
+
+    def was_commanded(self, torque: Vector) -> None:
+        """Note that the drives have been given torques, of shape (dof,), N m; see `command`."""
+        self.commanded = torque
         if self._drives.is_ideal:
             self._motors[:] = torque
 
@@ -151,7 +160,7 @@ def sense_something() -> None:
     from bt_dualarm.world.hardware import hardware_kernels as kernels
 
     one, table = np.ones(1), np.ones((FRICTION, 1))
-    kernels.difference(one, table, 1.0, table, (0, 1, 0), (1.0, 1.0), one, one, one)
+    kernels.difference(one, table, 0, 1.0, table, 0, 1, 1.0, 1.0, one, np.ones((2, 1)))
     kernels.pass_on(table, 0, one, 1.0, 1.0, one, one)
-    kernels.take_torques(one, one, one, one, one)
+    kernels.take_torques(one, np.ones((DRIVES, 1)))
     kernels.rub(table, one, one, one)

@@ -9,6 +9,7 @@ import numpy as np
 from bt_dualarm.pose import Vector
 from bt_dualarm.spec.reality import DriveErrors
 from bt_dualarm.world.hardware.encoders import kernels
+from bt_dualarm.world.hardware.kernel_rows import DRIVES, EFFORT, GAIN, PER_STEP, WANTED
 
 _FINEST = 1e-12
 """Step of a torque, as a share of the effort limit, that numbers themselves have."""
@@ -25,27 +26,31 @@ class Drives:
         gain: Factor of each joint's torque, of shape (dof,).
         effort: Effort limits, of shape (dof,), N m.
         timestep: Seconds of one physics step.
+
+    Attributes:
+        is_ideal: Whether they give what is commanded at once.
+        rows: What their kernel reads and writes, see `kernel_rows`.
     """
 
     def __init__(self, errors: DriveErrors, gain: Vector, effort: Vector, timestep: float) -> None:
         whole, self._rest = divmod(round(errors.delay / timestep, 9), 1.0)
         quantum = errors.quantum if errors.quantum > _FINEST else 0.0
+        self.rows = np.zeros((DRIVES, len(effort)))
         # What a torque is rounded in, and what it then is at the joint.
-        self._per_step = 1.0 / (quantum * effort) if quantum else np.zeros_like(effort)
-        self._gain = gain * quantum * effort if quantum else 1.0 * gain
-        self._effort = effort.copy()
+        self.rows[PER_STEP] = 1.0 / (quantum * effort) if quantum else 0.0
+        self.rows[GAIN] = gain * quantum * effort if quantum else gain
+        self.rows[EFFORT] = effort
         corner = 2 * math.pi * errors.bandwidth * timestep
         self._share = -math.expm1(-corner) if corner else 1.0
         self._sent = np.zeros((int(whole) + 2, len(effort)))
         self._newest = 0
-        self._wanted, self._asked, self._torque = np.zeros((3, len(effort)))
+        self._wanted, self._torque = self.rows[WANTED], np.zeros(len(effort))
         self._is_new = True
         self.is_ideal = not (errors.delay or corner or quantum) and bool((gain == 1).all())
 
     def command(self, torque: Vector) -> None:
         """Take up torques of shape (dof,), N m, that hold until the next."""
-        self._asked[:] = torque
-        kernels().take_torques(self._asked, self._per_step, self._gain, self._effort, self._wanted)
+        kernels().take_torques(np.array(torque, dtype=float), self.rows)
 
     def torque(self) -> Vector:
         """Torque at the joints during the next step, of shape (dof,), N m."""

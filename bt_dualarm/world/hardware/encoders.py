@@ -89,16 +89,26 @@ class Encoders:
 
     def _difference(self, q: Vector, row: int) -> None:
         """Read with a row of the noise, and take the velocity from the difference to earlier."""
-        past, kept, span, before = self._past, self._steps + 1, self._count, self.v
-        if span == kept:
+        past, rows, span, before = self._past, self._steps + 1, self._count, self.v
+        if span == rows:
             span -= 1
         self._count = span + 1
-        self._newest = newest = (self._newest + 1) % kept
-        rows, rates = (newest, (newest - span) % kept, row), (self._kept, self._rates[span])
-        self.q, self.v, self._v_before = np.empty_like(before), np.empty_like(before), before
+        self._newest = newest = (self._newest + 1) % rows
+        read = np.empty((2, len(before)))
         kernels().difference(
-            q, self._drawn, self._resolution, past, rows, rates, before, self.q, self.v
+            q,
+            self._drawn,
+            row,
+            self._resolution,
+            past,
+            newest,
+            (newest - span) % rows,
+            self._kept,
+            self._rates[span],
+            before,
+            read,
         )
+        self.q, self.v, self._v_before = read[0], read[1], before
 
 
 @cache

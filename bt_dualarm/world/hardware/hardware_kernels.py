@@ -12,10 +12,14 @@ from bt_dualarm.world.hardware.kernel_rows import (
     COULOMB,
     CREEP,
     DROP,
+    EFFORT,
+    GAIN,
     NARROW,
     OFFSET,
+    PER_STEP,
     RISE,
     VISCOUS,
+    WANTED,
 )
 
 
@@ -23,35 +27,37 @@ from bt_dualarm.world.hardware.kernel_rows import (
 def difference(
     q: Vector,
     noise: Matrix,
+    row: int,
     resolution: float,
     past: Matrix,
-    rows: tuple[int, int, int],
-    rates: tuple[float, float],
+    newest: int,
+    oldest: int,
+    kept: float,
+    rate: float,
     before: Vector,
-    read: Vector,
-    v: Vector,
+    read: Matrix,
 ) -> None:
     """Enter what encoders read into the readings of the past, and what velocities come of it.
 
     Args:
         q: Positions, of shape (dof,), rad.
         noise: Noise of readings, of shape (n, dof), rad.
+        row: Row of it that this reading has.
         resolution: Steps in which they are read, rad; 0 for none.
         past: Earlier readings, of shape (n, dof), rad.
-        rows: Row that this one takes, row that it is held against, row of its noise.
-        rates: Share of the velocities that stays, and velocity for a difference of one, 1/s.
+        newest: Row of them that this one takes.
+        oldest: Row that it is held against.
+        kept: Share of the velocities that stays.
+        rate: Velocity for a difference of one, 1/s.
         before: Velocities so far, of shape (dof,), rad/s.
-        read: Takes the readings, of shape (dof,), rad.
-        v: Takes the velocities, of shape (dof,), rad/s.
+        read: Takes readings and velocities, of shape (2, dof), rad and rad/s.
     """
-    newest, oldest, row = rows
-    kept, rate = rates
     for i in range(len(q)):
         reading = q[i] + noise[row, i]
         if resolution > 0.0:
             reading = np.rint(reading * (1.0 / resolution)) * resolution
-        past[newest, i] = read[i] = reading
-        v[i] = before[i] * kept + (reading - past[oldest, i]) * rate
+        past[newest, i] = read[0, i] = reading
+        read[1, i] = before[i] * kept + (reading - past[oldest, i]) * rate
 
 
 @kernel
@@ -85,23 +91,18 @@ def pass_on(
 
 
 @kernel
-def take_torques(
-    torque: Vector, per_step: Vector, gain: Vector, effort: Vector, wanted: Vector
-) -> None:
+def take_torques(torque: Vector, drives: Matrix) -> None:
     """Enter what motors are to give: in whole steps, with their gain, within their efforts.
 
     Args:
         torque: Torques that are commanded, of shape (dof,), N m.
-        per_step: Steps of a torque of one, of shape (dof,), 1/(N m); 0 for none.
-        gain: Torque of a step, or of one, likewise.
-        effort: Effort limits, likewise, N m.
-        wanted: Takes the torques.
+        drives: What is known of the drives, see `kernel_rows`; takes the torques.
     """
     for i in range(len(torque)):
-        asked = torque[i]
-        if per_step[i] > 0.0:
-            asked = np.rint(asked * per_step[i])
-        wanted[i] = max(min(gain[i] * asked, effort[i]), -effort[i])
+        asked, effort = torque[i], drives[EFFORT, i]
+        if drives[PER_STEP, i] > 0.0:
+            asked = np.rint(asked * drives[PER_STEP, i])
+        drives[WANTED, i] = max(min(drives[GAIN, i] * asked, effort), -effort)
 
 
 @kernel
