@@ -18,6 +18,7 @@ FIRMER: Final = 3.0
 """Factor of the force at each sign of a slip, up to what gripper and object bear."""
 
 _PAUSE_S: Final = 0.05  # from one response to the next
+_LIFT_S: Final = 0.3  # of motion after a grasp, in which what lay on something presses on the pads
 _SHAKE: Final = 8.0  # m/s²; that the grip on what was weighed is to bear, as that of `grasp`
 
 
@@ -42,6 +43,7 @@ class SlipResponse:
         self._held: Attachment | None = None
         self._friction, self._loads = 0.0, arm.payload
         self._too_heavy: Failure | None = None
+        self._lift_s = 0.0
         self._width, self._full, self._sensed_at = 0.0, 0.0, 0.0
         self.may_touch = False
         self.felt, self.felt_at = 0, -math.inf
@@ -87,7 +89,10 @@ class SlipResponse:
         if self._arm.payload is not self._loads:
             self._loads = self._arm.payload
             self._hold_what_it_weighs(held, hardware)
-        pulled = pulled or self._pads.feels(hardware, self._friction)
+        pulled = self._pads.feels(hardware, self._friction) or pulled
+        if self._lift_s > 0.0:
+            pulled = False
+            self._lift_s -= self._arm.period * bool(self._arm.setpoint.v.any())
         now, asked = self._arm.time, hardware.commanded
         if not is_lost(hardware.gripper, hardware.width, hardware.vacuum, asked.force):
             self._sensed_at = now
@@ -101,7 +106,7 @@ class SlipResponse:
         self._friction = max(hardware.gripper.friction, thing.friction)
         self._sensed_at = self._arm.time
         self._pads.forget()
-        self._too_heavy = None
+        self._too_heavy, self._lift_s = None, _LIFT_S
 
     def _hold_what_it_weighs(self, held: Attachment, hardware: GripperHardware) -> None:
         """Press more firmly if what nobody told the mass of is heavier than was reckoned with."""
