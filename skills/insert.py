@@ -21,9 +21,10 @@ from bt_dualarm import (
 )
 
 _CLEAR_M = 0.004  # above the rim, from where it is lowered
-_HOP_M = 0.0025  # by which it is raised from one place of the search to the next
+_HOP_M = 0.0015  # by which it is raised from one place of the search to the next
 _HIGH_M = 0.001  # above the rim: that was no touch
 _FALSE = 3
+_PASSES = 2  # of the search, the second between the places of the first
 _IN_M = 0.0025  # below the rim: it is in the hole
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
@@ -35,7 +36,7 @@ class Insert(Skill):
         object: ObjectName = port(..., "peg; the gripper must hold it")
         at: CarriedPose = port(..., "pose of the peg when it is all the way in")
         depth: float = port(0.03, "how deep it is in then", unit="m", ge=0.005, le=0.3)
-        radius: float = port(0.0015, "how far the hole may be off", unit="m", ge=0, le=0.02)
+        radius: float = port(0.0018, "how far the hole may be off", unit="m", ge=0, le=0.02)
         pitch: float = port(
             0.00018, "distance of neighbouring places of the search", unit="m", ge=1e-4, le=0.005
         )
@@ -94,23 +95,15 @@ class Insert(Skill):
         """Where the peg goes in: by hops, outwards in a spiral; (2,), m from where it should."""
         arm, ports = self.arm, self.ports
         force = grip.firm_for(ports.force)
-        rim = ports.depth  # height of the tool above its place at the bottom; felt at first
-        count = 1 + int((ports.radius / ports.pitch) ** 2)
-        for number in range(count):
-            radius = ports.pitch * np.sqrt(number)
-            angle = number * _GOLDEN
-            place: Vector = radius * np.array((np.cos(angle), np.sin(angle)))
-            for _ in range(_FALSE):
-                yield from self._hop(_moved(bottom, place, rim + _HOP_M), grip)
-                deep = _moved(bottom, place, rim - 2.0 * _IN_M)
-                yield from guarded_descent(arm, deep, ports.down_speed, force, grip.look)
-                height = self._height(bottom)
-                if height < rim + _HIGH_M:  # higher up, friction of a joint was taken for a touch
-                    break
+        rim, count = ports.depth, 0  # height of the tool above its place at the bottom
+        for count, place in enumerate(_places(ports.radius, ports.pitch), start=1):
+            height = yield from self._feel(bottom, place, rim, force, grip)
             if height < rim - _IN_M:
-                self.metrics |= {"search_places": number + 1, "found_beside_m": float(radius)}
+                beside = float(np.linalg.norm(place))
+                self.metrics |= {"search_places": count, "found_beside_m": beside}
                 return place
             rim = min(rim, height)  # it may have slid in the fingers a little
+        yield from arm.relax()
         raise Failure(
             "NOT_FOUND",
             f"none of {count} places within {1e3 * ports.radius:.1f} mm lets the peg in",
@@ -118,14 +111,28 @@ class Insert(Skill):
             radius_m=ports.radius,
         )
 
+    def _feel(
+        self, bottom: Pose, place: Vector, rim: float, force: float, grip: Grip
+    ) -> Generator[float | None, None, float]:
+        """Height at which the peg touches at a place, or to which it goes in, m."""
+        high, deep = (_moved(bottom, place, rim + way) for way in (_HOP_M, -2.0 * _IN_M))
+        down_speed = self.ports.down_speed
+        for _ in range(_FALSE):
+            yield from self._hop(high, grip)
+            yield from guarded_descent(self.arm, deep, down_speed, force, grip.look, lightly=True)
+            if self._height(bottom) < rim + _HIGH_M:
+                break  # higher up, friction of a joint was taken for a touch
+        return self._height(bottom)
+
     def _hop(self, pose: Pose, grip: Grip) -> Iterator[float]:
         """Up, and beside, without touching."""
         arm, here = self.arm, self.arm.commanded_tool_pose
         up = Pose(np.array((*here.position[:2], pose.position[2])), here.quaternion)
-        for start, end in ((here, up), (up, pose)):
+        for start, end in ((here, up), (up, pose)):  # up it leans on the rim still
             if start.distance(end) < 1e-6:
                 continue
-            motion = arm.begin(arm.time_path(arm.line(start, end), 0.1), may_touch=True)
+            rows = arm.line(start, end)
+            motion = arm.begin(arm.time_path(rows, 0.1), may_touch=True, compliant=start is here)
             while not motion.done:
                 yield 0.5
                 arm.check()
@@ -139,6 +146,7 @@ class Insert(Skill):
         felt, most = yield from guarded_descent(arm, low, ports.down_speed, push, grip.look)
         if not felt:
             raise Failure("NO_CONTACT", "no bottom was felt where the peg should be all the way in")
+        yield from arm.relax()
         height = self._height(bottom)
         self.metrics |= {"push_n": most, "height_off_m": height}
         if height > ports.tolerance:
@@ -151,6 +159,19 @@ class Insert(Skill):
 
     def _height(self, bottom: Pose) -> float:
         return float(self.arm.tool_pose.position[2] - bottom.position[2])
+
+
+def _places(radius: float, pitch: float) -> Iterator[Vector]:
+    """Places of the search, of shape (2,), m: evenly outwards, then once more between those.
+
+    Friction may have held the peg beside a place the first time. They lie as seeds of a sunflower
+    do (Vogel, Math. Biosci. 1979).
+    """
+    count = 1 + int((radius / pitch) ** 2)
+    for turn in range(_PASSES * count):
+        number = turn % count + turn // count / _PASSES
+        angle = number * _GOLDEN
+        yield pitch * np.sqrt(number) * np.array((np.cos(angle), np.sin(angle)))
 
 
 def _moved(pose: Pose, beside: Vector, height: float) -> Pose:

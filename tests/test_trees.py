@@ -188,7 +188,16 @@ def check_spawn_and_command(ran: Ran) -> None:
     assert np.isnan(ran.samples["object_ball"][-1]).all()
 
 
+def check_peg_in_hole(ran: Ran) -> None:
+    """The search went beside where it was told the hole is; the peg hung in the fingers before."""
+    (leaf,) = ran.leaves("arm1", "insert")
+    assert leaf["metrics"]["search_places"] > 1
+    assert 3e-4 < leaf["metrics"]["inserted_error_m"] < 1.1e-3, "as far as the hole is off"
+    assert leaf["metrics"]["push_n"] < 25.0
+
+
 CHECKS = {
+    "peg_in_hole": check_peg_in_hole,
     "pick_and_track": check_pick_and_track,
     "visual_tracking": check_visual_tracking,
     "pick_and_transport": check_pick_and_transport,

@@ -106,6 +106,7 @@ class SettingDown:
         height = float(arm.tool_pose.position[2] - tool.position[2])
         self._metrics |= {"impact_n": most, "height_off_m": height}
         if abs(height) > ports.tolerance:
+            yield from arm.relax()
             raise Failure(
                 "NOT_REACHED",
                 f"it touched something {1e3 * height:.1f} mm above where it was to stand",

@@ -37,7 +37,7 @@ class Compliance:
 
     @property
     def active(self) -> bool:
-        """Whether the arm is to give way; it learns again how far its model is off."""
+        """Whether the arm is to give way; one that holds its force goes on with that."""
         return self._active
 
     @active.setter
@@ -45,10 +45,10 @@ class Compliance:
         if active != self._active:
             self._active, self._since = active, 0.0
             self._numbers[:] = self._stiff
-        self._holds = False
+            self._holds = False
 
     def hold_force(self) -> None:
-        """Learn no more: an arm that leans on something presses no harder however long it does."""
+        """Learn no more until it is stiff: what it leans on, it presses no harder with time."""
         if self._active:
             self._holds = True
             self._numbers[_HEEDED_AT] = 0.0

@@ -1,0 +1,111 @@
+"""A peg of 20 mm and a hole of 20.5 mm that is off by up to 1.5 mm: how often it goes in by touch.
+
+    python -m benchmarks.inserting [--runs 10] [--seed 0] [--robot ur5] [--gripper robotiq_2f85]
+                                   [--reality lab] [--shape cylinder]
+
+Exit code 1 if a run said SUCCESS and the peg is not in, by the truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+import numpy as np
+
+import bt_dualarm as bt
+from bt_dualarm.pose import Vector
+
+TABLE = 0.40
+"""Height of the table's top, m."""
+
+WIDE, HIGH, THICK = 0.0205, 0.02, 0.03
+"""Width of the hole, height and thickness of the walls around it, m."""
+
+OFF_M = 0.0015
+"""How far the hole is from where the file says, at most."""
+
+DEEP_M = 0.001
+"""Height above the bottom at which a peg is not in, m."""
+
+
+def walls(middle: Vector) -> dict[str, Any]:
+    """Four fixed blocks around a hole whose middle, of shape (2,), m, is given."""
+    x, y = (float(value) for value in middle)
+    beside, length = (WIDE + THICK) / 2, WIDE + 2 * THICK
+    blocks = {
+        "right": ([x + beside, y], [THICK, length]),
+        "left": ([x - beside, y], [THICK, length]),
+        "back": ([x, y + beside], [WIDE, THICK]),
+        "front": ([x, y - beside], [WIDE, THICK]),
+    }
+    return {
+        name: {
+            "shape": "box",
+            "size": [*size, HIGH],
+            "mass": 1.0,
+            "fixed": True,
+            "pose": {"xyz": [*place, TABLE + HIGH / 2]},
+        }
+        for name, (place, size) in blocks.items()
+    }
+
+
+def task(options: argparse.Namespace, seed: int) -> tuple[dict[str, Any], float]:
+    """The tree file of one run, and how far the hole is off, m."""
+    rng = np.random.default_rng(seed)
+    off, turn = OFF_M * float(np.sqrt(rng.uniform())), float(rng.uniform(0.0, 2.0 * np.pi))
+    told = np.array((0.30, -0.48))
+    hole = told + off * np.array((np.cos(turn), np.sin(turn)))
+    size = [0.01, 0.08] if options.shape == "cylinder" else [0.02, 0.02, 0.08]
+    pose = {"xyz": [0.45, -0.40, TABLE + 0.0405], "rpy": [0, 0, 0]}
+    peg = {"shape": options.shape, "size": size, "mass": 0.15, "friction": 0.6, "pose": pose}
+    at = {"xyz": [*told.tolist(), TABLE + 0.04], "rpy": [0, 0, 0]}
+    leaves = [{"grasp": {"object": "peg"}}, {"insert": {"object": "peg", "at": at, "depth": HIGH}}]
+    arm = {"robot": options.robot, "gripper": options.gripper, "base": {"xyz": [0, 0, TABLE]}}
+    file = {
+        "bt_dualarm": 1,
+        "name": "inserting",
+        "world": {"scene": "table", "reality": options.reality, "seed": seed, "time_limit": 400},
+        "objects": {"peg": peg, **walls(hole)},
+        "arms": {"arm1": arm | {"tree": {"sequence": leaves}}},
+    }
+    return file, off
+
+
+def main() -> int:
+    """Run all of it and print the figures; 1 if a run said SUCCESS falsely."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--runs", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robot", default="ur5")
+    parser.add_argument("--gripper", default="robotiq_2f85")
+    parser.add_argument("--reality", default="lab")
+    parser.add_argument("--shape", default="cylinder", choices=["cylinder", "box"])
+    options = parser.parse_args()
+    seconds, lied = [], 0
+    for seed in range(options.seed, options.seed + options.runs):
+        file, off = task(options, seed)
+        with bt.open(file) as run:
+            leaf = run.finish().arms["arm1"].runs[-1]
+            height = float(run.world.object_pose("peg").position[2]) - TABLE - 0.04
+        took = (leaf.ended_s or 0.0) - leaf.started_s
+        is_in = leaf.skill == "insert" and leaf.status == "SUCCESS"
+        lied += is_in and height > DEEP_M
+        if is_in:
+            seconds.append(took)
+        what = "in" if is_in else f"{leaf.skill} {leaf.code}: {leaf.reason}"
+        places = leaf.metrics.get("search_places", "")
+        print(f"seed {seed}: {1e3 * off:.2f} mm off, {places} places, {took:.0f} s, {what}")
+        sys.stdout.flush()
+    middle = float(np.median(seconds)) if seconds else float("nan")
+    print(
+        f"{options.robot}, {options.gripper}, {options.reality}, {options.shape}: "
+        f"{len(seconds)} of {options.runs} in, median {middle:.0f} s, {lied} false"
+    )
+    return 1 if lied else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
