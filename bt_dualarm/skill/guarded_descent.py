@@ -19,7 +19,7 @@ of it in the first 2 ms."""
 
 _COMPARED_S: Final = 0.08  # over which the tool's way is compared with that of its set-point
 _LONG_S: Final = 0.13
-_STEADY: Final = 0.9  # share of the highest speed; before that joints break loose
+_STEADY: Final = 0.75  # share of the highest speed, which differs on the way
 _STOPPED: Final = 0.35  # share of the set-point's way; a joint that sticks for a moment leaves more
 _LONG_STOPPED: Final = 0.2
 
