@@ -1,4 +1,4 @@
-"""A cubic spline through points: SciPy's, without the 0.1 to 0.3 s that its import takes."""
+"""A cubic spline through points: SciPy's, without what its import takes: 0.1 s."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Turning evenly from one orientation to the next (Shoemake, SIGGRAPH 1985).
 
-As SciPy's, whose import takes 0.2 s. Sines are those of the standard library: they are the same on
+As SciPy's, whose import takes 0.1 s. Sines are those of the standard library: they are the same on
 every processor, and NumPy's are not.
 """
 
