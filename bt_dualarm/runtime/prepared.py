@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from weakref import ref
 
+from bt_dualarm.runtime.arm_runtime import ArmRuntime
 from bt_dualarm.runtime.assembly import Assembly, assemble
 from bt_dualarm.runtime.events import Watch
 from bt_dualarm.runtime.history import History
@@ -198,9 +200,15 @@ def _start(file: TreeFile, registry: Registry, options: RunOptions, assembly: As
 
 
 def _history(folder: Path, assembly: Assembly, notes: Notes, start: Start) -> History:
-    world = assembly.world
+    world, arms = assembly.world, ref(assembly.arms)
     notes.clock = lambda: world.time
-    return History(folder / HISTORY, world, lambda: assembly.arms.present, notes, start.block)
+
+    def present() -> Sequence[ArmRuntime]:
+        """Arms of the run, which would stay in memory if what looks on referred to them."""
+        alive = arms()
+        return () if alive is None else alive.present
+
+    return History(folder / HISTORY, world, present, notes, start.block)
 
 
 def _conditions(time_limit: float, options: RunOptions, stop: StopRequest) -> Conditions:

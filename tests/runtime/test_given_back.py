@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import weakref
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -58,6 +59,16 @@ def test_the_world_of_a_run_is_gone_with_the_run(no_search: None, tree: str) -> 
     del run
     assert (world(), arms()) == (None, None)
     assert result.arms["arm1"].runs, "what it came to stays"
+
+
+def test_so_is_that_of_a_run_that_was_recorded(no_search: None, tmp_path: Path) -> None:
+    """The second one: what the first imports keeps who asked for it, once in a process."""
+    for name in ("first", "second"):
+        with bt.open("circle", duration=0.2, record=tmp_path / name) as run:
+            run.finish()
+            world, arms = weakref.ref(run.world), weakref.ref(run.assembly.arms)
+        del run
+    assert (world(), arms()) == (None, None)
 
 
 def test_what_a_run_has_seen_is_gone_with_it(no_search: None) -> None:
