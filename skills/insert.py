@@ -87,6 +87,8 @@ class Insert(Skill):
         arm = self.arm
         above = _moved(bottom, np.zeros(2), self.ports.depth + _CLEAR_M)
         goals = arm.kinematics.solutions(above, arm.setpoint.q)
+        (ends, *_) = arm.kinematics.solutions(bottom, goals[0])
+        arm.refuse_collision(ends, ignore=frozenset({self.ports.object}))  # fingers too low on it
         for progress in arm.travel(goals, self.ports.speed):
             yield 0.3 * (progress or 0.0)
             grip.look()
