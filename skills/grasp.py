@@ -73,7 +73,7 @@ class Grasp(Skill):
         "DROPPED": "the object was lost",
     }
     example = "grasp: {object: cube}"
-    needs = ("bt_dualarm.skill.grasps_prepared",)
+    needs = ("scipy.interpolate", "bt_dualarm.skill.grasps_prepared")
     needs_gripper = True
     ports: Ports
 

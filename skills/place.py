@@ -37,6 +37,7 @@ class Place(Skill):
         "DROPPED": "the object was lost on the way",
     }
     example = "place: {object: cube, at: {xyz: [0.35, -0.45, 0.425]}}"
+    needs = ("scipy.interpolate",)
     needs_gripper = True
     ports: Ports
 

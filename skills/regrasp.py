@@ -45,7 +45,7 @@ class Regrasp(Skill):
         "DROPPED": "the object was lost",
     }
     example = "regrasp: {object: cube}"
-    needs = ("bt_dualarm.skill.grasps_prepared",)
+    needs = ("scipy.interpolate", "bt_dualarm.skill.grasps_prepared")
     needs_gripper = True
     ports: Ports
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.trial import Trial
-from bt_dualarm.kernels.cubic_spline import CubicSpline
 from bt_dualarm.vision.estimate import TargetEstimate
 from bt_dualarm.vision.motion_model import MotionModel
 
@@ -46,12 +46,10 @@ def estimator_bound(trial: Trial, cell: Cell, model: MotionModel | None = None) 
     for stamp in np.arange(begin - _REST_S, end, 1.0 / cell.fps):
         if rng.random() < cell.drop:
             continue
-        (true,) = spline(np.array([max(stamp, begin)]))
-        seen = true + rng.normal(0.0, trial.sighting_sd, 2)
+        seen = spline(max(stamp, begin)) + rng.normal(0.0, trial.sighting_sd, 2)
         estimate.update(float(stamp), seen, max(trial.sighting_sd, 1e-6))
         for share in range(_ASKED_A_FRAME):
             now = stamp + cell.latency_s + share / _ASKED_A_FRAME / cell.fps
             if begin <= now <= end:
-                (true,) = spline(np.array([now]))
-                errors.append(estimate.predict(now).position - true)
+                errors.append(estimate.predict(now).position - spline(now))
     return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1)))) if errors else 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bt_dualarm.kernels.cubic_spline import draw_something as draw_path
 from bt_dualarm.kernels.kernel import compile_once
 from bt_dualarm.motion.chains.warming import move_something
 from bt_dualarm.motion.collision.bounding_spheres import bound_something
@@ -33,4 +32,4 @@ def compile_kernels() -> None:
     vision = predict_something, rest_something, outline_something, swing_something
     motion = move_something, follow_something, time_something, search_something
     grips = reserve_something, carry_something, grasp_something
-    compile_once((*cameras, *world, *vision, *motion, draw_path, *grips))
+    compile_once((*cameras, *world, *vision, *motion, *grips))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
-from bt_dualarm.kernels.cubic_spline import CubicSpline
 from bt_dualarm.motion.timing.kernel_arrays import Parabolas, Spline
 from bt_dualarm.motion.timing.law import Rows, SetPoints
 from bt_dualarm.motion.timing.limit_use import SharesOfLimits, shares_at, shares_of_limits
@@ -54,7 +54,7 @@ _JUDGED = 30_000
 class AveragedMotion:
     """A path, a profile along it, and the width of the average over the profile in seconds."""
 
-    path: CubicSpline
+    path: scipy.interpolate.CubicSpline
     profile: Profile
     width: float
 
@@ -109,7 +109,7 @@ class StretchedMotion:
 
 
 def shortest_motion(
-    path: CubicSpline, limits: JointLimits, dt: float
+    path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float
 ) -> tuple[AveragedMotion, float]:
     """The shortest motion found, and the stretch of time that it needs.
 
@@ -128,10 +128,10 @@ def shortest_motion(
 class _Search:
     """The motions along one path that are tried."""
 
-    def __init__(self, path: CubicSpline, limits: JointLimits, dt: float) -> None:
+    def __init__(self, path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float) -> None:
         self._path, self._dt = path, dt
-        pieces = np.ascontiguousarray(path.pieces.swapaxes(0, 1))
-        self._spline = Spline(path.knots, pieces, path.period)
+        period = float(path.x[-1]) if path.extrapolate == "periodic" else 0.0
+        self._spline = Spline(path.x, np.ascontiguousarray(path.c.swapaxes(0, 1)), period)
         self._limits = np.array((limits.velocity, limits.acceleration, limits.jerk))
         self._ramp = float((limits.acceleration / limits.jerk).max())
         self._optimal = TimeOptimal(path, limits)
@@ -211,8 +211,7 @@ class _Search:
         """By what the acceleration at each place of the grid should be multiplied, (n,)."""
         # A set-point is an average over the width: whatever lies within it is to blame.
         reach = max(int(0.5 * motion.width / motion.unstretched * len(needed)), 1)
-        around = np.pad(needed, reach, constant_values=-np.inf)
-        blamed = np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1).max(axis=1)
+        blamed = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
         # Stretching time by r takes r² from the acceleration.
         shares: Vector = np.interp(self._optimal.grid, places, blamed) ** (-2.0 * _GAIN)
         return np.clip(shares, 1e-2, _BACK)
