@@ -45,7 +45,6 @@ RUN_ELSEWHERE = {
     ".venv/bin/python -m pip install --constraint constraints.txt --editable '.[dev]'": "by hand",
     ".venv/bin/python -m pytest": "this suite",
     ".venv/bin/python -m bt_dualarm circle --display quiet": "tests/runtime/test_api.py",
-    ".venv/bin/python docs/images/pick_and_track.py": "by hand: it needs OpenGL",
     ".venv/bin/python docs/images/pick_and_track_film.py": "by hand: a run and 207 pictures",
 }
 """Commands of the pages that a test cannot run inside itself, and where they are run."""
