@@ -1,12 +1,12 @@
 """Two states of this project against each other, in fresh processes by turns.
 
-    python -m benchmarks.alternating 41cfa06 [--tree pick_and_track] [--pairs 6]
+    python -m benchmarks.alternating 41cfa06 [--tree TREE] [--param grasp=attach] [--pairs 6]
 
 The first state is a revision of this repository, or a folder with a checkout; the second is this
-checkout. Each runs the tree once to warm its caches, then both run it by turns, without a record.
-A line for each pair has the CPU seconds of both processes, from the first import to the last, and
-those of the run itself; the last line their medians, and the median of the pairs' ratios: other
-programs slow both of a pair down.
+checkout, and parameters are for it alone. Each runs the tree once to warm its caches, then both run
+it by turns, without a record. A line for each pair has the CPU seconds of both processes, from the
+first import to the last, and those of the run itself; the last line their medians, and the median
+of the pairs' ratios: other programs slow both of a pair down.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _RUN = """
 import json, os, sys, time
 import bt_dualarm as bt
 began = time.process_time()
-result = bt.run(sys.argv[1], renderer="ray")
+result = bt.run(sys.argv[1], renderer="ray", **json.loads(sys.argv[2]))
 spent = os.times()
 print(json.dumps([
     spent.user + spent.system + spent.children_user + spent.children_system,
@@ -54,19 +54,22 @@ class Cost(NamedTuple):
     outcome: str
 
 
-def cost(checkout: Path, tree: str, compiled: str) -> Cost:
+def cost(checkout: Path, tree: str, compiled: str, params: list[str]) -> Cost:
     """Run a tree of a checkout in a process of its own.
 
     Args:
         checkout: Folder with a state of the project.
         tree: Name of the tree.
         compiled: Folder for Python's byte code, which an installation has, too.
+        params: Parameters of this checkout's tree, ``NAME=VALUE``.
 
     Raises:
         subprocess.CalledProcessError: It could not be run.
     """
+    named = dict(param.split("=", 1) for param in params) if checkout == ROOT else {}
+    options = json.dumps({"params": named} if named else {})
     done = subprocess.run(
-        [sys.executable, "-c", _RUN, str(checkout / "trees" / f"{tree}.yaml")],
+        [sys.executable, "-c", _RUN, str(checkout / "trees" / f"{tree}.yaml"), options],
         cwd=checkout,
         env=_environment(checkout, compiled),
         stdout=subprocess.PIPE,
@@ -100,15 +103,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("before")
     parser.add_argument("--tree", default="pick_and_track")
+    parser.add_argument("--param", action="append", default=[], metavar="NAME=VALUE")
     parser.add_argument("--pairs", type=int, default=6)
     arguments = parser.parse_args()
+    tree, params = arguments.tree, arguments.param
     with checkout_of(arguments.before) as before, tempfile.TemporaryDirectory() as compiled:
         for state in (before, ROOT):
-            cost(state, arguments.tree, compiled)
+            cost(state, tree, compiled, params)
         pairs = []
         for number in range(arguments.pairs):
             order = (before, ROOT) if number % 2 == 0 else (ROOT, before)
-            found = {state: cost(state, arguments.tree, compiled) for state in order}
+            found = {state: cost(state, tree, compiled, params) for state in order}
             pairs.append((found[before], found[ROOT]))
             report(f"pair {number + 1}", *pairs[-1])
     whole = median(old.whole_s / new.whole_s for old, new in pairs)

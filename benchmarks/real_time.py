@@ -1,6 +1,6 @@
 """How fast a run is, against the least that it can cost: bare physics and the same frames.
 
-    python benchmarks/real_time.py [TREE] [--repeats 3] [--renderer ray]
+    python benchmarks/real_time.py [TREE] [--param grasp=attach] [--repeats 3] [--renderer ray]
 
 The tree is run as ``bt-run`` does without a record; then, in the same process, MuJoCo alone goes
 through the same steps with the same torques, and the renderer alone draws the same parts of the
@@ -14,8 +14,9 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import mujoco
@@ -133,10 +134,15 @@ def _leave_alone(opened: Run) -> None:
     del opened
 
 
-def play(tree: str, renderer: Any, look: Callable[[Run], None]) -> tuple[RunResult, float]:
+def play(
+    tree: str,
+    renderer: Any,
+    look: Callable[[Run], None],
+    params: Mapping[str, str] = MappingProxyType({}),
+) -> tuple[RunResult, float]:
     """Run a tree to its end; its result, and the seconds of CPU that its steps took."""
     registry = Registry.load()
-    file = load_tree_file(find_tree(tree), registry.kinds)
+    file = load_tree_file(find_tree(tree), registry.kinds, params)
     with Run(file, registry, RunOptions(renderer=renderer)) as opened:
         look(opened)
         began = time.thread_time()
@@ -147,12 +153,14 @@ def main() -> int:
     """Read the arguments, run, report."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("tree", nargs="?", default="pick_and_track")
+    parser.add_argument("--param", action="append", default=[], metavar="NAME=VALUE")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--renderer", choices=("auto", "gl", "ray"), default="ray")
     arguments = parser.parse_args()
+    params = dict(param.split("=", 1) for param in arguments.param)
 
     def again(look: Callable[[Run], None]) -> tuple[RunResult, float]:
-        return play(arguments.tree, arguments.renderer, look)
+        return play(arguments.tree, arguments.renderer, look, params)
 
     plain = [again(_leave_alone) for _ in range(arguments.repeats)]
     run = min((result for result, _ in plain), key=lambda result: result.wall_time_s)

@@ -24,6 +24,3 @@ PARTS_GROUP: Final = 4
 
 LOOP_GROUPS: Final = (SCENE_GROUP, OBJECT_GROUP, COLLISION_GROUP)
 """What the camera in the loop sees."""
-
-PICTURE_GROUPS: Final = (SCENE_GROUP, OBJECT_GROUP, VISUAL_GROUP)
-"""What people look at."""

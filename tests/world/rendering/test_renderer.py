@@ -21,7 +21,7 @@ from bt_dualarm.world.rendering.renderer import (
     Renderer,
     clip_region,
 )
-from bt_dualarm.world.robots.geom_groups import PICTURE_GROUPS
+from bt_dualarm.world.robots.geom_groups import OBJECT_GROUP, SCENE_GROUP, VISUAL_GROUP
 
 SCENE = """
 <mujoco>
@@ -210,7 +210,8 @@ def test_a_region_of_blocks_lies_on_their_grid(scene: tuple[Any, Any], renderer:
 def test_geom_groups_are_kept_apart(scene: tuple[Any, Any], renderer: Renderer) -> None:
     """Group 3 is for the loop, group 2 for pictures."""
     loop = renderer.render(*scene, Exposure(0, 80, 60))
-    picture = renderer.render(*scene, Exposure(0, 80, 60, groups=PICTURE_GROUPS))
+    people = (SCENE_GROUP, OBJECT_GROUP, VISUAL_GROUP)
+    picture = renderer.render(*scene, Exposure(0, 80, 60, groups=people))
     assert moments(loop, *BLUE)[0] > 0.0
     assert moments(loop, *RED)[0] == 0.0
     assert moments(picture, *RED)[0] > 0.0
