@@ -150,7 +150,7 @@ class Equipment:
         for read in self._sense:
             read(time)
         for gripper in self.grippers.values():
-            gripper.sense()
+            gripper.sense(time)
 
     @property
     def sensed(self) -> mujoco.MjData:

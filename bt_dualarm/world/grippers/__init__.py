@@ -7,5 +7,5 @@ Open first: `gripper` (what a gripper is); others: `named` (gripper by name), `g
 `description` (what its YAML may say), `parts` (shapes and inertia), `mounting` (on a flange),
 `sealing` (does a lip lie on a thing), `carrying` and `grip_kernels` (what is held goes with it),
 `mjspec` (fingers in the simulation), `drive` (how fingers move and what is felt of them),
-`tactile` (what pads feel).
+`tactile` and `tactile_kernels` (what pads feel).
 """

@@ -39,6 +39,9 @@ _LOOK: Final = 5
 
 _PUMP_S: Final = 0.05  # in which a cup's vacuum comes and goes
 
+_DRAWN: Final = 512
+"""Readings whose noise is drawn at once: one by one that costs as much as all the rest."""
+
 
 @dataclass(frozen=True)
 class GripperCommand:
@@ -93,6 +96,7 @@ class GripperHardware:
         self._resolution = gripper.resolution if encoder.resolution else 0.0
         finer = encoder.noise / encoder.resolution if encoder.resolution else 0.0
         self._noise = self._resolution * min(finer, 1.0)
+        self._drawn: list[float] = []  # of readings to come, the last first
         self._past: deque[tuple[float, float]] = deque(maxlen=round(SPEED_S / timestep) + 1)
         self._pump = -math.expm1(-timestep / _PUMP_S)
         mass = gripper.moved_mass
@@ -101,13 +105,14 @@ class GripperHardware:
         self._damping = 0.5 * mass / timestep
         self._reference = gripper.stroke
         self._torque = 0.0
-        self._data: mujoco.MjData | None = None
+        self._is_connected = False
+        self._most = gripper.force.most
         self._seal: Seal | None = None
         self._tight, self._looked = False, 0
 
     def connect(self, model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> None:
         """Belong to the gripper of an arm of the plant; anew after each recompilation."""
-        self._model, self._data = model, data
+        self._is_connected = True
         drive = int(model.actuator(f"{arm}/{DRIVE}").id)
         self._motor = data.ctrl[drive : drive + 1]
         if self.gripper.fingers:
@@ -131,29 +136,32 @@ class GripperHardware:
         """
         self.commanded = wanted
 
-    def sense(self) -> None:
-        """Read the sensors; a second time at the same moment changes nothing."""
-        if self._data is None or self._data.time == self.stamp:
+    def sense(self, time: float) -> None:
+        """Read the sensors at a simulated time in s; again at the same moment changes nothing."""
+        if time == self.stamp or not self._is_connected:
             return
-        self.stamp = self._data.time
+        self.stamp = time
         if not self.gripper.fingers:
             self.force = self.vacuum * self.gripper.force.most
             return
         width = float(self._q[0]) + float(self._q[1])  # a sum of numpy's costs ten times that
         if self._noise:
-            width += self._noise * float(self._rng.standard_normal())
+            if not self._drawn:
+                self._drawn = (self._noise * self._rng.standard_normal(_DRAWN))[::-1].tolist()
+            width += self._drawn.pop()
         if self._resolution:
             width = self._resolution * round(width / self._resolution)
-        self._past.append((self.stamp, width))
-        began, first = self._past[0]
-        self.speed = (width - first) / (self.stamp - began) if self.stamp > began else 0.0
+        past = self._past
+        past.append((time, width))
+        began, first = past[0]
+        self.speed = (width - first) / (time - began) if time > began else 0.0
         self.width, self.force = width, -self._torque
         if self.tactile is not None:
-            self.tactile.sense(self.stamp)
+            self.tactile.sense(time)
 
     def place(self, positions: Vector) -> None:
         """Put the fingers where they are by the encoder, in positions of the whole plant, (nq,)."""
-        if self.gripper.fingers and self._data is not None:
+        if self.gripper.fingers and self._is_connected:
             positions[self._address : self._address + 2] = 0.5 * self.width
 
     def stand_open(self) -> None:
@@ -164,7 +172,7 @@ class GripperHardware:
 
     def drive(self) -> None:
         """Let the drive act during the next step of physics."""
-        if self._data is None:
+        if not self._is_connected:
             return
         if self.gripper.fingers:
             self._push()
@@ -186,10 +194,6 @@ class GripperHardware:
         self._reference = min(max(self._reference + way, width - ahead), width + ahead)
         self._torque = min(max(force, -asked.force), asked.force)
         self._motor[0] = min(max(self._torque * self._gain, -self._most), self._most)
-
-    @property
-    def _most(self) -> float:
-        return self.gripper.force.most
 
     def _suck(self) -> None:
         """The pump: vacuum builds up where the lip seals, up to the force that is asked for."""
