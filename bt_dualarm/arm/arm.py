@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Generator, Iterator, Sequence
+from dataclasses import replace
 
 from bt_dualarm.arm.execution import Executor
 from bt_dualarm.arm.gripper import ArmGripper
@@ -231,15 +232,9 @@ class Arm(ArmState):
         planner: Planner = DEFAULT_PLANNER,
     ) -> Iterator[float | None]:
         """Plan to one of several goals and follow the plan, past arms that move; once a tick."""
-        move = MoveTo(
-            self,
-            self._executor,
-            self._planner,
-            self._patience,
-            speed,
-            ignore,
-            search=planner,
-            give_way=give_way,
-            wait_s=patience,
-        )
-        return move.go(goals)
+        move = self.past_others(speed, ignore)
+        return replace(move, search=planner, give_way=give_way, wait_s=patience).go(goals)
+
+    def past_others(self, speed: float, ignore: frozenset[str] = _NOTHING) -> MoveTo:
+        """Other ways than to a goal that wait for arms that move, and are planned anew."""
+        return MoveTo(self, self._executor, self._planner, self._patience, speed, ignore)

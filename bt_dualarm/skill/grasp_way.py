@@ -67,7 +67,7 @@ def first_way(
         seen: Pose of the object in the world by sight; the plan then knows it at no other place.
 
     Raises:
-        Failure: ``OUT_OF_REACH`` with the reason of the best grasp; ``OVERLOADED`` or ``BUSY``.
+        Failure: ``OUT_OF_REACH`` of the best grasp, caused by all; ``OVERLOADED`` or ``BUSY``.
     """
     reasons, touched = [], frozenset({wanted.name} if wanted.name else ())
     for ranked in order[:TRIES]:
@@ -92,4 +92,4 @@ def first_way(
         f"no way to {wanted.label}: {first.reason}",
         ways_tried=len(reasons),
         **first.numbers,
-    )
+    ) from ExceptionGroup("no way", reasons)

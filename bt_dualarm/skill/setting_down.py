@@ -68,8 +68,11 @@ class SettingDown:
         arm, tool, grip = self._arm, goal @ self._in_tool.inverse, Grip(self._arm, self._thing)
         grip.look()
         above = _raised(tool, self._ports.height)
-        arm.refuse_collision_along(arm.line(above, _raised(tool, _FREE_M)))
+        down = arm.line(above, _raised(tool, _FREE_M))
         try:
+            for progress in arm.past_others(self._ports.speed).until_free(down):
+                yield progress
+                grip.look()
             yield from self._go_above(above, grip)
             yield from self._lower(tool, grip)
         except Failure as failure:
@@ -90,9 +93,9 @@ class SettingDown:
     def _lower(self, tool: Pose, grip: Grip) -> Iterator[float | None]:
         """Go down until the ground is felt, and press no harder on it."""
         arm, ports = self._arm, self._ports
-        way = arm.line(arm.commanded_tool_pose, _raised(tool, _FREE_M))
-        for progress in arm.follow(arm.time_path(way, _LOWERING * ports.speed)):
-            yield 0.5 + 0.1 * progress
+        move = arm.past_others(_LOWERING * ports.speed)
+        for progress in move.straight(_raised(tool, _FREE_M), known_free=True):
+            yield 0.5 + 0.1 * (progress or 0.0)
             grip.look()
         low, force = _raised(tool, -ports.search), grip.firm_for(ports.force)
         felt, most = yield from guarded_descent(
@@ -101,7 +104,8 @@ class SettingDown:
         if not felt:
             yield from arm.settle()
             raise Failure(
-                "NO_CONTACT", f"nothing is felt {1e3 * ports.search:.0f} mm below where it stands"
+                "NO_CONTACT",
+                f"nothing is felt {1e3 * ports.search:.0f} mm below where it is to stand",
             )
         height = float(arm.tool_pose.position[2] - tool.position[2])
         self._metrics |= {"impact_n": most, "height_off_m": height}
@@ -125,11 +129,8 @@ class SettingDown:
         gripper.let_go(self._thing)
         yield from self._come_off()
         back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -ports.retreat))
-        rows = arm.line(arm.commanded_tool_pose, back)
-        arm.refuse_collision_along(rows, ignore=frozenset({self._thing}))
-        touching = frozenset({self._thing})
-        for progress in arm.follow(arm.time_path(rows, 0.3 * ports.speed), touching):
-            yield 0.85 + 0.15 * progress
+        for progress in arm.past_others(0.3 * ports.speed, frozenset({self._thing})).straight(back):
+            yield 0.85 + 0.15 * (progress or 0.0)
 
     def _come_off(self) -> Iterator[float]:
         """A little way back, giving way still: it leans on what it has let go of."""

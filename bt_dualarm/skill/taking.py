@@ -11,6 +11,7 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.grasping.ranking import RankedGrasp
+from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.skill.grasp_search import WantedGrasp
 from bt_dualarm.skill.grasp_way import WayToGrasp, first_way
@@ -55,17 +56,16 @@ class Taking:
     def through(self, order: Sequence[RankedGrasp]) -> Generator[float | None, None, RankedGrasp]:
         """Go to the first of these grasps, best first, that has a way; close, lift and look.
 
-        Yields the progress once a tick; returns the grasp by which it was taken.
+        Yields the progress once a tick; returns the grasp by which it was taken. Where another
+        arm is in the way it waits and looks for a way anew, as `MoveTo.along`.
 
         Raises:
-            Failure: ``OUT_OF_REACH`` before it moves; ``NOT_GRASPED``, ``SLIPPED``, ``DROPPED``.
+            Failure: ``OUT_OF_REACH``, before it moves where no other arm is the reason;
+                ``NOT_GRASPED``, ``SLIPPED``, ``DROPPED``.
         """
-        arm, ports, wanted = self._arm, self._ports, self._wanted
+        arm = self._arm
         yield from self._open()
-        way = yield from first_way(arm, order, wanted, ports.standoff, ports.speed, self._seen)
-        unseen = frozenset({wanted.name} if self._seen and wanted.name else ())
-        for progress in arm.follow(way.to_standoff, unseen):
-            yield 0.5 * progress
+        way = yield from self._go_before(order)
         yield from self._approach(way)
         name = yield from self._close(way)
         grip = Grip(arm, name)
@@ -86,6 +86,23 @@ class Taking:
             if gripper.at_rest and abs(gripper.width - gripper.page.stroke) < 2e-3:
                 return
             yield
+
+    def _go_before(self, order: Sequence[RankedGrasp]) -> Generator[float | None, None, WayToGrasp]:
+        """Go to where the straight way to a grasp begins, and wait until that is free."""
+        arm, ports, wanted = self._arm, self._ports, self._wanted
+        ways: list[WayToGrasp] = []
+        touched = frozenset({wanted.name} if wanted.name else ())
+
+        def planned() -> Generator[None, None, Trajectory]:
+            way = yield from first_way(arm, order, wanted, ports.standoff, ports.speed, self._seen)
+            ways.append(way)
+            return way.to_standoff
+
+        unseen = touched if self._seen else frozenset[str]()
+        for progress in arm.past_others(ports.speed, unseen).along(planned):
+            yield None if progress is None else 0.5 * progress
+        yield from arm.past_others(ports.speed, touched).until_free(ways[-1].rows, known_free=True)
+        return ways[-1]
 
     def _approach(self, way: WayToGrasp) -> Iterator[float | None]:
         """Go straight to the grasp, and stop where the tool touches something."""
@@ -161,9 +178,9 @@ class Taking:
         arm, start = self._arm, self._arm.commanded_tool_pose
         height = float(arm.world.object_pose(name).position[2])
         up = Pose(start.position + np.array((0.0, 0.0, self._ports.lift)), start.quaternion)
-        speed = self._ports.approach_speed
-        for progress in arm.follow(arm.time_path(arm.line(start, up), speed)):
-            yield 0.8 + 0.2 * progress
+        move = arm.past_others(self._ports.approach_speed)
+        for progress in move.straight(up, known_free=True):
+            yield 0.8 + 0.2 * (progress or 0.0)
             grip.look()
         began = arm.time
         while arm.time - began < _HOLD_S or not arm.gripper.holding:

@@ -13,6 +13,7 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.motion.planning.problem import PlanningProblem
 from bt_dualarm.motion.planning.process import PlanningProcess
 from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Pose
 from tests.arm.test_arm import TICK, Bench
 from tests.motion.walls import ABOVE, LEFT, RIGHT, wall
 from tests.world.worlds import box
@@ -194,3 +195,22 @@ def test_an_arm_that_never_comes_to_rest_is_not_waited_for_for_ever() -> None:
 def touches(bench: Bench, thing: str) -> bool:
     geom = bench.world.object_geom(thing)
     return bool((bench.world.data.contact.geom == geom).any())
+
+
+def test_a_straight_way_that_was_free_is_not_gone_through_what_came_into_it(
+    planning: PlanningProcess,
+) -> None:
+    """Planned anew it is checked in full, though it was known to be free when it began."""
+    bench = WalledBench(planning, standing=False)
+    tool = bench.first.commanded_tool_pose
+    beyond = (bench.first.kinematics.forward(LEFT).position - tool.position) * 0.6
+    end = Pose(tool.position + beyond, tool.quaternion)
+    work = bench.first.past_others(0.1).straight(end, known_free=True)
+    for _ in range(5):
+        next(work)
+        bench.tick()
+    bench.world.spawn_object("wall")
+    with pytest.raises(Failure, match="wall") as caught:
+        bench.run(work)
+    assert caught.value.code == "IN_COLLISION"
+    assert bench.world.data.ncon == 0

@@ -1,0 +1,70 @@
+"""`grasp` and `place` while another arm passes through where they work: they wait, and go on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import bt_dualarm
+
+START, GOAL = (0.40, -0.45), (0.30, -0.35)
+
+
+def _hover(place: tuple[float, float], height: float) -> dict[str, Any]:
+    to = {"xyz": [*place, height], "rpy": [180, 0, 0]}
+    return {"reach_to_pose": {"to": to, "patience": 20}}
+
+
+def _file(robot: str, gripper: str, other: str, seed: int) -> dict[str, Any]:
+    """One arm works at two places; the other one goes above both, stays a second, leaves."""
+    works: list[Any] = [
+        {"grasp": {"object": "cube"}},
+        {"place": {"object": "cube", "at": {"xyz": [*GOAL, 0.425]}}},
+        "go_home",
+    ]
+    passes: list[Any] = [
+        _hover(START, 0.60),
+        {"wait": 1},
+        "go_home",
+        _hover(GOAL, 0.62),
+        {"wait": 1},
+    ]
+    cube = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.15}
+    return {
+        "bt_dualarm": 1,
+        "name": "past_others",
+        "world": {"scene": "table", "reality": "lab", "seed": seed, "time_limit": 60},
+        "objects": {"cube": cube | {"pose": {"xyz": [*START, 0.425]}}},
+        "arms": {
+            "works": {
+                "robot": robot,
+                "gripper": gripper,
+                "base": {"xyz": [0, 0, 0.40]},
+                "tree": {"sequence": works},
+            },
+            "passes": {
+                "robot": other,
+                "base": {"xyz": [0.80, -0.80, 0.40], "rpy": [0, 0, 180]},
+                "tree": {"sequence": [*passes, "go_home"]},
+            },
+        },
+    }
+
+
+@pytest.mark.parametrize(
+    ("robot", "gripper", "other", "seed"),
+    [
+        ("ur5", "robotiq_2f85", "ur5", 1),
+        ("ur5", "robotiq_2f85", "ur5", 3),
+        ("ur5", "panda_hand", "panda", 4),
+    ],
+)
+def test_both_arms_do_what_they_are_to_do(robot: str, gripper: str, other: str, seed: int) -> None:
+    """The one that works begins while the other stands above the cube, and then above its goal."""
+    with bt_dualarm.open(_file(robot, gripper, other, seed)) as run:
+        result = run.finish()
+        lies = run.world.object_pose("cube").position
+    assert result.outcome == "SUCCESS", result.arms
+    assert abs(lies[0] - GOAL[0]) < 3e-3
+    assert abs(lies[1] - GOAL[1]) < 3e-3
