@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from bt_dualarm import (
     CarriedPose,
     Failure,
+    KnownShape,
     ObjectName,
     PortModel,
     Pose,
@@ -55,9 +56,9 @@ class Place(Skill):
         self._note(name, goal)
 
     def _note(self, name: str, goal: Pose) -> None:
-        """Where it truly stands, beside what the arm felt."""
-        pose = self.arm.world.object_pose(name)
-        self.metrics |= {
-            "placed_error_m": pose.distance(goal),
-            "placed_turned_rad": pose.angle(goal),
-        }
+        """Where it truly stands, beside what the arm felt; a turn as far as it can be seen."""
+        pose, thing = self.arm.world.object_pose(name), self.arm.world.objects[name]
+        turned = pose.angle(goal)
+        if thing.shape != "box":
+            turned = KnownShape(thing.shape, thing.size).angle(pose, goal)
+        self.metrics |= {"placed_error_m": pose.distance(goal), "placed_turned_rad": turned}

@@ -155,7 +155,7 @@ class Taking:
             if since is None and arm.time - began > _CLOSING_S:
                 break
         self._metrics |= {"width_m": gripper.width, "grip_force_n": force}
-        self._metrics["grasp_margin"] = grasp.margin * force / page.force.most
+        self._metrics["grasp_margin"] = force / max(grasp.force, 1e-9)
         name = self._wanted.name or _nearest(arm.world, arm.tool_pose.position)
         off = abs(gripper.width - grasp.width)
         if since is None or name is None or (page.fingers and off > _ELSE_M):

@@ -7,6 +7,7 @@ import argparse
 import numpy as np
 import pytest
 
+import bt_dualarm as bt
 from benchmarks.placing import run, task
 
 MOST_N = 15.0
@@ -33,3 +34,24 @@ def test_the_ground_bears_little_more_than_the_thing(
     assert float(leaf.metrics["impact_n"]) < MOST_N
     assert float(leaf.metrics["placed_error_m"]) < 2e-3
     assert float(leaf.metrics["placed_turned_rad"]) < np.radians(1.0)
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "height"), [("sphere", [0.025], 0.025), ("cylinder", [0.025, 0.08], 0.04)]
+)
+def test_a_turn_of_what_is_round_counts_as_far_as_it_is_seen(
+    shape: str, size: list[float], height: float
+) -> None:
+    """It was seen turned by 40° about its axis, which nobody can see, and is set down unturned."""
+    file = task(argparse.Namespace(robot="ur5", gripper="robotiq_2f85", reality="lab"), 3)
+    start, goal = [0.40, -0.45, 0.40 + height], [0.30, -0.40, 0.40 + height]
+    thing = {"shape": shape, "size": size, "mass": 0.1, "pose": {"xyz": start}}
+    grasp = {"object": "thing", "at": {"xyz": start, "rpy": [0, 0, 40]}, "most_force": 20}
+    place = {"object": "thing", "at": {"xyz": goal, "rpy": [0, 0, 0]}}
+    file["objects"]["thing"] = thing
+    file["arms"]["arm1"]["tree"] = {"sequence": [{"grasp": grasp}, {"place": place}]}
+    leaves = bt.run(file).arms["arm1"].leaves
+    placed, grasped = leaves["sequence/place"].metrics, leaves["sequence/grasp"].metrics
+    assert float(placed["placed_turned_rad"]) < np.radians(1.0)
+    assert float(placed["placed_error_m"]) < 2e-3
+    assert float(grasped["grasp_margin"]) >= 1.0, "a grip that bears it"
