@@ -22,7 +22,6 @@ from bt_dualarm import (
     thing_at,
 )
 
-_UNKNOWN_KG = 1.0
 _UNKNOWN_FRICTION = 0.5
 
 
@@ -82,22 +81,11 @@ class Grasp(Skill):
         name, gripper = self.ports.object, self.arm.gripper
         if name is not None and name in gripper.held and gripper.holding:
             return
-        wanted = self._unnamed() if name is None else self._named(name)
+        lies = None if self.ports.at is None else self.ports.at.pose
+        wanted = WantedGrasp.named(self.arm, name, self.ports, lies) if name else self._unnamed()
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
         taking = Taking(self.arm, self.ports, wanted, self.ports.at is not None, self.metrics)
         yield from taking.through(grasps_on(self.arm, wanted))
-
-    def _named(self, name: str) -> WantedGrasp:
-        ports, world = self.ports, self.arm.world
-        if name not in world.objects:
-            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
-        if world.objects[name].fixed:
-            raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
-        told = None if world.nominal[self.arm.name].weighs else world.objects[name].mass
-        mass = ports.mass or told or _UNKNOWN_KG
-        lies = world.object_pose(name) if ports.at is None else ports.at.pose
-        bears = ports.most_force or math.inf
-        return WantedGrasp(name, lies, mass, ports.shake, ports.margin, bears, along=ports.along)
 
     def _unnamed(self) -> WantedGrasp:
         """What lies at a pose, a box of the extent that was told."""
@@ -107,7 +95,7 @@ class Grasp(Skill):
         width, lies = ports.width, ports.at.pose
         edges = (ports.depth or width, width, ports.height or width)
         name = thing_at(self.arm.world, lies.position, 0.5 * float(np.linalg.norm(edges)))
-        mass, bears = ports.mass or _UNKNOWN_KG, ports.most_force or math.inf
+        mass, bears = ports.mass_of(None), ports.most_force or math.inf
         rubs = ports.friction or _UNKNOWN_FRICTION
         return WantedGrasp(
             name, lies, mass, ports.shake, ports.margin, bears, edges, rubs, ports.along

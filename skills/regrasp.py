@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Generator, Iterator
 
 from bt_dualarm import (
     CarriedPose,
     Failure,
     ObjectName,
-    Pose,
     SettingDown,
     SettingDownPorts,
     Skill,
@@ -21,7 +19,6 @@ from bt_dualarm import (
     refuse_too_frail,
 )
 
-_UNKNOWN_KG = 1.0
 _TOLERANCE_M = 0.004  # in height, where it is set down
 
 
@@ -36,6 +33,12 @@ class Regrasp(Skill):
 
     failures = {
         "NOT_HELD": "the gripper holds nothing, and no object is named",
+        "INVALID_TARGET": "the object is fixed, bears less than the gripper's least force, or "
+        "the approach has no length",
+        "NOT_THERE": "the object is not in the world",
+        "TOO_WIDE": "the fingers do not open that far",
+        "TOO_HEAVY": "no grasp of this gripper bears its weight",
+        "NO_FACE": "the object has no sides for the fingers, or no face for the cup",
         "OUT_OF_REACH": "no other grasp has room, is as asked for, or can be reached",
         "NOT_REACHED": "it touched something before it was down",
         "NO_CONTACT": "nothing was felt below it where it was to stand",
@@ -67,21 +70,14 @@ class Regrasp(Skill):
         arm, ports = self.arm, self.ports
         held = arm.world.attachments.find(arm.name, name)
         if held is None or not held.by_gripper:
-            return self._wanted(name, arm.world.object_pose(name), None)
+            return WantedGrasp.named(arm, name, ports, None)
         in_tool = arm.robot.tool.inverse @ held.relative
         now = arm.commanded_tool_pose @ in_tool
         goal = held.lay or now
         if ports.at is not None:
             goal = ports.at.pose_from(now)
         unlike = None if ports.approach is not None else in_tool.inverse
-        grasps_on(arm, self._wanted(name, goal, unlike))  # before anything moves
+        grasps_on(arm, WantedGrasp.named(arm, name, ports, goal, unlike))  # before anything moves
         how = SettingDownPorts(speed=ports.speed, tolerance=_TOLERANCE_M)
         lies = yield from SettingDown(arm, how, held, self.metrics).through(goal)
-        return self._wanted(name, lies, unlike)
-
-    def _wanted(self, name: str, lies: Pose, unlike: Pose | None) -> WantedGrasp:
-        ports, world = self.ports, self.arm.world
-        told = None if world.nominal[self.arm.name].weighs else world.objects[name].mass
-        bears = ports.most_force or math.inf
-        bearing = (ports.mass or told or _UNKNOWN_KG, ports.shake, ports.margin, bears)
-        return WantedGrasp(name, lies, *bearing, along=ports.along, unlike=unlike)
+        return WantedGrasp.named(arm, name, ports, lies, unlike)

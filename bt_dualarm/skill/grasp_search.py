@@ -18,6 +18,7 @@ from bt_dualarm.motion.grasping.ranking import Obstacle, RankedGrasp, ranked
 from bt_dualarm.motion.grasping.solids import Box, Capsule, Cylinder, Solid, solid_of
 from bt_dualarm.motion.grasping.suction import cup_grasps
 from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.skill.taking_ports import TakingPorts
 from bt_dualarm.world.world import World
 
 GRAVITY = 9.81
@@ -62,6 +63,33 @@ class WantedGrasp:
     rubs: float = 0.0
     along: Vector | None = None
     unlike: Pose | None = None
+
+    @classmethod
+    def named(
+        cls, arm: Arm, name: str, ports: TakingPorts, lies: Pose | None, unlike: Pose | None = None
+    ) -> WantedGrasp:
+        """An object of the file.
+
+        Args:
+            arm: Arm that is to take it.
+            name: Name of the object.
+            ports: What its grip has to bear, and how it is to be taken.
+            lies: Pose of it in the world; None for where plans know it.
+            unlike: As the attribute.
+
+        Raises:
+            Failure: ``NOT_THERE``, or ``INVALID_TARGET`` where it is fixed.
+        """
+        world = arm.world
+        if name not in world.objects:
+            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        if world.objects[name].fixed:
+            raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
+        told = None if world.nominal[arm.name].weighs else world.objects[name].mass
+        bearing = (ports.mass_of(told), ports.shake, ports.margin)
+        bears = ports.most_force or math.inf
+        lies = lies or world.object_pose(name)
+        return cls(name, lies, *bearing, bears, along=ports.along, unlike=unlike)
 
     @property
     def label(self) -> str:

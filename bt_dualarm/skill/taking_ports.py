@@ -7,6 +7,8 @@ from bt_dualarm.skill.directions import unit_vector
 from bt_dualarm.spec.ports import PortModel, port
 from bt_dualarm.spec.values import Speed, Vector3
 
+_UNKNOWN_KG = 1.0
+
 
 class TakingPorts(PortModel):
     """How something is taken: ways, forces, and what the grip has to bear."""
@@ -45,3 +47,11 @@ class TakingPorts(PortModel):
             Failure: ``INVALID_TARGET`` where it has no length.
         """
         return None if self.approach is None else unit_vector(self.approach)
+
+    def mass_of(self, told: float | None) -> float:
+        """Mass in kg to reckon with.
+
+        Args:
+            told: The mass that the arm is told, kg; None where it is not.
+        """
+        return self.mass or told or _UNKNOWN_KG

@@ -383,6 +383,17 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("place", "SLIPPED"): Trial(PLACE, deeds=((4.9, shrinks("cube")),), moves=True),
     ("place", "DROPPED"): Trial(PLACE, deeds=((4.9, steals("cube")),), moves=True),
     ("regrasp", "NOT_HELD"): Trial({"regrasp": {}}, {"before": ()}),
+    ("regrasp", "INVALID_TARGET"): Trial(AGAIN, {"before": (), "objects": cube_that(fixed=True)}),
+    ("regrasp", "NOT_THERE"): Trial(AGAIN, {"before": REMOVED}),
+    ("regrasp", "TOO_WIDE"): Trial(
+        AGAIN,
+        {"before": (), "objects": cube_that(size=[0.12] * 3, pose={"xyz": [0.40, -0.45, 0.46]})},
+    ),
+    ("regrasp", "TOO_HEAVY"): Trial(AGAIN, {"before": (), "objects": cube_that(mass=8.0)}),
+    ("regrasp", "NO_FACE"): Trial(
+        AGAIN,
+        {"before": (), "objects": cube_that(shape="sphere", size=[0.02]), "arm": SUCKING},
+    ),
     ("regrasp", "OUT_OF_REACH"): Trial({"regrasp": {"approach": [0, 0, 1]}}, moves=True),
     ("regrasp", "NOT_REACHED"): Trial(
         {"regrasp": {"at": {"xyz": [0.35, -0.45, 0.4205]}}}, moves=True

@@ -125,7 +125,7 @@ def test_a_parameter_that_must_be_given(write: Write) -> None:
         ("bt_dualarm: 1", "- {}", "2:1: not YAML"),
         ("scene: table", "scen: table", "7:9: unknown field 'scen'"),
         ("world:", "path: x.yaml\n    world:", "unknown field 'path'"),
-        ("shape: box", "shape: bx", "9:17: shape: expected one of box, cylinder, sphere"),
+        ("shape: box", "shape: bx", "9:17: shape: expected one of box, cylinder, capsule, sphere"),
         ("shape: box", "shape: sphere", "9:9: cube: the size of a sphere is [radius]"),
         ("mass: 0.1", "mass: 0", "mass: must be at least 0.0001 kg, not 0"),
         ("color: yellow", "color: [1, 0]", "color: expected at least 3 items, not 2"),
