@@ -22,6 +22,8 @@ _LONG_S: Final = 0.13
 _STEADY: Final = 0.75  # share of the highest speed, which differs on the way
 _STOPPED: Final = 0.35  # share of the set-point's way; a joint that sticks for a moment leaves more
 _LONG_STOPPED: Final = 0.2
+_VERY_LONG_S: Final = 0.5  # by then joints have broken loose, however unevenly the set-point goes
+_SLOW: Final = 0.3  # share of the speed from which on that counts
 
 
 def guarded_descent(
@@ -58,8 +60,8 @@ def guarded_descent(
         arm.check()
         look()
         lag.look()
-        felt = sense.force(stands=lag.has_stopped)
-        if not lag.is_steady:
+        felt = sense.force(stands=lag.has_stopped or lag.stands)
+        if not (lag.is_steady or lag.stands):
             sense.most = 0.0
         elif (felt > force and lag.has_stopped) or (lightly and lag.stands):
             for _ in arm.halt():
@@ -109,19 +111,22 @@ class _Lag:
         arm, past = self._arm, self._past
         meant = float(arm.commanded_tool_pose.position @ self._along)
         past.append((arm.time, meant, float(arm.tool_pose.position @ self._along)))
-        while len(past) > 2 and arm.time - past[1][0] >= _LONG_S:
+        while len(past) > 2 and arm.time - past[1][0] >= _VERY_LONG_S:
             past.popleft()
-        self.is_steady, share = self._share(_COMPARED_S)
+        self.is_steady, share = self._share(_COMPARED_S, self._steady_m_s)
         self.has_stopped = self.is_steady and share < _STOPPED
-        was_steady, share = self._share(_LONG_S)
-        self.stands = was_steady and share < _LONG_STOPPED
+        was_steady, share = self._share(_LONG_S, self._steady_m_s)
+        was_going, slow_share = self._share(_VERY_LONG_S, _SLOW * self._steady_m_s)
+        self.stands = (was_steady and share < _LONG_STOPPED) or (
+            was_going and slow_share < _LONG_STOPPED
+        )
 
-    def _share(self, seconds: float) -> tuple[bool, float]:
-        """Whether the set-point went evenly for so long; the tool's share of its way since then."""
+    def _share(self, seconds: float, least_m_s: float) -> tuple[bool, float]:
+        """Whether the set-point was so fast for so long; the tool's share of its way."""
         now, meant_now, here = self._past[-1]
         ago = [one for one in self._past if now - one[0] >= seconds]
         if not ago:
             return False, 1.0
         then, meant_then, was = ago[-1]
         way = meant_now - meant_then
-        return way >= self._steady_m_s * (now - then), (here - was) / max(way, 1e-9)
+        return way >= least_m_s * (now - then), (here - was) / max(way, 1e-9)

@@ -22,6 +22,7 @@ from tests.commands import in_this_process
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 EXAMPLE_PAGES = (
+    "docs/grasping.md",
     "README.md",
     "docs/first_tree.md",
     "docs/skills.md",
