@@ -5,8 +5,8 @@
 The first state is a revision of this repository, or a folder with a checkout; the second is this
 checkout, and parameters are for it alone. Each runs the tree once to warm its caches, then both run
 it by turns, without a record. A line for each pair has the CPU seconds of both processes, from the
-first import to the last, and those of the run itself; the last line their medians, and the median
-of the pairs' ratios: other programs slow both of a pair down.
+first import to the last, and those from the first step to the last, which `real_time` measures,
+too; the last line has the median of the pairs' ratios: other programs slow both of a pair down.
 """
 
 from __future__ import annotations
@@ -28,12 +28,14 @@ ROOT = Path(__file__).resolve().parent.parent
 _RUN = """
 import json, os, sys, time
 import bt_dualarm as bt
-began = time.process_time()
-result = bt.run(sys.argv[1], renderer="ray", **json.loads(sys.argv[2]))
+with bt.open(sys.argv[1], renderer="ray", **json.loads(sys.argv[2])) as opened:
+    began = time.process_time()
+    result = opened.finish()
+    steps = time.process_time() - began
 spent = os.times()
 print(json.dumps([
     spent.user + spent.system + spent.children_user + spent.children_system,
-    time.process_time() - began, result.real_time_factor, result.outcome,
+    steps, result.real_time_factor, result.outcome,
 ]))
 """
 
@@ -43,13 +45,13 @@ class Cost(NamedTuple):
 
     Attributes:
         whole_s: CPU seconds of the process, and of those that it began.
-        run_s: CPU seconds of the run in it.
+        steps_s: CPU seconds from the first step of the run to the last.
         factor: Real-time factor of the run, by the clock on the wall.
         outcome: Outcome of the run.
     """
 
     whole_s: float
-    run_s: float
+    steps_s: float
     factor: float
     outcome: str
 
@@ -117,15 +119,15 @@ def main() -> None:
             pairs.append((found[before], found[ROOT]))
             report(f"pair {number + 1}", *pairs[-1])
     whole = median(old.whole_s / new.whole_s for old, new in pairs)
-    run = median(old.run_s / new.run_s for old, new in pairs)
+    steps = median(old.steps_s / new.steps_s for old, new in pairs)
     best = max(new.factor for _, new in pairs)
-    print(f"median ratio: process {whole:.2f}, run {run:.2f}; best real-time factor {best:.2f}")
+    print(f"median ratio: process {whole:.2f}, steps {steps:.2f}; best real-time factor {best:.2f}")
 
 
 def report(name: str, old: Cost, new: Cost) -> None:
     """Print a line for one pair."""
     told = f"{name}: process {old.whole_s:.2f} s -> {new.whole_s:.2f} s CPU, "
-    told += f"run {old.run_s:.2f} s -> {new.run_s:.2f} s, "
+    told += f"steps {old.steps_s:.2f} s -> {new.steps_s:.2f} s, "
     told += f"real-time factor {old.factor:.2f} -> {new.factor:.2f}, "
     print(told + f"{old.outcome} {new.outcome}", flush=True)
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 import bt_dualarm as bt
+from benchmarks.grip_arguments import grip_parser
 from bt_dualarm.runtime.parts import IdleObserver
 from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.world.world import World
@@ -166,12 +167,7 @@ def judge(result: bt.RunResult, shaken: list[float], tally: Tally) -> str:
 
 def main() -> int:
     """Run all of it and print the figures; 1 if there was a false success."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--runs", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--robot", default="ur5")
-    parser.add_argument("--gripper", default="robotiq_2f85")
-    parser.add_argument("--reality", default="lab")
+    parser = grip_parser(__doc__, 20)
     options, tally = parser.parse_args(), Tally()
     for seed in range(options.seed, options.seed + options.runs):
         verdict = judge(*attempt(task(options, seed)), tally)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 import bt_dualarm as bt
+from benchmarks.grip_arguments import grip_parser
 from bt_dualarm.pose import Vector
 
 TABLE = 0.40
@@ -76,12 +77,7 @@ def task(options: argparse.Namespace, seed: int) -> tuple[dict[str, Any], float]
 
 def main() -> int:
     """Run all of it and print the figures; 1 if a run said SUCCESS falsely."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--runs", type=int, default=10)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--robot", default="ur5")
-    parser.add_argument("--gripper", default="robotiq_2f85")
-    parser.add_argument("--reality", default="lab")
+    parser = grip_parser(__doc__, 10)
     parser.add_argument("--shape", default="cylinder", choices=["cylinder", "box"])
     options = parser.parse_args()
     seconds, lied = [], 0

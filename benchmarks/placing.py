@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 import bt_dualarm as bt
+from benchmarks.grip_arguments import grip_parser
 from bt_dualarm.runtime.parts import IdleObserver
 from bt_dualarm.tree.report import LeafReport, StatusChange
 from bt_dualarm.world.world import World
@@ -106,12 +107,7 @@ def run(file: dict[str, Any]) -> tuple[LeafReport, Ground]:
 
 def main() -> int:
     """Run all of it and print the figures; 1 if a thing was not placed."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--runs", type=int, default=10)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--robot", default="ur5")
-    parser.add_argument("--gripper", default="robotiq_2f85")
-    parser.add_argument("--reality", default="lab")
+    parser = grip_parser(__doc__, 10)
     parser.add_argument("--verbose", action="store_true", help="print each run")
     options = parser.parse_args()
     rows: list[list[float]] = []

@@ -59,18 +59,7 @@ class Grasp(Skill):
         exactly_one_of = ("object", "width")
         goes_with = {"width": "at", "depth": "width", "height": "width", "friction": "width"}
 
-    failures = {
-        "INVALID_TARGET": "the object is fixed, bears less than the gripper's least force, or "
-        "the approach has no length",
-        "NOT_THERE": "the object is not in the world",
-        "TOO_WIDE": "the fingers do not open that far",
-        "TOO_HEAVY": "no grasp of this gripper bears its weight",
-        "NO_FACE": "the object has no sides for the fingers, or no face for the cup",
-        "OUT_OF_REACH": "no way of the arm to any grasp: unreachable or in collision",
-        "NOT_GRASPED": "the gripper closed on nothing, or on something else",
-        "SLIPPED": "the object slid between the fingers",
-        "DROPPED": "the object was lost",
-    }
+    failures = Taking.failures
     example = "grasp: {object: cube}"
     needs = ("scipy.interpolate", "bt_dualarm.skill.grasps_prepared")
     needs_gripper = True

@@ -31,11 +31,7 @@ class Place(Skill):
 
     failures = {
         "NOT_HELD": "the gripper does not hold the object",
-        "NOT_REACHED": "it touched something before it was down",
-        "NO_CONTACT": "nothing was felt below it",
-        "NOT_OPEN": "the fingers did not open",
-        "SLIPPED": "the object slid between the fingers on the way",
-        "DROPPED": "the object was lost on the way",
+        **SettingDown.failures,
     }
     example = "place: {object: cube, at: {xyz: [0.35, -0.45, 0.425]}}"
     needs = ("scipy.interpolate",)

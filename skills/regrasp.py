@@ -33,19 +33,9 @@ class Regrasp(Skill):
 
     failures = {
         "NOT_HELD": "the gripper holds nothing, and no object is named",
-        "INVALID_TARGET": "the object is fixed, bears less than the gripper's least force, or "
-        "the approach has no length",
-        "NOT_THERE": "the object is not in the world",
-        "TOO_WIDE": "the fingers do not open that far",
-        "TOO_HEAVY": "no grasp of this gripper bears its weight",
-        "NO_FACE": "the object has no sides for the fingers, or no face for the cup",
+        **SettingDown.failures,
+        **Taking.failures,
         "OUT_OF_REACH": "no other grasp has room, is as asked for, or can be reached",
-        "NOT_REACHED": "it touched something before it was down",
-        "NO_CONTACT": "nothing was felt below it where it was to stand",
-        "NOT_OPEN": "the fingers did not open",
-        "NOT_GRASPED": "the gripper closed on nothing, or on something else",
-        "SLIPPED": "the object slid between the fingers",
-        "DROPPED": "the object was lost",
     }
     example = "regrasp: {object: cube}"
     needs = ("scipy.interpolate", "bt_dualarm.skill.grasps_prepared")

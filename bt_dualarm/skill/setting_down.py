@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -46,7 +46,18 @@ class SettingDown:
         ports: How it is to go about it.
         held: What it holds.
         metrics: What was measured on the way, to be filled.
+
+    Attributes:
+        failures: Codes that setting something down may end with, and what they mean.
     """
+
+    failures: Final[Mapping[str, str]] = {
+        "NOT_REACHED": "it touched something before it was down",
+        "NO_CONTACT": "nothing was felt below it",
+        "NOT_OPEN": "the fingers did not open",
+        "SLIPPED": "the object slid between the fingers on the way",
+        "DROPPED": "the object was lost on the way",
+    }
 
     def __init__(
         self, arm: Arm, ports: SettingDownPorts, held: Attachment, metrics: dict[str, Number]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -40,7 +40,23 @@ class Taking:
         wanted: What is to be taken.
         seen: Whether it lies there by sight; then no plan knows it at any other place.
         metrics: What was measured on the way, to be filled.
+
+    Attributes:
+        failures: Codes that taking something may end with, and what they mean.
     """
+
+    failures: Final[Mapping[str, str]] = {
+        "INVALID_TARGET": "the object is fixed, bears less than the gripper's least force, or "
+        "the approach has no length",
+        "NOT_THERE": "the object is not in the world",
+        "TOO_WIDE": "the fingers do not open that far",
+        "TOO_HEAVY": "no grasp of this gripper bears its weight",
+        "NO_FACE": "the object has no sides for the fingers, or no face for the cup",
+        "OUT_OF_REACH": "no way of the arm to any grasp: unreachable or in collision",
+        "NOT_GRASPED": "the gripper closed on nothing, or on something else",
+        "SLIPPED": "the object slid between the fingers",
+        "DROPPED": "the object was lost",
+    }
 
     def __init__(
         self,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from bt_dualarm.arm.grip_limit import UNKNOWN_KG
 from bt_dualarm.pose import Vector
 from bt_dualarm.skill.directions import unit_vector
 from bt_dualarm.spec.ports import PortModel, port
 from bt_dualarm.spec.values import Speed, Vector3
-
-_UNKNOWN_KG = 1.0
 
 
 class TakingPorts(PortModel):
@@ -54,4 +53,4 @@ class TakingPorts(PortModel):
         Args:
             told: The mass that the arm is told, kg; None where it is not.
         """
-        return self.mass or told or _UNKNOWN_KG
+        return self.mass or told or UNKNOWN_KG
