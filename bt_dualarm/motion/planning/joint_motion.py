@@ -104,14 +104,16 @@ def outline(motion: Trajectory, radii: Vector, most: float) -> Matrix:
     if len(motion) <= LONG:
         return motion.q
     index = np.linspace(0, len(motion) - 1, LONG).astype(int)
+    rows = motion.rows(index)[0]
     while True:
-        rows = motion.rows(index)[0]
         wide = np.abs(np.diff(rows, axis=0)) @ radii > 0.5 * most
         wide &= np.diff(index) > 1
         if not wide.any():
             return rows
         middle = (index[:-1][wide] + index[1:][wide]) // 2
-        index = np.sort(np.concatenate((index, middle)))
+        after = np.flatnonzero(wide) + 1
+        index = np.insert(index, after, middle)
+        rows = np.insert(rows, after, motion.rows(middle)[0], axis=0)
 
 
 def _step(rows: Matrix, i: int, radii: Vector) -> float:

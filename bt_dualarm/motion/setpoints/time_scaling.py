@@ -169,13 +169,29 @@ def _sampled(motion: Trajectory, parameters: Matrix) -> Stack:
     """The same, positions, velocities and accelerations, of shape (3, n, dof)."""
     from bt_dualarm.motion.timing.average_kernels import scale
 
+    parameters = np.ascontiguousarray(parameters)
     far = _SPARSE * len(parameters) * motion.dt
     if isinstance(motion, LongTrajectory) and far < np.ptp(parameters[:, 0]):
-        return np.concatenate([_sampled(motion, one[None]) for one in parameters], axis=1)
+        return _sampled_apart(motion, parameters)
     (first, rows), count = motion.around(parameters[:, 0]), len(motion)
     scaled = np.empty((3, len(parameters), rows[0].shape[1]))
-    scale(*rows, first, count, motion.dt, np.ascontiguousarray(parameters), scaled)
+    scale(*rows, first, count, motion.dt, parameters, scaled)
     return scaled
+
+
+def _sampled_apart(motion: Trajectory, parameters: Matrix) -> Stack:
+    """The same, of a motion whose set-points in between nobody needs."""
+    from bt_dualarm.motion.timing.average_kernels import scale
+
+    count = len(motion)
+    place = np.clip(parameters[:, 0] / motion.dt, 0.0, count - 1.0)
+    first = np.minimum(place.astype(int), count - 2)
+    pairs = np.array(motion.rows(np.column_stack((first, first + 1)).ravel()))
+    pairs = pairs.reshape(3, len(first), 2, -1).swapaxes(0, 1).copy()
+    scaled = np.empty_like(pairs[:, :, :1])
+    for i, (q, v, a) in enumerate(pairs):
+        scale(q, v, a, int(first[i]), count, motion.dt, parameters[i : i + 1], scaled[i])
+    return np.ascontiguousarray(scaled[:, :, 0].swapaxes(0, 1))
 
 
 def at_scale(motion: Trajectory, scale: float) -> Trajectory:
