@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import traceback
 from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
 from types import GeneratorType
+from typing import Final
+from weakref import WeakSet
 
 from bt_dualarm.errors import Failure, Number, SkillError
 from bt_dualarm.skill.contract import (
@@ -19,6 +22,7 @@ from bt_dualarm.skill.contract import (
 from bt_dualarm.skill.skill import Skill
 
 _PACKAGE = Path(__file__).parents[1]
+_UNCLOSED: Final[WeakSet[SkillRun]] = WeakSet()
 
 
 class SkillRun:
@@ -45,6 +49,7 @@ class SkillRun:
         if not isinstance(steps, Iterator):
             raise TypeError(f"run() of {type(self._skill).__name__} has no yield")
         self._steps = steps
+        _UNCLOSED.add(self)
 
     @property
     def names(self) -> frozenset[str]:
@@ -101,6 +106,7 @@ class SkillRun:
         Raises:
             Exception: Whatever its clean-up raises.
         """
+        _UNCLOSED.discard(self)
         if isinstance(self._steps, Generator):
             self._steps.close()
 
@@ -145,3 +151,10 @@ def _authors_line(error: Exception) -> str:
     own = [frame for frame in frames if not Path(frame.filename).is_relative_to(_PACKAGE)]
     last = own[-1] if own else frames[-1]
     return f"{Path(last.filename).name}:{last.lineno}"
+
+
+@atexit.register
+def _close_all() -> None:
+    """Let skills clean up that nobody closed, while what they need can still be imported."""
+    for left in tuple(_UNCLOSED):
+        left.close()

@@ -482,6 +482,29 @@ def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
     assert (done.stdout, done.stderr) == ("FAILURE\n", "")
 
 
+def test_what_nobody_closes_cleans_up_before_the_interpreter_ends() -> None:
+    """Afterwards nothing can be imported any more, and Python would print what comes of it."""
+    tree = {**ONE, "arms": {"arm1": {"robot": "ur5", "tree": {"nod": {}}}}}
+    program = (
+        "import bt_dualarm as bt\n"
+        "class Nod(bt.Skill):\n"
+        "    'Nod on and on.'\n"
+        "    def run(self):\n"
+        "        try:\n"
+        "            while True:\n"
+        "                yield\n"
+        "        finally:\n"
+        "            import colorsys\n"
+        "            print('cleaned up with', colorsys.__name__)\n"
+        f"left = bt.open({tree!r}, skills=[Nod])\n"
+        "left.step(0.02)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == ("cleaned up with colorsys\n", "")
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, SystemExit])
 def test_an_exception_in_the_block_closes_everything(
     error: type[BaseException], tmp_path: Path
