@@ -195,7 +195,7 @@ class JointController:
         if motion is None:
             return self._hold
         if isinstance(motion, TrajectorySource) and motion.along_path:
-            motion.measure(self._nominal.tool_pose_at(self._hardware.q).position)
+            motion.measure(self._nominal.tool_position_at(self._hardware.q))
         try:
             wanted = motion.next(time)
         except RAISED_BY_SKILLS as error:

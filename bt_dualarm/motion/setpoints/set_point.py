@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Vector
 
 
-@dataclass(frozen=True, eq=False)
-class SetPoint:
+class SetPoint(NamedTuple):
     """What a joint controller is to follow: rad, rad/s, rad/s², each of shape (dof,)."""
 
     q: Vector

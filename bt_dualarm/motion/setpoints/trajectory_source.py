@@ -49,7 +49,7 @@ class TrajectorySource:
         self.leaves_path = False
         self._measured: deque[tuple[Vector, float]] = deque(maxlen=_KEPT)
         self._position: Vector | None = None
-        self._next = 0
+        self._next, self._count = 0, len(trajectory)
         self._ahead: ScaledPiece | None = None
         self._row = 0
         self._reserved = False
@@ -58,8 +58,9 @@ class TrajectorySource:
     def done(self) -> bool:
         """Whether the last set-point has been sent."""
         if self._ahead is not None:
-            return self.parameter.s >= self.trajectory.duration
-        return self._next >= len(self.trajectory)
+            along: float = self._ahead.parameters.item(self._row, 0)
+            return along >= self.trajectory.duration
+        return self._next >= self._count
 
     @property
     def progress(self) -> float:
@@ -108,7 +109,7 @@ class TrajectorySource:
         """The next set-point."""
         if self._ahead is not None:
             return self._next_ahead(self._ahead)
-        i = min(self._next, len(self.trajectory) - 1)
+        i = min(self._next, self._count - 1)
         self._next += 1
         self._note(i * self.trajectory.dt)
         return SetPoint(*self.trajectory.set_point(i))
@@ -176,6 +177,5 @@ class TrajectorySource:
             rows = sampled_at(self.trajectory, parameters)
             ahead = ScaledPiece(parameters, rows, last.scale)
             self._ahead, self._row = ahead, 1
-        self._note(float(ahead.parameters[self._row, 0]))
-        rows, i = ahead.motion, self._row
-        return SetPoint(rows.q[i], rows.v[i], rows.a[i])
+        self._note(ahead.parameters.item(self._row, 0))
+        return SetPoint(*ahead.motion.set_point(self._row))

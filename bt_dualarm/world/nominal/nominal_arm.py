@@ -54,6 +54,8 @@ class NominalArm:
         self.tool_site = int(model.site(f"{name}/{TOOL_SITE}").id)
         self.tool_body = int(model.body(f"{name}/{robot.tool_link}").id)
         self._data = mujoco.MjData(model)
+        # Views: looking a field up costs more than reading it.
+        self._q, self._tool_place = self._data.qpos, self._data.site_xpos[self.tool_site]
 
     def hold(self, loads: Iterable[NominalLoad]) -> None:
         """Believe that the arm holds these; what it has weighed and still holds, it knows."""
@@ -67,6 +69,12 @@ class NominalArm:
     def tool_pose_at(self, q: Vector) -> Pose:
         """The tool frame in the world at positions of shape (dof,), rad."""
         return _pose_of_site(self._placed(q), self.tool_site)
+
+    def tool_position_at(self, q: Vector) -> Vector:
+        """Its origin alone, of shape (3,), m: asked for at every set-point of a path."""
+        self._placed(q)
+        position: Vector = self._tool_place.copy()
+        return position
 
     def tool_link_pose_at(self, q: Vector) -> Pose:
         """The link that carries the tool, likewise."""
@@ -105,7 +113,7 @@ class NominalArm:
         return jacobian
 
     def _placed(self, q: Vector) -> mujoco.MjData:
-        self._data.qpos[:] = q
+        self._q[:] = q
         mujoco.mj_kinematics(self.model, self._data)
         return self._data
 
