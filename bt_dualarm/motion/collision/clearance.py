@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from bt_dualarm.motion.collision.scratch_model import ScratchModel
@@ -57,9 +58,8 @@ class Clearance:
 
     def _gaps(self) -> dict[tuple[int, int], float]:
         """Of the pairs of a link and another thing that are near, in metres."""
-        data = self._scratch.data
-        data.qpos[:] = self._world.sensed.qpos
-        self._scratch.settle()
+        data = self._world.sensed  # of which nobody else wants contacts, so that no copy is needed
+        mujoco.mj_collision(self._scratch.model, data)
         gaps: dict[tuple[int, int], float] = {}
         if data.ncon:
             for pair, gap in zip(data.contact.geom.tolist(), data.contact.dist, strict=True):

@@ -106,8 +106,13 @@ class ScratchModel:
             these: Bits by which each shape asks.
             those: Bits to which each shape answers.
         """
-        self.model.geom_contype[:] = these
-        self.model.geom_conaffinity[:] = those
+        model = self.model
+        model.geom_contype[:] = these
+        model.geom_conaffinity[:] = those
+        # A body has the bits of its shapes: who has none is not even sought for in space.
+        model.body_contype[:] = model.body_conaffinity[:] = 0
+        np.bitwise_or.at(model.body_contype, model.geom_bodyid, model.geom_contype)
+        np.bitwise_or.at(model.body_conaffinity, model.geom_bodyid, model.geom_conaffinity)
 
     def report_gaps(self, marks: Marks, distance: float) -> None:
         """Report what is nearer to these shapes than a distance in m, not only what touches."""
@@ -126,15 +131,21 @@ class ScratchModel:
 
     def _carry(self) -> None:
         """Put what arms hold where their tool links now are."""
-        data, place, turn = self.data, np.empty(3), np.empty(4)
-        for held in self._carried:
-            relative = held.relative
-            link = data.xpos[held.link], data.xquat[held.link]
+        for place, turn, *link, relative in self._views:
             mujoco.mju_mulPose(place, turn, *link, relative.position, relative.quaternion)
-            data.qpos[held.address : held.address + 3] = place
-            data.qpos[held.address + 3 : held.address + 7] = turn
 
     def _fresh_data(self) -> mujoco.MjData:
         data = mujoco.MjData(self.model)
         data.qpos[:] = self._positions
+        # Place and turn of what is held and of the link, as views: looking a field up costs more.
+        self._views = [
+            (
+                data.qpos[held.address : held.address + 3],
+                data.qpos[held.address + 3 : held.address + 7],
+                data.xpos[held.link],
+                data.xquat[held.link],
+                held.relative,
+            )
+            for held in self._carried
+        ]
         return data
