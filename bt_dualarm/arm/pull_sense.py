@@ -33,10 +33,12 @@ class PadSense:
     def __init__(self) -> None:
         self._stamp = -1.0
         self._slid: deque[bool] = deque(maxlen=_LAST)
+        self._slides = False
 
     def forget(self) -> None:
         """Begin anew: something else is held."""
         self._slid.clear()
+        self._slides = False
 
     def feels(self, hardware: GripperHardware, friction: float) -> bool:
         """Whether the last readings say so.
@@ -52,7 +54,8 @@ class PadSense:
             self._stamp = sensors.stamp
             doubt, least = _DEVIATIONS * felt.noise, _EASED * hardware.commanded.force
             self._slid.append(_slides(sensors.forces, friction, doubt, least))
-        return sum(self._slid) >= _TWICE
+            self._slides = sum(self._slid) >= _TWICE
+        return self._slides
 
 
 class JointSense:
@@ -63,17 +66,18 @@ class JointSense:
     """
 
     def __init__(self, arm: ArmState) -> None:
-        self._arm, self._loads = arm, arm.payload
-        self._watch = CollisionWatch(arm.world.nominal[arm.name].friction, _OF_A_HIT)
+        self._controller, self._nominal = arm.controller, arm.world.nominal[arm.name]
+        self._loads = arm.payload
+        self._watch = CollisionWatch(self._nominal.friction, _OF_A_HIT)
 
     def feels(self) -> bool:
         """Take up a control period; whether something pulls."""
-        arm, touch = self._arm, self._arm.controller.touch
-        if arm.payload is not self._loads:  # another load explains other torques
-            taken = _names(arm.payload) != _names(self._loads)
-            self._loads = arm.payload
+        loads, touch = self._nominal.loads, self._controller.touch
+        if loads is not self._loads:  # another load explains other torques
+            taken = _names(loads) != _names(self._loads)
+            self._loads = loads
             self._watch.forget(grace=taken)
-        return self._watch.take(touch.inertia, arm.setpoint, touch.disturbing)
+        return self._watch.take(touch.inertia, self._controller.setpoint, touch.disturbing)
 
 
 def _slides(forces: Matrix, friction: float, doubt: float, least: float) -> bool:

@@ -41,6 +41,9 @@ class SlipResponse:
         self._arm = arm
         self._pads, self._joints = PadSense(), JointSense(arm)
         self._held: Attachment | None = None
+        self._gripped_first: Attachment | None = None
+        self._generation = -1
+        self._nominal = arm.world.nominal[arm.name]
         self._friction, self._loads = 0.0, arm.payload
         self._too_heavy: Failure | None = None
         self._lift_s = 0.0
@@ -80,14 +83,14 @@ class SlipResponse:
         if hardware is None:
             return
         pulled = self._joints.feels() if hardware.tactile is None else False
-        held = next(iter(self._arm.world.attachments.gripped_by(self._arm.name)), None)
+        held = self._gripped()
         if held is None or hardware.commanded.width > 0.0:
             self._held = None
             return
         if held is not self._held:
             self._begin(held, hardware)
-        if self._arm.payload is not self._loads:
-            self._loads = self._arm.payload
+        if self._nominal.loads is not self._loads:
+            self._loads = self._nominal.loads
             self._hold_what_it_weighs(held, hardware)
         pulled = self._pads.feels(hardware, self._friction) or pulled
         if self._lift_s > 0.0:
@@ -99,6 +102,15 @@ class SlipResponse:
         pulled = (pulled and not self.may_touch) or self._gives(hardware)
         if pulled and now - self.felt_at > _PAUSE_S:
             self._grip(held, hardware)
+
+    def _gripped(self) -> Attachment | None:
+        """What it holds, the first that was taken: looked up when the world has changed."""
+        world = self._arm.world
+        if self._generation != world.generation:
+            self._generation = world.generation
+            gripped = world.attachments.gripped_by(self._arm.name)
+            self._gripped_first = next(iter(gripped), None)
+        return self._gripped_first
 
     def _begin(self, held: Attachment, hardware: GripperHardware) -> None:
         self._held, self._width, self._full = held, hardware.width, 0.0
