@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parent
+_NOWHERE = Path(os.devnull)  # no folder, and none can be made in it
 
 
 def share_dir(kind: str) -> Path:
@@ -26,6 +27,13 @@ def share_dir(kind: str) -> Path:
 
 
 def cache_dir() -> Path:
-    """Where what was computed is kept: ``$XDG_CACHE_HOME/bt_dualarm``, else ``~/.cache``."""
-    root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(root) / "bt_dualarm"
+    """Where what was computed is kept: ``$XDG_CACHE_HOME/bt_dualarm``, else ``~/.cache``.
+
+    Who has neither, nor an account with a home, gets a place that cannot be written.
+    """
+    given = os.environ.get("XDG_CACHE_HOME")
+    try:
+        root = Path(given) if given else Path.home() / ".cache"
+    except RuntimeError:
+        root = _NOWHERE
+    return root / "bt_dualarm"

@@ -12,13 +12,12 @@ stands in files that have ``kernel`` in their names as well.
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
-from importlib.metadata import version
 from types import ModuleType
 from typing import Any, Final, ParamSpec, TypeVar, cast
 
@@ -55,6 +54,7 @@ def _settings() -> Iterator[ModuleType]:
     import numba
 
     config: Any = numba.config  # its settings are made at run time
+    config.reload_config()  # somebody else may have imported it before
     before = config.CACHE_LOCATOR_CLASSES
     config.CACHE_LOCATOR_CLASSES = f"{__name__}_cache.KernelPlace"
     try:
@@ -66,15 +66,20 @@ def _settings() -> Iterator[ModuleType]:
 def compile_once(warm_ups: Sequence[Callable[[], object]]) -> None:
     """See to it that machine code is there before it is needed; says so where that takes time.
 
-    Of several processes one compiles, the others wait for it.
+    Of several processes one compiles, the others wait for it. Where numba is switched off there is
+    nothing to do.
 
     Args:
         warm_ups: Call all the kernels, with arrays of the types that they are given later.
     """
-    mark = folder() / _mark()
+    with _settings() as numba:
+        if numba.config.DISABLE_JIT:
+            return
+        mark = folder() / f"compiled-{sys.implementation.cache_tag}-{_target(numba)}"
     if mark.exists():
         return
-    _LOG.info("Compiling kernels, once on this machine: about a minute")
+    often = "once on this machine" if _is_kept() else f"in every run: {folder()} cannot be written"
+    _LOG.info("Compiling kernels, %s: about a minute", often)
     with _alone():
         if mark.exists():
             return
@@ -84,17 +89,23 @@ def compile_once(warm_ups: Sequence[Callable[[], object]]) -> None:
             mark.touch()
 
 
-@cache
-def _mark() -> str:
-    """Name of the file that says that all is compiled; to ask for a version takes 2 ms."""
-    return f"compiled-{sys.implementation.cache_tag}-{version('numba')}"
+def _target(numba: ModuleType) -> str:
+    """Which numba compiles, and what for: who has used it before us has settled that."""
+    processor = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()
+    return f"{numba.__version__}-{hashlib.sha256(str(processor).encode()).hexdigest()[:8]}"
+
+
+def _is_kept() -> bool:
+    """Whether code that is compiled now will be found by the next process."""
+    with suppress(OSError):
+        folder().mkdir(parents=True, exist_ok=True)
+    return os.access(folder(), os.W_OK)
 
 
 @contextmanager
 def _alone() -> Iterator[None]:
     """While no other process compiles; without a lock where none can be written."""
     try:
-        folder().mkdir(parents=True, exist_ok=True)
         file = (folder() / "lock").open("w")
     except OSError:
         yield

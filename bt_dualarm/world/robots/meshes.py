@@ -1,7 +1,8 @@
 """Meshes of robots as binary STL.
 
 MuJoCo reads neither COLLADA nor ASCII STL. Whatever is not binary STL is converted once with the
-``assimp`` program (of the package cmeel-assimp) and kept in the user's cache directory.
+``assimp`` program (of the package cmeel-assimp) and kept in the user's cache directory; where that
+cannot be written, as long as the process lasts.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import resource
 import subprocess
 import sysconfig
 import tempfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -65,10 +67,25 @@ def as_stl(path: Path) -> Path:
     if path.suffix.lower() == ".stl" and _is_binary_stl(path):
         return path
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-    converted = cache_dir() / "meshes" / f"{path.stem}-{digest}.stl"
-    if not (converted.is_file() and _is_binary_stl(converted)):
-        _convert(path, converted)
+    name = f"{path.stem}-{digest}.stl"
+    converted = cache_dir() / "meshes" / name
+    try:
+        _convert_once(path, converted)
+    except OSError:  # nothing can be written there
+        converted = Path(_scratch().name) / name
+        _convert_once(path, converted)
     return converted
+
+
+@cache
+def _scratch() -> tempfile.TemporaryDirectory[str]:
+    """Where meshes are converted that cannot be kept; gone with the process."""
+    return tempfile.TemporaryDirectory(prefix="bt_dualarm-")
+
+
+def _convert_once(source: Path, target: Path) -> None:
+    if not (target.is_file() and _is_binary_stl(target)):
+        _convert(source, target)
 
 
 def _is_binary_stl(path: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,31 @@ def test_the_cache_is_where_the_user_wants_it(monkeypatch: pytest.MonkeyPatch) -
     assert cache_dir() == Path("/elsewhere/bt_dualarm")
     monkeypatch.delenv("XDG_CACHE_HOME")
     assert cache_dir() == Path.home() / ".cache" / "bt_dualarm"
+
+
+def test_who_has_no_home_has_no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a container with a user that has no account; it cannot be made, and may be asked."""
+
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", homeless)
+    assert not cache_dir().exists()
+    with pytest.raises(OSError, match=re.escape(str(cache_dir().parent))):
+        cache_dir().mkdir(parents=True)
+
+
+def test_what_cannot_be_kept_is_converted_for_the_process(tmp_path: Path, triangle: Path) -> None:
+    """Once."""
+    (tmp_path / "cache").write_text("no folder")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+        converted = as_stl(triangle)
+        patch.setattr(meshes, "_run_assimp", pytest.fail)
+        assert as_stl(triangle) == converted
+    assert len(stl_triangles(converted)) == 1
+    assert not converted.is_relative_to(tmp_path)
 
 
 def test_binary_stl_is_taken_as_it_is(cache: Path) -> None:
