@@ -13,6 +13,7 @@ from bt_dualarm.motion.collision.sweep import FINE
 from bt_dualarm.motion.planning.corner_rounding import rounded
 from bt_dualarm.motion.planning.problem import PlanningProblem, is_free
 from bt_dualarm.motion.planning.way import Way, way_around
+from bt_dualarm.motion.search.long_way import is_clear
 from bt_dualarm.motion.timing.point_to_point import point_to_point, time_path
 from bt_dualarm.motion.timing.trajectory import LONG, Trajectory
 from bt_dualarm.pose import Matrix, Vector
@@ -80,6 +81,8 @@ def refuse_contact(checker: CollisionChecker, way: Matrix | Trajectory) -> None:
     radii = checker.radii
     rows = outline(way, radii, FINE) if isinstance(way, Trajectory) else way
     strict = checker.keeping_off((rows[0], rows[-1]))
+    if is_clear(strict, rows):
+        return
     last = rows[0]
     for i, q in enumerate(rows):
         moved = abs(q - last) @ radii

@@ -19,6 +19,7 @@ from bt_dualarm.motion.collision.sweep import FINE, interpolated
 from bt_dualarm.motion.kinematics.joint_limits import refuse_beyond
 from bt_dualarm.motion.planning.ompl_search import Budget, OmplSearch
 from bt_dualarm.motion.planning.planners import DEFAULT_PLANNER, Planner
+from bt_dualarm.motion.search.long_way import is_clear
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
@@ -92,6 +93,8 @@ def admitted(problem: PlanningProblem) -> PlanningProblem:
 
 def is_free(checker: CollisionChecker, corners: Matrix) -> bool:
     """Whether straight lines from corner to corner, of shape (n, dof), touch nothing."""
+    if is_clear(checker, corners):
+        return True
     pieces = (interpolated(a, b, checker.radii, FINE) for a, b in itertools.pairwise(corners))
     return all(checker.first_contact(rows) is None for rows in pieces)
 

@@ -3,6 +3,7 @@
 In: a test of configurations (`CollisionChecker`), a start, goals.
 Out: corners of a path that keeps clear of everything, between the corners, too.
 Open first: `swept` (an arm and its world as the kernels read them), `quick_search` (the search);
-others: `sweep_kernels` (how far a straight way is free), `room_kernels` (around one
-configuration), `distance_kernels` (of two shapes), `tree_kernels` (RRT-Connect).
+others: `long_way` (is all of a way clear?), `sweep_kernels` (how far a straight way is free),
+`room_kernels` (around one configuration), `distance_kernels` (of two shapes), `tree_kernels`
+(RRT-Connect).
 """

@@ -1,0 +1,52 @@
+"""A long way that is said to be clear is: MuJoCo finds nothing on it, however closely it looks."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from bt_dualarm.motion.collision.checker import CollisionChecker
+from bt_dualarm.motion.collision.sweep import interpolated
+from bt_dualarm.motion.search.long_way import is_clear
+from bt_dualarm.pose import Matrix
+from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from tests.motion.search.cluttered import anywhere, checker_in
+
+SPAN_M = 1e-3
+"""Most that the arm moves between two looks of the judge."""
+
+
+def free_everywhere(checker: CollisionChecker, corners: Matrix) -> bool:
+    pieces = (interpolated(a, b, checker.radii, SPAN_M) for a, b in itertools.pairwise(corners))
+    return all(checker.free(q) for rows in pieces for q in rows)
+
+
+@pytest.mark.parametrize("robot", robot_names())
+def test_what_is_clear_is_free_at_every_millimetre(robot: str) -> None:
+    """Among shapes of every kind; and most of what is free is found to be clear."""
+    rng, clear, free = np.random.default_rng(4), 0, 0
+    for seed in range(2):
+        checker, limits = checker_in(robot, seed), load_robot(robot).limits
+        for _ in range(25):
+            corners = anywhere(limits, rng) + np.cumsum(
+                rng.normal(0.0, 0.4, (4, checker.present.size)), axis=0
+            )
+            if not all(checker.free(q) for q in corners):
+                continue
+            strict = checker.keeping_off(corners[[0, -1]])
+            said = is_clear(strict, corners)
+            if said or free < 4:
+                true = free_everywhere(strict, corners)
+                assert true or not said
+                free += true
+                clear += said
+    assert clear > 0
+    assert clear > 0.5 * free
+
+
+def test_a_short_way_is_left_to_mujoco() -> None:
+    """Whatever there is on it: to gather the shapes would take longer."""
+    checker = checker_in("ur5", 0)
+    assert not is_clear(checker, np.array((checker.present, checker.present)))
