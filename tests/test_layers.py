@@ -23,7 +23,7 @@ from tests.source import (
 FLOORS = (
     {"errors", "pose", "share"},
     {"spec", "kernels", "recording"},
-    {"world.urdf"},
+    {"world.urdf", "motion.splines"},
     {"world.robots"},
     {"world.hardware", "world.nominal", "world.grippers"},
     {"world"},
