@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import mujoco
@@ -25,6 +25,7 @@ from bt_dualarm.world.hardware.drawn_arm import (
     draw_object,
     stream,
 )
+from bt_dualarm.world.hardware.electronics import Electronics
 from bt_dualarm.world.nominal.nominal_arm import NominalArm
 from bt_dualarm.world.nominal.nominal_load import NominalLoad
 from bt_dualarm.world.robots.friction import JointFriction
@@ -62,9 +63,6 @@ class Equipment:
         self.mounted = mounted
         self.grippers: dict[str, GripperHardware] = {}
         self._places: list[tuple[ArmHardware, Vector]] = []
-        self._sense: list[Callable[[float], None]] = []
-        self._drive: list[Callable[[], None]] = []
-        self._rub: list[Callable[[], None]] = []
         self._carrying: list[Carrying] = []
         self.errors: dict[str, RealityErrors] = {
             name: resolved(file.world.reality, arm.reality, REALITY_SETS)
@@ -74,6 +72,8 @@ class Equipment:
             name: draw_arm(errors, robots[name], seed, name, _fingers(mounted.get(name)))
             for name, errors in self.errors.items()
         }
+        efforts = {name: robot.limits.effort for name, robot in robots.items()}
+        self._electronics = Electronics(self.errors, self.drawn, efforts, file.world.timestep)
 
     def add(self, name: str, option: mujoco.MjOption) -> None:
         """Equip an arm that comes into a world with these options."""
@@ -85,14 +85,7 @@ class Equipment:
         self.nominal[name] = NominalArm(
             name, robot, arm.base.pose, model, friction, weighs=not errors.payload.known
         )
-        self.hardware[name] = ArmHardware(
-            errors,
-            self.drawn[name],
-            robot.limits.effort,
-            option.timestep,
-            (self._seed, name),
-        )
-
+        self.hardware[name] = self._electronics.begin(name, self._seed)
         if name in self.mounted:
             rng = stream(self._seed, f"{name}:gripper")
             self.grippers[name] = GripperHardware(self.mounted[name], errors, rng, option.timestep)
@@ -110,6 +103,7 @@ class Equipment:
     def remove(self, name: str) -> None:
         """Forget an arm that goes."""
         del self.hardware[name], self.nominal[name]
+        self._electronics.end(name)
         self.grippers.pop(name, None)
 
     def connect(
@@ -138,17 +132,12 @@ class Equipment:
             if name in self.grippers:
                 self.grippers[name].connect(self._model, body.data, name)
                 self._carrying.append(Carrying(self._model, body.data, name, self.mounted[name]))
-        equipped = [self.hardware[name] for name in arms]
-        self._sense = [hardware.sense for hardware in equipped]
-        self._drive = [hardware.drive for hardware in equipped if not hardware.is_ideal]
-        self._drive += [gripper.drive for gripper in self.grippers.values()]
-        self._rub = [hardware.rub for hardware in equipped if hardware.rubs]
+        self._electronics.connect(*plant, arms)
 
     def sense(self, time: float) -> None:
         """Read the sensors of all arms at a simulated time in s, which is now."""
         self._is_sensed = False
-        for read in self._sense:
-            read(time)
+        self._electronics.sense(time)
         for gripper in self.grippers.values():
             gripper.sense(time)
 
@@ -171,8 +160,9 @@ class Equipment:
 
     def drive(self) -> None:
         """Let all drives act during the next step."""
-        for act in self._drive:
-            act()
+        self._electronics.drive()
+        for gripper in self.grippers.values():
+            gripper.drive()
 
     def carry(self) -> None:
         """Let what grippers hold go with them, after the integration of a step."""
@@ -180,8 +170,7 @@ class Equipment:
 
     def rub(self) -> None:
         """Set the friction of all arms for the velocities of now."""
-        for act in self._rub:
-            act()
+        self._electronics.rub()
 
 
 def _fingers(gripper: Gripper | None) -> tuple[str, ...]:

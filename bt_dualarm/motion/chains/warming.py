@@ -14,7 +14,7 @@ from bt_dualarm.motion.chains.kernel_rows import (
     TOLD,
     Law,
 )
-from bt_dualarm.world.hardware.kernel_rows import DRIVES
+from bt_dualarm.world.hardware.kernel_columns import DRIVES
 
 
 def move_something() -> None:
@@ -27,5 +27,5 @@ def move_something() -> None:
     law = np.ones(len(Law._fields) + 2)
     observe(law, state)
     joints, told = np.ones((CONSTANTS, 1)), np.zeros(TOLD)
-    limits, drives = np.ones((LIMITS, 1)), np.ones((DRIVES, 1))
+    limits, drives = np.ones((LIMITS, 1)), np.ones((1, DRIVES))
     follow(law, limits, links, joints, np.zeros((2, 1, 1)), drives, KEEPS, state, told)

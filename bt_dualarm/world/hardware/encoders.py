@@ -1,114 +1,159 @@
-"""The encoders of an arm's joints: a position in steps and noise, and a velocity that follows."""
+"""The encoders of all joints: a position in steps and noise, and a velocity that follows."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Mapping
 from functools import cache
 from types import ModuleType
+from typing import Final
 
+import mujoco
 import numpy as np
 
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.spec.reality import EncoderErrors
+from bt_dualarm.world.hardware.kernel_columns import (
+    COUNT,
+    COUNTS,
+    ENCODERS,
+    KEPT,
+    RESOLUTION,
+    TAKEN,
+    WINDOW,
+)
+from bt_dualarm.world.hardware.plant_arm import PlantArm, count_of, joints_of
+
+KEPT_S: Final = 0.25
+"""Seconds for which readings are kept, for pictures whose stamp is late or early."""
 
 _DRAWN = 512
 """Readings whose noise is drawn at once: one by one that costs as much as all the rest."""
 
 
 class Encoders:
-    """Reads once a physics step.
+    """Reads all arms that are there once a physics step, in one call.
 
     Args:
-        errors: Resolution, noise, and how a velocity is made of positions.
+        errors: Resolution, noise, and how a velocity is made of positions, by arm.
+        parts: Columns of each arm's joints among those of all.
         timestep: Seconds between two readings.
-        rng: Source of the noise.
 
     Attributes:
-        q: Last reading of the positions, of shape (dof,), rad.
-        v: Velocities that come of it, of shape (dof,), rad/s.
+        stamp: Time of the last reading in s.
+        readings: Positions of it and velocities, of shape (2, n), rad and rad/s; a new array with
+            each reading.
+        past: Earlier readings with their stamps, those of `KEPT_S`, the last one too.
     """
 
-    def __init__(self, errors: EncoderErrors, timestep: float, rng: np.random.Generator) -> None:
-        self._resolution = math.radians(errors.resolution)
-        self._noise = math.radians(errors.noise)
-        self._steps = max(1, round(errors.window / timestep)) if errors.window else 0
-        share = -math.expm1(-2 * math.pi * errors.cutoff * timestep) if errors.cutoff else 1.0
-        self._kept = 1.0 - share
-        # By how many readings lie between two: what their difference adds to the velocity.
-        self._rates = [share / (max(n, 1) * timestep) for n in range(max(1, self._steps) + 1)]
-        self._rng = rng
-        self._drawn: Matrix = np.zeros((0, 0))
-        self._row = 0
-        self._past = np.zeros((self._steps + 1, 0))
-        self._newest, self._count = -1, 0
-        self._stamp = -math.inf
-        self._v_before: Vector = np.zeros(0)
-        self.q: Vector = np.zeros(0)
-        self.v: Vector = np.zeros(0)
+    def __init__(
+        self, errors: Mapping[str, EncoderErrors], parts: Mapping[str, slice], timestep: float
+    ) -> None:
+        count = count_of(parts)
+        self.stamp = -math.inf
+        self.readings: Matrix = np.zeros((2, count))
+        self.past: deque[tuple[float, Matrix]] = deque(maxlen=round(KEPT_S / timestep))
+        self._parts, self._step = parts, timestep
+        self._encoders, self._counts = np.zeros((count, ENCODERS)), np.zeros((count, COUNTS), int)
+        self._deviation = {name: math.radians(one.noise) for name, one in errors.items()}
+        for name, one in errors.items():
+            window = max(1, round(one.window / timestep)) if one.window else 0
+            share = -math.expm1(-2 * math.pi * one.cutoff * timestep) if one.cutoff else 1.0
+            self._encoders[parts[name], RESOLUTION] = math.radians(one.resolution)
+            self._encoders[parts[name], KEPT] = 1.0 - share
+            self._encoders[parts[name], TAKEN] = share
+            self._counts[parts[name], WINDOW] = window
+        rows = int(self._counts[:, WINDOW].max(initial=0)) + 1
+        self._window, self._newest = np.zeros((rows, count)), -1
+        self._noise, self._row = np.zeros((_DRAWN, count)), 0
+        self._sources: dict[str, np.random.Generator] = {}
+        self._before: Vector = np.zeros(count)
+        self._has_read = False
 
-    def read(self, q: Vector, v: Vector, stamp: float) -> None:
-        """Read joints at ``q`` that move with ``v``, each of shape (dof,), at a time in s.
+    def begin(self, name: str, source: np.random.Generator) -> None:
+        """Have an arm's encoders, which come into the world, read with noise from a source."""
+        self._counts[self._parts[name], COUNT] = 0
+        self._sources[name] = source
+        self._draw(name, self._row)
+
+    def end(self, name: str) -> None:
+        """Forget those of an arm that goes."""
+        del self._sources[name]
+
+    def connect(self, data: mujoco.MjData, arms: Mapping[str, PlantArm]) -> None:
+        """Belong to the arms of the plant that are there; anew after each recompilation."""
+        self._where = joints_of(
+            arms, self._parts, lambda arm: arm.qpos_ids, lambda arm: arm.dof_ids
+        )
+        # Views: looking a field up costs more than reading it.
+        self._q, self._v = data.qpos, data.qvel
+
+    def read(self, time: float) -> None:
+        """Read all joints at a time in s.
 
         A second reading of one moment takes the place of the first.
         """
-        if self._row == len(self._drawn):
-            self._draw(len(q))
-        row, self._row = self._row, self._row + 1
-        if self._steps:
-            if stamp <= self._stamp:
-                self._forget(stamp)
-            self._stamp = stamp
-        if self._count:
-            self._difference(q, row)
-            return
-        reading = q + self._drawn[row]
-        if self._resolution:
-            reading = np.rint(reading * (1.0 / self._resolution)) * self._resolution
-        self.q = reading
-        if self._steps:  # an arm comes into the world at rest
-            self._past = np.zeros((self._steps + 1, len(q)))
-            self._past[0], self._newest, self._count = reading, 0, 1
-            self.v = self._v_before = np.zeros_like(q)
-        else:
-            self.v = v.copy()
+        if time <= self.stamp:
+            self._forget(time)
+        if self._row == _DRAWN:
+            for name in self._sources:
+                self._draw(name, 0)
+            self._row = 0
+        noise, self._row = self._noise[self._row], self._row + 1
+        self._newest = (self._newest + 1) % len(self._window)
+        before, self.readings = self.readings[1], np.empty_like(self.readings)
+        if self._has_read:
+            kernels().read_joints(
+                self._where,
+                self._q,
+                self._v,
+                self._encoders,
+                self._counts,
+                noise,
+                self._window,
+                self._newest,
+                self._step,
+                before,
+                self.readings,
+            )
+        else:  # before anything moves nobody waits for machine code
+            self._read_first(noise)
+        self.stamp, self._before = time, before
+        self.past.append((time, self.readings))
 
-    def _draw(self, dof: int) -> None:
-        """Draw the noise of readings to come, of shape (n, dof), rad."""
-        count = (_DRAWN, dof)
-        drawn = self._rng.standard_normal(count) if self._noise else np.zeros(count)
-        self._drawn, self._row = self._noise * drawn, 0
+    def _draw(self, name: str, first: int) -> None:
+        """Draw the noise of an arm's readings to come, from a row on."""
+        part, deviation = self._parts[name], self._deviation[name]
+        if deviation:
+            drawn = self._noise[first:, part]
+            drawn[:] = deviation * self._sources[name].standard_normal(drawn.shape)
 
-    def _forget(self, stamp: float) -> None:
+    def _forget(self, time: float) -> None:
         """What was read at this moment already, and all of it where time has gone back."""
-        if stamp < self._stamp:
-            self._count = 0
+        counts = self._counts[:, COUNT]
+        if time < self.stamp:
+            counts[:] = 0
         else:
-            self._count -= 1
+            np.maximum(counts - 1, 0, out=counts)
             self._newest -= 1
-            self.v = self._v_before
+            self.readings = np.stack((self.readings[0], self._before))
+        self._has_read = bool(counts.any())
+        while self.past and self.past[-1][0] >= time:
+            self.past.pop()
 
-    def _difference(self, q: Vector, row: int) -> None:
-        """Read with a row of the noise, and take the velocity from the difference to earlier."""
-        past, rows, span, before = self._past, self._steps + 1, self._count, self.v
-        if span == rows:
-            span -= 1
-        self._count = span + 1
-        self._newest = newest = (self._newest + 1) % rows
-        read = np.empty((2, len(before)))
-        kernels().difference(
-            q,
-            self._drawn,
-            row,
-            self._resolution,
-            past,
-            newest,
-            (newest - span) % rows,
-            self._kept,
-            self._rates[span],
-            before,
-            read,
-        )
-        self.q, self.v, self._v_before = read[0], read[1], before
+    def _read_first(self, noise: Vector) -> None:
+        """Read joints that were not read before; they come into the world at rest."""
+        joints, places, rates = self._where.T
+        reading, resolution = self._q[places] + noise[joints], self._encoders[joints, RESOLUTION]
+        steps = resolution > 0.0
+        resolution = resolution[steps]
+        reading[steps] = np.rint(reading[steps] * (1.0 / resolution)) * resolution
+        self._window[self._newest, joints] = self.readings[0, joints] = reading
+        is_read = self._counts[joints, WINDOW] == 0
+        self.readings[1, joints] = np.where(is_read, self._v[rates], 0.0)
+        self._counts[joints, COUNT] = 1
+        self._has_read = True
 
 
 @cache

@@ -1,93 +1,112 @@
-"""What sensors, drives and friction do at each physics step, joint by joint."""
+"""What sensors, drives and friction do at each physics step, joint by joint, of all arms."""
 
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.world.hardware.kernel_rows import (
+from bt_dualarm.world.hardware.kernel_columns import (
     COULOMB,
+    COUNT,
     CREEP,
     DROP,
     EFFORT,
     GAIN,
+    KEPT,
+    LATE,
     NARROW,
     OFFSET,
     PER_STEP,
+    RESOLUTION,
     RISE,
+    SHARE,
+    TAKEN,
+    TORQUE,
     VISCOUS,
     WANTED,
+    WHOLE,
+    WINDOW,
 )
 
+Numbers: TypeAlias = npt.NDArray[np.int64]
+
 
 @kernel
-def difference(
+def read_joints(
+    where: Numbers,
     q: Vector,
-    noise: Matrix,
-    row: int,
-    resolution: float,
+    v: Vector,
+    encoders: Matrix,
+    counts: Numbers,
+    noise: Vector,
     past: Matrix,
     newest: int,
-    oldest: int,
-    kept: float,
-    rate: float,
+    step: float,
     before: Vector,
-    read: Matrix,
+    readings: Matrix,
 ) -> None:
-    """Enter what encoders read into the readings of the past, and what velocities come of it.
+    """Read positions, and what velocities come of them and of earlier readings.
 
     Args:
-        q: Positions, of shape (dof,), rad.
-        noise: Noise of readings, of shape (n, dof), rad.
-        row: Row of it that this reading has.
-        resolution: Steps in which they are read, rad; 0 for none.
-        past: Earlier readings, of shape (n, dof), rad.
-        newest: Row of them that this one takes.
-        oldest: Row that it is held against.
-        kept: Share of the velocities that stays.
-        rate: Velocity for a difference of one, 1/s.
-        before: Velocities so far, of shape (dof,), rad/s.
-        read: Takes readings and velocities, of shape (2, dof), rad and rad/s.
+        where: Row, and addresses of position and velocity of each joint, of shape (k, 3).
+        q: Positions of the plant, of shape (nq,), rad.
+        v: Velocities of the plant, of shape (nv,), rad/s.
+        encoders: What is known of the encoders, see `kernel_columns`.
+        counts: Windows and numbers of earlier readings, see there; changed.
+        noise: Noise of this reading, of shape (n,), rad.
+        past: Positions of earlier readings, of shape (m, n), rad: rows go round.
+        newest: Row of them that this reading takes.
+        step: Seconds between two readings.
+        before: Velocities so far, of shape (n,), rad/s.
+        readings: Takes positions and velocities, of shape (2, n), rad and rad/s.
     """
-    for i in range(len(q)):
-        reading = q[i] + noise[row, i]
+    for k in range(len(where)):
+        joint, place, rate = where[k, 0], where[k, 1], where[k, 2]
+        reading, resolution = q[place] + noise[joint], encoders[joint, RESOLUTION]
         if resolution > 0.0:
             reading = np.rint(reading * (1.0 / resolution)) * resolution
-        past[newest, i] = read[0, i] = reading
-        read[1, i] = before[i] * kept + (reading - past[oldest, i]) * rate
+        past[newest, joint] = readings[0, joint] = reading
+        window, count = counts[joint, WINDOW], counts[joint, COUNT]
+        span = min(count, window)
+        if window == 0:
+            readings[1, joint] = v[rate]
+        elif span == 0:  # an arm comes into the world at rest
+            readings[1, joint] = 0.0
+        else:
+            way = reading - past[(newest - span) % len(past), joint]
+            taken = encoders[joint, TAKEN] / (span * step)
+            readings[1, joint] = before[joint] * encoders[joint, KEPT] + way * taken
+        counts[joint, COUNT] = min(count, window) + 1
 
 
 @kernel
-def pass_on(
-    sent: Matrix,
-    newest: int,
-    wanted: Vector,
-    rest: float,
-    share: float,
-    torque: Vector,
-    motors: Vector,
-) -> None:
+def pass_on(where: Numbers, sent: Matrix, newest: int, drives: Matrix, motors: Vector) -> None:
     """Enter torques that were sent a while ago, and what a slow drive makes of them.
 
     Args:
-        sent: Torques of the last steps, of shape (n, dof), N m: rows go round.
+        where: Row and address of the motor of each joint, of shape (k, 2).
+        sent: Torques of the last steps, of shape (m, n), N m: rows go round.
         newest: Row of those of now.
-        wanted: Torques of now, of shape (dof,), N m.
-        rest: Part of a step by which they are late, beyond whole ones.
-        share: Share of the way to a torque that is gone in a step.
-        torque: Torque of the drives, of shape (dof,), N m.
-        motors: Takes the same, in the plant.
+        drives: What is known of the drives, see `kernel_columns`; takes what they give.
+        motors: Takes the same, in the plant, of shape (nu,).
     """
     count = len(sent)
-    first, second = (newest + 1) % count, (newest + 2) % count
-    for i in range(len(torque)):
-        sent[newest, i] = wanted[i]
-        asked = sent[second, i] + rest * (sent[first, i] - sent[second, i])
-        torque[i] = torque[i] + share * (asked - torque[i]) if share < 1.0 else asked
-        motors[i] = torque[i]
+    for k in range(len(where)):
+        joint, motor, late = where[k, 0], where[k, 1], int(drives[where[k, 0], WHOLE])
+        sent[newest, joint] = drives[joint, WANTED]
+        last, before = (
+            sent[(newest - late) % count, joint],
+            sent[(newest - late - 1) % count, joint],
+        )
+        asked = last + drives[joint, LATE] * (before - last)
+        share, torque = drives[joint, SHARE], drives[joint, TORQUE]
+        torque = torque + share * (asked - torque) if share < 1.0 else asked
+        drives[joint, TORQUE] = motors[motor] = torque
 
 
 @kernel
@@ -96,34 +115,37 @@ def take_torques(torque: Vector, drives: Matrix) -> None:
 
     Args:
         torque: Torques that are commanded, of shape (dof,), N m.
-        drives: What is known of the drives, see `kernel_rows`; takes the torques.
+        drives: What is known of the drives of these joints, see `kernel_columns`; takes the
+            torques.
     """
     for i in range(len(torque)):
-        asked, effort = torque[i], drives[EFFORT, i]
-        if drives[PER_STEP, i] > 0.0:
-            asked = np.rint(asked * drives[PER_STEP, i])
-        drives[WANTED, i] = max(min(drives[GAIN, i] * asked, effort), -effort)
+        asked, effort = torque[i], drives[i, EFFORT]
+        if drives[i, PER_STEP] > 0.0:
+            asked = np.rint(asked * drives[i, PER_STEP])
+        drives[i, WANTED] = max(min(drives[i, GAIN] * asked, effort), -effort)
 
 
 @kernel
-def rub(joints: Matrix, v: Vector, dry: Vector, damping: Vector) -> None:
+def rub(where: Numbers, friction: Matrix, v: Vector, dry: Vector, damping: Vector) -> None:
     """Enter friction at velocities of now.
 
     Args:
-        joints: Friction of the joints, see `kernel_rows`.
-        v: Velocities, of shape (dof,), rad/s.
-        dry: Takes dry friction, of shape (dof,), N m.
-        damping: Takes what grows with speed, of shape (dof,), N m s/rad.
+        where: Row, and address of the velocity of each joint, of shape (k, 2).
+        friction: Friction of the joints, see `kernel_columns`.
+        v: Velocities of the plant, of shape (nv,), rad/s.
+        dry: Takes dry friction, of shape (nv,), N m.
+        damping: Takes what grows with speed, of shape (nv,), N m s/rad.
     """
-    for i in range(len(v)):
-        fall = joints[DROP, i]
+    for k in range(len(where)):
+        joint, i = where[k, 0], where[k, 1]
+        fall = friction[joint, DROP]
         if fall != 0.0:
-            fall *= math.exp(v[i] * v[i] * joints[NARROW, i])
-        rise = joints[RISE, i]
+            fall *= math.exp(v[i] * v[i] * friction[joint, NARROW])
+        rise, offset = friction[joint, RISE], friction[joint, OFFSET]
         if rise > 0.0:
-            speed, start = v[i] + CREEP, math.tanh(joints[OFFSET, i] / rise)
-            build_up = math.tanh((speed + joints[OFFSET, i]) / rise) - start
-            gentle = (joints[COULOMB, i] + fall) * build_up / speed
-            dry[i], damping[i] = 0.0, joints[VISCOUS, i] + gentle
+            speed, start = v[i] + CREEP, math.tanh(offset / rise)
+            build_up = math.tanh((speed + offset) / rise) - start
+            gentle = (friction[joint, COULOMB] + fall) * build_up / speed
+            dry[i], damping[i] = 0.0, friction[joint, VISCOUS] + gentle
         else:
-            dry[i], damping[i] = joints[COULOMB, i] + fall, joints[VISCOUS, i]
+            dry[i], damping[i] = friction[joint, COULOMB] + fall, friction[joint, VISCOUS]

@@ -12,10 +12,9 @@ import numpy as np
 
 from bt_dualarm.pose import Matrix
 from bt_dualarm.spec.reality import DriveErrors, EncoderErrors
-from bt_dualarm.world.hardware.drives import Drives
-from bt_dualarm.world.hardware.encoders import Encoders
 from bt_dualarm.world.hardware.hardware_kernels import rub
-from bt_dualarm.world.hardware.kernel_rows import FRICTION, NARROW, RISE
+from bt_dualarm.world.hardware.kernel_columns import FRICTION, NARROW, RISE
+from tests.world.hardware.bench import BenchDrives, BenchEncoders
 
 DOF, STEPS = 4, 20
 
@@ -24,20 +23,21 @@ def passed(seed: int) -> Matrix:
     """Readings, velocities, torques, friction and damping, of shape (STEPS, 5 DOF)."""
     rng = np.random.default_rng(seed)
     errors = EncoderErrors(resolution=0.01, noise=0.02, window=0.006, cutoff=80.0)
-    encoders = Encoders(errors, 0.002, rng)
+    encoders = BenchEncoders(errors, DOF, seed)
     sent = DriveErrors(delay=0.003, bandwidth=60.0, quantum=0.001)
-    drives = Drives(sent, rng.uniform(0.9, 1.1, DOF), np.full(DOF, 20.0), 0.002)
-    friction = rng.uniform(0.1, 1.0, (FRICTION, DOF))
-    friction[NARROW] *= -1.0
-    friction[RISE, ::2] = 0.0
+    drives = BenchDrives(sent, rng.uniform(0.9, 1.1, DOF), np.full(DOF, 20.0))
+    friction = rng.uniform(0.1, 1.0, (DOF, FRICTION))
+    friction[:, NARROW] *= -1.0
+    friction[::2, RISE] = 0.0
+    where = np.stack((np.arange(DOF), np.arange(DOF)), axis=1)
     rows = []
     for step in range(STEPS):
         v = rng.normal(size=DOF)
         encoders.read(rng.normal(size=DOF), v, 0.002 * step)
-        drives.command(20.0 * rng.normal(size=DOF))
+        torque = drives.passed(20.0 * rng.normal(size=DOF))
         dry, damping = np.empty((2, DOF))
-        rub(friction, v, dry, damping)
-        rows.append(np.concatenate((encoders.q, encoders.v, drives.torque(), dry, damping)))
+        rub(where, friction, v, dry, damping)
+        rows.append(np.concatenate((encoders.q, encoders.v, torque, dry, damping)))
     return np.array(rows)
 
 

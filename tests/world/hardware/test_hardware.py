@@ -10,32 +10,25 @@ import pytest
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.spec.reality import DriveErrors, EncoderErrors
-from bt_dualarm.world.hardware.drives import Drives
-from bt_dualarm.world.hardware.encoders import Encoders
+from bt_dualarm.world.hardware.drives import ArmDrives
 from bt_dualarm.world.world import World
+from tests.world.hardware.bench import STEP, Bench, BenchDrives, BenchEncoders
 from tests.world.worlds import arm, file_of
 
-STEP = 0.002
 EFFORT = np.array([150.0, 28.0])
 
 
-def encoders(**errors: float) -> Encoders:
-    return Encoders(EncoderErrors(**errors), STEP, np.random.default_rng(0))
+def encoders(dof: int = 1, **errors: float) -> BenchEncoders:
+    return BenchEncoders(EncoderErrors(**errors), dof, seed=0)
 
 
-def drives(gain: tuple[float, float] = (1.0, 1.0), **errors: Any) -> Drives:
-    return Drives(DriveErrors(**errors), np.array(gain), EFFORT, STEP)
+def drives(gain: tuple[float, float] = (1.0, 1.0), **errors: Any) -> BenchDrives:
+    return BenchDrives(DriveErrors(**errors), np.array(gain), EFFORT)
 
 
-def response(drive: Drives, torques: list[Vector]) -> Vector:
+def response(drive: BenchDrives, torques: list[Vector]) -> Vector:
     """What the first joint gets of torques for it, one a step."""
-    return np.array([passed(drive, torque)[0] for torque in torques])
-
-
-def passed(drive: Drives, torque: Vector) -> Vector:
-    """What the joints get in the step after a command."""
-    drive.command(torque)
-    return drive.torque()
+    return np.array([drive.passed(torque)[0] for torque in torques])
 
 
 def impulse(steps: int) -> list[Vector]:
@@ -43,7 +36,7 @@ def impulse(steps: int) -> list[Vector]:
 
 
 def test_an_exact_encoder_says_what_is_so() -> None:
-    exact, q, v = encoders(), np.array([0.1, -2.0]), np.array([1.0, 2.0])
+    exact, q, v = encoders(2), np.array([0.1, -2.0]), np.array([1.0, 2.0])
     exact.read(q, v, 0.0)
     assert (exact.q == q).all()
     assert (exact.v == v).all()
@@ -58,7 +51,7 @@ def test_readings_are_whole_steps() -> None:
 
 
 def test_noise_has_the_deviation_that_is_given() -> None:
-    noisy = encoders(noise=0.01)
+    noisy = encoders(2, noise=0.01)
     read = []
     for k in range(5000):
         noisy.read(np.zeros(2), np.zeros(2), k * STEP)
@@ -113,15 +106,15 @@ def test_a_slow_drive_follows_as_a_first_order_lag() -> None:
 def test_torques_are_whole_quanta_of_the_effort() -> None:
     drive = drives(quantum=0.01)
     for torque in np.linspace(-20, 20, 37):
-        got = passed(drive, np.array([torque, 0.0]))[0]
+        got = drive.passed(np.array([torque, 0.0]))[0]
         assert got / 1.5 == pytest.approx(round(got / 1.5), abs=1e-9)
         assert abs(got - torque) <= 0.75 + 1e-9
 
 
 def test_a_gain_is_the_joint_s_own_and_no_motor_gives_more_than_its_effort() -> None:
     drive = drives(gain=(1.1, 0.8))
-    assert passed(drive, np.array([10.0, 10.0])) == pytest.approx([11.0, 8.0])
-    assert passed(drive, np.array([149.0, -28.0])) == pytest.approx([150.0, -22.4])
+    assert drive.passed(np.array([10.0, 10.0])) == pytest.approx([11.0, 8.0])
+    assert drive.passed(np.array([149.0, -28.0])) == pytest.approx([150.0, -22.4])
 
 
 def test_ideal_drives_let_a_torque_through_at_once() -> None:
@@ -153,3 +146,58 @@ def test_two_arms_of_one_seed_are_two_robots() -> None:
     one, other = (world.equipment.drawn[name] for name in arms)
     assert (one.gain != other.gain).all()
     assert (one.friction.viscous != other.friction.viscous).all()
+
+
+SENSED = {
+    "late": EncoderErrors(resolution=0.01, noise=0.02, window=0.01, cutoff=80.0),
+    "ideal": EncoderErrors(),
+    "early": EncoderErrors(noise=0.01, window=0.004),
+}
+DRIVEN = {
+    "late": ArmDrives(DriveErrors(delay=0.007, quantum=0.001), np.full(2, 1.1), EFFORT),
+    "ideal": ArmDrives(DriveErrors(), np.ones(3), np.full(3, 9.0)),
+    "early": ArmDrives(DriveErrors(delay=0.003, bandwidth=60.0), np.ones(1), np.ones(1)),
+}
+
+
+def course(names: set[str]) -> dict[str, list[Vector]]:
+    """Readings and torques of arms on a bench, one of which comes after 300 steps."""
+    bench = Bench(SENSED, DRIVEN)
+    rng = np.random.default_rng(1)
+    seen: dict[str, list[Vector]] = {name: [] for name in names}
+    for k in range(1200):
+        for name, one in DRIVEN.items():
+            truth = rng.normal(size=(3, len(one.effort)))
+            if name not in names or k < (300 if name == "late" else 0):
+                continue
+            if name not in bench.hardware:
+                bench.begin(name, seed=7)
+            bench.place(name, *truth[:2])
+            bench.hardware[name].command(truth[2])
+        bench.drives.drive()
+        bench.encoders.read(k * STEP)
+        if k % 5 == 0:  # again at this moment, as after a recompilation
+            bench.encoders.read(k * STEP)
+        for name, one_arm in bench.hardware.items():
+            seen[name].append(np.concatenate((one_arm.q, one_arm.v, bench.torque(name))))
+    return seen
+
+
+@pytest.mark.parametrize("name", SENSED)
+def test_an_arm_senses_and_is_driven_as_if_it_were_alone(name: str) -> None:
+    """To the last bit, whatever the windows and delays of the others, and whenever it comes."""
+    together, alone = course(set(SENSED))[name], course({name})[name]
+    np.testing.assert_array_equal(together, alone)
+    assert np.std(together, axis=0).min() > 0.0
+
+
+def test_readings_before_an_arm_came_are_not_its_own() -> None:
+    bench = Bench(SENSED, DRIVEN)
+    bench.begin("early")
+    for k in range(10):
+        bench.encoders.read(k * STEP)
+    bench.begin("late")
+    bench.place("late", np.array([0.5, -0.5]), np.zeros(2))
+    for k in range(9, 12):
+        bench.encoders.read(k * STEP)
+    assert bench.hardware["late"].q_at(0.0) == pytest.approx([0.5, -0.5], abs=0.01)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bt_dualarm.world.hardware.hardware_kernels import rub
-from bt_dualarm.world.hardware.kernel_rows import FRICTION
-from bt_dualarm.world.hardware.rubbing import Rubbing
+from bt_dualarm.world.hardware.kernel_columns import FRICTION
+from bt_dualarm.world.hardware.rubbing import rows_of
 from tests.source import ROOT
 from tests.world.hardware.passed import passed
 from tests.world.worlds import ROBOTS, world_with
@@ -34,9 +34,10 @@ def test_compiled_kernels_do_what_plain_python_does() -> None:
 def test_joints_rub_as_their_friction_says(robot: str) -> None:
     """Dry friction and damping together are the torque of the page, at any velocity."""
     friction = world_with(robot).robots["arm1"].friction
-    rows = Rubbing(friction).joints
-    assert rows.shape == (FRICTION, len(friction.coulomb))
-    for v in np.random.default_rng(1).normal(size=(20, len(friction.coulomb))):
+    rows, dof = rows_of(friction), len(friction.coulomb)
+    assert rows.shape == (dof, FRICTION)
+    where = np.stack((np.arange(dof), np.arange(dof)), axis=1)
+    for v in np.random.default_rng(1).normal(size=(20, dof)):
         dry, damping = np.empty((2, len(v)))
-        rub(rows, v, dry, damping)
+        rub(where, rows, v, dry, damping)
         assert dry * np.sign(v) + damping * v == pytest.approx(friction.torque(v), abs=1e-6)

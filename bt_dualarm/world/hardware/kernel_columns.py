@@ -1,0 +1,58 @@
+"""Columns of what the kernels of sensors and drives read: a row a joint, of all arms."""
+
+from __future__ import annotations
+
+from typing import Final
+
+# Of the encoders, of shape (n, ENCODERS).
+RESOLUTION: Final = 0
+"""Steps in which positions are read, rad; 0 for none."""
+KEPT: Final = 1
+"""Share of a velocity that stays from one reading to the next."""
+TAKEN: Final = 2
+"""Share of a difference that it takes up."""
+ENCODERS: Final = 3
+
+# Of their readings, whole numbers of shape (n, COUNTS).
+WINDOW: Final = 0
+"""Readings over which a velocity is differenced; 0 where it is read as it is."""
+COUNT: Final = 1
+"""Readings that there have been, as far as a window asks for them."""
+COUNTS: Final = 2
+
+# Of friction, of shape (n, FRICTION).
+COULOMB: Final = 0
+"""Dry friction, N m."""
+DROP: Final = 1
+"""How much more of it a joint has that stands, N m."""
+NARROW: Final = 2
+"""-1/v_s² of the speed at which that is left behind, s²/rad²."""
+VISCOUS: Final = 3
+"""Friction that grows with speed, N m s/rad."""
+RISE: Final = 4
+"""Speed over which dry friction builds up, rad/s; 0 where it is there at once."""
+OFFSET: Final = 5
+"""Offset of the speed at which it does, rad/s."""
+FRICTION: Final = 6
+
+# Of the drives, of shape (n, DRIVES).
+PER_STEP: Final = 0
+"""Steps of a torque of one, 1/(N m); 0 for none."""
+GAIN: Final = 1
+"""Torque of a step, or of one, N m."""
+EFFORT: Final = 2
+"""Effort limits, N m."""
+WANTED: Final = 3
+"""Torques that they are to give, N m."""
+TORQUE: Final = 4
+"""Torques that they give, N m."""
+WHOLE: Final = 5
+"""Whole steps of physics by which they are late."""
+LATE: Final = 6
+"""Part of a step by which they are late beyond that."""
+SHARE: Final = 7
+"""Share of the way to a torque that is gone in a step of physics."""
+DRIVES: Final = 8
+
+CREEP: Final = 1e-9
+"""Speed in rad/s that is added before a secant is taken: that of a joint that stands is a slope."""
