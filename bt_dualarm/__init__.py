@@ -37,6 +37,7 @@ A skill is what a leaf does::
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -241,8 +242,11 @@ if not TYPE_CHECKING:  # a checker of types is to complain of names that are not
             return importlib.import_module("importlib.metadata").version(__name__)
         if name not in _CONTENTS:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        module, _, attribute = _CONTENTS[name].partition(":")
-        return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
+        place, _, attribute = f"{__name__}.{_CONTENTS[name]}".partition(":")
+        if place in sys.modules:
+            return getattr(importlib.import_module(place), attribute)
+        with importlib.import_module(f"{__name__}.collector").paused():
+            return getattr(importlib.import_module(place), attribute)
 
 
 def __dir__() -> list[str]:

@@ -1,7 +1,7 @@
 """Turning evenly from one orientation to the next (Shoemake, SIGGRAPH 1985).
 
-As SciPy's, to the last bit, without its import. Sines are those of the standard library: they are the same on
-every processor, and NumPy's are not.
+As SciPy's, to the last bit, without its import. Sines are those of the standard library: they are
+the same on every processor, and NumPy's are not.
 """
 
 from __future__ import annotations
