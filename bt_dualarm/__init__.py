@@ -37,7 +37,6 @@ A skill is what a leaf does::
 from __future__ import annotations
 
 import importlib
-import sys
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -243,10 +242,7 @@ if not TYPE_CHECKING:  # a checker of types is to complain of names that are not
         if name not in _CONTENTS:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         place, _, attribute = f"{__name__}.{_CONTENTS[name]}".partition(":")
-        if place in sys.modules:
-            return getattr(importlib.import_module(place), attribute)
-        with importlib.import_module(f"{__name__}.collector").paused():
-            return getattr(importlib.import_module(place), attribute)
+        return getattr(importlib.import_module(f"{__name__}.collector").imported(place), attribute)
 
 
 def __dir__() -> list[str]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import gc
+import importlib
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import ModuleType
 
 
 @contextmanager
@@ -25,3 +28,11 @@ def paused() -> Iterator[None]:
         gc.freeze()
         gc.unfreeze()  # into the oldest generation, without a look at it
         gc.enable()
+
+
+def imported(name: str) -> ModuleType:
+    """Import a module, without a search where it was not there."""
+    if name in sys.modules:
+        return importlib.import_module(name)  # waits for another thread that is at it
+    with paused():
+        return importlib.import_module(name)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from bt_dualarm.collector import paused
+from bt_dualarm.collector import imported, paused
 
 
 @pytest.fixture(autouse=True)
@@ -73,3 +73,11 @@ def test_what_others_have_set_is_left_alone() -> None:
         assert gc.isenabled()
     assert gc.get_freeze_count() >= 0.9 * frozen > 0
     gc.unfreeze()
+
+
+def test_what_is_imported_already_stirs_nothing() -> None:
+    """New objects stay new where a name of the package is only looked up."""
+    imported("bt_dualarm.pose")
+    new: list[list[int]] = [[]]
+    imported("bt_dualarm.pose")
+    assert any(one is new for one in gc.get_objects(generation=0))
