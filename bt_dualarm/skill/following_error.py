@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
-
-import numpy as np
 
 from bt_dualarm.errors import Failure, Number
 from bt_dualarm.pose import Vector
@@ -38,7 +37,7 @@ class FollowingError:
         self._bound = bound
         self._patience = patience
         self._seen: deque[tuple[float, float]] = deque()
-        self._least = np.inf
+        self._least = math.inf
         self._nearer_at = 0.0
         self._squares = 0.0
         self._count = 0
@@ -47,7 +46,7 @@ class FollowingError:
         """The target is out of view or out of reach: the tool has to arrive anew."""
         self._seen.clear()
         self.arrived = False
-        self._least = np.inf
+        self._least = math.inf
 
     def take(self, stamp: float, error: Vector) -> None:
         """Take in a sighting.
@@ -69,7 +68,7 @@ class FollowingError:
         if self.arrived:
             self._count += 1
             self._squares += square
-            self.largest = max(self.largest, float(np.sqrt(square)))
+            self.largest = max(self.largest, math.sqrt(square))
             self._keep()
         else:
             self._approach(stamp)
@@ -78,11 +77,11 @@ class FollowingError:
         """``seen_rms_m`` and ``seen_max_m`` while it followed; none where it never arrived."""
         if self._count == 0:
             return {}
-        rms = float(np.sqrt(self._squares / self._count))
+        rms = math.sqrt(self._squares / self._count)
         return {"seen_rms_m": rms, "seen_max_m": self.largest}
 
     def _keep(self) -> None:
-        rms = self._rms(-np.inf)
+        rms = self._rms(-math.inf)
         if rms > self._bound:
             raise Failure(
                 "NOT_FOLLOWING",
@@ -121,4 +120,4 @@ class FollowingError:
         squares = [square for stamp, square in self._seen if stamp >= since]
         if len(squares) < _FEWEST:
             squares = [square for _, square in list(self._seen)[-_FEWEST:]]
-        return float(np.sqrt(np.mean(squares)))
+        return math.sqrt(math.fsum(squares) / len(squares))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
@@ -10,7 +12,7 @@ from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.skill.skill import Record
 
 _TOGETHER = 256
-"""Positions that are recorded at a time."""
+"""Positions that are recorded at a time, and worked out where they are planned."""
 
 
 class PathDeviation:
@@ -35,6 +37,7 @@ class PathDeviation:
         self._squares = 0.0
         self._planned: list[Matrix] = []
         self._executed: list[Matrix] = []
+        self._block: tuple[int, Matrix] = (0, np.empty((0, 3)))
 
     @property
     def rms_m(self) -> float:
@@ -47,10 +50,10 @@ class PathDeviation:
         if not len(parameters):
             return 0.0
         planned = self._planned_at(parameters)
-        away = np.linalg.norm(executed - planned, axis=1)
-        farthest = float(away.max())
-        self._count += len(away)
-        self._squares += float((away**2).sum())
+        squares = ((executed - planned) ** 2).sum(axis=1)
+        farthest = math.sqrt(squares.max())
+        self._count += len(squares)
+        self._squares += float(squares.sum())
         self.worst_m = max(self.worst_m, farthest)
         self._planned.append(planned)
         self._executed.append(executed)
@@ -76,9 +79,16 @@ class PathDeviation:
         # Minimum and maximum: a clip costs three times as much.
         low = np.maximum(np.minimum(index.astype(int), len(motion) - 2), 0)
         high = np.minimum(low + 1, len(motion) - 1)
-        first = int(low.min())
-        piece = motion.piece(first, int(high.max()) + 1)
-        planned = self._arm.planned_tool_positions(piece)
+        first, planned = self._block_of(int(low.min()), int(high.max()) + 1)
         u, begin = np.minimum(np.maximum(index - low, 0.0), 1.0)[:, None], planned[low - first]
         between: Matrix = begin + u * (planned[high - first] - begin)
         return between
+
+    def _block_of(self, first: int, end: int) -> tuple[int, Matrix]:
+        """Planned positions of some set-points, or of more, and the number of the first of them."""
+        begin, planned = self._block
+        if not begin <= first <= end <= begin + len(planned):
+            motion = self._source.trajectory
+            piece = motion.piece(first, min(max(first + _TOGETHER, end), len(motion)))
+            self._block = first, self._arm.planned_tool_positions(piece)
+        return self._block

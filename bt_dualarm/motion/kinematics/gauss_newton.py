@@ -116,7 +116,7 @@ class Descent:
 
     def _state(self) -> Vector:
         mechanism = self._mechanism
-        return np.clip(mechanism.state, mechanism.lower, mechanism.upper)
+        return _within(mechanism, mechanism.state)
 
 
 class PulledDescent(Descent):
@@ -179,7 +179,14 @@ class Continuation:
         self, targets: Sequence[Matrix], q: Vector, *, pulled: int = 6, exact: int = 8
     ) -> Vector:
         """From ``q``, of shape (dof,), on to the targets; at most so many steps of each kind."""
-        q = np.clip(q, self.mechanism.lower, self.mechanism.upper)
+        q = _within(self.mechanism, q)
         if self._pulled is not None and pulled:
             q = self._pulled.run(targets, q, pulled)
         return self._exact.run(targets, q, exact)
+
+
+def _within(mechanism: Mechanism, q: Vector) -> Vector:
+    """The nearest configuration, of shape (dof,), within the position limits."""
+    # Minimum and maximum: a clip costs three times as much.
+    nearest: Vector = np.minimum(np.maximum(q, mechanism.lower), mechanism.upper)
+    return nearest

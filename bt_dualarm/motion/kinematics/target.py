@@ -46,10 +46,9 @@ def target_matrix(target: Pose) -> Matrix:
 
 def residual_between(reached: Matrix, goal: Matrix) -> tuple[float, float]:
     """Distance in metres and angle in radians between two transforms."""
-    gap = reached - goal
-    chord = np.linalg.norm(gap[:3, :3])  # of two rotations by the angle: sqrt(8) sin(angle / 2)
-    angle = 2.0 * np.arcsin(min(1.0, float(chord) / np.sqrt(8.0)))
-    return float(np.linalg.norm(gap[:3, 3])), float(angle)
+    (a, b, c, x), (d, e, f, y), (g, h, i, z) = (reached - goal)[:3].tolist()
+    chord = math.hypot(a, b, c, d, e, f, g, h, i)  # of two rotations: sqrt(8) sin(angle / 2)
+    return math.hypot(x, y, z), 2.0 * math.asin(min(1.0, chord / math.sqrt(8.0)))
 
 
 def unreachable(distance: float, angle: float) -> Failure:
