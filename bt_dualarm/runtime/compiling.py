@@ -15,6 +15,7 @@ from bt_dualarm.vision.guessed_plane import swing_something
 from bt_dualarm.vision.motion_model import predict_something
 from bt_dualarm.vision.outline_error import outline_something
 from bt_dualarm.vision.stillness import rest_something
+from bt_dualarm.world.cameras.lens import bend_something
 from bt_dualarm.world.cameras.shutter import move_past_something
 from bt_dualarm.world.grippers.carrying import carry_something
 from bt_dualarm.world.grippers.tactile import feel_something
@@ -28,7 +29,7 @@ def compile_kernels() -> None:
 
     Harmless when repeated: once on a machine it does something.
     """
-    cameras = draw_something, move_past_something, detect_something
+    cameras = draw_something, bend_something, move_past_something, detect_something
     world = sense_something, touch_something, bound_something
     vision = predict_something, rest_something, outline_something, swing_something
     motion = move_something, follow_something, time_something, search_something

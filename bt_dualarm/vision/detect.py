@@ -125,9 +125,7 @@ def detect_blobs(
     frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
 ) -> list[tuple[Detection, Blob]]:
     """As `detect_all`, each with its pixels."""
-    left, top, right, bottom = frame.region
-    step = frame.stride
-    part = np.ascontiguousarray(frame.image[top:bottom:step, left:right:step])
+    step, part = frame.stride, frame.blocks
     if part.size == 0:
         return []
     raw = color.mask(part)

@@ -67,7 +67,7 @@ def merged(frames: list[Frame]) -> Frame:
     """
 
     def mean() -> Image:
-        exact = np.mean([frame.image for frame in frames], axis=0)
+        exact = np.mean([frame.blocks for frame in frames], axis=0)
         return np.asarray(np.rint(exact), dtype=np.uint8)
 
     return UndrawnFrame.of(frames[-1], mean, merges=len(frames))

@@ -151,18 +151,20 @@ class Camera:
         shake = _STEADY
         if self._is_faulty:
             shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
-        exposure = Exposure(camera_id, self.width, self.height, region, window.stride)
+        exposure = Exposure(camera_id, self.width, self.height, region, window.stride, alone=True)
         suffer = known.suffering(region, window.stride) if known.suffers else None
 
         def draw(state: mujoco.MjData) -> Image:
             return self._optics.picture(model, state, exposure, shake, suffer)
 
-        facts = pose, known.fov_rad, region, window.stride, self.noise, self._memory
+        facts = stamp, pose, known.fov_rad, region, window.stride, self.noise, self._memory
+        size = self.width, self.height
         if self._memory is not None and self._memory.knows(stamp, region, window.stride):
-            then, size = Scenery.of(model, data), (self.width, self.height)
-            frame: Frame = UndrawnFrame(size, lambda: draw(then.data()), stamp, *facts)
+            then = Scenery.of(model, data)
+            frame = UndrawnFrame(size, lambda: draw(then.data()), *facts)
         else:
-            frame = Frame(stamp, draw(data), *facts)
+            blocks = draw(data)
+            frame = UndrawnFrame(size, lambda: blocks, *facts)
         if not self._is_faulty or self._rng.random() >= self.drop:
             self._pending.append(frame)
         self._next_index = math.floor((time + _CLOCK_TOLERANCE_S) / self.period) + 1

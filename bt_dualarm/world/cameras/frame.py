@@ -62,6 +62,14 @@ class Frame:
     memory: Memory | None = None
     merges: int = 1
 
+    @cached_property
+    def blocks(self) -> Image:
+        """Colours of the blocks of what was exposed, of shape (rows, columns, 3)."""
+        left, top, right, bottom = self.region
+        return np.ascontiguousarray(
+            self.image[top : bottom : self.stride, left : right : self.stride]
+        )
+
     def posed(self, pose: Pose) -> Frame:
         """The same picture, by a camera that is believed to have been elsewhere."""
         seen = self

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Callable
+from functools import cache
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.world.rendering.renderer import Exposure, Image, Region, clip_region, enter_blocks
+from bt_dualarm.world.rendering.renderer import Exposure, Image, Region
 
 _RADII: Final = 4096
 """Radii at which the formula is worked out; between two of them it is a line."""
@@ -31,7 +33,6 @@ class Lens:
     """
 
     def __init__(self, k1: float, k2: float, width: int, height: int, focal_px: float) -> None:
-        self._size = width, height
         y, x = np.indices((height, width)) + 0.5
         x, y = (x - width / 2) / focal_px, (y - height / 2) / focal_px
         seen_at = np.hypot(x, y)
@@ -39,54 +40,79 @@ class Lens:
         columns, rows = x * scale * focal_px + width / 2, y * scale * focal_px + height / 2
         self._columns: npt.NDArray[np.float32] = (columns - 0.5).astype(np.float32)
         self._rows: npt.NDArray[np.float32] = (rows - 0.5).astype(np.float32)
-        # Where the rays of the latest part that was asked for come from.
-        self._asked: tuple[Region, int] | None = None
-        self._maps: tuple[npt.NDArray[np.float32], ...] = ()
         is_seen = np.isfinite(columns)
         self._is_seen = None if is_seen.all() else is_seen
-        moved = np.hypot(columns - x * focal_px - width / 2, rows - y * focal_px - height / 2)
-        self._margin = math.ceil(float(np.nanmax(moved))) + 1
+        self._known: tuple[Region, int, _Part] | None = None
 
     def widened(self, exposure: Exposure) -> Exposure:
         """What has to be drawn so that all of an exposure is there once it is bent."""
-        if exposure.region is None:
+        if exposure.region is None or exposure.is_empty:
             return exposure
-        margin = -(-self._margin // exposure.stride) * exposure.stride  # corners are of blocks
-        left, top, right, bottom = exposure.region
-        wide = (left - margin, top - margin, right + margin, bottom + margin)
-        asked = exposure
+        needed, asked = self._part(exposure).needed, exposure
         return Exposure(
-            asked.camera_id, asked.width, asked.height, clip_region(wide, *self._size),
-            asked.stride, asked.groups,
+            asked.camera_id, asked.width, asked.height, needed, asked.stride, asked.groups,
+            asked.alone,
         )  # fmt: skip
 
     def bent(self, image: Image, exposure: Exposure) -> Image:
         """The picture behind the lens, black outside of the exposure's region."""
-        arrived: Image = np.zeros_like(image)
-        if not exposure.is_empty:
-            enter_blocks(arrived, exposure.clipped, exposure.stride, self.seen(image, exposure))
-        return arrived
+        whole = Exposure(exposure.camera_id, exposure.width, exposure.height)
+        return exposure.paint(lambda _: self.seen(image, whole, exposure))
 
-    def seen(self, image: Image, exposure: Exposure) -> Image:
+    def seen(self, drawn: Image, wide: Exposure, exposure: Exposure) -> Image:
         """Colours behind the lens of the blocks of an exposure, of shape (rows, columns, 3).
 
         Args:
-            image: The picture before it.
-            exposure: Exposure that is not empty.
+            drawn: Colours before it of the blocks of another one.
+            wide: That one, which is at least the first one widened.
+            exposure: Exposure that is not empty, its corner on the grid of blocks.
         """
-        left, top, right, bottom = exposure.clipped
-        step = exposure.stride  # one ray a block: nobody looks at more of it than its corner
-        part = slice(top, bottom, step), slice(left, right, step)
-        if self._asked != (exposure.clipped, step):
-            self._asked = exposure.clipped, step
-            self._maps = tuple(
-                np.ascontiguousarray(one[part]) for one in (self._columns, self._rows)
-            )
-        columns, rows = self._maps
-        seen = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        if self._is_seen is not None:
-            seen[~self._is_seen[part]] = 0
+        part, (left, top) = self._part(exposure), wide.corner
+        if wide.stride > 1:
+            drawn, (left, top) = wide.image_of(drawn), (0, 0)
+        # Less by whole numbers, they are as exact as before.
+        columns, rows = part.columns - np.float32(left), part.rows - np.float32(top)
+        seen = cv2.remap(drawn, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        if part.is_seen is not None:
+            seen[~part.is_seen] = 0
         return np.asarray(seen, dtype=np.uint8)
+
+    def _part(self, exposure: Exposure) -> _Part:
+        """Where the rays of an exposure come from: a target that rests is asked for again."""
+        region, step = exposure.clipped, exposure.stride  # one ray a block: only its corner counts
+        if self._known is None or self._known[:2] != (region, step):
+            left, top, right, bottom = _needed()(self._columns, self._rows, region, step)
+            # Corners are of blocks.
+            needed = left - left % step, top - top % step, right, bottom
+            part = slice(region[1], region[3], step), slice(region[0], region[2], step)
+            is_seen = None if self._is_seen is None else self._is_seen[part]
+            found = _Part(self._columns[part], self._rows[part], is_seen, needed)
+            self._known = region, step, found
+        return self._known[2]
+
+
+class _Part(NamedTuple):
+    """A part of a picture behind a lens.
+
+    Attributes:
+        columns: Places before it along x that its blocks show, of shape (rows, columns), in px.
+        rows: Likewise along y.
+        is_seen: Which of them show something, None where all do.
+        needed: Part of the picture before it that they are made of.
+    """
+
+    columns: npt.NDArray[np.float32]
+    rows: npt.NDArray[np.float32]
+    is_seen: npt.NDArray[np.bool_] | None
+    needed: Region
+
+
+@cache
+def _needed() -> Callable[..., Region]:
+    """The kernel of the lens: an import statement costs as much as it does."""
+    from bt_dualarm.world.cameras.lens_kernels import needed
+
+    return needed
 
 
 def _straight(k1: float, k2: float, seen_at: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -98,3 +124,8 @@ def _straight(k1: float, k2: float, seen_at: npt.NDArray[np.float64]) -> npt.NDA
     falls = np.flatnonzero(np.diff(bent) <= 0)
     end = int(falls[0]) + 1 if len(falls) else _RADII
     return np.interp(seen_at, bent[:end], radius[:end], right=math.nan)
+
+
+def bend_something() -> None:
+    """Have the kernel of the lens compiled."""
+    Lens(0.1, 0.1, 2, 2, 1.0).widened(Exposure(0, 2, 2, (0, 0, 1, 1)))

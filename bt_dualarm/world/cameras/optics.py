@@ -14,7 +14,7 @@ from bt_dualarm.pose import Vector
 from bt_dualarm.world.cameras.frame import focal_length_px
 from bt_dualarm.world.cameras.lens import Lens
 from bt_dualarm.world.cameras.shutter import Draw, Shutter
-from bt_dualarm.world.rendering.renderer import Exposure, Image, Renderer, enter_blocks
+from bt_dualarm.world.rendering.renderer import Exposure, Image, Renderer
 
 
 class Optics:
@@ -42,12 +42,12 @@ class Optics:
         shake: Vector,
         suffer: Callable[[Image], Image] | None = None,
     ) -> Image:
-        """What an exposure shows, of shape (height, width, 3).
+        """What an exposure shows: colours of its blocks, of shape (rows, columns, 3).
 
         Args:
             model: Compiled world.
             data: State of it, its kinematics up to date.
-            exposure: Part of the image that is asked for.
+            exposure: Part of the image that is asked for, alone, its corner on the grid of blocks.
             shake: Turn of the camera about its x and y axes meanwhile, of shape (2,), in rad.
             suffer: What the colours of its blocks, of shape (rows, columns, 3), suffer besides.
         """
@@ -60,18 +60,17 @@ class Optics:
                 return self._renderer.render(model, state, part)
 
         if exposure.is_empty:
-            return exposure.black()
+            return np.zeros((0, 0, 3), np.uint8)
         if not any(self._bend):
-            image = self._exposed(model, data, exposure, draw)
-            return image if suffer is None else _changed(image, exposure, suffer)
+            blocks = self._exposed(model, data, exposure, draw)
+            return blocks if suffer is None else suffer(blocks)
         if self._lens is None:
             fov_rad = math.radians(float(model.cam_fovy[exposure.camera_id]))
             focal_px = focal_length_px(exposure.height, fov_rad)
             self._lens = Lens(*self._bend, exposure.width, exposure.height, focal_px)
         wide = self._lens.widened(exposure)
-        image = self._exposed(model, data, wide, draw)
-        seen = self._lens.seen(image, exposure)
-        return _alone(image, wide, exposure, seen if suffer is None else suffer(seen))
+        seen = self._lens.seen(self._exposed(model, data, wide, draw), wide, exposure)
+        return seen if suffer is None else suffer(seen)
 
     def _exposed(
         self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, draw: Draw
@@ -79,23 +78,6 @@ class Optics:
         if self._shutter is None:
             return draw(data, exposure)
         return self._shutter.picture(model, data, exposure, draw)
-
-
-def _changed(image: Image, exposure: Exposure, change: Callable[[Image], Image]) -> Image:
-    """The image with other colours."""
-    (left, top, right, bottom), step = exposure.clipped, exposure.stride
-    blocks = np.ascontiguousarray(image[top:bottom:step, left:right:step])
-    enter_blocks(image, exposure.clipped, step, change(blocks))
-    return image
-
-
-def _alone(image: Image, wide: Exposure, exposure: Exposure, blocks: Image) -> Image:
-    """The image with these blocks in the place of all that was drawn for them."""
-    left, top, right, bottom = wide.clipped
-    if wide.clipped != exposure.clipped:
-        image[top:bottom, left:right] = 0
-    enter_blocks(image, exposure.clipped, exposure.stride, blocks)
-    return image
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""A frame whose picture is drawn when somebody looks at it, as it was at the exposure."""
+"""A frame whose picture is put together when somebody looks at it, as it was at the exposure."""
 
 from __future__ import annotations
 
@@ -7,42 +7,53 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import mujoco
+import numpy as np
 
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.cameras.frame import Frame
-from bt_dualarm.world.rendering.renderer import Image
+from bt_dualarm.world.rendering.renderer import Image, enter_blocks
+
+_KNOWN = tuple(field for field in fields(Frame) if field.name != "image")
 
 
 class UndrawnFrame(Frame):
-    """As `Frame`; the picture is drawn once, and not at all where nobody asks for it.
+    """As `Frame`; what was exposed is drawn once, and not at all where nobody asks for it.
 
     Args:
         size: Width and height of the whole image in pixels.
-        draw: Function that draws the image, of shape (height, width, 3).
+        draw: Function that draws the blocks that were exposed, of shape (rows, columns, 3).
         known: All other attributes of a frame, in their order.
     """
 
     def __init__(self, size: tuple[int, int], draw: Callable[[], Image], *known: object) -> None:
-        rest = [field for field in fields(Frame) if field.name != "image"]
-        vars(self).update({field.name: field.default for field in rest}, _size=size, _draw=draw)
-        vars(self).update(zip((field.name for field in rest), known, strict=False))
+        own = vars(self)
+        own["_size"], own["_draw"] = size, draw
+        for number, field in enumerate(_KNOWN):
+            own[field.name] = known[number] if number < len(known) else field.default
 
     @classmethod
     def of(cls, frame: Frame, draw: Callable[[], Image], **changed: object) -> UndrawnFrame:
         """One as another frame is, of another picture."""
-        names = [field.name for field in fields(Frame) if field.name != "image"]
-        known = [changed.get(name, vars(frame)[name]) for name in names]
-        return cls((frame.width, frame.height), draw, *known)
+        known = {**vars(frame), **changed}
+        return cls((frame.width, frame.height), draw, *(known[field.name] for field in _KNOWN))
 
     def posed(self, pose: Pose) -> Frame:
         """The same picture, by a camera that is believed to have been elsewhere."""
-        return UndrawnFrame.of(self, lambda: self.image, pose=pose)
+        return UndrawnFrame.of(self, lambda: self.blocks, pose=pose)
+
+    @cached_property
+    def blocks(self) -> Image:
+        """Colours of the blocks of what was exposed, of shape (rows, columns, 3)."""
+        draw: Callable[[], Image] = vars(self)["_draw"]
+        return draw()
 
     @cached_property
     def image(self) -> Image:
         """Red, green, blue, of shape (height, width, 3), black outside ``region``."""
-        draw: Callable[[], Image] = vars(self)["_draw"]
-        return draw()
+        image: Image = np.zeros((self.height, self.width, 3), np.uint8)
+        if self.blocks.size:
+            enter_blocks(image, self.region, self.stride, self.blocks)
+        return image
 
     @property
     def width(self) -> int:

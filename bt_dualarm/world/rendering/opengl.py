@@ -55,7 +55,7 @@ class GlRenderer:
         rectangle = mujoco.MjrRect(0, 0, columns, rows)
         mujoco.mjr_render(rectangle, upload.scene, upload.buffers)
         mujoco.mjr_readPixels(part, None, rectangle, upload.buffers)
-        return part[::-1]
+        return np.ascontiguousarray(part[::-1])
 
     def close(self) -> None:
         """Free the scene's buffers; the context itself lives as long as the process."""

@@ -16,7 +16,7 @@ import numpy as np
 from bt_dualarm.world.rendering.kernel_arrays import Fan, Hits
 from bt_dualarm.world.rendering.ray_shading import Shading
 from bt_dualarm.world.rendering.ray_shapes import shapes_of
-from bt_dualarm.world.rendering.renderer import Exposure, Image, enter_blocks
+from bt_dualarm.world.rendering.renderer import Image
 
 _NO_LIMIT_M = 1e10
 
@@ -45,29 +45,24 @@ class RayScene:
             _cast(self._others, data, fan, hits)
         return hits
 
-    def draw(
-        self, shading: Shading, data: mujoco.MjData, fan: Fan, exposure: Exposure, image: Image
-    ) -> None:
-        """Enter what the rays meet into an image.
+    def colors(self, shading: Shading, data: mujoco.MjData, fan: Fan) -> Image:
+        """Colours of what the rays meet, of shape (rows, columns, 3).
 
         Args:
             shading: Colours and lights of the model.
             data: State with places of geoms and lights that are up to date.
-            fan: The rays of the blocks that are drawn.
-            exposure: What is drawn.
-            image: Image of shape (height, width, 3), black.
+            fan: The rays.
         """
-        region, corner, step = exposure.clipped, exposure.corner, exposure.stride
         if self._others is not None:
-            colors = shading.colors(data, fan, self.trace(data, fan))
-            enter_blocks(image, region, step, colors, corner)
-            return
+            return shading.colors(data, fan, self.trace(data, fan))
         from bt_dualarm.world.rendering.shading_kernels import draw
 
+        pixels = np.empty((*fan.rays.shape[1:], 3), np.uint8)
         draw(
             self._shapes, data.geom_xpos, data.geom_xmat, fan, shading.lights,
-            data.light_xpos, data.light_xdir, image, region, corner, step,
+            data.light_xpos, data.light_xdir, pixels,
         )  # fmt: skip
+        return pixels
 
 
 def _is_visible(model: mujoco.MjModel, geom: int, groups: Sequence[int]) -> bool:

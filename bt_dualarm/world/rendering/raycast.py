@@ -12,7 +12,7 @@ import numpy.typing as npt
 from bt_dualarm.world.rendering.kernel_arrays import Fan
 from bt_dualarm.world.rendering.ray_scene import RayScene
 from bt_dualarm.world.rendering.ray_shading import Shading
-from bt_dualarm.world.rendering.renderer import Exposure, Image
+from bt_dualarm.world.rendering.renderer import Blocks, Exposure, Image
 from bt_dualarm.world.rendering.viewpoint import Viewpoint
 
 _JITTER_SEED = 7
@@ -32,13 +32,16 @@ class RayRenderer:
 
     def render(self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure) -> Image:
         """See `Renderer`."""
-        image = exposure.black()
-        if not exposure.is_empty:
-            if self._drawn is None or self._drawn.model is not model:
-                self._drawn = _Drawn(model)
-            scene, fan = self._drawn.scene(exposure.groups), _fan(model, data, exposure)
-            scene.draw(self._drawn.shading, data, fan, exposure, image)
-        return image
+        return exposure.paint(lambda blocks: self._colors(model, data, exposure, blocks))
+
+    def _colors(
+        self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, blocks: Blocks
+    ) -> Image:
+        """Colours of some blocks of the image, of shape (rows, columns, 3)."""
+        if self._drawn is None or self._drawn.model is not model:
+            self._drawn = _Drawn(model)
+        scene, fan = self._drawn.scene(exposure.groups), _fan(model, data, exposure, blocks)
+        return scene.colors(self._drawn.shading, data, fan)
 
     def close(self) -> None:
         """Let go of the last model."""
@@ -84,11 +87,11 @@ def fan_of(viewpoint: Viewpoint, width: int, height: int) -> Fan:
     )
 
 
-def _fan(model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure) -> Fan:
+def _fan(model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, blocks: Blocks) -> Fan:
     """The rays of those blocks of a camera's image that are drawn."""
     camera_id, stride = exposure.camera_id, exposure.stride
     width, height = exposure.width, exposure.height
-    rows, columns = exposure.blocks
+    rows, columns = blocks
     fovy_deg = float(model.cam_fovy[camera_id])
     return Fan(
         eye=data.cam_xpos[camera_id].copy(),

@@ -36,6 +36,8 @@ class Exposure:
         region: Part that is drawn, the rest stays black; None for the whole image.
         stride: Edge in pixels of the blocks that share a colour; 1 for a full image.
         groups: Geom groups that are visible.
+        alone: Whether the colours of its blocks are asked for, of shape (rows, columns, 3), and no
+            image that is black around them.
     """
 
     camera_id: int
@@ -44,22 +46,25 @@ class Exposure:
     region: Region | None = None
     stride: int = 1
     groups: tuple[int, ...] = LOOP_GROUPS
+    alone: bool = False
 
     def paint(self, draw: Callable[[Blocks], Image]) -> Image:
-        """The image, of shape (height, width, 3), black outside of the region.
+        """What is asked for: the image, of shape (height, width, 3), or its blocks alone.
 
         Args:
             draw: Colours of some blocks, of shape (rows, columns, 3); not called where the region
                 is empty.
         """
-        image, region = self.black(), self.clipped
-        if not self.is_empty:
-            enter_blocks(image, region, self.stride, draw(self.blocks), self.corner)
-        return image
+        if self.is_empty:
+            return np.zeros((0, 0, 3) if self.alone else (self.height, self.width, 3), np.uint8)
+        blocks = draw(self.blocks)
+        return blocks if self.alone else self.image_of(blocks)
 
-    def black(self) -> Image:
-        """An image in which nothing is drawn yet, of shape (height, width, 3)."""
-        return np.zeros((self.height, self.width, 3), dtype=np.uint8)
+    def image_of(self, blocks: Image) -> Image:
+        """The image with these colours of its blocks, of shape (height, width, 3)."""
+        image = np.zeros((self.height, self.width, 3), dtype=np.uint8)
+        enter_blocks(image, self.clipped, self.stride, blocks, self.corner)
+        return image
 
     @property
     def is_empty(self) -> bool:
@@ -93,7 +98,7 @@ class Renderer(Protocol):
         """``"gl"`` or ``"ray"``."""
 
     def render(self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure) -> Image:
-        """The image that is asked for, of shape (height, width, 3).
+        """The image that is asked for, of shape (height, width, 3), or its blocks alone.
 
         Needs kinematics and camera poses of ``data`` to be up to date (``mj_kinematics``,
         ``mj_camlight``).

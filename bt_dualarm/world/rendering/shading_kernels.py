@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix
-from bt_dualarm.world.rendering.block_kernels import enter
 from bt_dualarm.world.rendering.kernel_arrays import NOTHING, Fan, Hits, Lights, Numbers, Shapes
 from bt_dualarm.world.rendering.trace_kernels import facets, trace
 
@@ -17,23 +16,13 @@ from bt_dualarm.world.rendering.trace_kernels import facets, trace
 @kernel
 def draw(
     shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan, lights: Lights,
-    lit_from: Matrix, lit_along: Matrix, image: npt.NDArray[np.uint8],
-    region: tuple[int, int, int, int], corner: tuple[int, int], step: int,
+    lit_from: Matrix, lit_along: Matrix, pixels: npt.NDArray[np.uint8],
 ) -> None:  # fmt: skip
-    """Enter the colours of what the rays meet into a part of an image.
-
-    Arguments as of `trace`, `shade` and `enter`; a ray is that of a block of pixels.
-    """
+    """Enter the colours of what the rays meet; arguments as of `trace` and `shade`."""
     marks = trace(shapes, places, axes, fan)
     faces, owners, normals = facets(shapes, axes, fan, marks)
     sun = _sun(lights, lit_from, lit_along)
-    if step == 1:
-        part = image[region[1] : region[3], region[0] : region[2]]
-        _shade(lights, sun, fan, faces, owners, normals, marks.distances, part)
-    else:
-        pixels = np.empty((fan.rays.shape[1], fan.rays.shape[2], 3), np.uint8)
-        _shade(lights, sun, fan, faces, owners, normals, marks.distances, pixels)
-        enter(image, region, corner, step, pixels)
+    _shade(lights, sun, fan, faces, owners, normals, marks.distances, pixels)
 
 
 @kernel
