@@ -135,9 +135,9 @@ def check_both_curves(ran: Ran) -> None:
         assert follows(ran, curve["started_s"] + 1.0, curve["ended_s"]) <= 0.005
 
 
-def test_main_job_by_a_weld(bt_run: BtRun) -> None:
+def test_main_job_by_a_weld(bt_run_here: BtRun) -> None:
     """A magnetic tool does it, too; then the arm has no gripper."""
-    ran = bt_run("trees/pick_and_track.yaml", "--param", "grasp=attach")
+    ran = bt_run_here("trees/pick_and_track.yaml", "--param", "grasp=attach")
     assert ran.code == 0, ran.err
     check_summary(ran)
     check_job(ran)

@@ -30,11 +30,11 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("into", ["qpos", "qvel", "xfrc_applied"])
-def test_divergence_is_told_and_kept(into: str, bt_run: BtRun, tmp_path: Path) -> None:
+def test_divergence_is_told_and_kept(into: str, bt_run_here: BtRun, tmp_path: Path) -> None:
     """Exit code 1, a sentence with the time and the joint, the last half second of sane states."""
     file = tmp_path / "poisoned.yaml"
     file.write_text(POISONED.replace("INTO", into), encoding="utf-8")
-    ran = bt_run(file, "--skills", HERE / "skills")
+    ran = bt_run_here(file, "--skills", HERE / "skills")
     assert ran.code == 1
     assert "the simulation diverged at 0.2" in ran.err
     assert "divergence.npz" in ran.err

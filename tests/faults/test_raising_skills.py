@@ -134,9 +134,9 @@ def test_failed_leaf_can_be_followed_by_another(stage: Stage) -> None:
 
 
 @pytest.mark.slow
-def test_file_that_cannot_be_imported_stops_the_command(bt_run: BtRun) -> None:
+def test_file_that_cannot_be_imported_stops_the_command(bt_run_here: BtRun) -> None:
     """Before anything moves, with the file and the reason; there is no record of a run."""
-    ran = bt_run("circle", "--skills", HERE / "broken")
+    ran = bt_run_here("circle", "--skills", HERE / "broken")
     assert ran.code == 2
     assert "half_written.py" in ran.err
     assert "on purpose, at import" in ran.err

@@ -23,6 +23,7 @@ from bt_dualarm.live.view import LiveView
 from bt_dualarm.replay.kept_pictures import kept_pictures
 from bt_dualarm.replay.record import Record, ReplayError
 from bt_dualarm.runtime.signals import StopRequest
+from tests.listening import HEEDING
 from tests.live.browsers import Browser
 from tests.replay.runs import SHORT, recorded, write_short
 
@@ -208,7 +209,7 @@ def test_only_one_interface_is_listened_on(failed: Record, host: str) -> None:
 
 
 def test_the_command_serves_the_page_until_it_is_ended(failed: Record) -> None:
-    program = "import bt_dualarm.cli as cli, sys; sys.exit(cli.replay())"
+    program = f"{HEEDING}import bt_dualarm.cli as cli, sys; sys.exit(cli.replay())"
     command = [sys.executable, "-c", program, str(failed.folder)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
