@@ -6,7 +6,6 @@ compared, up to which gap they are reported, and where what an arm holds goes wi
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TypedDict
@@ -15,15 +14,12 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from bt_dualarm.motion.collision.scratch_copies import scratch_copy
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.world import World
 
 Marks = npt.NDArray[np.bool_]
 """Which of all shapes of a model are meant, of shape (ngeom,)."""
-
-_ONE_CONTACT = mujoco.mjtDisableBit.mjDSBL_MULTICCD
-"""Of two convex shapes the deepest contact is enough; the others, which a step of the world wants
-so that things lie flat, cost a tenth of a check."""
 
 Bits = npt.NDArray[np.int32] | npt.NDArray[np.bool_]
 """Bits of each shape of a model, of shape (ngeom,)."""
@@ -67,15 +63,14 @@ class ScratchModel:
     """
 
     def __init__(self, world: World, holders: Collection[str] = ()) -> None:
-        self.model = copy.copy(world.model)
-        self.model.opt.disableflags |= _ONE_CONTACT
+        self.model, self.data = scratch_copy(world, self)
         self._positions: Vector = world.sensed.qpos.copy()
         self._carried = tuple(
             Carried(world.pose_address(held.object), world.arms[held.arm].tool_body, held.relative)
             for held in world.attachments
             if held.arm in holders
         )
-        self.data = self._fresh_data()
+        self._begin()
 
     def __getstate__(self) -> _State:
         """All but what MuJoCo computes from the rest."""
@@ -85,7 +80,8 @@ class ScratchModel:
         """The same scratch model in another process."""
         self.model, self._positions = state["model"], state["positions"]
         self._carried = state["carried"]
-        self.data = self._fresh_data()
+        self.data = mujoco.MjData(self.model)
+        self._begin()
 
     @property
     def solid(self) -> Marks:
@@ -134,8 +130,9 @@ class ScratchModel:
         for place, turn, *link, relative in self._views:
             mujoco.mju_mulPose(place, turn, *link, relative.position, relative.quaternion)
 
-    def _fresh_data(self) -> mujoco.MjData:
-        data = mujoco.MjData(self.model)
+    def _begin(self) -> None:
+        """Put everything where it was when this was made."""
+        data = self.data
         data.qpos[:] = self._positions
         # Place and turn of what is held and of the link, as views: looking a field up costs more.
         self._views = [
@@ -148,4 +145,3 @@ class ScratchModel:
             )
             for held in self._carried
         ]
-        return data
