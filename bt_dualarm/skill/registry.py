@@ -21,7 +21,7 @@ from bt_dualarm.skill.skill import STANDARD_FAILURES, Skill
 from bt_dualarm.spec.annotations import metadata_of
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.language import LANGUAGE
-from bt_dualarm.spec.ports import PortModel, without
+from bt_dualarm.spec.ports import PortModel
 from bt_dualarm.spec.values import Refers
 
 ENTRY_POINTS: Final = "bt_dualarm.skills"
@@ -29,6 +29,7 @@ ENTRY_POINTS: Final = "bt_dualarm.skills"
 
 _CODE: Final = re.compile(r"[A-Z][A-Z0-9_]*")
 _SKILL_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,47}")
+_NO_PORT: Final = "no port"
 _RESERVED: Final = frozenset({"name", "child", "children"})
 
 
@@ -149,17 +150,15 @@ def _port_faults(part: str, model: type[PortModel]) -> Iterator[str]:
 
 def _refused_defaults(model: type[PortModel]) -> dict[str, str]:
     """What each port says of its own default, where it does not take it."""
-    required = {name for name, field in model.model_fields.items() if field.is_required()}
-    if len(required) == len(model.model_fields):
-        return {}
+    complaints: dict[str, str] = {}
     try:
-        without(model, frozenset(required))()
+        model.model_validate({_NO_PORT: None})  # so that no rule over several ports is asked
     except ValidationError as error:
-        complaints: dict[str, str] = {}
-        for one in error.errors():
-            complaints.setdefault(str(one["loc"][0]), one["msg"])
-        return complaints
-    return {}
+        for one in error.errors(include_url=False):
+            name = str(one["loc"][0]) if one["loc"] else _NO_PORT
+            if one["type"] != "missing" and name != _NO_PORT:
+                complaints.setdefault(name, one["msg"])
+    return complaints
 
 
 def _choice_faults(part: str, model: type[PortModel]) -> Iterator[str]:

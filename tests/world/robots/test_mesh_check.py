@@ -12,7 +12,7 @@ import pytest
 import scipy
 
 from bt_dualarm.pose import Matrix
-from bt_dualarm.world.robots import meshes
+from bt_dualarm.world.robots import mesh_extents, meshes
 from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.robots.mjspec import robot_spec
 from bt_dualarm.world.urdf.xml_source import DescriptionError
@@ -133,3 +133,35 @@ def test_a_conversion_that_takes_too_long_is_given_up(
     page = arm_with(tmp_path, "slow.obj", obj(BOX))
     with pytest.raises(DescriptionError, match=r"mesh slow\.obj takes assimp longer than 0 s"):
         load_robot(page, tmp_path)
+
+
+def test_what_was_measured_is_kept_until_the_file_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Read once, in all processes; a file that has changed, or broken leavings, are read anew."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    measured: list[Path] = []
+
+    def measure(mesh: Path, scale: tuple[float, ...]) -> mesh_extents.Extents:
+        measured.append(mesh)
+        return found(mesh, scale)
+
+    found = mesh_extents._measured
+    monkeypatch.setattr(mesh_extents, "_measured", measure)
+    mesh, one = tmp_path / "box.stl", (1.0, 1.0, 1.0)
+    many = np.concatenate([BOX] * 20)
+
+    def extents() -> mesh_extents.Extents:
+        mesh_extents._extents.cache_clear()  # as a new process would
+        return mesh_extents.extents(mesh, one)
+
+    mesh.write_bytes(stl(many))
+    assert extents() == extents() == pytest.approx((0.1, 0.1))
+    assert len(measured) == 1
+    mesh.write_bytes(stl(np.concatenate((many, 2.0 * BOX))))
+    assert extents() == extents() == pytest.approx((0.2, 0.2))
+    assert len(measured) == 2
+    for kept in (tmp_path / "cache").rglob("*.json"):
+        kept.write_text("[1")
+    assert extents() == pytest.approx((0.2, 0.2))
+    assert len(measured) == 3
