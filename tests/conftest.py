@@ -19,6 +19,7 @@ from hypothesis import settings
 from bt_dualarm.skill.registry import Registry
 from tests.commands import BtRun, Ran, in_this_process
 from tests.plays import Stage
+from tests.undrawn import undrawn
 
 # A first example may import what is imported when it is asked for, on a machine with other work.
 settings.register_profile("unhurried", deadline=None)
@@ -68,6 +69,13 @@ def memory_is_given_back() -> Iterator[None]:
 def registry() -> Registry:
     """The shipped skills, imported once."""
     return Registry.load()
+
+
+@pytest.fixture
+def without_pictures() -> Iterator[None]:
+    """Records of this process have no pictures."""
+    with undrawn():
+        yield
 
 
 @pytest.fixture

@@ -205,6 +205,7 @@ CHECKS = {
 }
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_seed_decides_everything(bt_run: BtRun, bt_run_here: BtRun) -> None:
     """Two fresh processes and one that has run others, one seed: the same states, bit for bit.
 

@@ -63,6 +63,7 @@ def test_an_unfinished_tree_is_code_1(waiting: Path, capsys: pytest.CaptureFixtu
     assert "The given duration is over." in out
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_failed_tree_is_code_1_and_quiet_still_says_why(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -110,6 +111,7 @@ def test_nobody_waits_for_pictures_to_hear_how_it_went(
     assert (tmp_path / "out" / "overview.png").is_file()
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_the_record(waiting: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "deep" / "out"
     assert cli.run([str(waiting), "--record", str(folder), "--seed", "7"]) == 0
@@ -124,6 +126,7 @@ def test_the_record(waiting: Path, tmp_path: Path, capsys: pytest.CaptureFixture
     assert not (folder / "run.log").exists(), "nothing was logged"
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_equal_seeds_run_alike(waiting: Path, tmp_path: Path) -> None:
     hashes = set()
     for number in "12":
@@ -307,6 +310,7 @@ def test_real_time_takes_its_time(waiting: Path) -> None:
     assert time.perf_counter() - began >= 0.2
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_divergence_says_where_its_states_are(
     waiting: Path,
     tmp_path: Path,

@@ -65,6 +65,7 @@ def test_leaf_fails_and_the_other_arm_goes_on(
     check_other_arm(play)
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("phase", PHASES)
 def test_record_log_and_report_tell_of_it(
     phase: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -154,6 +154,7 @@ def test_a_failed_tree_raises_nothing() -> None:
     assert "so be it" in leaf.reason
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_its_hash_is_that_of_the_record(tmp_path: Path) -> None:
     result = bt.run(ONE, record=tmp_path / "out")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -357,6 +358,7 @@ def test_what_is_over_stays_over() -> None:
     assert (run.done, run.result) == (True, result)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_run_that_is_left_early_is_broken_off_where_it_stands(tmp_path: Path) -> None:
     with bt.open(ONE, record=tmp_path) as run:
         run.step(0.1)
@@ -505,6 +507,7 @@ def test_what_nobody_closes_cleans_up_before_the_interpreter_ends() -> None:
     assert (done.stdout, done.stderr) == ("cleaned up with colorsys\n", "")
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, SystemExit])
 def test_an_exception_in_the_block_closes_everything(
     error: type[BaseException], tmp_path: Path

@@ -20,6 +20,8 @@ from bt_dualarm.tree.report import NodeView
 from tests.replay.runs import PARTS, SHORT, write_short
 
 REGISTRY = registry_of()
+
+pytestmark = pytest.mark.usefixtures("without_pictures")
 LATER = SHORT.replace('reach_to_pose: {offset: "{goal}"}', "wait: {seconds: 0.2}")
 
 

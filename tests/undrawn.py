@@ -1,0 +1,21 @@
+"""Records without their pictures, for tests that do not look at them: they take half of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+
+@contextmanager
+def undrawn() -> Iterator[None]:
+    """No picture is drawn meanwhile, by this process.
+
+    That they are drawn is for tests/runtime/test_record.py and tests/test_trees.py.
+    """
+    from bt_dualarm.runtime import pictures  # and matplotlib with it, where it is asked for
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pictures, "files_of", lambda *_: iter(()))
+        yield
