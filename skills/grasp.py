@@ -61,7 +61,7 @@ class Grasp(Skill):
 
     failures = Taking.failures
     example = "grasp: {object: cube}"
-    needs = ("bt_dualarm.skill.grasps_prepared",)
+    needs = ("scipy.interpolate", "bt_dualarm.skill.grasps_prepared")
     needs_gripper = True
     ports: Ports
 

@@ -34,6 +34,7 @@ class Place(Skill):
         **SettingDown.failures,
     }
     example = "place: {object: cube, at: {xyz: [0.35, -0.45, 0.425]}}"
+    needs = ("scipy.interpolate",)
     needs_gripper = True
     ports: Ports
 

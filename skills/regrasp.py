@@ -38,7 +38,7 @@ class Regrasp(Skill):
         "OUT_OF_REACH": "no other grasp has room, is as asked for, or can be reached",
     }
     example = "regrasp: {object: cube}"
-    needs = ("bt_dualarm.skill.grasps_prepared",)
+    needs = ("scipy.interpolate", "bt_dualarm.skill.grasps_prepared")
     needs_gripper = True
     ports: Ports
 

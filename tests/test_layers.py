@@ -23,7 +23,7 @@ from tests.source import (
 FLOORS = (
     {"errors", "pose", "share", "collector"},
     {"spec", "kernels", "recording"},
-    {"world.urdf", "motion.splines"},
+    {"world.urdf"},
     {"world.robots"},
     {"world.hardware", "world.nominal", "world.grippers"},
     {"world"},

@@ -38,6 +38,7 @@ class PathSkill(Skill):
         "DROPPED": "fingers or cup no longer hold what they held",
         "BUSY": "another leaf moves the arm",
     }
+    needs = ("scipy.interpolate",)
 
     def along(self, path: CartesianPath, *, to_center: bool = False) -> Iterator[float | None]:
         """Go to the start of a path and along it; what was measured is among the metrics.

@@ -7,7 +7,6 @@ from typing import Final, NamedTuple
 import numpy as np
 import scipy
 
-from bt_dualarm.motion.splines.cubic_spline import CubicSpline
 from bt_dualarm.pose import Matrix, Vector
 
 LAG_S: Final = 0.5
@@ -122,7 +121,7 @@ class PathSums:
         """Take in sightings, of shapes (n,) and (n, 3), at times that a stretch has."""
         if len(stamps):
             # A straight line between samples 20 ms apart would be wrong by more than these are.
-            truth = CubicSpline(stretch.times, stretch.truth @ self._axes.T)
+            truth = scipy.interpolate.CubicSpline(stretch.times, stretch.truth @ self._axes.T)
             self._sightings.take(points @ self._axes.T - truth(stamps))
 
     def errors(self) -> tuple[float, float]:

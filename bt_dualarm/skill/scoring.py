@@ -5,10 +5,10 @@ from __future__ import annotations
 from array import array
 
 import numpy as np
+import scipy
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Number
-from bt_dualarm.motion.splines.cubic_spline import CubicSpline
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.skill.path_sums import LAG_S, OVERLAP, PathSums, Stretch, least_at
 from bt_dualarm.skill.visual_servoing import PlaneTracking
@@ -159,7 +159,7 @@ class TrackingScore:
         if not during.any():
             return 0.0
         # A straight line between samples 20 ms apart would be wrong by more than a sighting is.
-        true = CubicSpline(times, truth)(stamps[during])
+        true = scipy.interpolate.CubicSpline(times, truth)(stamps[during])
         error = points[during] @ self._axes.T - true
         return float(np.sqrt(np.mean(error.var(axis=0))))
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
+import scipy
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.motion.paths.slerp import evenly_turned
-from bt_dualarm.motion.splines.cubic_spline import CubicSpline
 from bt_dualarm.pose import Matrix, Pose, Vector
 
 Axes: TypeAlias = tuple[Vector, Vector]
@@ -109,12 +108,18 @@ def through(poses: Sequence[Pose], *, closed: bool = False) -> CartesianPath:
 
 def _slerp(knots: Sequence[float] | Vector, poses: Sequence[Pose], places: Vector) -> Matrix:
     """Quaternions wxyz, of shape (n, 4), that turn evenly from each pose to the next."""
-    return evenly_turned(np.asarray(knots), np.array([pose.quaternion for pose in poses]), places)
+    turns = scipy.spatial.transform.Rotation.concatenate([pose.rotation for pose in poses])
+    quaternions: Matrix = scipy.spatial.transform.Slerp(knots, turns)(places).as_quat(
+        scalar_first=True
+    )
+    return quaternions
 
 
-def spline(knots: Vector, points: Matrix, closed: bool) -> CubicSpline:
+def spline(knots: Vector, points: Matrix, closed: bool) -> scipy.interpolate.CubicSpline:
     """Through points of shape (n, k) at knots of shape (n,); smooth at its ends if it closes."""
-    return CubicSpline(knots, points, periodic=closed)
+    return scipy.interpolate.CubicSpline(
+        knots, points, bc_type="periodic" if closed else "not-a-knot"
+    )
 
 
 def refined(knots: Vector) -> Vector:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
-from bt_dualarm.motion.splines.cubic_spline import CubicSpline
 from bt_dualarm.motion.timing.kernel_arrays import Parabolas, Spline
 from bt_dualarm.motion.timing.law import Rows, SetPoints
 from bt_dualarm.motion.timing.limit_use import SharesOfLimits, shares_at, shares_of_limits
@@ -54,7 +54,7 @@ _JUDGED = 30_000
 class AveragedMotion:
     """A path, a profile along it, and the width of the average over the profile in seconds."""
 
-    path: CubicSpline
+    path: scipy.interpolate.CubicSpline
     profile: Profile
     width: float
 
@@ -109,7 +109,7 @@ class StretchedMotion:
 
 
 def shortest_motion(
-    path: CubicSpline, limits: JointLimits, dt: float
+    path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float
 ) -> tuple[AveragedMotion, float]:
     """The shortest motion found, and the stretch of time that it needs.
 
@@ -128,9 +128,10 @@ def shortest_motion(
 class _Search:
     """The motions along one path that are tried."""
 
-    def __init__(self, path: CubicSpline, limits: JointLimits, dt: float) -> None:
+    def __init__(self, path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float) -> None:
         self._path, self._dt = path, dt
-        self._spline = Spline(path.knots, path.pieces, path.period)
+        period = float(path.x[-1]) if path.extrapolate == "periodic" else 0.0
+        self._spline = Spline(path.x, np.ascontiguousarray(path.c.swapaxes(0, 1)), period)
         self._limits = np.array((limits.velocity, limits.acceleration, limits.jerk))
         self._ramp = float((limits.acceleration / limits.jerk).max())
         self._optimal = TimeOptimal(path, limits)
@@ -210,7 +211,7 @@ class _Search:
         """By what the acceleration at each place of the grid should be multiplied, (n,)."""
         # A set-point is an average over the width: whatever lies within it is to blame.
         reach = max(int(0.5 * motion.width / motion.unstretched * len(needed)), 1)
-        blamed = _largest_within(needed, reach)
+        blamed = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
         # Stretching time by r takes r² from the acceleration.
         shares: Vector = np.interp(self._optimal.grid, places, blamed) ** (-2.0 * _GAIN)
         return np.clip(shares, 1e-2, _BACK)
@@ -236,11 +237,3 @@ def _needed(shares: SharesOfLimits) -> Vector:
     velocity, acceleration, jerk = shares
     needed: Vector = np.maximum(np.maximum(velocity, np.sqrt(acceleration)), np.cbrt(jerk))
     return needed
-
-
-def _largest_within(values: Vector, reach: int) -> Vector:
-    """Of each value, of shape (n,), and so many before and after it the largest one."""
-    largest, span, wanted = np.pad(values, reach, constant_values=-np.inf), 1, 2 * reach + 1
-    while 2 * span <= wanted:
-        largest, span = np.maximum(largest[:-span], largest[span:]), 2 * span
-    return np.maximum(largest[: len(values)], largest[wanted - span :])

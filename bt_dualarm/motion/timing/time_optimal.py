@@ -9,8 +9,8 @@ are compiled (`reach_kernels`).
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
-from bt_dualarm.motion.splines.cubic_spline import CubicSpline
 from bt_dualarm.motion.timing.kernel_arrays import PathOnGrid
 from bt_dualarm.motion.timing.profile import Profile
 from bt_dualarm.pose import Vector
@@ -39,8 +39,8 @@ class TimeOptimal:
         grid: Places along the path at which its motion is decided, of shape (n,).
     """
 
-    def __init__(self, path: CubicSpline, limits: JointLimits) -> None:
-        self.grid = np.linspace(0.0, path.knots[-1], _steps(len(path.knots)) + 1)
+    def __init__(self, path: scipy.interpolate.CubicSpline, limits: JointLimits) -> None:
+        self.grid = np.linspace(0.0, path.x[-1], _steps(len(path.x)) + 1)
         slope = path(self.grid, 1)
         fastest = (limits.velocity / np.maximum(np.abs(slope), _STILL)).min(axis=1)
         self._path = PathOnGrid(self.grid, slope, path(self.grid, 2), fastest**2)
@@ -59,7 +59,7 @@ class TimeOptimal:
         return Profile.from_rates(self.grid, np.sqrt(squares))
 
 
-def fastest_profile(path: CubicSpline, limits: JointLimits) -> Profile:
+def fastest_profile(path: scipy.interpolate.CubicSpline, limits: JointLimits) -> Profile:
     """The fastest motion from rest to rest with all of the acceleration, as of `TimeOptimal`."""
     fastest = TimeOptimal(path, limits)
     return fastest.profile(np.ones_like(fastest.grid))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.motion.splines.cubic_spline import CubicSpline
 from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.motion.timing.point_to_point import point_to_point, stop, time_path
 from bt_dualarm.motion.timing.time_optimal import fastest_profile
@@ -65,7 +65,7 @@ def test_timing_never_leaves_the_path(arm: str, seed: int, speed: float) -> None
     motion = time_path(path, LIMITS[arm].scaled(speed), DT, closed=True)
     share = np.linspace(0.0, 1.0, len(path))
     path[-1] = path[0]
-    dense = CubicSpline(share, path, periodic=True)(np.linspace(0.0, 1.0, 20_001))
+    dense = CubicSpline(share, path, bc_type="periodic")(np.linspace(0.0, 1.0, 20_001))
     distance, _ = cKDTree(dense).query(motion.q[::10])
     assert distance.max() < 1e-3  # the spacing of the dense curve, and what the knots' place does
 

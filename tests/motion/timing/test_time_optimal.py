@@ -11,8 +11,8 @@ import scipy.ndimage
 import toppra
 import toppra.algorithm
 import toppra.constraint
+from scipy.interpolate import CubicSpline
 
-from bt_dualarm.motion.splines.cubic_spline import CubicSpline
 from bt_dualarm.motion.timing.kernel_arrays import PathOnGrid
 from bt_dualarm.motion.timing.path_timing import spline_through
 from bt_dualarm.motion.timing.profile import Profile
@@ -51,7 +51,7 @@ def waves(limits: JointLimits, rng: np.random.Generator) -> Matrix:
 def squared_rates_of_toppra(path: CubicSpline, limits: JointLimits, grid: Vector) -> Vector:
     """(ds/dt)² over the grid, by the authors' package, of shape (n,)."""
     logging.getLogger("toppra").setLevel(logging.CRITICAL)
-    geometry = toppra.SplineInterpolator(path.knots, path(path.knots), bc_type="not-a-knot")
+    geometry = toppra.SplineInterpolator(path.x, path(path.x), bc_type="not-a-knot")
     constraints = [
         toppra.constraint.JointVelocityConstraint(np.stack((-limits.velocity, limits.velocity), 1)),
         toppra.constraint.JointAccelerationConstraint(
@@ -94,7 +94,7 @@ def test_on_a_coarse_grid_theirs_all_but_stops_and_a_finer_one_says_that_ours_is
 
 def durations(path: CubicSpline, limits: JointLimits, steps: int) -> tuple[float, float]:
     """Seconds that the fastest motion takes on a grid of so many steps: ours, theirs."""
-    grid = np.linspace(0.0, path.knots[-1], steps + 1)
+    grid = np.linspace(0.0, path.x[-1], steps + 1)
     slope = path(grid, 1)
     most = (limits.velocity / np.abs(slope)).min(axis=1) ** 2
     on_grid = PathOnGrid(grid, slope, path(grid, 2), most)

@@ -48,7 +48,8 @@ def motion_of(seed: int, width: float, closed: bool) -> AveragedMotion:
 def judged(motion: AveragedMotion, most: float) -> tuple[Matrix, Matrix, int]:
     """The course of a motion, shares of its limits, and how many steps were looked at."""
     path, profile = motion.path, motion.profile
-    spline = Spline(path.knots, path.pieces, path.period)
+    period = path.x[-1] if path.extrapolate == "periodic" else 0.0
+    spline = Spline(path.x, np.ascontiguousarray(path.c.swapaxes(0, 1)), period)
     parabolas = Parabolas(profile.time, profile.place, profile.rate, *profile.pieces)
     course = np.empty((3, len(StretchedMotion(motion, STEP, 1.0))))
     shares = np.empty_like(course)
