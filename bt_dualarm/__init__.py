@@ -241,8 +241,8 @@ if not TYPE_CHECKING:  # a checker of types is to complain of names that are not
             return importlib.import_module("importlib.metadata").version(__name__)
         if name not in _CONTENTS:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        place, _, attribute = f"{__name__}.{_CONTENTS[name]}".partition(":")
-        return getattr(importlib.import_module(f"{__name__}.collector").imported(place), attribute)
+        module, _, attribute = _CONTENTS[name].partition(":")
+        return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
 
 
 def __dir__() -> list[str]:

@@ -21,7 +21,7 @@ from tests.source import (
 )
 
 FLOORS = (
-    {"errors", "pose", "share", "collector"},
+    {"errors", "pose", "share"},
     {"spec", "kernels", "recording"},
     {"world.urdf"},
     {"world.robots"},
@@ -55,8 +55,8 @@ FLOORS = (
 FACADE = "bt_dualarm"
 """The table of contents: nothing inside uses it."""
 
-ROOT_FILES = {"__init__", "__main__", "collector", "errors", "pose", "share"}
-"""Five modules, and the one that Python asks for by ``python -m bt_dualarm``."""
+ROOT_FILES = {"__init__", "__main__", "errors", "pose", "share"}
+"""Four modules, and the one that Python asks for by ``python -m bt_dualarm``."""
 
 MOST_FILES = 12
 """Modules that a reader takes in at one look, of a room of ``motion/``; its map not counted."""

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TypeAlias
 
-from bt_dualarm.collector import paused
 from bt_dualarm.errors import RunError
 from bt_dualarm.preflight.check import check as check_tree
 from bt_dualarm.runtime.options import RunOptions, checked_folder, checked_reality
@@ -111,11 +110,10 @@ def open(  # noqa: A001 - read with the name of its module before it, as gzip.op
     folder = None if record is None else checked_folder(record)
     realistic = None if reality is None else checked_reality(reality)
     options = RunOptions(seed, duration, renderer, realistic, folder, real_time, watchdog, frames)
-    with paused():
-        registry = registry_of(skills)
-        # The run composes the world itself, and says the same of what cannot be composed.
-        checked = check_tree(_input(tree), registry.kinds, params, build=False)
-        return Run(checked.runnable(), registry, options, stop=stop, warnings=checked.problems)
+    registry = registry_of(skills)
+    # The run composes the world itself, and says the same of what cannot be composed.
+    checked = check_tree(_input(tree), registry.kinds, params, build=False)
+    return Run(checked.runnable(), registry, options, stop=stop, warnings=checked.problems)
 
 
 def check(
