@@ -37,8 +37,6 @@ class Play(IdleObserver):
         opened: The run, not begun yet, or over.
         deeds: Done once each, at the first step at or after their simulated time in seconds.
         changes: Of the status of all nodes.
-        speeds: Times and largest joint speed in rad/s, by arm, at every step.
-        ways: Largest way of a joint from its start in rad, by arm.
         errors: What a deed has raised.
     """
 
@@ -46,9 +44,7 @@ class Play(IdleObserver):
     deeds: list[tuple[float, Deed]] = field(default_factory=list)
     watchers: list[Callable[[World], None]] = field(default_factory=list)
     changes: list[StatusChange] = field(default_factory=list)
-    speeds: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
-    ways: dict[str, float] = field(default_factory=dict)
-    _starts: dict[str, Vector] = field(default_factory=dict)
+    _seen: dict[str, list[tuple[float, Vector, Vector]]] = field(default_factory=dict)
     result: RunResult | None = None
     errors: list[Exception] = field(default_factory=list)
 
@@ -81,13 +77,26 @@ class Play(IdleObserver):
         while self.deeds and time >= self.deeds[0][0] - 1e-9:
             self.deeds.pop(0)[1](self.world)
         for name, body in self.world.arms.items():
-            speed = float(np.abs(body.v).max())
-            self.speeds.setdefault(name, []).append((time, speed))
-            start = self._starts.setdefault(name, body.q)
-            away = float(np.abs(body.q - start).max())
-            self.ways[name] = max(away, self.ways.get(name, 0.0))
+            self._seen.setdefault(name, []).append((time, body.q, body.v))
         for watch in self.watchers:
             watch(self.world)
+
+    @property
+    def speeds(self) -> dict[str, list[tuple[float, float]]]:
+        """Times and largest joint speed in rad/s, by arm, at every step."""
+        speeds = {}
+        for name, seen in self._seen.items():
+            times, _, velocities = zip(*seen, strict=True)
+            speeds[name] = list(zip(times, np.abs(velocities).max(axis=1).tolist(), strict=True))
+        return speeds
+
+    @property
+    def ways(self) -> dict[str, float]:
+        """Largest way of a joint from its start in rad, by arm."""
+        return {
+            name: float(np.abs(np.array([q for _, q, _ in seen]) - seen[0][1]).max())
+            for name, seen in self._seen.items()
+        }
 
     def arm(self, name: str = "arm1") -> ArmResult:
         """What an arm did."""

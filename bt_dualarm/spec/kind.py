@@ -84,3 +84,8 @@ class Kind:
         lists = ["children"] * self.many + ["cases"] * self.cases
         slots = (slot.name for slot in self.slots)
         return frozenset({"name", *lists, *slots, *self.outputs.model_fields})
+
+    @cached_property
+    def no_ports(self) -> frozenset[str]:
+        """What stands beside the ports and is no output: the name and the places of children."""
+        return self.places - self.outputs.model_fields.keys()

@@ -74,7 +74,7 @@ class Parser:
         ports = {
             port: self._port(kind, port, value, here.into(port))
             for port, value in fields.items()
-            if port not in kind.places - kind.outputs.model_fields.keys()
+            if port not in kind.no_ports
         }
         if kind.uses:
             children += self._use(ports, here)
@@ -198,8 +198,11 @@ def _fields(kind: Kind, body: Data) -> dict[str, Data] | None:
 
 def _misspelt(kind: Kind, fields: Mapping[str, Data]) -> set[str]:
     """Missing places that an unknown field was most likely meant to be: its check says so."""
+    unknown = fields.keys() - kind.places - kind.ports.model_fields.keys()
+    if not unknown:
+        return set()
     known = kind.places | kind.ports.model_fields.keys()
-    meant = {nearest(name, known) for name in fields if name not in known}
+    meant = {nearest(name, known) for name in unknown}
     return {name for name in kind.places - fields.keys() if name in meant}
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
+from bt_dualarm.pose import Vector
 from bt_dualarm.runtime.api import registry_of
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.parts import IdleObserver
@@ -15,9 +17,11 @@ from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.testing.scenario import Scenario, Tree, node_of
+from bt_dualarm.testing.scenario import Scenario, Tree, node_of, twice
 from bt_dualarm.tree.report import LeafReport
 from bt_dualarm.world.world import World
+
+_TWICE: Final = "example twice"
 
 
 def registry_with(*skills: type[Skill]) -> Registry:
@@ -35,19 +39,22 @@ class Performance(IdleObserver):
 
     Attributes:
         world: World of the run.
-        speeds: Times in s and the arm's largest joint speed in rad/s, at every step.
         arm: Result of the arm, once the run is over.
     """
 
     world: World
-    speeds: list[tuple[float, float]] = field(default_factory=list)
     arm: ArmResult | None = None
+    _seen: list[tuple[float, Vector]] = field(default_factory=list)
 
     def after_step(self, time: float) -> None:
         """Note how fast the arm is."""
         if "arm1" in self.world.arms:
-            speed = float(np.abs(self.world.arms["arm1"].v).max())
-            self.speeds.append((time, speed))
+            self._seen.append((time, self.world.arms["arm1"].v))
+
+    @property
+    def speeds(self) -> list[tuple[float, float]]:
+        """Times in s and the arm's largest joint speed in rad/s, at every step."""
+        return [(time, float(np.abs(v).max())) for time, v in self._seen]
 
     @property
     def result(self) -> ArmResult:
@@ -66,7 +73,8 @@ class Performance(IdleObserver):
 
     def speed_after(self, time: float) -> float:
         """Largest joint speed in rad/s at any step from ``time`` in s on."""
-        return max((speed for at, speed in self.speeds if at >= time), default=0.0)
+        later = [v for at, v in self._seen if at >= time]
+        return float(np.abs(later).max()) if later else 0.0
 
 
 @dataclass
@@ -96,8 +104,24 @@ class Candidate:
     @cached_property
     def duration(self) -> float:
         """Simulated seconds that its example takes."""
-        leaf = self.perform(self.node).leaves(self.name)[-1]
+        leaf = self.example_run
         return (leaf.ended_s or 0.0) - leaf.started_s
+
+    @property
+    def example_run(self) -> LeafReport:
+        """What its example does in its scenario."""
+        return self.examples[0]
+
+    @property
+    def examples(self) -> list[LeafReport]:
+        """What its example does, and what it does once more if it has succeeded."""
+        runs = self.run_twice.runs
+        return [leaf for leaf in runs if leaf.skill == self.name and _TWICE in leaf.path]
+
+    @cached_property
+    def run_twice(self) -> ArmResult:
+        """What the arm does where the same leaf is run twice; it is played once for all laws."""
+        return self.perform(twice(self.node, _TWICE)).result
 
     def perform(self, *leaves: Tree) -> Performance:
         """Run these leaves in its scenario."""

@@ -50,10 +50,9 @@ def numbers_of_ports_say_their_unit(candidate: Candidate) -> None:
 
 def example_succeeds(candidate: Candidate) -> None:
     """In its scenario, within the limits of the arm."""
-    performance = candidate.perform(candidate.node)
-    (leaf,) = performance.leaves(candidate.name)
+    leaf = candidate.example_run
     _hold(leaf.status == "SUCCESS", f"its example fails: {leaf.code}: {leaf.reason}")
-    clipped = performance.result.clipped_setpoints
+    clipped = candidate.run_twice.clipped_setpoints
     _hold(clipped == 0, f"{clipped} set-points were beyond the limits of the arm")
 
 
@@ -72,9 +71,9 @@ def halted_skill_leaves_the_arm_stopped(candidate: Candidate, phase: float) -> N
 
 def starts_again_after_success(candidate: Candidate) -> None:
     """The same leaf, run twice: it begins anew, with nothing left over."""
-    performance = candidate.perform({"repeat": {"times": 2, "child": candidate.node}})
-    first, second = _last_two(candidate, performance)
-    _hold(first.status == "SUCCESS", f"the first run fails: {first.code}: {first.reason}")
+    first, *more = candidate.examples
+    _hold(bool(more), f"the first run fails: {first.code}: {first.reason}")
+    (second,) = more
     again = candidate.scenario.again
     _hold(second.status == again, f"the second is {second.status}, not {again}: {second.reason}")
     known = ("", *candidate.skill.failures)

@@ -51,3 +51,8 @@ def node_of(example: str) -> Tree:
 def after(seconds: float, node: Tree) -> Tree:
     """Halt a node after so many seconds, and succeed whatever it did."""
     return {"force_success": {"child": {"timeout": {"seconds": seconds, "child": node}}}}
+
+
+def twice(node: Tree, name: str) -> Tree:
+    """Run a node, and after a success once more, below a node of this name."""
+    return {"repeat": {"times": 2, "name": name, "child": node}}

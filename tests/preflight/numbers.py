@@ -8,7 +8,7 @@ import struct
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Annotated, TypeAlias, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -23,6 +23,7 @@ from bt_dualarm.spec.ports import PortModel, validate_literals
 from bt_dualarm.spec.scalars import LARGEST_INTEGER
 from bt_dualarm.spec.source import Data, with_tuples
 from bt_dualarm.testing.scenario import Scenario, Tree, node_of
+from tests.skills.candidates import candidate
 from tests.skills.scenarios import SCENARIOS
 
 Path: TypeAlias = tuple[str | int, ...]
@@ -190,17 +191,22 @@ class Number:
         path: Path of the number in it.
         node: Path of the node of which it is a port; empty where it is a field of the file.
         model: Model of the node's ports, or of the file.
-        steps: Simulated seconds until the node has had its first ticks.
+        skill: Skill in whose scenario the node stands; empty where nothing comes before it.
     """
 
     file: Tree
     path: Path
     node: Path
     model: type[BaseModel]
-    steps: float
+    skill: str = ""
 
     def __str__(self) -> str:
         return ".".join(str(part) for part in self.path[len(self.node) :])
+
+    @property
+    def steps(self) -> float:
+        """Simulated seconds until the node has had its first ticks."""
+        return 0.2 + (begin(self.skill) if self.skill else 0.0)
 
     @property
     def field(self) -> str:
@@ -295,10 +301,10 @@ def numbers(registry: Registry) -> Iterator[Number]:
     """Every number of the file, of the words and of the shipped skills."""
     for path in _paths(FILE):
         if path != ("bt_dualarm",) and "tree" not in path:
-            yield Number(FILE, path, (), TreeContent, 0.2)
+            yield Number(FILE, path, (), TreeContent)
     for node in WORDS:
         (word,) = node
-        yield from _of_node(Scenario(), node, LANGUAGE[word].ports)
+        yield from _of_node(Scenario(), node, LANGUAGE[word].ports, "")
     for name, skill in registry.skills.items():
         example = node_of(skill.example)[name]
         fields = skill.Ports.model_fields.items()
@@ -308,16 +314,27 @@ def numbers(registry: Registry) -> Iterator[Number]:
         given = {name: value for name, value in defaults.items() if value is not None}
         for form in ({}, *FORMS.get(name, ())):
             ports = {**given, **(form or example)}
-            yield from _of_node(SCENARIOS[name], {name: ports}, skill.Ports)
+            skill_before = name if SCENARIOS[name].before else ""
+            yield from _of_node(SCENARIOS[name], {name: ports}, skill.Ports, skill_before)
 
 
-def _of_node(scenario: Scenario, node: Tree, model: type[PortModel]) -> Iterator[Number]:
+@cache
+def begin(skill: str) -> float:
+    """Simulated seconds that what comes before a skill takes in its scenario."""
+    ended = candidate(skill).perform().result.runs[-1].ended_s
+    assert ended is not None
+    return ended
+
+
+def _of_node(
+    scenario: Scenario, node: Tree, model: type[PortModel], skill: str
+) -> Iterator[Number]:
     file = {"bt_dualarm": 1, **scenario.file(node)}
     (name,) = node
     place = ("arms", "arm1", "tree", "sequence", len(scenario.before), name)
     ports = {port: value for port, value in node[name].items() if port in model.model_fields}
     for path in _paths(ports):
-        yield Number(file, (*place, *path), place, model, 5.0 if scenario.before else 0.2)
+        yield Number(file, (*place, *path), place, model, skill)
 
 
 def _paths(data: Data, path: Path = ()) -> Iterator[Path]:

@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-
 import pytest
 
-from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import Skill
-from bt_dualarm.testing import LAWS, Candidate
-from tests.skills.scenarios import SCENARIOS
+from bt_dualarm.testing import LAWS
+from tests.skills.candidates import REGISTRY, candidate
 
-REGISTRY = Registry.load()
 SKILLS = dict(REGISTRY.skills)
-
-
-@functools.cache
-def candidate(name: str) -> Candidate:
-    """Kept, because it knows how long its example takes."""
-    assert name in SCENARIOS, f"tests/skills/scenarios.py lacks a scenario for {name}"
-    return Candidate(name, REGISTRY, SCENARIOS[name])
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import pytest
 
-from bt_dualarm.arm import planning
-from bt_dualarm.motion.planning.problem import PlanningProblem
 from bt_dualarm.skill.registry import Registry
 from tests.plays import STOPPED, Stage
 from tests.skills.scenarios import Tree
+from tests.skills.searches import give_up_soon
 from tests.skills.trials import TRIALS, Trial
 
 DECLARED = {
@@ -19,11 +16,6 @@ DECLARED = {
 
 STANDS_RAD = 2e-3
 """Servo noise and the sag of the first moments, well below any motion."""
-
-
-SOON_GIVEN_UP = 20_000
-"""Configurations that a search may look at where it is not the search that is tried: a tenth, and
-of the seconds that it takes, too. In ``reach_to_pose`` it may look at all."""
 
 
 def test_every_declared_code_has_its_trial() -> None:
@@ -36,8 +28,7 @@ def test_failure_is_truthful(
 ) -> None:
     """The code, a sentence, and an arm that stands a second later; unmoved where so promised."""
     if code == "NO_PLAN" and skill != "reach_to_pose":
-        soon = partial(PlanningProblem, checks=SOON_GIVEN_UP)
-        monkeypatch.setattr(planning, "PlanningProblem", soon)
+        give_up_soon(monkeypatch)
     trial: Trial = TRIALS[skill, code]
     file = trial.scenario(skill).file(
         {"force_success": {"child": trial.node}}, {"wait": {"seconds": 1.2}}

@@ -14,6 +14,7 @@ from bt_dualarm.runtime import slow_ticks
 from bt_dualarm.testing import registry_with
 from bt_dualarm.world.world import World
 from tests.plays import Deed, Play, Stage
+from tests.skills.candidates import candidate
 from tests.skills.scenarios import SCENARIOS, Tree, node_of
 
 FAR = {"robot": "ur3", "base": {"xyz": [0, -6, 0]}}
@@ -48,7 +49,7 @@ def test_an_arm_is_taken_away_while_it_works(
     """By a leaf ticked before it, by one ticked after it, and from outside between two ticks."""
     example = stage.registry.skills[skill].example
     idle: Tree = {"wait": {"seconds": 0.1}}
-    leaf = stage.run(file_of(skill, example, idle, "arm2")).leaves(skill)[-1]
+    leaf = candidate(skill).example_run
     assert leaf.status == "SUCCESS"
     assert leaf.ended_s is not None
     for number, (name, phase) in enumerate(PHASES.items()):

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bt_dualarm.spec.scalars import ScalarError, plain_value
@@ -59,8 +59,11 @@ def test_every_number_that_python_writes_is_read_back(number: float) -> None:
 
 
 @given(st.text(alphabet="0123456789.+-eExnatruyslofNY:_~", max_size=8))
+@example("-.5")
 def test_agrees_with_pyyaml_or_is_refused(text: str) -> None:
-    """What is accepted as another type than PyYAML's is a number in exponent notation or a date."""
+    """What is accepted as another type than PyYAML's is a date, or a number of YAML 1.2: in
+    exponent notation, or with a sign before its point.
+    """
     try:
         value = plain_value(text)
     except ScalarError:
@@ -73,6 +76,6 @@ def test_agrees_with_pyyaml_or_is_refused(text: str) -> None:
         return
     if type(value) is not type(theirs):
         assert isinstance(value, (float, str))
-        assert isinstance(value, str) or "e" in text.lower()
+        assert isinstance(value, str) or "e" in text.lower() or text[:2] in ("+.", "-.")
     else:
         assert value == theirs
