@@ -49,9 +49,9 @@ def command_line() -> argparse.ArgumentParser:
     add("--controller", choices=("proportional", "predictive"), help="only this one")
     add(
         "--renderer",
-        choices=("gl", "ray"),
-        help="only this one (default: those that work here; ray where case, speed and controller "
-        "leave one experiment)",
+        choices=("ray", "gl", "both"),
+        default="ray",
+        help="of the camera: ray casting, OpenGL, or everything with each (default: ray)",
     )
     add(
         "--jobs",
@@ -104,7 +104,7 @@ def cells_of(arguments: argparse.Namespace) -> Iterator[Cell]:
     """The experiments that were asked for, in the order of the table.
 
     Raises:
-        DualArmError: None is left.
+        DualArmError: None is left, or OpenGL was asked for and does not work here.
     """
     both: tuple[ControllerName, ...] = ("proportional", "predictive")
     settings = {
@@ -116,8 +116,7 @@ def cells_of(arguments: argparse.Namespace) -> Iterator[Cell]:
         "reality": arguments.reality,
     }
     curves = _curves(arguments)
-    single = len(curves) == 1 and arguments.controller
-    for renderer in (arguments.renderer,) if arguments.renderer else _renderers(single=single):
+    for renderer in _renderers(arguments.renderer):
         for cell in curves:
             for controller in (arguments.controller,) if arguments.controller else both:
                 yield replace(cell, controller=controller, renderer=renderer, **settings)
@@ -139,15 +138,16 @@ def _curves(arguments: argparse.Namespace) -> list[Cell]:
     return list({cell.name: cell for cell in slower}.values())
 
 
-def _renderers(*, single: bool) -> tuple[RendererName, ...]:
-    """The one that every machine has where one experiment was asked for; else all there are."""
-    if single:
+def _renderers(asked: str) -> tuple[RendererName, ...]:
+    """The renderer that was asked for, or both.
+
+    Raises:
+        RendererError: OpenGL was asked for and does not work here, which is said before the first
+            run and not after half of them.
+    """
+    if asked == "ray":
         return ("ray",)
-    from bt_dualarm.errors import RendererError
     from bt_dualarm.world.rendering.choose import choose_renderer
 
-    try:
-        choose_renderer("gl")
-    except RendererError:
-        return ("ray",)
-    return ("ray", "gl")
+    choose_renderer("gl")
+    return ("gl",) if asked == "gl" else ("ray", "gl")

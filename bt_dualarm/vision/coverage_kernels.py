@@ -135,8 +135,9 @@ def weigh(share: _Share) -> tuple[float, float, float]:
             for y in range(min(_TILE, height - top)):
                 line, line_by_column = 0.0, 0.0
                 for x in range(min(_TILE, width - left)):
-                    line += share[top + y, left + x]
-                    line_by_column += x * share[top + y, left + x]
+                    value = float(share[top + y, left + x])
+                    line += value
+                    line_by_column += x * value
                 own += line
                 own_by_column += line_by_column
                 own_by_row += y * line
@@ -167,5 +168,5 @@ def measure(rgb: _Mask, raw: _Mask, filled: _Mask) -> tuple[float, float, float,
         for column in range(filled.shape[1]):
             if filled[row, column] != 0:
                 count += 1
-                colored += raw[row, column] != 0
+                colored += 1 if raw[row, column] != 0 else 0
     return total, by_column, by_row, count, colored

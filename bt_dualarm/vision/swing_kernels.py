@@ -63,8 +63,8 @@ def longest_axis(products: Matrix) -> Vector:
 @kernel
 def _turn_to_zero(products: Matrix, axes: Matrix, p: int, q: int) -> None:
     """Turn one element of the products, which is not 0, to zero, and the axes with them."""
-    ratio = (products[q, q] - products[p, p]) / (2.0 * products[p, q])
-    tangent = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio**2))
+    ratio = float(products[q, q] - products[p, p]) / float(2.0 * products[p, q])
+    tangent = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
     cosine = 1.0 / math.sqrt(1.0 + tangent**2)
     turn = cosine, tangent * cosine
     _turn_columns(products, p, q, turn)

@@ -17,10 +17,13 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm.cli import experiments as main
+from bt_dualarm.cli.experiment_arguments import cells_of, command_line
+from bt_dualarm.errors import RendererError
 from bt_dualarm.experiments import campaign, report
 from bt_dualarm.experiments.campaign import Campaign
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.results import Result
+from bt_dualarm.world.rendering import choose
 from tests.experiments.test_results import made_up
 
 ONE = ("--case", "circle", "--speed", "1", "--controller", "predictive")
@@ -41,13 +44,39 @@ def test_one_cell_writes_its_numbers(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]
 
 
+@pytest.mark.parametrize(
+    ("asked", "seen"), [((), ["ray"]), (("--renderer", "both"), ["ray", "gl"])]
+)
+def test_rays_unless_opengl_is_asked_for(
+    asked: tuple[str, ...], seen: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On every machine alike, whether OpenGL works there or not."""
+    monkeypatch.setattr(choose, "choose_renderer", lambda kind: kind)
+    cells = cells_of(command_line().parse_args(["--case", "circle", *asked]))
+    assert list(dict.fromkeys(cell.renderer for cell in cells)) == seen
+
+
+def test_opengl_that_is_missing_is_said_before_anything_runs(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And not after the half that is seen by rays."""
+
+    def missing(kind: str) -> None:
+        raise RendererError(f"no {kind} here")
+
+    monkeypatch.setattr(choose, "choose_renderer", missing)
+    monkeypatch.setattr(campaign, "run_all", lambda *_: pytest.fail("it was run"))
+    assert main(["--case", "circle", "--renderer", "both"]) == 2
+    assert "no gl here" in capsys.readouterr().err
+
+
 def test_a_curve_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--case", "drawn", "--renderer", "ray"]) == 2
+    assert main(["--case", "drawn"]) == 2
     assert "see --untuned" in capsys.readouterr().err
 
 
 def test_settings_that_the_file_refuses_are_said(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--case", "circle", "--speed", "7", "--renderer", "ray"]) == 2
+    assert main(["--case", "circle", "--speed", "7"]) == 2
     assert "speed" in capsys.readouterr().err
 
 
@@ -127,7 +156,7 @@ def descendants(process: int) -> Iterator[int]:
 def test_no_process_is_left_behind(number: signal.Signals, tmp_path: Path) -> None:
     """Two that run experiments, and those that these need, end with the one that is ended."""
     code = "import sys; import bt_dualarm.cli as cli; sys.exit(cli.experiments())"
-    options = "--case lissajous --speed 0.05 --seeds 4 --jobs 2 --renderer ray --out"
+    options = "--case lissajous --speed 0.05 --seeds 4 --jobs 2 --out"
     command = [sys.executable, "-c", code, *options.split(), str(tmp_path / "out")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -10,13 +9,9 @@ import numpy as np
 import pytest
 
 from bt_dualarm.vision.coverage_kernels import cover, measure, weigh
+from tests.plain_kernels import plain
 
 _BESIDE, _ABOUT = (cv2.getStructuringElement(cv2.MORPH_RECT, (n, n)) for n in (3, 5))
-
-
-def both(kernel: Callable[..., Any]) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """The kernel, and the kernel as Python reads it."""
-    return kernel, vars(kernel).get("py_func", kernel)
 
 
 def target(seed: int, most: int) -> tuple[Any, Any, Any]:
@@ -74,5 +69,6 @@ def test_lines_are_summed_as_opencv_does_but_for_rounding(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_compiled_measures_are_those_of_plain_python(seed: int) -> None:
-    compiled, plain = both(measure)
-    assert compiled(*target(seed, 24)) == plain(*target(seed, 24))
+    by_python = plain(measure)(*target(seed, 24))
+    assert measure(*target(seed, 24)) == by_python
+    assert [type(number) for number in by_python] == [float, float, float, int, int]

@@ -12,12 +12,7 @@ from bt_dualarm.vision.filter_kernels import correct
 from bt_dualarm.vision.motion_model import Oscillator, carried
 from bt_dualarm.vision.oscillator_kernels import blend, carry
 from bt_dualarm.vision.stillness_kernels import COLUMNS, has_moved, scatter
-
-
-def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """The kernel as Python reads it."""
-    found: Callable[..., Any] = vars(kernel).get("py_func", kernel)
-    return found
+from tests.plain_kernels import plain
 
 
 def target(seed: int) -> tuple[Any, Any]:

@@ -16,13 +16,14 @@ from bt_dualarm.vision.swing_kernels import (
     spread,
     swing_begin,
 )
+from tests.plain_kernels import plain
 
 LEG_M, LEGS = 0.006, 3
 
 
 def both(kernel: Callable[..., Any]) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """The kernel, and the kernel as Python reads it."""
-    return kernel, vars(kernel).get("py_func", kernel)
+    return kernel, plain(kernel)
 
 
 def zigzag(turns: list[float], between: int = 5) -> Matrix:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -19,15 +16,10 @@ from bt_dualarm.motion.pinching.pad_kernels import hold, pinch, press
 from bt_dualarm.motion.pinching.solid_kernels import distance, distances, reach
 from bt_dualarm.pose import Matrix, Pose, Vector
 from tests.motion.grasping.families import JAW, hulls, poses, primitives
+from tests.plain_kernels import plain
 
 FEW = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 SOLIDS = st.one_of(primitives(), hulls())
-
-
-def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """The kernel as Python reads it."""
-    found: Callable[..., Any] = vars(kernel).get("py_func", kernel)
-    return found
 
 
 def written_out(solid: Solid, points: Matrix) -> Vector:

@@ -9,6 +9,7 @@ from bt_dualarm.motion.chains.limit_kernels import within
 from bt_dualarm.motion.setpoints.time_scaling import sampled_at
 from bt_dualarm.motion.timing.average_kernels import scale
 from bt_dualarm.motion.timing.trajectory import Trajectory
+from tests.plain_kernels import plain
 
 DT = 0.004
 
@@ -60,6 +61,5 @@ def test_without_numba_it_is_the_same(rng: np.random.Generator) -> None:
     parameters = rng.uniform((0.0, 0.0, -3.0), (0.06, 1.0, 3.0), (50, 3))
     found = np.empty((2, 3, 50, 4))
     scale(q, v, a, 0, 12, DT, parameters, found[0])
-    plain = getattr(scale, "py_func", scale)
-    plain(q, v, a, 0, 12, DT, parameters, found[1])
+    plain(scale)(q, v, a, 0, 12, DT, parameters, found[1])
     assert found[0] == pytest.approx(found[1], rel=1e-12, abs=1e-12)

@@ -10,6 +10,7 @@ import pytest
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.cameras.motion_kernels import Bodies, fastest
+from tests.plain_kernels import plain
 
 FOCAL_PX, SIZE, WHOLE = 200.0, (320, 240), (0, 0, 320, 240)
 
@@ -55,7 +56,7 @@ def by_mujoco(model: Any, data: Any, body: int) -> float:
     return float(FOCAL_PX * np.hypot(*pixels) / -place[2])
 
 
-@pytest.mark.parametrize("kernel", [fastest, vars(fastest).get("py_func", fastest)])
+@pytest.mark.parametrize("kernel", [fastest, plain(fastest)])
 @pytest.mark.parametrize("seed", range(10))
 def test_the_fastest_thing_is_as_fast_as_mujoco_says(seed: int, kernel: Any) -> None:
     model, data, things = scene(seed)
