@@ -51,7 +51,7 @@ def check_tree(
         declared: Names that ports may refer to.
         complete: Whether ``kinds`` has all skills; if not, unknown kinds are passed over.
     """
-    for node in root.walk():
+    for node in _once(root):
         kind = kinds.get(node.kind)
         if kind is not None and node.whole:
             yield from check_node(node, kind, declared)
@@ -61,6 +61,25 @@ def check_tree(
         elif kind is None and complete:
             message = f"there is no node or skill '{node.kind}'"
             yield node.problem(message, kind_hint(node.kind, kinds))
+
+
+def _once(root: NodeSpec) -> Iterator[NodeSpec]:
+    """The nodes of a tree, those of a subtree that is used often once for all alike."""
+    alike: dict[tuple[int, Path], NodeSpec] = {}
+    for node in root.walk():
+        before = alike.get((id(node.source), node.path))
+        if before is None or not _is_alike(before, node):
+            alike[id(node.source), node.path] = node
+            yield node
+
+
+def _is_alike(one: NodeSpec, other: NodeSpec) -> bool:
+    """Whether the same is wrong with two nodes that stand in one place, if anything is."""
+    return (one.kind, one.ports, len(one.children)) == (
+        other.kind,
+        other.ports,
+        len(other.children),
+    )
 
 
 def check_node(node: NodeSpec, kind: Kind, declared: Declared) -> Iterator[Problem]:
