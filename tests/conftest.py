@@ -84,15 +84,24 @@ def stage(tmp_path: Path, registry: Registry) -> Stage:
     return Stage(tmp_path, registry)
 
 
+UNDRAWN = """
+import sys
+from bt_dualarm.cli import run
+from bt_dualarm.runtime import pictures
+pictures.files_of = lambda *_: iter(())
+sys.exit(run())
+"""
+
+
 @pytest.fixture
 def bt_run(tmp_path: Path) -> BtRun:
-    """Runs ``bt-run`` in a fresh process and reads what it left behind."""
+    """Runs ``bt-run`` in a fresh process, without its pictures, and reads what it left behind."""
     folders = (tmp_path / f"record{count}" for count in itertools.count(1))
 
     def run(*arguments: str | Path) -> Ran:
         folder = next(folders)
         done = subprocess.run(
-            [Path(sys.executable).with_name("bt-run"), *arguments, *recording_to(folder)],
+            [sys.executable, "-c", UNDRAWN, *arguments, *recording_to(folder)],
             env=os.environ | {"OMP_NUM_THREADS": "1"},
             capture_output=True,
             text=True,

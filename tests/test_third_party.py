@@ -75,7 +75,7 @@ TREE = """
         base: {xyz: [0, 0, 0.4]}
         tree: {nod: {depth: 0.08}}
 """
-TRAP = "from pathlib import Path\nPath(__file__).with_name('sprung').touch()\n"
+TRAP = "from pathlib import Path\nPath(__file__ + ' sprung').touch()\n"
 """Leaves a trace as soon as somebody imports it."""
 
 
@@ -137,14 +137,25 @@ def test_an_installed_skill_is_held_to_the_laws(python: Path, tmp_path: Path) ->
     assert done.returncode == 0, done.stdout
 
 
-@pytest.mark.parametrize("name", ["nod.py", "tree.py", "circle.py", "yaml.py", "conftest.py"])
-def test_nothing_beside_a_tree_is_executed(python: Path, tmp_path: Path, name: str) -> None:
-    """Not by the tree's name, nor by a skill's, nor by that of a module that is imported."""
-    tree = write(tmp_path, "tree.yaml", TREE)
-    write(tmp_path, name, TRAP)
-    code, said = bt_run(python, tree, cwd=tmp_path)
+TRAPS = ("nod.py", "tree.py", "circle.py", "yaml.py", "conftest.py")
+
+
+@pytest.fixture(scope="module")
+def among_traps(python: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a tree that was run with all of these files beside it."""
+    folder = tmp_path_factory.mktemp("traps")
+    for name in TRAPS:
+        write(folder, name, TRAP)
+    code, said = bt_run(python, write(folder, "tree.yaml", TREE), cwd=folder)
     assert code == 0, said
-    assert not (tmp_path / "sprung").exists()
+    return folder
+
+
+@pytest.mark.parametrize("name", TRAPS)
+def test_nothing_beside_a_tree_is_executed(among_traps: Path, name: str) -> None:
+    """Not by the tree's name, nor by a skill's, nor by that of a module that is imported."""
+    assert (among_traps / name).exists()
+    assert not (among_traps / f"{name} sprung").exists()
 
 
 def test_a_folder_is_executed_only_when_the_user_names_it(python: Path, tmp_path: Path) -> None:
@@ -153,7 +164,7 @@ def test_a_folder_is_executed_only_when_the_user_names_it(python: Path, tmp_path
     write(tmp_path, "trap.py", TRAP)
     code, said = bt_run(python, tree, "--skills", tmp_path, cwd=tmp_path)
     assert (code, "trap.py: has no subclass of Skill" in said) == (2, True), said
-    assert (tmp_path / "sprung").exists()
+    assert (tmp_path / "trap.py sprung").exists()
 
 
 def test_without_the_package_the_skill_is_unknown(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 from tests.source import ROOT
@@ -38,6 +39,15 @@ hits = sum(doubled.stats.cache_hits.values()) if hasattr(doubled, "stats") else 
 print(json.dumps([result, hits, said, str(folder())]))
 """
 """Compiles one small kernel, and tells its result, whether its code was found, what was logged."""
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """Code of the kernel: the cache that it is in, its file, the scripts that it was made from."""
+
+    cache: Path
+    file: Path
+    scripts: Path
 
 
 def environment(cache: Path, scripts: Path) -> dict[str, str]:

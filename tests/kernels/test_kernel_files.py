@@ -7,17 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.kernels.doubling import started, told
+from tests.kernels.doubling import Compiled, started, told
 
 SAID = "Compiling kernels, once on this machine: about a minute"
 
 
 @pytest.mark.parametrize("left", [0, 3, 100, -1])
-def test_code_that_was_cut_off_is_compiled_again(left: int, tmp_path: Path, scripts: Path) -> None:
+def test_code_that_was_cut_off_is_compiled_again(left: int, compiled: Compiled) -> None:
     """As after a loss of power: numba raises over it, or LLVM ends the process."""
-    cache = tmp_path / "cache"
-    place = told(started(cache, scripts))[-1]
-    (file,) = place.glob("*.nbc")
+    cache, file, scripts = compiled.cache, compiled.file, compiled.scripts
     whole = file.read_bytes()
     file.write_bytes(whole[:left])
     assert told(started(cache, scripts))[:3] == (6.0, 0, [])
@@ -25,20 +23,17 @@ def test_code_that_was_cut_off_is_compiled_again(left: int, tmp_path: Path, scri
     assert told(started(cache, scripts))[:3] == (6.0, 1, [])
 
 
-def test_code_that_was_garbled_is_compiled_again(tmp_path: Path, scripts: Path) -> None:
-    cache = tmp_path / "cache"
-    place = told(started(cache, scripts))[-1]
-    (file,) = place.glob("*.nbc")
-    whole = file.read_bytes()
-    file.write_bytes(whole[:2000] + b"XXXX" + whole[2004:])
-    assert told(started(cache, scripts))[:3] == (6.0, 0, [])
+def test_code_that_was_garbled_is_compiled_again(compiled: Compiled) -> None:
+    whole = compiled.file.read_bytes()
+    compiled.file.write_bytes(whole[:2000] + b"XXXX" + whole[2004:])
+    assert told(started(compiled.cache, compiled.scripts))[:3] == (6.0, 0, [])
 
 
-def test_code_is_found_where_nothing_can_be_written(tmp_path: Path, scripts: Path) -> None:
+def test_code_is_found_where_nothing_can_be_written(compiled: Compiled) -> None:
     """As in a container whose image has the code."""
-    place = told(started(tmp_path / "cache", scripts))[-1]
+    place = compiled.file.parent
     place.chmod(stat.S_IRUSR | stat.S_IXUSR)
-    assert told(started(tmp_path / "cache", scripts)) == (6.0, 1, [], place)
+    assert told(started(compiled.cache, compiled.scripts)) == (6.0, 1, [], place)
     place.chmod(stat.S_IRWXU)
 
 
@@ -64,10 +59,9 @@ def test_without_numba_nothing_is_compiled(tmp_path: Path, scripts: Path) -> Non
     assert told(started(cache, scripts))[1:3] == (0, [SAID])
 
 
-def test_other_code_for_who_has_used_numba_before(tmp_path: Path, scripts: Path) -> None:
+def test_other_code_for_who_has_used_numba_before(compiled: Compiled) -> None:
     """Numba is set up for this very processor then: other code is wanted, and nothing silent."""
-    cache = tmp_path / "cache"
-    told(started(cache, scripts))
+    cache, scripts = compiled.cache, compiled.scripts
     for hits, said in (0, [SAID]), (1, []):
         process = started(cache, scripts, first="import numba; numba.njit(lambda x: x)\n")
         assert told(process)[:3] == (6.0, hits, said)
