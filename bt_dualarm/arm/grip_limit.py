@@ -117,10 +117,9 @@ def _accelerations(
     nominal, stride = world.nominal[arm], max(1, round(_LOOK_S / motion.dt))
     count = max(2, (len(motion) - 1) // stride + 1)
     rows = np.minimum(np.arange(-1, count + 1) * stride, len(motion) - 1).clip(0)
-    links = [nominal.tool_link_pose_at(q) for q in motion.rows(rows)[0]]
-    places = np.array([link.apply(load.pose.position) for link in links])
-    moved = np.diff(places, 2, axis=0) / (stride * motion.dt) ** 2
-    return moved, np.array([link.rotation_matrix for link in links[1:-1]])
+    places, turns = nominal.tool_link_frames_at(motion.rows(rows)[0])
+    moved = np.diff(places + turns @ load.pose.position, 2, axis=0) / (stride * motion.dt) ** 2
+    return moved, turns[1:-1]
 
 
 class _Grip:

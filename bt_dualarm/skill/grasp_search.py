@@ -110,6 +110,8 @@ class WantedGrasp:
 
     def allows(self, grasp: Grasp) -> bool:
         """Whether fingers close where its width was told, and the tool comes as it is to come."""
+        if self.edges is None and self.along is None and self.unlike is None:
+            return True
         axes = grasp.tool.rotation_matrix
         if self.edges is not None and grasp.width > 0.0 and abs(float(axes[1, 1])) <= _ALONG:
             return False

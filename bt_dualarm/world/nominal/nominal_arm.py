@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.world.nominal.camera_pose import camera_pose
@@ -13,6 +15,9 @@ from bt_dualarm.world.nominal.nominal_load import NominalLoad
 from bt_dualarm.world.robots.friction import JointFriction
 from bt_dualarm.world.robots.mjspec import TOOL_SITE
 from bt_dualarm.world.robots.robot import Robot
+
+Turns: TypeAlias = npt.NDArray[np.float64]
+"""Rotations, of shape (n, 3, 3)."""
 
 
 class NominalArm:
@@ -80,6 +85,14 @@ class NominalArm:
         """The link that carries the tool, likewise."""
         data = self._placed(q)
         return Pose(data.xpos[self.tool_body].copy(), data.xquat[self.tool_body].copy())
+
+    def tool_link_frames_at(self, rows: Matrix) -> tuple[Matrix, Turns]:
+        """The same at many positions, of shape (n, dof): places, (n, 3), m, and turns, (n, 3, 3)."""
+        places, turns = np.empty((len(rows), 3)), np.empty((len(rows), 9))
+        for i, q in enumerate(rows):
+            data = self._placed(q)
+            places[i], turns[i] = data.xpos[self.tool_body], data.xmat[self.tool_body]
+        return places, turns.reshape(-1, 3, 3)
 
     def camera_pose_at(self, q: Vector) -> Pose:
         """The arm's camera (x right, y down, z forward) by its calibration, likewise."""
