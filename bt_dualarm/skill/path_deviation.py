@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
-from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.skill.skill import Record
 
 _TOGETHER = 256
 """Positions that are recorded at a time, and worked out where they are planned."""
+
+_Place: TypeAlias = list[float]  # x, y, z in m: of so few at a tick arrays take longer
 
 
 class PathDeviation:
@@ -35,9 +37,9 @@ class PathDeviation:
         self._began_s = arm.time
         self._count, self._recorded = 0, 0
         self._squares = 0.0
-        self._planned: list[Matrix] = []
-        self._executed: list[Matrix] = []
-        self._block: tuple[int, Matrix] = (0, np.empty((0, 3)))
+        self._planned: list[_Place] = []
+        self._executed: list[_Place] = []
+        self._first, self._block = 0, list[_Place]()
 
     @property
     def rms_m(self) -> float:
@@ -47,16 +49,16 @@ class PathDeviation:
     def look(self) -> float:
         """Compare what was measured since the last look; the largest distance of that in m."""
         executed, parameters = self._source.take_measured()
-        if not len(parameters):
-            return 0.0
-        planned = self._planned_at(parameters)
-        squares = ((executed - planned) ** 2).sum(axis=1)
-        farthest = math.sqrt(squares.max())
-        self._count += len(squares)
-        self._squares += float(squares.sum())
+        farthest = 0.0
+        for place, parameter in zip(executed.tolist(), parameters.tolist(), strict=True):
+            planned = self._planned_at(parameter)
+            away = math.dist(place, planned)
+            farthest = max(farthest, away)
+            self._squares += away * away
+            self._planned.append(planned)
+            self._executed.append(place)
+        self._count += len(parameters)
         self.worst_m = max(self.worst_m, farthest)
-        self._planned.append(planned)
-        self._executed.append(executed)
         if self._count - self._recorded >= _TOGETHER:
             self.flush()
         return farthest
@@ -66,29 +68,25 @@ class PathDeviation:
         if self._count == self._recorded:
             return
         times = self._began_s + self._arm.period * np.arange(self._recorded, self._count)
-        self._record("planned", times, np.vstack(self._planned))
-        self._record("executed", times, np.vstack(self._executed))
+        self._record("planned", times, np.array(self._planned))
+        self._record("executed", times, np.array(self._executed))
         self._recorded = self._count
         self._planned.clear()
         self._executed.clear()
 
-    def _planned_at(self, parameters: Vector) -> Matrix:
-        """Tool positions, of shape (n, 3), m, planned for path parameters in s."""
+    def _planned_at(self, parameter: float) -> _Place:
+        """Tool position planned for a path parameter in s: between two set-points, straight."""
         motion = self._source.trajectory
-        index = parameters / motion.dt
-        # Minimum and maximum: a clip costs three times as much.
-        low = np.maximum(np.minimum(index.astype(int), len(motion) - 2), 0)
-        high = np.minimum(low + 1, len(motion) - 1)
-        first, planned = self._block_of(int(low.min()), int(high.max()) + 1)
-        u, begin = np.minimum(np.maximum(index - low, 0.0), 1.0)[:, None], planned[low - first]
-        between: Matrix = begin + u * (planned[high - first] - begin)
-        return between
+        index, last = parameter / motion.dt, len(motion) - 1
+        low = max(min(int(index), last - 1), 0)
+        begin, end = self._of_set_point(low), self._of_set_point(min(low + 1, last))
+        share = min(max(index - low, 0.0), 1.0)
+        return [a + share * (b - a) for a, b in zip(begin, end, strict=True)]
 
-    def _block_of(self, first: int, end: int) -> tuple[int, Matrix]:
-        """Planned positions of some set-points, or of more, and the number of the first of them."""
-        begin, planned = self._block
-        if not begin <= first <= end <= begin + len(planned):
+    def _of_set_point(self, number: int) -> _Place:
+        """Tool position at a set-point; those of the next ones are worked out with it."""
+        if not self._first <= number < self._first + len(self._block):
             motion = self._source.trajectory
-            piece = motion.piece(first, min(max(first + _TOGETHER, end), len(motion)))
-            self._block = first, self._arm.planned_tool_positions(piece)
-        return self._block
+            piece = motion.piece(number, min(number + _TOGETHER, len(motion)))
+            self._first, self._block = number, self._arm.planned_tool_positions(piece).tolist()
+        return self._block[number - self._first]

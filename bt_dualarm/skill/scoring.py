@@ -59,16 +59,18 @@ class TrackingScore:
                 return
             self._from = self._arm.time + SETTLE_S
             self._target = self._target or self._nearest(tracking.target)
-        since, self._sampled = self._sampled, self._arm.time
+        now = self._arm.time
+        since, self._sampled = self._sampled, now
         if self._target is not None and self._target not in world.objects:
-            self._gone_s += 0.0 if since is None else self._arm.time - since
-        if self._target not in world.objects or self._arm.time < self._from:
+            self._gone_s += 0.0 if since is None else now - since
+        if self._target not in world.objects or now < self._from:
             return
         if len(self._times) == _MOST:
             self._sum_up(tracking, _MOST - OVERLAP)
-        self._times.append(self._arm.time)
-        self._tool.extend(world.arms[self._arm.name].tool_pose.position.tolist())
-        self._truth.extend(world.object_pose(self._target).position.tolist())
+        data, tool = world.data, world.arms[self._arm.name].tool_site
+        self._times.append(now)
+        self._tool.extend(data.site_xpos[tool].tolist())
+        self._truth.extend(data.xpos[world.object_body(self._target)].tolist())
 
     def metrics(self, tracking: PlaneTracking) -> dict[str, Number]:
         """Metrics of the samples; none when nothing was followed long enough.

@@ -29,15 +29,15 @@ def followed(count: int, *, still: bool = False) -> tuple[TrackingScore, Any]:
     tracking: Any = SimpleNamespace(
         in_view=True, target=where(0.0), sightings=seen.places, forget_sightings=seen.forget
     )
-    world: Any = SimpleNamespace(objects={"cube"}, arms={"arm": SimpleNamespace(tool_pose=None)})
+    world: Any = SimpleNamespace(objects={"cube"}, arms={"arm": SimpleNamespace(tool_site=0)})
+    world.object_body = {"cube": 0}.__getitem__
     arm: Any = SimpleNamespace(world=world, name="arm", time=0.0)
     score = TrackingScore(arm, Plane.model_validate("yz"), "cube")
     for step in range(count + round(scoring.SETTLE_S / PERIOD_S)):
         arm.time = step * PERIOD_S
         true = where(0.0 if still else arm.time)
         tool = where(0.0 if still else arm.time - LATE_S) + OFFSET + rng.normal(0.0, 1e-4, 3)
-        world.object_pose = lambda _, at=true: SimpleNamespace(position=at)
-        world.arms["arm"].tool_pose = SimpleNamespace(position=tool)
+        world.data = SimpleNamespace(xpos=true[None], site_xpos=tool[None])
         stamp = arm.time - 0.013
         point = where(0.0 if still else stamp) + rng.normal(0.0, 2e-4, 3)
         seen.append(SimpleNamespace(stamp=stamp, point=point))  # type: ignore[arg-type]

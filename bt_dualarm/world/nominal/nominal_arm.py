@@ -87,7 +87,7 @@ class NominalArm:
         return Pose(data.xpos[self.tool_body].copy(), data.xquat[self.tool_body].copy())
 
     def tool_link_frames_at(self, rows: Matrix) -> tuple[Matrix, Turns]:
-        """The same at many positions, of shape (n, dof): places, (n, 3), m, and turns, (n, 3, 3)."""
+        """At many positions, of shape (n, dof): places, (n, 3), m, and turns, (n, 3, 3)."""
         places, turns = np.empty((len(rows), 3)), np.empty((len(rows), 9))
         for i, q in enumerate(rows):
             data = self._placed(q)
