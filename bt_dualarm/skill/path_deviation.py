@@ -48,16 +48,15 @@ class PathDeviation:
 
     def look(self) -> float:
         """Compare what was measured since the last look; the largest distance of that in m."""
-        executed, parameters = self._source.take_measured()
         farthest = 0.0
-        for place, parameter in zip(executed.tolist(), parameters.tolist(), strict=True):
-            planned = self._planned_at(parameter)
-            away = math.dist(place, planned)
+        for position, parameter in self._source.take_measured():
+            executed, planned = position.tolist(), self._planned_at(parameter)
+            away = math.dist(executed, planned)
             farthest = max(farthest, away)
             self._squares += away * away
+            self._count += 1
             self._planned.append(planned)
-            self._executed.append(place)
-        self._count += len(parameters)
+            self._executed.append(executed)
         self.worst_m = max(self.worst_m, farthest)
         if self._count - self._recorded >= _TOGETHER:
             self.flush()

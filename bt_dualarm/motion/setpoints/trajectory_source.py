@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 
-import numpy as np
-
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.time_scaling import (
     PathParameter,
@@ -17,7 +15,7 @@ from bt_dualarm.motion.setpoints.time_scaling import (
     to_rest_after,
 )
 from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.pose import Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
 _PIECE = 25  # set-points at an even scale that are worked out at a time
@@ -93,17 +91,16 @@ class TrajectorySource:
         """Note where the tool is, of shape (3,), m, at the time of the set-point to come."""
         self._position = position
 
-    def take_measured(self) -> tuple[Matrix, Vector]:
+    def take_measured(self) -> list[tuple[Vector, float]]:
         """What was measured since it was last asked, or the last half minute of that.
 
         Returns:
-            Positions of the tool at set-points' times, of shape (n, 3), m, and path parameters at
-            the same times, of shape (n,): seconds on the trajectory.
+            Positions of the tool at set-points' times, each of shape (3,), m, with the path
+            parameters at the same times: seconds on the trajectory.
         """
         taken = list(self._measured)
         self._measured.clear()
-        positions = np.array([position for position, _ in taken]).reshape(-1, 3)
-        return positions, np.array([parameter for _, parameter in taken])
+        return taken
 
     def next(self, time: float) -> SetPoint:  # noqa: ARG002 - a trajectory counts its own time
         """The next set-point."""
