@@ -97,7 +97,13 @@ Speed: TypeAlias = Annotated[float, Field(ge=0.001, le=1.0)]
 class Value(BaseModel):
     """Base of value types: frozen, and strict about what YAML says."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        defer_build=True,  # a run asks few of them
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+    )
 
 
 class PoseSpec(Value):
