@@ -18,6 +18,7 @@ from bt_dualarm.vision.stillness import rest_something
 from bt_dualarm.world.cameras.lens import bend_something
 from bt_dualarm.world.cameras.shutter import move_past_something
 from bt_dualarm.world.grippers.carrying import carry_something
+from bt_dualarm.world.grippers.drive import finger_something
 from bt_dualarm.world.grippers.tactile import feel_something
 from bt_dualarm.world.hardware.arm_hardware import sense_something
 from bt_dualarm.world.rendering.raycast import draw_something
@@ -33,5 +34,5 @@ def compile_kernels() -> None:
     world = sense_something, touch_something, bound_something
     vision = predict_something, rest_something, outline_something, swing_something
     motion = move_something, follow_something, time_something, search_something
-    grips = reserve_something, carry_something, feel_something, grasp_something
-    compile_once((*cameras, *world, *vision, *motion, *grips))
+    grips = carry_something, finger_something, feel_something, grasp_something
+    compile_once((*cameras, *world, *vision, *motion, *grips, reserve_something))

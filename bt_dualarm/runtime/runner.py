@@ -203,8 +203,9 @@ class Runner:
             self._break(Ending.ERROR, f"{type(error).__name__}: {error}")
             return
         self._step += 1
-        self._watch.after_step(self._world.time)
-        self._conditions.pacer.pace(self._world.time)
+        time = self._world.time
+        self._watch.after_step(time)
+        self._conditions.pacer.pace(time)
 
     def _see_and_tick(self, time: float) -> None:
         with self._watchdog:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
 from typing import Final
 
 import mujoco
@@ -13,7 +14,19 @@ import numpy as np
 from bt_dualarm.pose import Vector
 from bt_dualarm.spec.reality import RealityErrors
 from bt_dualarm.world.grippers.gripper import FINGERS, Gripper
-from bt_dualarm.world.grippers.mjspec import CUP, DRIVE
+from bt_dualarm.world.grippers.kernel_columns import (
+    ASKED_FORCE,
+    ASKED_WIDTH,
+    DAMPING,
+    DRIVE,
+    FORCE,
+    GAIN,
+    MOST,
+    REFERENCE,
+    STIFFNESS,
+)
+from bt_dualarm.world.grippers.mjspec import CUP
+from bt_dualarm.world.grippers.mjspec import DRIVE as DRIVE_NAME
 from bt_dualarm.world.grippers.sealing import Seal
 from bt_dualarm.world.grippers.tactile import tactile_sensors
 
@@ -21,18 +34,11 @@ _STIFFNESS: Final = 0.25
 """Of the drive's speed loop, times the mass of a finger over the step squared: with a damping of
 the mass over the step, poles at 0.75 and 0."""
 
-_WOUND_UP: Final = 1.2
-"""Share of the force that is asked for up to which the speed loop winds up: a finger that is
-pressed on trembles within it, and the force stays what was asked for."""
-
 SPEED_S: Final = 0.1
 """Seconds over which the opening is differenced to the speed that is sensed."""
 
 LET_GO: Final = 1.0
 """m; a width that tells a cup to let go."""
-
-_SHUT: Final = -1.0
-"""m; opening towards which fingers close that are to press: none of them gets there."""
 
 _LOOK: Final = 5
 """Steps of physics after which a lip is looked at again: a vacuum does not go at once, either."""
@@ -88,7 +94,6 @@ class GripperHardware:
         self.width, self.speed, self.force = gripper.stroke, 0.0, 0.0
         self.vacuum, self.stamp = 0.0, -1.0
         begin = gripper.stroke if gripper.fingers else LET_GO
-        self.commanded = GripperCommand(begin, gripper.speed.most, gripper.force.most)
         self._gain = 1.0 + float(errors.drive.gain.draw(rng, 1)[0])
         self._rng, self._step = rng, timestep
         self.tactile = tactile_sensors(gripper, errors, rng, timestep)
@@ -97,23 +102,23 @@ class GripperHardware:
         finer = encoder.noise / encoder.resolution if encoder.resolution else 0.0
         self._noise = self._resolution * min(finer, 1.0)
         self._drawn: list[float] = []  # of readings to come, the last first
-        self._past: deque[tuple[float, float]] = deque(maxlen=round(SPEED_S / timestep) + 1)
+        self._past, self._count = np.zeros((round(SPEED_S / timestep) + 1, 2)), 0
         self._pump = -math.expm1(-timestep / _PUMP_S)
-        mass = gripper.moved_mass
+        mass, self._drive = gripper.moved_mass, np.zeros(DRIVE)
         # Of the opening, which is twice a finger's way, to the force on each finger.
-        self._stiffness = 0.5 * _STIFFNESS * mass / timestep**2
-        self._damping = 0.5 * mass / timestep
-        self._reference = gripper.stroke
-        self._torque = 0.0
+        self._drive[STIFFNESS] = 0.5 * _STIFFNESS * mass / timestep**2
+        self._drive[DAMPING] = 0.5 * mass / timestep
+        self._drive[GAIN], self._drive[MOST] = self._gain, gripper.force.most
+        self._drive[REFERENCE] = gripper.stroke
+        self.command(GripperCommand(begin, gripper.speed.most, gripper.force.most))
         self._is_connected = False
-        self._most = gripper.force.most
         self._seal: Seal | None = None
         self._tight, self._looked = False, 0
 
     def connect(self, model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> None:
         """Belong to the gripper of an arm of the plant; anew after each recompilation."""
         self._is_connected = True
-        drive = int(model.actuator(f"{arm}/{DRIVE}").id)
+        drive = int(model.actuator(f"{arm}/{DRIVE_NAME}").id)
         self._motor = data.ctrl[drive : drive + 1]
         if self.gripper.fingers:
             joint = model.joint(f"{arm}/{FINGERS[0]}")
@@ -135,6 +140,7 @@ class GripperHardware:
             wanted: Width, speed and force within the page's limits.
         """
         self.commanded = wanted
+        self._drive[ASKED_WIDTH : ASKED_FORCE + 1] = wanted.width, wanted.speed, wanted.force
 
     def sense(self, time: float) -> None:
         """Read the sensors at a simulated time in s; again at the same moment changes nothing."""
@@ -144,20 +150,26 @@ class GripperHardware:
         if not self.gripper.fingers:
             self.force = self.vacuum * self.gripper.force.most
             return
-        width = float(self._q[0]) + float(self._q[1])  # a sum of numpy's costs ten times that
-        if self._noise:
-            if not self._drawn:
-                self._drawn = (self._noise * self._rng.standard_normal(_DRAWN))[::-1].tolist()
-            width += self._drawn.pop()
-        if self._resolution:
-            width = self._resolution * round(width / self._resolution)
-        past = self._past
-        past.append((time, width))
-        began, first = past[0]
-        self.speed = (width - first) / (time - began) if time > began else 0.0
-        self.width, self.force = width, -self._torque
+        if self._noise and not self._drawn:
+            self._drawn = (self._noise * self._rng.standard_normal(_DRAWN))[::-1].tolist()
+        noise = self._drawn.pop() if self._noise else 0.0
+        if self._count:
+            self.width, self.speed = kernels().read_width(
+                self._q, noise, self._resolution, self._past, self._count, time
+            )
+        else:
+            self._read_first(noise)
+        self._count += 1
+        self.force = -float(self._drive[FORCE])
         if self.tactile is not None:
             self.tactile.sense(time)
+
+    def _read_first(self, noise: float) -> None:
+        """Read the width as `read_width`; before anything moves nobody waits for machine code."""
+        width = float(self._q[0]) + float(self._q[1]) + noise
+        if self._resolution:
+            width = self._resolution * round(width / self._resolution)
+        self._past[0], self.width, self.speed = (self.stamp, width), width, 0.0
 
     def place(self, positions: Vector) -> None:
         """Put the fingers where they are by the encoder, in positions of the whole plant, (nq,)."""
@@ -175,25 +187,9 @@ class GripperHardware:
         if not self._is_connected:
             return
         if self.gripper.fingers:
-            self._push()
+            kernels().push(self._q, self._v, self._drive, self._step, self._motor)
         else:
             self._suck()
-
-    def _push(self) -> None:
-        """The speed loop: a reference runs ahead at the speed asked for, as far as force allows."""
-        asked = self.commanded
-        width = float(self._q[0]) + float(self._q[1])
-        rate = float(self._v[0]) + float(self._v[1])
-        ahead = _WOUND_UP * asked.force / self._stiffness
-        goal = _SHUT if asked.width <= 0.0 else asked.width
-        stride = asked.speed * self._step
-        way = min(max(goal - self._reference, -stride), stride)
-        force = self._stiffness * (self._reference - width) + self._damping * (
-            way / self._step - rate
-        )
-        self._reference = min(max(self._reference + way, width - ahead), width + ahead)
-        self._torque = min(max(force, -asked.force), asked.force)
-        self._motor[0] = min(max(self._torque * self._gain, -self._most), self._most)
 
     def _suck(self) -> None:
         """The pump: vacuum builds up where the lip seals, up to the force that is asked for."""
@@ -201,6 +197,21 @@ class GripperHardware:
         if sucks and self._seal is not None and self._looked <= 0:
             self._tight, self._looked = self._seal.is_tight, _LOOK
         self._looked -= 1
-        goal = self.commanded.force / self._most if sucks and self._tight else 0.0
+        goal = self.commanded.force / self.gripper.force.most if sucks and self._tight else 0.0
         self.vacuum += self._pump * (goal - self.vacuum)
         self._motor[0] = min(self.vacuum * self._gain, 1.0)
+
+
+@cache
+def kernels() -> ModuleType:
+    """The kernels: an import statement costs as much as they do."""
+    from bt_dualarm.world.grippers import finger_kernels
+
+    return finger_kernels
+
+
+def finger_something() -> None:
+    """Have all kernels of fingers compiled."""
+    pair, drive = np.zeros(2), np.ones(DRIVE)
+    kernels().push(pair, pair, drive, 0.002, np.zeros(1))
+    kernels().read_width(pair, 0.0, 1e-4, np.zeros((2, 2)), 1, 0.002)

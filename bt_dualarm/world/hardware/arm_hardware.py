@@ -96,7 +96,7 @@ def sense_something() -> None:
     compiled, one = kernels(), np.ones(1)
     two, three = np.zeros((1, 2), np.int64), np.zeros((1, 3), np.int64)
     counts, table, past = np.zeros((1, COUNTS), np.int64), np.ones((1, ENCODERS)), np.ones((2, 1))
-    compiled.read_joints(three, one, one, table, counts, one, past, 0, 1.0, one, np.ones((2, 1)))
+    compiled.read_joints(three, one, one, table, counts, past, 0, past, 0, 1.0, past, past)
     compiled.pass_on(two, past, 0, np.ones((1, DRIVES)), one)
     compiled.take_torques(one, np.ones((1, DRIVES)))
     compiled.rub(two, np.ones((1, FRICTION)), one, one, one)

@@ -68,7 +68,7 @@ class Encoders:
         self._window, self._newest = np.zeros((rows, count)), -1
         self._noise, self._row = np.zeros((_DRAWN, count)), 0
         self._sources: dict[str, np.random.Generator] = {}
-        self._before: Vector = np.zeros(count)
+        self._before: Matrix = self.readings
         self._has_read = False
 
     def begin(self, name: str, source: np.random.Generator) -> None:
@@ -100,9 +100,9 @@ class Encoders:
             for name in self._sources:
                 self._draw(name, 0)
             self._row = 0
-        noise, self._row = self._noise[self._row], self._row + 1
+        row, self._row = self._row, self._row + 1
         self._newest = (self._newest + 1) % len(self._window)
-        before, self.readings = self.readings[1], np.empty_like(self.readings)
+        before, self.readings = self.readings, np.empty(self.readings.shape)
         if self._has_read:
             kernels().read_joints(
                 self._where,
@@ -110,7 +110,8 @@ class Encoders:
                 self._v,
                 self._encoders,
                 self._counts,
-                noise,
+                self._noise,
+                row,
                 self._window,
                 self._newest,
                 self._step,
@@ -118,7 +119,7 @@ class Encoders:
                 self.readings,
             )
         else:  # before anything moves nobody waits for machine code
-            self._read_first(noise)
+            self._read_first(self._noise[row])
         self.stamp, self._before = time, before
         self.past.append((time, self.readings))
 
@@ -137,7 +138,7 @@ class Encoders:
         else:
             np.maximum(counts - 1, 0, out=counts)
             self._newest -= 1
-            self.readings = np.stack((self.readings[0], self._before))
+            self.readings = np.stack((self.readings[0], self._before[1]))
         self._has_read = bool(counts.any())
         while self.past and self.past[-1][0] >= time:
             self.past.pop()

@@ -43,11 +43,12 @@ def read_joints(
     v: Vector,
     encoders: Matrix,
     counts: Numbers,
-    noise: Vector,
+    noise: Matrix,
+    row: int,
     past: Matrix,
     newest: int,
     step: float,
-    before: Vector,
+    before: Matrix,
     readings: Matrix,
 ) -> None:
     """Read positions, and what velocities come of them and of earlier readings.
@@ -58,18 +59,17 @@ def read_joints(
         v: Velocities of the plant, of shape (nv,), rad/s.
         encoders: What is known of the encoders, see `kernel_columns`.
         counts: Windows and numbers of earlier readings, see there; changed.
-        noise: Noise of this reading, of shape (n,), rad.
+        noise: Noise of readings, of shape (l, n), rad.
+        row: Row of it that this reading has.
         past: Positions of earlier readings, of shape (m, n), rad: rows go round.
         newest: Row of them that this reading takes.
         step: Seconds between two readings.
-        before: Velocities so far, of shape (n,), rad/s.
-        readings: Takes positions and velocities, of shape (2, n), rad and rad/s.
+        before: Positions and velocities so far, of shape (2, n), rad and rad/s.
+        readings: Takes those of now, likewise.
     """
     for k in range(len(where)):
         joint, place, rate = where[k, 0], where[k, 1], where[k, 2]
-        reading, resolution = q[place] + noise[joint], encoders[joint, RESOLUTION]
-        if resolution > 0.0:
-            reading = np.rint(reading * (1.0 / resolution)) * resolution
+        reading = in_steps(q[place] + noise[row, joint], encoders[joint, RESOLUTION])
         past[newest, joint] = readings[0, joint] = reading
         window, count = counts[joint, WINDOW], counts[joint, COUNT]
         span = min(count, window)
@@ -80,8 +80,14 @@ def read_joints(
         else:
             way = reading - past[(newest - span) % len(past), joint]
             taken = encoders[joint, TAKEN] / (span * step)
-            readings[1, joint] = before[joint] * encoders[joint, KEPT] + way * taken
+            readings[1, joint] = before[1, joint] * encoders[joint, KEPT] + way * taken
         counts[joint, COUNT] = min(count, window) + 1
+
+
+@kernel
+def in_steps(value: float, step: float) -> float:
+    """A number in whole steps; a step of 0 leaves it as it is."""
+    return np.rint(value * (1.0 / step)) * step if step > 0.0 else value
 
 
 @kernel
