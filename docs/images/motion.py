@@ -127,7 +127,8 @@ def follow(
         for _ in range(round(motion.dt / world.timestep)):
             world.step()
     q, v, a = (np.array([getattr(point, name) for point in sent]) for name in "qva")
-    return Trajectory(motion.dt, q, v, a), running.take_measured()[0]
+    tool = np.array([place for place, _ in running.take_measured()])
+    return Trajectory(motion.dt, q, v, a), tool
 
 
 def draw(run: Run) -> Figure:
