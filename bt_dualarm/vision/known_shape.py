@@ -16,6 +16,10 @@ from bt_dualarm.spec.shapes import ShapeName
 _ROUND: Final = 48
 """Points of a circle: the corners of their polygon are off it by 0.2 % of the radius."""
 
+_AROUND: Final = np.arange(_ROUND) * (2.0 * math.pi / _ROUND)
+_COSINES: Final = np.cos(_AROUND)
+_SINES: Final = np.sin(_AROUND)
+
 _YAW_STEP: Final = math.radians(15.0)
 _SPINNING: Final = ("cylinder", "capsule")
 
@@ -49,8 +53,7 @@ class KnownShape:
         if self.is_round:
             return np.zeros((0, 3))
         radius, length = self.size
-        turn = np.arange(_ROUND) * (2.0 * math.pi / _ROUND)
-        around = radius * np.column_stack((np.cos(turn), np.sin(turn), np.zeros(_ROUND)))
+        around = radius * np.column_stack((_COSINES, _SINES, np.zeros(_ROUND)))
         ends = np.array(((0.0, 0.0, -0.5 * length), (0.0, 0.0, 0.5 * length)))
         circles: Matrix = np.vstack((around, around)) + np.repeat(ends, _ROUND, axis=0)
         return circles
@@ -85,11 +88,10 @@ class KnownShape:
         """Outline of a ball about its centre, seen from ``eye``, of shape (n, 3), m."""
         away, radius = float(np.linalg.norm(eye)), self.size[0]
         toward = eye / max(away, radius * (1.0 + 1e-9))
-        side = np.cross(toward, np.eye(3)[int(np.argmin(np.abs(toward)))])
+        side = _crossed(toward, np.eye(3)[int(np.argmin(np.abs(toward)))])
         side /= np.linalg.norm(side)
         sine = min(radius / away, 1.0 - 1e-9)
-        turn = np.arange(_ROUND) * (2.0 * math.pi / _ROUND)
-        ring = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(toward, side))
+        ring = np.outer(_COSINES, side) + np.outer(_SINES, _crossed(toward, side))
         circle: Matrix = radius * (sine * toward + math.sqrt(1.0 - sine * sine) * ring)
         return circle
 
@@ -218,3 +220,9 @@ def _about_y(angle: float) -> Matrix:
 def _about_z(angle: float) -> Matrix:
     c, s = math.cos(angle), math.sin(angle)
     return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+
+
+def _crossed(one: Vector, other: Vector) -> Vector:
+    """The cross product: of two vectors NumPy's takes twenty times as long."""
+    (a, b, c), (x, y, z) = one.tolist(), other.tolist()
+    return np.array((b * z - c * y, c * x - a * z, a * y - b * x))

@@ -123,8 +123,10 @@ def project(scene: Scene, shape: KnownShape, view: OutlineView) -> Projection | 
     if see(about, offset, inward, mount, focals, pixels, change) < _NEAREST_M:
         return None
     if shape.is_round:  # its outline does not turn with it, but the balls that have it do
-        centers = shape.ball_centers(scene.rotation)
-        change[:, :, TURN] = np.cross(centers[:, None], change[:, :, PLACE])
+        a, b, c = shape.ball_centers(scene.rotation).T[:, :, None]
+        x, y, z = change[:, :, PLACE].transpose(2, 0, 1)
+        turn = (b * z - c * y, c * x - a * z, a * y - b * x)  # the cross product
+        change[:, :, TURN] = np.stack(turn, axis=2)
     around = cv2.convexHull(pixels.astype(np.float32), returnPoints=False)
     hull = np.asarray(around, dtype=np.intp)[:, 0]
     return Projection(pixels, change, hull)

@@ -18,8 +18,16 @@ from tests.motion.walls import LEFT
 from tests.plays import Stage
 from tests.world.worlds import box
 
-Story = Callable[[Stage], Matrix]
+Story = Callable[[Stage, PlanningProcess], Matrix]
 """Plays something in which failures decide what an arm does; returns where its joints were."""
+
+
+@pytest.fixture
+def planning() -> Iterator[PlanningProcess]:
+    """One for both times that a story is played: to start one takes longer than the story."""
+    process = PlanningProcess()
+    yield process
+    process.close()
 
 
 def recorded(bench: Bench, work: Iterator[float | None], ticks: int) -> Matrix:
@@ -35,10 +43,9 @@ def recorded(bench: Bench, work: Iterator[float | None], ticks: int) -> Matrix:
     return np.array(rows)
 
 
-def a_wall_comes_into_the_way(_: Stage) -> Matrix:
+def a_wall_comes_into_the_way(_: Stage, planning: PlanningProcess) -> Matrix:
     """The arm stops, and goes around it."""
-    process = PlanningProcess()
-    bench = WalledBench(process, standing=False)
+    bench = WalledBench(planning, standing=False)
     work = bench.first.travel([LEFT], 0.2)
 
     def disturbed() -> Iterator[float | None]:
@@ -47,13 +54,12 @@ def a_wall_comes_into_the_way(_: Stage) -> Matrix:
                 bench.world.spawn_object("wall")
             yield progress
 
-    rows = recorded(bench, disturbed(), 1000)
-    process.close()
+    rows = recorded(bench, disturbed(), 400)
     assert rows[-1] == pytest.approx(LEFT, abs=1e-3), "it went around the wall"
     return rows
 
 
-def a_link_runs_into_a_wall(_: Stage) -> Matrix:
+def a_link_runs_into_a_wall(_: Stage, __: PlanningProcess) -> Matrix:
     """The arm goes back the way that it came."""
     bench = Bench(wall=box((0.25, 0.45, 0.9), 0.4, fixed=True))
     start = bench.controller.setpoint.q
@@ -76,7 +82,7 @@ arms:
 """
 
 
-def two_arms_want_each_others_place(stage: Stage) -> Matrix:
+def two_arms_want_each_others_place(stage: Stage, _: PlanningProcess) -> Matrix:
     """They are held up, wait, give way and plan anew."""
     text = FACING.replace("FIRST", REACH.replace("SIDE", "0.2"))
     play = stage.play(text.replace("SECOND", REACH.replace("SIDE", "-0.2")))
@@ -96,10 +102,10 @@ STORIES = (a_wall_comes_into_the_way, a_link_runs_into_a_wall, two_arms_want_eac
 
 @pytest.mark.parametrize("story", STORIES, ids=lambda story: story.__name__)
 def test_rewording_the_numbers_of_failures_changes_no_motion(
-    story: Story, stage: Stage, monkeypatch: pytest.MonkeyPatch
+    story: Story, stage: Stage, planning: PlanningProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """To the bit, whatever they are called."""
-    as_it_is = story(stage)
+    as_it_is = story(stage, planning)
     init, reworded = Failure.__init__, []
 
     def rewording(failure: Failure, code: str, reason: str, **numbers: Number) -> None:
@@ -107,5 +113,5 @@ def test_rewording_the_numbers_of_failures_changes_no_motion(
         init(failure, code, reason, **{f"so_called_{name}": n for name, n in numbers.items()})
 
     monkeypatch.setattr(Failure, "__init__", rewording)
-    assert np.array_equal(story(stage), as_it_is)
+    assert np.array_equal(story(stage, planning), as_it_is)
     assert reworded, "there were failures in it"
