@@ -49,6 +49,11 @@ class Sights:
     taken: int = 0
     drawn: int = 0
 
+    @property
+    def keeps(self) -> bool:
+        """Whether anything is noted or known."""
+        return self.notes is not None or bool(self.known)
+
     def knows(self, stamp: float, region: Region, stride: int) -> bool:
         """Whether such a picture is known, and what those who looked at it found."""
         picture = self.known.get(stamp)

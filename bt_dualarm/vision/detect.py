@@ -17,6 +17,7 @@ from bt_dualarm.world.rendering.renderer import Image, Region
 
 _KERNEL = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
 _MARGIN_PX = 3
+_CLEARED_PX = 2  # about what has the colour: opening and closing reach so far
 
 
 @dataclass(frozen=True)
@@ -129,8 +130,15 @@ def detect_blobs(
     if part.size == 0:
         return []
     raw = color.mask(part)
-    cleaned = _open_and_close(raw) if step == 1 else raw
-    contours, _ = cv2.findContours(cleaned, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    x, y, width, height = cv2.boundingRect(raw)
+    if width == 0:
+        return []
+    left, top = max(x - _CLEARED_PX, 0), max(y - _CLEARED_PX, 0)
+    near = raw[top : y + height + _CLEARED_PX, left : x + width + _CLEARED_PX]
+    cleaned = _open_and_close(near) if step == 1 else near
+    contours, _ = cv2.findContours(
+        cleaned, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(left, top)
+    )
     found = []
     for contour in contours:
         x, y, width, height = cv2.boundingRect(contour)

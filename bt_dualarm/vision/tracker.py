@@ -14,6 +14,7 @@ from bt_dualarm.vision.detect import Detection, detect_all
 from bt_dualarm.vision.estimate import Motion, TargetEstimate
 from bt_dualarm.vision.localise import LocaliseError, Localiser, Sighting
 from bt_dualarm.vision.outline import Outline, Seen
+from bt_dualarm.vision.search_window import window_about
 from bt_dualarm.vision.sightings import Sightings
 from bt_dualarm.vision.tracker_settings import TrackerSettings
 from bt_dualarm.world.cameras.camera import Camera
@@ -21,7 +22,6 @@ from bt_dualarm.world.cameras.frame import Frame, Window
 from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
 from bt_dualarm.world.cameras.look import Look
 
-_MIN_DEPTH_M = 0.02
 _FORESEEN_S = 0.5  # a target that was lost is looked for where it should be after this long
 _RELOCATED, _RELOCATED_S = 60, 1.0  # most sightings, and oldest, that make an estimate anew
 _RESIZED = 0.01  # by less, what is known of its size still fits
@@ -109,29 +109,30 @@ class TargetTracker:
 
     def window(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
         """Where the target will be seen at ``stamp``, wide enough for what is not known."""
-        everything = Window(None, self._settings.search_stride)
+        settings = self._settings
+        everything = Window(None, settings.search_stride)
         if self._hunting:
             return everything
         offset = self._estimate.predict(stamp).position - camera.position
-        point = offset.dot(camera.rotation_matrix).tolist()
-        if point[2] < _MIN_DEPTH_M:
-            return everything
-        scale = self._focal_px / point[2]
-        sigma = math.sqrt(float(self._estimate.variance(stamp).max()))
-        settings = self._settings
-        half = 0.5 * self._extent_px + settings.window_margin_px
-        half += settings.window_sigmas * sigma * scale + settings.window_shakes * self._noise_px
-        x, y = width / 2.0 + scale * point[0], height / 2.0 + scale * point[1]
-        if not (-half < x < width + half and -half < y < height + half):
-            return everything
-        return Window(
-            (
-                math.floor(x - half),
-                math.floor(y - half),
-                math.ceil(x + half),
-                math.ceil(y + half),
-            )
-        )
+        place = offset.dot(camera.rotation_matrix).tolist()
+        about = settings.about_px(self._extent_px, self._noise_px)
+        eye = self._focal_px, (width, height)
+        return window_about(place, about, self._astray(stamp), *eye, everything)
+
+    def _astray(self, stamp: float) -> float:
+        """How far from where it is predicted the target may be seen, in m.
+
+        Of one that may be covered in part the filter doubts where the middle is, not where it was
+        seen: what is in view does not leave that place faster than anything moves.
+        """
+        sigma, seen = math.sqrt(float(self._estimate.variance(stamp).max())), self.detection
+        doubt = self._settings.window_sigmas * sigma
+        reach = self._settings.window_speed * (stamp - self._estimate.stamp)
+        if doubt <= reach or seen is None or seen.touches_border or not self.locked:
+            return doubt
+        (newest,) = self.sightings.newest(1)
+        late = newest.point - self._estimate.predict(newest.stamp).position
+        return min(doubt, reach + math.sqrt(late.dot(late)))
 
     def _choose(self, frame: Frame) -> Seen | None:
         """What the frame shows of the target."""

@@ -18,6 +18,7 @@ class TrackerSettings:
         min_area: Smallest area in square pixels.
         max_area: Largest.
         window_sigmas: Half-width of the search window in standard deviations of the prediction.
+        window_speed: And no more, of what is in view, than it moves otherwise than predicted, m/s.
         window_margin_px: And in pixels besides.
         window_shakes: And in standard deviations of the camera's shake.
         search_stride: Coarseness of the image while there is nothing to aim at.
@@ -30,6 +31,16 @@ class TrackerSettings:
     min_area: float = 12.0
     max_area: float = math.inf
     window_sigmas: float = 4.0
+    window_speed: float = 1.0
     window_margin_px: float = 6.0
     window_shakes: float = 4.0
     search_stride: int = 3
+
+    def about_px(self, extent_px: float, noise_px: float) -> float:
+        """Half of a window about a target of which the place is known, in pixels.
+
+        Args:
+            extent_px: Width of the target, or its height.
+            noise_px: Standard deviation of the camera's shake.
+        """
+        return 0.5 * extent_px + self.window_margin_px + self.window_shakes * noise_px

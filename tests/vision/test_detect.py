@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,7 +10,7 @@ from bt_dualarm.pose import Pose
 from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.document import NAMED_COLORS
 from bt_dualarm.vision.colors import ColorFilter
-from bt_dualarm.vision.detect import detect, detect_all
+from bt_dualarm.vision.detect import detect, detect_all, detect_blobs
 from bt_dualarm.world.cameras.frame import Frame, Window
 
 if TYPE_CHECKING:
@@ -143,3 +144,24 @@ def test_centroid_noise_is_a_tenth_of_a_pixel(
         errors.append(np.subtract(found.centroid_px, (160.0 + scale * x, 120.0 - scale * z)))
     assert np.std(errors, axis=0) == pytest.approx(0.0, abs=0.1)
     assert np.mean(errors, axis=0) == pytest.approx(0.0, abs=0.03)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_specks_and_pinholes_are_cleared_as_in_the_whole_picture(seed: int) -> None:
+    """What has the colour is looked at without the rest of the picture: that changes nothing."""
+    rng = np.random.default_rng(seed)
+    image = np.full((60, 80, 3), 90, np.uint8)
+    for _ in range(3):
+        x, y = (int(value) for value in rng.integers((-5, -5), (80, 60)))
+        cv2.circle(image, (x, y), int(rng.integers(2, 20)), (240, 215, 15), cv2.FILLED)
+    image[rng.random((60, 80)) < 0.05] = 90
+    image[rng.random((60, 80)) < 0.01] = (240, 215, 15)
+    square = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
+    opened = cv2.morphologyEx(YELLOW.mask(image), cv2.MORPH_OPEN, square)
+    cleared = cv2.morphologyEx(opened, cv2.MORPH_CLOSE, square)
+    contours, _ = cv2.findContours(cleared, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    boxes = [cv2.boundingRect(contour) for contour in contours]
+    expected = {(x, y, x + w, y + h) for x, y, w, h in boxes if w * h >= 12}
+    frame = Frame(0.0, image, Pose.identity(), 0.9, (0, 0, 80, 60))
+    assert {found.bounds_px for found, _ in detect_blobs(frame, YELLOW, 0.0)} >= expected
+    assert {blob.bounds for _, blob in detect_blobs(frame, YELLOW, 12.0)} <= expected

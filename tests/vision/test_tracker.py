@@ -2,15 +2,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.spec.color import Color
-from bt_dualarm.vision.localise import OnPlane
+from bt_dualarm.vision.detect import Detection
+from bt_dualarm.vision.localise import OnPlane, Sighting
 from bt_dualarm.vision.plane_of_size import OnPlaneOfSize
 from bt_dualarm.vision.tracker import TargetTracker
+from bt_dualarm.vision.tracker_settings import TrackerSettings
 from bt_dualarm.world.cameras.frame import Frame
 from tests.vision.conftest import SIDE_M, Studio, StudioMaker
 
@@ -75,6 +78,32 @@ def test_the_window_shrinks_to_the_target(make_studio: StudioMaker) -> None:
     left, top, right, bottom = frames[-1].region
     assert frames[-1].stride == 1
     assert (right - left) * (bottom - top) < 0.1 * 320 * 240
+    assert tracker.detection is not None
+    assert not tracker.detection.touches_border
+
+
+class Doubtful(OnPlane):
+    """Locates a target well, and does not trust it from a moment on: it may be covered in part."""
+
+    def locate(self, detection: Detection, frame: Frame) -> Sighting:
+        sighting = super().locate(detection, frame)
+        return replace(sighting, sigma=np.full(3, 0.05)) if frame.stamp > 0.5 else sighting
+
+
+@pytest.mark.parametrize(("speed", "share"), [(1.0, (0.0, 0.2)), (100.0, (0.3, 1.0))])
+def test_the_window_about_a_target_that_is_in_view_is_small_whatever_the_doubt(
+    make_studio: StudioMaker, speed: float, share: tuple[float, float]
+) -> None:
+    """As small as what is in view can go meanwhile, and it stays in view."""
+    studio = make_studio(fps=60.0)
+    localiser = Doubtful(FACE.point, FACE.normal)
+    settings = TrackerSettings(window_speed=speed)
+    tracker = TargetTracker(studio.camera, YELLOW, localiser, settings=settings)
+    frames = follow(studio, tracker, small_circle, 0.0, 1.2)
+    left, top, right, bottom = frames[-1].region
+    assert frames[-1].stride == 1
+    assert share[0] < (right - left) * (bottom - top) / (320 * 240) < share[1]
+    assert tracker.lost_count == 0
     assert tracker.detection is not None
     assert not tracker.detection.touches_border
 

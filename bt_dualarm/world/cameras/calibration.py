@@ -23,7 +23,10 @@ EVEN: Final = Spread()
 
 
 _BANK: Final = 2**18
-"""Values from among which a picture's noise begins: drawing it anew for each costs a rendering."""
+"""Values from among which a picture's noise begins, of a larger one half as many at least.
+
+To draw it anew for each picture costs a rendering.
+"""
 
 
 @dataclass(eq=False)
@@ -101,7 +104,7 @@ class Calibration:
 
         It is a stretch of noise that is drawn once, from anywhere in it.
         """
-        if self._bank.shape[1] < count + _BANK:
+        if self._bank.shape[1] < count + _BANK // 2:
             drawn = self.rng.standard_normal(count + _BANK, dtype=np.float32)
             self._bank = _more_and_less(drawn, self.noise)
         begin = int(self.rng.integers(self._bank.shape[1] - count))

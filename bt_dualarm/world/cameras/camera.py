@@ -157,9 +157,10 @@ class Camera:
         def draw(state: mujoco.MjData) -> Image:
             return self._optics.picture(model, state, exposure, shake, suffer)
 
-        facts = stamp, pose, known.fov_rad, region, window.stride, self.noise, self._memory
+        memory = self._memory if self._memory is not None and self._memory.keeps else None
+        facts = stamp, pose, known.fov_rad, region, window.stride, self.noise, memory
         size = self.width, self.height
-        if self._memory is not None and self._memory.knows(stamp, region, window.stride):
+        if memory is not None and memory.knows(stamp, region, window.stride):
             then = Scenery.of(model, data)
             frame = UndrawnFrame(size, lambda: draw(then.data()), *facts)
         else:

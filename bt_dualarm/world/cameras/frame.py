@@ -20,6 +20,10 @@ Plain: TypeAlias = list[Any]
 class Memory(Protocol):
     """What was found in a camera's pictures: kept for a record, or known from one."""
 
+    @property
+    def keeps(self) -> bool:
+        """Whether anything is kept or known: else pictures do without."""
+
     def knows(self, stamp: float, region: Region, stride: int) -> bool:
         """Whether such a picture is known, and what those who looked at it found."""
 

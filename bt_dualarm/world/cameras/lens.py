@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.world.rendering.renderer import Exposure, Image, Region
+from bt_dualarm.world.rendering.renderer import Exposure, Image, Region, enter_blocks
 
 _RADII: Final = 4096
 """Radii at which the formula is worked out; between two of them it is a line."""
@@ -43,10 +43,11 @@ class Lens:
         is_seen = np.isfinite(columns)
         self._is_seen = None if is_seen.all() else is_seen
         self._known: tuple[Region, int, _Part] | None = None
+        self._pixels: Image = np.zeros((height, width, 3), np.uint8)  # of the latest coarse blocks
 
     def widened(self, exposure: Exposure) -> Exposure:
         """What has to be drawn so that all of an exposure is there once it is bent."""
-        if exposure.region is None or exposure.is_empty:
+        if exposure.is_empty:
             return exposure
         needed, asked = self._part(exposure).needed, exposure
         return Exposure(
@@ -56,23 +57,29 @@ class Lens:
 
     def bent(self, image: Image, exposure: Exposure) -> Image:
         """The picture behind the lens, black outside of the exposure's region."""
-        whole = Exposure(exposure.camera_id, exposure.width, exposure.height)
-        return exposure.paint(lambda _: self.seen(image, whole, exposure))
+        (left, top, right, bottom), step = self.widened(exposure).clipped, exposure.stride
+        drawn = image if step > 1 else image[top:bottom, left:right]
+        return exposure.paint(lambda _: self._behind(drawn, exposure))
 
-    def seen(self, drawn: Image, wide: Exposure, exposure: Exposure) -> Image:
+    def seen(self, drawn: Image, exposure: Exposure) -> Image:
         """Colours behind the lens of the blocks of an exposure, of shape (rows, columns, 3).
 
         Args:
-            drawn: Colours before it of the blocks of another one.
-            wide: That one, which is at least the first one widened.
+            drawn: Colours before it of the blocks of that exposure, widened.
             exposure: Exposure that is not empty, its corner on the grid of blocks.
         """
-        part, (left, top) = self._part(exposure), wide.corner
-        if wide.stride > 1:
-            drawn, (left, top) = wide.image_of(drawn), (0, 0)
-        # Less by whole numbers, they are as exact as before.
-        columns, rows = part.columns - np.float32(left), part.rows - np.float32(top)
-        seen = cv2.remap(drawn, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        if exposure.stride > 1:
+            wide = self.widened(exposure)
+            enter_blocks(self._pixels, wide.clipped, wide.stride, drawn, wide.corner)
+            drawn = self._pixels
+        return self._behind(drawn, exposure)
+
+    def _behind(self, drawn: Image, exposure: Exposure) -> Image:
+        """As `seen`, of the pixels that are needed; of a coarse exposure, of the whole image."""
+        part = self._part(exposure)
+        seen = cv2.remap(
+            drawn, part.columns, part.rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
         if part.is_seen is not None:
             seen[~part.is_seen] = 0
         return np.asarray(seen, dtype=np.uint8)
@@ -86,8 +93,13 @@ class Lens:
             needed = left - left % step, top - top % step, right, bottom
             part = slice(region[1], region[3], step), slice(region[0], region[2], step)
             is_seen = None if self._is_seen is None else self._is_seen[part]
-            found = _Part(self._columns[part], self._rows[part], is_seen, needed)
-            self._known = region, step, found
+            # Less by whole numbers, places are as exact as before.
+            left, top = needed[:2] if step == 1 else (0, 0)
+            columns, rows = (
+                self._columns[part] - np.float32(left),
+                self._rows[part] - np.float32(top),
+            )
+            self._known = region, step, _Part(columns, rows, is_seen, needed)
         return self._known[2]
 
 
@@ -95,7 +107,8 @@ class _Part(NamedTuple):
     """A part of a picture behind a lens.
 
     Attributes:
-        columns: Places before it along x that its blocks show, of shape (rows, columns), in px.
+        columns: Places before it along x that its blocks show, of shape (rows, columns), in px
+            from the corner of what is needed, of coarse blocks from that of the image.
         rows: Likewise along y.
         is_seen: Which of them show something, None where all do.
         needed: Part of the picture before it that they are made of.

@@ -69,7 +69,7 @@ class Optics:
             focal_px = focal_length_px(exposure.height, fov_rad)
             self._lens = Lens(*self._bend, exposure.width, exposure.height, focal_px)
         wide = self._lens.widened(exposure)
-        seen = self._lens.seen(self._exposed(model, data, wide, draw), wide, exposure)
+        seen = self._lens.seen(self._exposed(model, data, wide, draw), exposure)
         return seen if suffer is None else suffer(seen)
 
     def _exposed(

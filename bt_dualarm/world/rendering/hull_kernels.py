@@ -8,7 +8,6 @@ with the plane's outward normal n and its distance h along n, negative where it 
 
 from __future__ import annotations
 
-import math
 from typing import TypeAlias
 
 import numpy as np
@@ -17,8 +16,9 @@ import numpy.typing as npt
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.rendering.edge_kernels import crossing, stretch
+from bt_dualarm.world.rendering.hiding_kernels import SURELY, is_ahead, is_hidden, nearest
 from bt_dualarm.world.rendering.kernel_arrays import Fan, Marks, Shapes
-from bt_dualarm.world.rendering.screen_kernels import NEAR_M, SURELY, box_of, cells, project
+from bt_dualarm.world.rendering.screen_kernels import box_of, cells, project
 
 _TINY = 1e-12
 
@@ -43,8 +43,8 @@ def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) 
     top, bottom, left, right = box_of(fan, corners)
     if top >= bottom or left >= right:
         return
-    ahead, rows, columns = _is_ahead(corners), fan.rays.shape[1], fan.rays.shape[2]
-    if ahead and is_hidden((top, bottom, left, right), _nearest(corners), marks.distances):
+    ahead, rows, columns = is_ahead(corners), fan.rays.shape[1], fan.rays.shape[2]
+    if ahead and is_hidden((top, bottom, left, right), nearest(corners), marks.distances):
         return
     for number in range(heap[2], heap[3]):
         normal = shapes.normals[number]
@@ -71,35 +71,6 @@ def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) 
             _inverse(turn, normal, height), fan.rays, fan.spacing, fan.centre,
             marks.faces, marks.distances,
         )  # fmt: skip
-
-
-@kernel
-def _is_ahead(corners: Matrix) -> bool:
-    """Whether all corners were projected."""
-    ahead = True
-    for corner in range(len(corners)):
-        ahead = ahead and -corners[corner, 2] >= NEAR_M
-    return ahead
-
-
-@kernel
-def _nearest(corners: Matrix) -> float:
-    """Distance that no place of what corners span falls short of: that of a plane ahead, m."""
-    least = math.inf
-    for corner in range(len(corners)):
-        least = min(least, -corners[corner, 2])
-    return SURELY * least
-
-
-@kernel
-def is_hidden(box: tuple[int, int, int, int], near: float, distances: Matrix) -> bool:
-    """Whether all rays of a box meet something nearer than that."""
-    top, bottom, left, right = box
-    for row in range(top, bottom):
-        for column in range(left, right):
-            if not distances[row, column] <= near:
-                return False
-    return True
 
 
 @kernel

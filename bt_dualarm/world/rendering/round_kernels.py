@@ -14,6 +14,7 @@ import numpy as np
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.rendering.edge_kernels import crossing, stretch
+from bt_dualarm.world.rendering.hiding_kernels import SURELY, is_ahead, is_hidden, nearest
 from bt_dualarm.world.rendering.kernel_arrays import (
     CAPSULE,
     CYLINDER,
@@ -23,7 +24,7 @@ from bt_dualarm.world.rendering.kernel_arrays import (
     Marks,
     Shapes,
 )
-from bt_dualarm.world.rendering.screen_kernels import SURELY, box_of, project
+from bt_dualarm.world.rendering.screen_kernels import box_of, project
 
 _TINY = 1e-12
 _ON_THE_CAP_M = 1e-9
@@ -42,7 +43,12 @@ def meet_round(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks)
             marks.normals[face, axis] = axes[axis, 2]
         _meet_plane(size, index, face, fan, marks)
         return
-    top, bottom, left, right = _covered(kind, size, eye, turn, fan)
+    corners = _corners_about(kind, size, eye, turn, fan)
+    top, bottom, left, right = box_of(fan, corners)
+    if is_ahead(corners) and is_hidden(
+        (top, bottom, left, right), nearest(corners), marks.distances
+    ):
+        return
     ray = np.empty(3)
     for row in range(top, bottom):
         for column in range(left, right):
@@ -82,10 +88,8 @@ def _meet_plane(size: Vector, index: int, face: int, fan: Fan, marks: Marks) -> 
 
 
 @kernel
-def _covered(
-    kind: int, size: Vector, eye: Vector, turn: Matrix, fan: Fan
-) -> tuple[int, int, int, int]:
-    """Rows from and to, columns from and to, in which the shape can be seen."""
+def _corners_about(kind: int, size: Vector, eye: Vector, turn: Matrix, fan: Fan) -> Matrix:
+    """Corners of a box about the shape, as of `project`, which they have been through, (8, 5)."""
     length = size[0] if kind == SPHERE else size[1] + (size[0] if kind == CAPSULE else 0.0)
     corners = np.empty((8, 5))
     for number in range(8):
@@ -95,7 +99,7 @@ def _covered(
         for axis in range(3):
             corners[number, axis] = x * turn[0, axis] + y * turn[1, axis] + z * turn[2, axis]
     project(fan, corners)
-    return box_of(fan, corners)
+    return corners
 
 
 @kernel

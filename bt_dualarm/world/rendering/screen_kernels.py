@@ -11,9 +11,6 @@ from bt_dualarm.world.rendering.kernel_arrays import Fan
 NEAR_M = 1e-3
 """What is not at least so far ahead is not projected."""
 
-SURELY = 0.999
-"""Share of the least depth of a shape that the distance of its places surely has, but rounded."""
-
 _SPARE = 0.01
 """Share of a cell that covers errors of rounding."""
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.cameras.lens import Lens
+from bt_dualarm.world.cameras.lens_kernels import needed
 from bt_dualarm.world.rendering.renderer import Exposure, Image, Region
+from tests.plain_kernels import plain
 
 WIDTH, HEIGHT, FOCAL_PX = 320, 240, 257.0
 WHOLE = Exposure(0, WIDTH, HEIGHT)
@@ -77,3 +82,20 @@ def test_where_the_formula_folds_the_picture_over_nothing_is_seen() -> None:
 def test_an_empty_part_stays_black() -> None:
     nothing = Exposure(0, WIDTH, HEIGHT, (400, 300, 500, 400))
     assert not lens(0.1, 0.0).bent(spot((160.0, 120.0)), nothing).any()
+
+
+@pytest.mark.parametrize("kernel", [needed, plain(needed)])
+@pytest.mark.parametrize("stride", [1, 3])
+def test_what_is_needed_holds_the_four_pixels_about_each_place(kernel: Any, stride: int) -> None:
+    """Inside the image; the first pixel where nothing is seen."""
+    rng = np.random.default_rng(stride)
+    columns, rows = rng.uniform(-2.0, 62.0, (2, 50, 60)).astype(np.float32)
+    columns[::5] = math.nan
+    left, top, right, bottom = kernel(columns, rows, (7, 9, 40, 30), stride)
+    x, y = columns[9:30:stride, 7:40:stride], rows[9:30:stride, 7:40:stride]
+    x, y = x[~np.isnan(x)], y[~np.isnan(x)]
+    assert left == max(math.floor(x.min()), 0)
+    assert top == max(math.floor(y.min()), 0)
+    assert right == min(math.floor(x.max()) + 2, 60)
+    assert bottom == min(math.floor(y.max()) + 2, 50)
+    assert kernel(np.full_like(columns, math.nan), rows, (7, 9, 40, 30), stride) == (0, 0, 1, 1)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -18,6 +19,7 @@ from bt_dualarm.world.rendering.raycast import RayRenderer, camera_rays
 from bt_dualarm.world.rendering.renderer import (
     Exposure,
     Image,
+    Region,
     Renderer,
     clip_region,
 )
@@ -190,6 +192,22 @@ def test_blocks_share_a_color(scene: tuple[Any, Any], renderer: Renderer) -> Non
     blocks = image[:60, :78].reshape(20, 3, 26, 3, 3)
     assert (blocks == blocks[:, :1, :, :1]).all()
     assert image[60].any()
+
+
+@pytest.mark.parametrize("stride", [1, 4])
+@pytest.mark.parametrize("region", [None, (12, 8, 61, 50), (90, 8, 95, 50)])
+def test_blocks_alone_make_the_image(
+    scene: tuple[Any, Any], renderer: Renderer, region: Region | None, stride: int
+) -> None:
+    exposure = Exposure(0, 80, 60, region, stride)
+    image = renderer.render(*scene, exposure)
+    blocks = renderer.render(*scene, replace(exposure, alone=True))
+    left, top, right, bottom = exposure.clipped
+    if exposure.is_empty:
+        assert blocks.shape == (0, 0, 3)
+    else:
+        assert (blocks == image[top:bottom:stride, left:right:stride]).all()
+        assert (exposure.image_of(blocks) == image).all()
 
 
 def test_blocks_keep_centroids(scene: tuple[Any, Any], renderer: Renderer) -> None:
