@@ -26,7 +26,6 @@ REFERENCE: Final = re.compile(r"\{([^{}]*)\}")
 KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
 """What an author may call a key or a parameter."""
 
-
 UNKNOWN: Final = "?"
 """Before the name of a parameter in a reference: its value is not known, or told elsewhere."""
 
