@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.kinematics.target import EXACT, Tolerance
 from bt_dualarm.motion.paths.cartesian_path import CartesianPath
-from bt_dualarm.motion.timing.point_to_point import shortest_time, time_path
-from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.motion.timing.point_to_point import TimedPath, timed_path
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
@@ -31,21 +28,9 @@ def joint_path(
     return np.vstack((once, *(once[1:] for _ in range(path.repeats - 1))))
 
 
-class Traced(NamedTuple):
-    """A motion of the joints that takes the tool along a path.
-
-    Attributes:
-        motion: Set-points from rest to rest.
-        shortest_s: Seconds that no motion along the path can go below, by TOPP-RA: jerk aside.
-    """
-
-    motion: Trajectory
-    shortest_s: float
-
-
 def trace(
     arm: Kinematics, path: CartesianPath, near: Vector, limits: JointLimits, dt: float
-) -> Traced:
+) -> TimedPath:
     """The motion of the joints that takes the tool along a path, from rest to rest.
 
     Its first set-point may be far from ``near``, in another branch: check before it is sent.
@@ -61,6 +46,4 @@ def trace(
         Failure: ``UNREACHABLE``, ``PATH_BROKEN`` or ``SINGULAR``.
     """
     rows = joint_path(arm, path, near)
-    return Traced(
-        time_path(rows, limits, dt, path.closed), shortest_time(rows, limits, path.closed)
-    )
+    return timed_path(rows, limits, dt, path.closed)

@@ -109,7 +109,7 @@ class StretchedMotion:
 
 
 def shortest_motion(
-    path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float
+    optimal: TimeOptimal, limits: JointLimits, dt: float
 ) -> tuple[AveragedMotion, float]:
     """The shortest motion found, and the stretch of time that it needs.
 
@@ -118,27 +118,27 @@ def shortest_motion(
     motion sought again.
 
     Args:
-        path: Joint angles in rad over a path parameter that starts at zero.
+        optimal: The fastest motions along the path, whose jerk is not bounded.
         limits: Velocity, acceleration and jerk to keep.
         dt: Time between set-points in seconds.
     """
-    return _Search(path, limits, dt).shortest()
+    return _Search(optimal, limits, dt).shortest()
 
 
 class _Search:
     """The motions along one path that are tried."""
 
-    def __init__(self, path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float) -> None:
-        self._path, self._dt = path, dt
+    def __init__(self, optimal: TimeOptimal, limits: JointLimits, dt: float) -> None:
+        self._optimal, self._dt = optimal, dt
+        self._path = path = optimal.path
         period = float(path.x[-1]) if path.extrapolate == "periodic" else 0.0
         self._spline = Spline(path.x, np.ascontiguousarray(path.c.swapaxes(0, 1)), period)
         self._limits = np.array((limits.velocity, limits.acceleration, limits.jerk))
         self._ramp = float((limits.acceleration / limits.jerk).max())
-        self._optimal = TimeOptimal(path, limits)
 
     def shortest(self) -> tuple[AveragedMotion, float]:
         """As `shortest_motion`."""
-        fastest = self._optimal.profile(np.ones_like(self._optimal.grid))
+        fastest = self._optimal.fastest
         best, stretch = self._best_width(fastest)
         narrowest = self._narrowest(fastest)
         for width in (max(_RAMP * self._ramp, narrowest), best.width):

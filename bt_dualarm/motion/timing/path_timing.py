@@ -9,6 +9,7 @@ widths the one with the shortest result is taken.
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ import scipy
 
 from bt_dualarm.motion.timing.jerk_limited import StretchedMotion, shortest_motion, stretch_of
 from bt_dualarm.motion.timing.law import Law
-from bt_dualarm.motion.timing.time_optimal import fastest_profile
+from bt_dualarm.motion.timing.time_optimal import TimeOptimal
 from bt_dualarm.motion.timing.trajectory import LONG, Trajectory, joined
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.robots.robot import JointLimits
@@ -31,9 +32,28 @@ _LONG_MARGIN = 1.0 + 1e-3
 """Stretch of a long motion, of which not every set-point is judged."""
 
 
+class TimedPath(NamedTuple):
+    """A motion along a path.
+
+    Attributes:
+        motion: Set-points from rest to rest.
+        shortest_s: Seconds that no motion along the path can go below, by TOPP-RA: jerk aside.
+    """
+
+    motion: Trajectory
+    shortest_s: float
+
+
 def time_path(
     q_samples: Matrix, limits: JointLimits, dt: float, closed: bool = False
 ) -> Trajectory:
+    """The motion of `timed_path` alone."""
+    return timed_path(q_samples, limits, dt, closed).motion
+
+
+def timed_path(
+    q_samples: Matrix, limits: JointLimits, dt: float, closed: bool = False
+) -> TimedPath:
     """The motion along a path from rest to rest, no set-point beyond the limits.
 
     Set-points lie on the cubic spline through the samples. Where the path turns back, or by more
@@ -51,23 +71,12 @@ def time_path(
         ValueError: The samples are not finite or leave the position limits.
     """
     samples = _distinct(_checked(q_samples, limits))
-    pieces = [_timed(path, limits, dt) for path in _pieces(samples, limits, closed)]
-    return joined(dt, (Trajectory.rest(samples[0], dt), *pieces))
-
-
-def shortest_time(q_samples: Matrix, limits: JointLimits, closed: bool = False) -> float:
-    """Seconds that no motion along a path can go below, jerk aside: TOPP-RA's answer.
-
-    Args:
-        q_samples: Configurations along the path, as in `time_path`.
-        limits: Velocity and acceleration to keep.
-        closed: Whether it ends where it starts, as in `time_path`.
-
-    Raises:
-        ValueError: As `time_path`.
-    """
-    samples = _distinct(_checked(q_samples, limits))
-    return sum(fastest_profile(path, limits).duration for path in _pieces(samples, limits, closed))
+    motions, seconds = [], 0.0
+    for path in _pieces(samples, limits, closed):
+        optimal = TimeOptimal(path, limits)
+        motions.append(_timed(optimal, limits, dt))
+        seconds += optimal.fastest.duration
+    return TimedPath(joined(dt, (Trajectory.rest(samples[0], dt), *motions)), seconds)
 
 
 def _pieces(
@@ -83,8 +92,8 @@ def _pieces(
     ]
 
 
-def _timed(path: scipy.interpolate.CubicSpline, limits: JointLimits, dt: float) -> Law:
-    average, stretch = shortest_motion(path, limits, dt)
+def _timed(optimal: TimeOptimal, limits: JointLimits, dt: float) -> Law:
+    average, stretch = shortest_motion(optimal, limits, dt)
     motion = StretchedMotion(average, dt, stretch)
     if len(motion) > LONG:
         motion = StretchedMotion(average, dt, stretch * _LONG_MARGIN)

@@ -6,13 +6,13 @@ import numpy as np
 import ruckig
 
 from bt_dualarm.motion.timing.law import Rows, SetPoints
-from bt_dualarm.motion.timing.path_timing import shortest_time, time_path
+from bt_dualarm.motion.timing.path_timing import TimedPath, time_path, timed_path
 from bt_dualarm.motion.timing.ruckig_solver import answer
 from bt_dualarm.motion.timing.trajectory import Trajectory, joined
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
-__all__ = ["point_to_point", "shortest_time", "stop", "time_path"]
+__all__ = ["TimedPath", "point_to_point", "stop", "time_path", "timed_path"]
 
 _NOWHERE = 1e-12
 """Joint distance in rad below which there is no motion."""

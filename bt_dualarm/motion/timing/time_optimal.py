@@ -8,6 +8,8 @@ are compiled (`reach_kernels`).
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import scipy
 
@@ -36,15 +38,22 @@ class TimeOptimal:
         limits: Velocity and acceleration to keep; jerk is not looked at.
 
     Attributes:
+        path: The path.
         grid: Places along the path at which its motion is decided, of shape (n,).
     """
 
     def __init__(self, path: scipy.interpolate.CubicSpline, limits: JointLimits) -> None:
+        self.path = path
         self.grid = np.linspace(0.0, path.x[-1], _steps(len(path.x)) + 1)
         slope = path(self.grid, 1)
         fastest = (limits.velocity / np.maximum(np.abs(slope), _STILL)).min(axis=1)
-        self._path = PathOnGrid(self.grid, slope, path(self.grid, 2), fastest**2)
+        self._on_grid = PathOnGrid(self.grid, slope, path(self.grid, 2), fastest**2)
         self._acceleration = limits.acceleration
+
+    @cached_property
+    def fastest(self) -> Profile:
+        """The fastest motion with all of the acceleration, which nothing else can go below."""
+        return self.profile(np.ones_like(self.grid))
 
     def profile(self, share: Vector) -> Profile:
         """The fastest motion from rest to rest: a bound for any other.
@@ -55,11 +64,10 @@ class TimeOptimal:
         """
         from bt_dualarm.motion.timing.reach_kernels import squares_of_rates
 
-        squares = squares_of_rates(self._path, self._acceleration, share)
+        squares = squares_of_rates(self._on_grid, self._acceleration, share)
         return Profile.from_rates(self.grid, np.sqrt(squares))
 
 
 def fastest_profile(path: scipy.interpolate.CubicSpline, limits: JointLimits) -> Profile:
     """The fastest motion from rest to rest with all of the acceleration, as of `TimeOptimal`."""
-    fastest = TimeOptimal(path, limits)
-    return fastest.profile(np.ones_like(fastest.grid))
+    return TimeOptimal(path, limits).fastest

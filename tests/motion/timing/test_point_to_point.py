@@ -11,8 +11,10 @@ from scipy.spatial import cKDTree
 
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.timing.limit_use import use_of_limits
-from bt_dualarm.motion.timing.point_to_point import point_to_point, stop, time_path
-from bt_dualarm.motion.timing.time_optimal import fastest_profile
+from bt_dualarm.motion.timing.path_timing import spline_through
+from bt_dualarm.motion.timing.point_to_point import point_to_point, stop, time_path, timed_path
+from bt_dualarm.motion.timing.profile import Profile
+from bt_dualarm.motion.timing.time_optimal import TimeOptimal, fastest_profile
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.catalogue import load_robot
@@ -77,6 +79,23 @@ def test_a_path_takes_little_longer_than_the_bound_without_jerk_limits() -> None
     shortest = fastest_profile(CubicSpline(share, path), limits).duration
     motion = time_path(path, limits, DT, closed=True)
     assert shortest < motion.duration < 1.25 * shortest
+
+
+def test_the_bound_is_found_with_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And no TOPP-RA problem is solved twice."""
+    limits, solved = LIMITS["ur5"], list[Vector]()
+    solve = TimeOptimal.profile
+
+    def noted(optimal: TimeOptimal, share: Vector) -> Profile:
+        solved.append(share.copy())
+        return solve(optimal, share)
+
+    path = smooth_path(limits, 4, 0.2)
+    shortest = fastest_profile(spline_through(path, limits, closed=False), limits).duration
+    monkeypatch.setattr(TimeOptimal, "profile", noted)
+    motion, bound = timed_path(path, limits, DT)
+    assert bound == shortest < motion.duration
+    assert len({share.tobytes() for share in solved}) == len(solved) > 1
 
 
 def test_half_the_speed_takes_longer() -> None:
