@@ -46,12 +46,11 @@ class Expansion:
             names = " → ".join(item.name for item in circle)
             self._add(("use",), f"subtrees use each other without end: {names}")
             return None
-        values = self._values(subtree)
         prefix = f"{self.here.scope.prefix}{name}#{self.number}/"
         return Site(
             subtree.source,
             subtree.path,
-            Scope(values, prefix),
+            Scope(self._values(subtree), prefix),
             subtree.library,
             (*self.here.uses, subtree),
             self.here.depth,

@@ -86,9 +86,8 @@ def inertial_of(link: Element, complaints: Complaints) -> Inertial | None:
         shown = ", ".join(f"{moment:.3g}" for moment in principal)
         hint = f"no body has negative moments; its principal ones are {shown} kg m²"
         complaints.add(inertia, "<inertia> is that of no body", hint)
-    if len(complaints.problems) > before:
-        return _ANYTHING
-    return inertial if kilograms > 0 else None
+    sound = inertial if kilograms > 0 else None
+    return _ANYTHING if len(complaints.problems) > before else sound
 
 
 def shapes_of(
