@@ -93,8 +93,9 @@ def admitted(problem: PlanningProblem) -> PlanningProblem:
 
 def is_free(checker: CollisionChecker, corners: Matrix) -> bool:
     """Whether straight lines from corner to corner, of shape (n, dof), touch nothing."""
-    if is_clear(checker, corners):
-        return True
+    clear = is_clear(checker, corners)
+    if clear is not None:
+        return clear
     pieces = (interpolated(a, b, checker.radii, FINE) for a, b in itertools.pairwise(corners))
     return all(checker.first_contact(rows) is None for rows in pieces)
 

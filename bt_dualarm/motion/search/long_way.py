@@ -18,10 +18,10 @@ _SAMPLES: Final = 12
 """Configurations at which MuJoCo confirms it, the ends among them."""
 
 
-def is_clear(checker: CollisionChecker, rows: Matrix) -> bool:
-    """Whether it is certain that nothing is touched on the way; False where it is not, or short.
+def is_clear(checker: CollisionChecker, rows: Matrix) -> bool | None:
+    """Whether nothing is touched on a way; None where that is not certain, or the way is short.
 
-    What touches at neither end touches nowhere in between, not by a hair; where this is said, each
+    What touches at neither end touches nowhere in between, not by a hair; where it is clear, each
     look of MuJoCo's at the way would find nothing, either.
 
     Args:
@@ -29,11 +29,13 @@ def is_clear(checker: CollisionChecker, rows: Matrix) -> bool:
         rows: Configurations, of shape (n, dof), rad, straight from one to the next.
     """
     if float((np.abs(np.diff(rows, axis=0)) @ checker.radii).sum()) < _LONG_M:
-        return False
+        return None
     picked = np.linspace(0.0, len(rows) - 1.0, _SAMPLES)
     low = np.minimum(picked.astype(int), len(rows) - 2)
     between = rows[low] + (picked - low)[:, None] * (rows[low + 1] - rows[low])
-    return all(checker.free(q) for q in between) and _keeps_off(checker, rows)
+    if not all(checker.free(q) for q in between):
+        return False
+    return True if _keeps_off(checker, rows) else None
 
 
 def _keeps_off(checker: CollisionChecker, rows: Matrix) -> bool:
