@@ -229,8 +229,7 @@ class ArmPlanner:
 
     def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
         """Positions of the tool in the world at a motion's set-points, of shape (n, 3), m."""
-        nominal = self._arm.world.nominal[self._arm.name]
-        return np.array([nominal.tool_position_at(q) for q in trajectory.q])
+        return np.array([self._arm.kinematics.matrix(q)[:3, 3] for q in trajectory.q])
 
 
 def _found(pending: PendingMotion) -> Trajectory:

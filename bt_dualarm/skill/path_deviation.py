@@ -83,9 +83,13 @@ class PathDeviation:
         return [a + share * (b - a) for a, b in zip(begin, end, strict=True)]
 
     def _of_set_point(self, number: int) -> _Place:
-        """Tool position at a set-point; those of the next ones are worked out with it."""
+        """Tool position at a set-point; those of the next ones are worked out with it.
+
+        By the chain that says where the tool was measured to be.
+        """
         if not self._first <= number < self._first + len(self._block):
-            motion = self._source.trajectory
+            motion, nominal = self._source.trajectory, self._arm.world.nominal[self._arm.name]
             piece = motion.piece(number, min(number + _TOGETHER, len(motion)))
-            self._first, self._block = number, self._arm.planned_tool_positions(piece).tolist()
+            self._first = number
+            self._block = [nominal.tool_position_at(q).tolist() for q in piece.q]
         return self._block[number - self._first]
