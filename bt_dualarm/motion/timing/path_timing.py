@@ -71,12 +71,10 @@ def timed_path(
         ValueError: The samples are not finite or leave the position limits.
     """
     samples = _distinct(_checked(q_samples, limits))
-    motions, seconds = [], 0.0
-    for path in _pieces(samples, limits, closed):
-        optimal = TimeOptimal(path, limits)
-        motions.append(_timed(optimal, limits, dt))
-        seconds += optimal.fastest.duration
-    return TimedPath(joined(dt, (Trajectory.rest(samples[0], dt), *motions)), seconds)
+    optimal = [TimeOptimal(path, limits) for path in _pieces(samples, limits, closed)]
+    pieces = [_timed(one, limits, dt) for one in optimal]
+    motion = joined(dt, (Trajectory.rest(samples[0], dt), *pieces))
+    return TimedPath(motion, sum(one.fastest.duration for one in optimal))
 
 
 def _pieces(
