@@ -228,28 +228,30 @@ def test_help_is_there_at_once() -> None:
     assert "examples:" in done.stdout
 
 
-def test_a_run_begins_without_what_it_does_not_use() -> None:
-    """Each of these takes 0.1 to 0.5 s to import: as much as all of the start of a plain run."""
+@pytest.fixture(scope="module")
+def imported() -> str:
+    """What a fresh process says that it has imported, after a plain run and one along a path."""
     code = (
         "import sys, bt_dualarm.cli\n"
         "bt_dualarm.cli.run(['reach_to_pose', '--duration', '0.002', '--display', 'quiet'])\n"
         "slow = {'scipy.spatial', 'scipy.interpolate', 'scipy.optimize', 'matplotlib'}\n"
-        "print('SLOW', sorted(slow & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "SLOW []" in done.stdout
-
-
-def test_a_run_along_a_path_that_draws_no_plots_loads_none() -> None:
-    """Matplotlib takes as long to import as all else of such a run: 0.2 s."""
-    code = (
-        "import sys, bt_dualarm.cli\n"
+        "print('SLOW', sorted(slow & set(sys.modules)))\n"
         "bt_dualarm.cli.run(['circle', '--duration', '0.1', '--display', 'quiet'])\n"
         "print('TIMED', 'scipy.interpolate' in sys.modules)\n"
         "print('PLOTS', 'matplotlib' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "TIMED True\nPLOTS False" in done.stdout
+    return done.stdout
+
+
+def test_a_run_begins_without_what_it_does_not_use(imported: str) -> None:
+    """Each of these takes 0.1 to 0.5 s to import: as much as all of the start of a plain run."""
+    assert "SLOW []" in imported
+
+
+def test_a_run_along_a_path_that_draws_no_plots_loads_none(imported: str) -> None:
+    """Matplotlib takes as long to import as all else of such a run: 0.2 s."""
+    assert "TIMED True\nPLOTS False" in imported
 
 
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ import copy
 import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -16,7 +17,9 @@ from bt_dualarm.motion.collision.scratch_model import Marks, ScratchModel
 from bt_dualarm.motion.collision.sweep import last_joint, stretched
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.names import name_of_geom
-from bt_dualarm.world.world import World
+
+if TYPE_CHECKING:
+    from bt_dualarm.world.world import World
 
 TOUCH = 5e-4
 """Depth in metres up to which things touch and do not collide: objects at rest sink in as much."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 import weakref
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import mujoco
 
-from bt_dualarm.world.world import World
+if TYPE_CHECKING:
+    from bt_dualarm.world.world import World
+
 
 _MARKED: Final = (
     "geom_contype",

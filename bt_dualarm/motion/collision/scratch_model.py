@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 import mujoco
 import numpy as np
@@ -16,7 +16,9 @@ import numpy.typing as npt
 
 from bt_dualarm.motion.collision.scratch_copies import scratch_copy
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.world.world import World
+
+if TYPE_CHECKING:
+    from bt_dualarm.world.world import World
 
 Marks = npt.NDArray[np.bool_]
 """Which of all shapes of a model are meant, of shape (ngeom,)."""
