@@ -39,7 +39,7 @@ FLOORS = (
     },
     {"motion.search"},
     {"vision", "motion.planning", "motion.setpoints", "motion.identification"},
-    {"motion.safety"},
+    {"motion.safety", "motion.hits"},
     {"motion", "motion.control"},
     {"arm"},
     {"skill", "preflight"},

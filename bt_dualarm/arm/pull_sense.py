@@ -7,7 +7,7 @@ from math import hypot
 from typing import Final
 
 from bt_dualarm.arm.state import ArmState
-from bt_dualarm.motion.control.collision_watch import CollisionWatch
+from bt_dualarm.motion.hits.collision_watch import CollisionWatch
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.grippers.drive import GripperHardware
 from bt_dualarm.world.nominal.nominal_load import NominalLoad

@@ -6,6 +6,7 @@ from bt_dualarm.kernels.kernel import compile_once
 from bt_dualarm.motion.chains.warming import move_something
 from bt_dualarm.motion.collision.bounding_spheres import bound_something
 from bt_dualarm.motion.grasping.warming import grasp_something
+from bt_dualarm.motion.hits.collision_watch import be_hit_by_something
 from bt_dualarm.motion.safety.failsafe import reserve_something
 from bt_dualarm.motion.search.quick_search import search_something
 from bt_dualarm.motion.setpoints.planar_servo import follow_something
@@ -35,4 +36,6 @@ def compile_kernels() -> None:
     vision = predict_something, rest_something, outline_something, swing_something
     motion = move_something, follow_something, time_something, search_something
     grips = carry_something, finger_something, feel_something, grasp_something
-    compile_once((*cameras, *world, *vision, *motion, *grips, reserve_something))
+    compile_once(
+        (*cameras, *world, *vision, *motion, *grips, reserve_something, be_hit_by_something)
+    )

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from bt_dualarm.motion.collision import sphere_kernels as spheres
+from bt_dualarm.motion.hits.hit_kernels import compare
+from bt_dualarm.motion.hits.kernel_rows import COMPARES, FIRST, HIT_ROWS, JUDGES, LEARNS
 from bt_dualarm.motion.safety.region_kernels import first_within
 from bt_dualarm.pose import Vector
+from bt_dualarm.vision.oscillator_kernels import blend_in_plane
 from bt_dualarm.world.grippers.finger_kernels import push, read_width
 from bt_dualarm.world.grippers.grip_kernels import carry, go_with, gripped, held_by
 from bt_dualarm.world.grippers.kernel_columns import DRIVE, LINK
@@ -79,6 +82,26 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         limits(rng),
         rng.uniform(-0.5, 0.5, (2, DOF)),
         np.empty(DOF),
+    ),
+    compare: lambda rng: (
+        rng.normal(size=(DOF, DOF)),
+        rng.normal(size=(2, DOF)),
+        rng.normal(size=DOF),
+        1.0,
+        int(rng.choice((FIRST, 0, COMPARES, COMPARES | JUDGES, COMPARES | JUDGES | LEARNS))),
+        30.0 * rng.random((HIT_ROWS, DOF)),
+        rng.normal(size=(9, DOF)),
+        0.1 * rng.random((24, DOF)),
+    ),
+    blend_in_plane: lambda rng: (
+        rng.normal(size=(3, 4)),
+        0.1,
+        rng.normal(size=(3, 4)),
+        0.2,
+        0.3,
+        rng.normal(size=(2, 3)),
+        rng.normal(size=3),
+        np.empty((3, 2)),
     ),
     felt_in_tool: lambda rng: (
         rng.normal(size=6),

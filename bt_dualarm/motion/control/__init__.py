@@ -3,5 +3,5 @@
 In: trajectories and streams of set-points, what the arm's sensors say, reservations of other arms.
 Out: torques that follow the set-points, within the joints' efforts; the reason of a failure.
 Open first: `controller` (what happens each period); others: `computed_torque`, `state_observer`,
-`momentum_observer` (touch), `collision_watch` (hits), `weighing`, `effort` (what an arm can carry).
+`momentum_observer` (touch), `trouble` (reasons), `weighing`, `effort` (what an arm can carry).
 """

@@ -27,12 +27,12 @@ from bt_dualarm.motion.chains.kernel_rows import (
     WANTED_V,
 )
 from bt_dualarm.motion.chains.links import links_of
-from bt_dualarm.motion.control.collision_watch import CollisionWatch
 from bt_dualarm.motion.control.dynamics import ArmDynamics
 from bt_dualarm.motion.control.law import joints_of, law_of
 from bt_dualarm.motion.control.momentum_observer import MomentumObserver
 from bt_dualarm.motion.control.state_observer import StateObserver
 from bt_dualarm.motion.control.weighing import Weighing
+from bt_dualarm.motion.hits.collision_watch import CollisionWatch
 from bt_dualarm.motion.setpoints.limiter import SetPointLimiter
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.stopping_distance import limit_rows
@@ -89,6 +89,7 @@ class ComputedTorque:
         state[SENT_Q] = self._hardware.q
         self._wanted = state[WANTED_Q], state[WANTED_V], state[WANTED_A]
         self._speed, self._torque, self.told = state[SPEED], state[TORQUE], np.zeros(TOLD)
+        self._disturbing = state[DISTURBING]
         self._limits, self._drives = limit_rows(world.robots[arm].limits), self._hardware.drives
         self.observer = StateObserver(law, state, self._hardware.q)
         self.touch = MomentumObserver(state, self._inertias[0])
@@ -152,7 +153,7 @@ class ComputedTorque:
             raise DivergenceError(f"the simulation diverged at {time:.3f} s: {what}")
         self.saturated += outcome == SATURATED
         if self.hits is not None:
-            self.was_hit = self.hits.take(self._inertias[0], sent, self._state[DISTURBING].copy())
+            self.was_hit = self.hits.take(self._inertias[0], sent, self._disturbing)
         hardware.was_commanded(self._torque.copy())
         return sent
 

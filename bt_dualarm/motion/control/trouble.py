@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.errors import Failure, HitFailure
-from bt_dualarm.motion.control.collision_watch import CollisionWatch
+from bt_dualarm.motion.hits.collision_watch import CollisionWatch
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import Robot
 

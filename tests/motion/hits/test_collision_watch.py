@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.hits import Bench, free, hit
 from bt_dualarm.errors import HitFailure
-from bt_dualarm.motion.control.collision_watch import CollisionWatch
 from bt_dualarm.motion.control.dynamics import ArmDynamics
+from bt_dualarm.motion.hits.collision_watch import CollisionWatch
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.skill.registry import Registry
 from tests.plays import STOPPED, Stage
