@@ -126,9 +126,8 @@ class TrackingReference:
 
     def _predicted(self, time: float) -> PlaneTarget:
         """Predictive control: where the target is now, by all that was seen of it."""
-        axes, motion = self._view.axes, self._tracker.predict(time)
-        place = axes.dot(motion.position - self._view.ahead())  # half as dear as with an operator
-        return PlaneTarget(place, axes.dot(motion.velocity), axes.dot(motion.acceleration))
+        view = self._view
+        return PlaneTarget(*self._tracker.predict_in(view.axes, view.ahead(), time))
 
     def _stepped(self, gains: TrackingGains, displacement: Vector) -> PlaneTarget:
         """Proportional control: one step for each new image."""
@@ -153,7 +152,8 @@ class TrackingReference:
 
     def _may_go_to(self, place: Vector, time: float) -> bool:
         """Whether a place is within reach; notes since when it has not been."""
-        if math.hypot(*place.tolist()) <= self._reach:
+        x, y = place.tolist()
+        if math.hypot(x, y) <= self._reach:
             self.beyond_since = None
         elif self.beyond_since is None:
             self.beyond_since = time

@@ -10,9 +10,9 @@ Kirubarajan, Estimation with Applications to Tracking and Navigation, 5.4).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from types import ModuleType
 
 import numpy as np
 
@@ -74,10 +74,30 @@ class CalmEstimate(TargetEstimate):
         share = self._share
         lively, calm = self._last, self._calm._last
         motion = np.empty((3, len(lively.state)))
-        _blend()(
+        _kernels().blend(
             lively.state, time - lively.stamp, calm.state, time - calm.stamp, share, motion
         )  # fmt: skip
         return Motion(motion[0], motion[1], motion[2])
+
+    def predict_in(self, axes: Matrix, origin: Vector, time: float) -> Matrix:
+        """The same in a plane, as `TargetEstimate` does.
+
+        Raises:
+            ValueError: There has been no measurement.
+        """
+        lively, calm = self._last, self._calm._last
+        motion = np.empty((3, 2))
+        _kernels().blend_in_plane(
+            lively.state,
+            time - lively.stamp,
+            calm.state,
+            time - calm.stamp,
+            self._share,
+            axes,
+            origin,
+            motion,
+        )
+        return motion
 
     def _judge(self, passed: float, innovation: Vector) -> None:
         """Take the calm filter's newest innovation, of shape (n,), into account."""
@@ -97,8 +117,8 @@ class CalmEstimate(TargetEstimate):
 
 
 @cache
-def _blend() -> Callable[[Matrix, float, Matrix, float, float, Matrix], None]:
-    """The kernel that blends: an import statement costs as much as it does."""
-    from bt_dualarm.vision.oscillator_kernels import blend
+def _kernels() -> ModuleType:
+    """The kernels that blend: an import statement costs as much as they do."""
+    from bt_dualarm.vision import oscillator_kernels
 
-    return blend
+    return oscillator_kernels

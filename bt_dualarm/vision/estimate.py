@@ -99,6 +99,21 @@ class TargetEstimate:
         state = self._model.move(last.state, time - last.stamp)
         return Motion(state[:, 0], state[:, 1], state[:, 2])
 
+    def predict_in(self, axes: Matrix, origin: Vector, time: float) -> Matrix:
+        """Position, velocity and acceleration along two axes at any time, of shape (3, 2).
+
+        Args:
+            axes: Unit vectors in the world, of shape (2, n).
+            origin: Where positions count from, of shape (n,), m.
+            time: Time, s.
+
+        Raises:
+            ValueError: There has been no measurement.
+        """
+        position, *rates = self.predict(time)
+        motion: Matrix = np.array((position - origin, *rates)) @ axes.T
+        return motion
+
     def variance(self, time: float) -> Vector:
         """Variance of the position at ``time``, of shape (n,), in m².
 

@@ -142,11 +142,13 @@ def chain_noise(dt: float) -> Matrix:
 def predict_something() -> None:
     """Have all kernels of motion models compiled."""
     from bt_dualarm.vision.filter_kernels import correct
-    from bt_dualarm.vision.oscillator_kernels import blend
+    from bt_dualarm.vision.oscillator_kernels import blend, blend_in_plane
 
     model, state, spread = Oscillator(), np.ones((1, _STATES)), np.ones((1, _STATES, _STATES))
     model.move(state, 1.0)
     model.jacobian(state, 1.0)
     model.carry(state, spread, 1.0)
     blend(state, 1.0, state, 1.0, 0.5, np.empty((3, 1)))
+    axes, motion = np.ones((2, 1)), np.empty((3, 2))
+    blend_in_plane(state, 1.0, state, 1.0, 0.5, axes, np.ones(1), motion)
     correct(state, spread, np.ones(1), np.ones(1))

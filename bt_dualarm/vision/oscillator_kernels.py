@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.kernels.kernel import kernel
-from bt_dualarm.pose import Matrix
+from bt_dualarm.pose import Matrix, Vector
 
 Stack: TypeAlias = npt.NDArray[np.float64]
 
@@ -119,3 +119,37 @@ def blend(
         for order in range(3):
             apart = other[axis, order] - one[axis, order]
             motion[order, axis] = one[axis, order] + share * apart
+
+
+@kernel
+def blend_in_plane(
+    lively: Matrix,
+    dt: float,
+    calm: Matrix,
+    calm_dt: float,
+    share: float,
+    axes: Matrix,
+    origin: Vector,
+    motion: Matrix,
+) -> None:
+    """Enter the same along two axes.
+
+    Args:
+        lively: One state, of shape (n, 4).
+        dt: Seconds on at which it is asked for.
+        calm: The other, of shape (n, 4).
+        calm_dt: Seconds on at which that is asked for.
+        share: Weight of the other, from 0 to 1.
+        axes: Unit vectors, of shape (2, n).
+        origin: Where positions count from, of shape (n,).
+        motion: Rows to be filled with position, velocity and acceleration, of shape (3, 2).
+    """
+    whole = np.empty((3, len(lively)))
+    blend(lively, dt, calm, calm_dt, share, whole)
+    whole[0] -= origin
+    for order in range(3):
+        for axis in range(2):
+            total = 0.0
+            for k in range(len(lively)):
+                total += axes[axis, k] * whole[order, k]
+            motion[order, axis] = total

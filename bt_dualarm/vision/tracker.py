@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bt_dualarm.pose import Pose
+from bt_dualarm.pose import Matrix, Pose, Vector
 from bt_dualarm.spec.color import Color
 from bt_dualarm.vision.colors import ColorFilter
 from bt_dualarm.vision.detect import Detection, detect_all
@@ -88,10 +88,14 @@ class TargetTracker:
         """
         return self._estimate.predict(time)
 
+    def predict_in(self, axes: Matrix, origin: Vector, time: float) -> Matrix:
+        """The same along two axes, of shape (3, 2); see `TargetEstimate.predict_in`."""
+        return self._estimate.predict_in(axes, origin, time)
+
     def close(self) -> None:
         """Stop listening to the camera and aiming it; harmless when repeated."""
         self._unsubscribe()
-        self._unsubscribe = _nothing  # what refers back to this would keep it in memory
+        self._unsubscribe = lambda: None  # what refers back to this would keep it in memory
         if self._camera.aim == self.window:
             self._camera.aim = None
 
@@ -244,7 +248,3 @@ class TargetTracker:
             self.lost_count += 1
             self._before_loss = self._estimate
             self._hunting = True
-
-
-def _nothing() -> None:
-    """Do nothing."""

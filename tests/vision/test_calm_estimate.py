@@ -110,6 +110,18 @@ def test_without_calmness_it_is_the_lively_filter() -> None:
     assert (mixed.predict(0.6).position == lively.predict(0.6).position).all()
 
 
+@pytest.mark.parametrize("estimate", [TargetEstimate(), CalmEstimate()])
+def test_in_a_plane_it_is_what_it_is_in_the_world(estimate: TargetEstimate) -> None:
+    rng = np.random.default_rng(6)
+    for k in range(30):
+        place = np.array((0.01 * k, 0.0, 0.3)) + rng.normal(0, 0.01, 3)
+        estimate.update(k / 60, place, SIGMA)
+    axes, origin = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2].copy(), rng.normal(size=3)
+    whole = estimate.predict(0.6)
+    wanted = (axes @ (whole.position - origin), axes @ whole.velocity, axes @ whole.acceleration)
+    assert estimate.predict_in(axes, origin, 0.6) == pytest.approx(np.array(wanted), rel=1e-12)
+
+
 def test_another_target_begins_anew_with_the_same_calmness() -> None:
     estimate = CalmEstimate(0.3)
     estimate.update(0.0, np.zeros(2), SIGMA)

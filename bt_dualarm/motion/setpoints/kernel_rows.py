@@ -56,6 +56,14 @@ REACH: Final = 10
 """Acceleration and jerk that the joints allow in the plane, 2 numbers, m/s² and m/s³."""
 SEEN: Final = 12
 
+# What came of a set-point.
+HELD: Final = 0
+"""The tool will be in its plane, and oriented as it was."""
+LOST: Final = 1
+"""It will not."""
+TOO_LATE: Final = 2
+"""There is none from which all joints could stop within their limits."""
+
 
 class Reach(NamedTuple):
     """What a point may do in every direction: m/s² and m/s³."""

@@ -22,6 +22,7 @@ from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
 from bt_dualarm.motion.setpoints.kernel_rows import (
     DAMPING,
     DISPLACEMENT,
+    HELD,
     JACOBIAN_BEFORE,
     NOW_A,
     NOW_Q,
@@ -29,8 +30,8 @@ from bt_dualarm.motion.setpoints.kernel_rows import (
     OFF,
     POSTURE,
     SEEN,
+    TOO_LATE,
     TURN,
-    VELOCITY,
     WORK,
     Reach,
 )
@@ -89,7 +90,7 @@ class PlanarServo:
     ) -> None:
         from bt_dualarm.motion.setpoints.servo_kernels import answer, look
 
-        self._look, self._answer = look, answer
+        self._answer, self._look = answer, look
         self._period, self._bandwidth, self._slack = float(period), float(bandwidth), float(slack)
         self._target = target
         self._sent = self._now = start
@@ -102,9 +103,9 @@ class PlanarServo:
         # Views: looking a row up costs as much as filling it.
         self._asked = tuple(self._work[row] for row in (NOW_Q, NOW_V, NOW_A))
         self._goal = np.zeros((3, 2))
-        self.displacement = self._seen[DISPLACEMENT : DISPLACEMENT + 2]
-        self.velocity = self._seen[VELOCITY : VELOCITY + 2]
+        self._displacement = self._seen[DISPLACEMENT : DISPLACEMENT + 2]
         self.time_scale = 1.0
+        self._is_held = self._look_from(start)
 
     def __call__(self, time: float) -> SetPoint:
         """The set-point for ``time``.
@@ -112,34 +113,43 @@ class PlanarServo:
         Raises:
             Failure: ``UNREACHABLE`` where the arm can no longer hold the plane or the orientation.
         """
-        now, (q, v, a), goal = self._now, self._asked, self._goal
-        q[:], v[:], a[:] = now.q, now.v, now.a
-        period, work, seen = self._period, self._work, self._seen
-        if not self._look(self._links, self._frames, self._plane, period, work, seen):
-            raise _lost(*seen[OFF : TURN + 3].tolist())
-        target = self._target(time, self.displacement)
+        if not self._is_held:
+            raise _lost(*self._seen[OFF : TURN + 3].tolist())
+        now, goal = self._now, self._goal
+        target = self._target(time, self._displacement)
         if target is not None:
             goal[0], goal[1], goal[2] = target
-        found = np.empty((3, len(q)))
-        feasible = self._answer(
-            period,
+        found = np.empty((3, len(now.q)))
+        outcome = self._answer(
+            self._period,
             self._bandwidth,
             self._slack,
             self.time_scale,
             target is not None,
             goal,
-            work,
-            seen,
+            self._links,
+            self._frames,
+            self._plane,
+            self._work,
+            self._seen,
             found,
         )
-        if feasible:
-            self._sent = SetPoint(now.q, now.v, found[0])
-            self._now = SetPoint(found[1], found[2], found[0])
-        else:  # too late for this one: the hardest brake
-            last = self._sent
-            self._sent = SetPoint(*self._brake.to_rest(np.array((last.q, last.v, last.a))))
-            self._now = _after(self._sent, period)
+        if outcome == TOO_LATE:  # for this one: the hardest brake
+            self._sent = SetPoint(*self._brake.to_rest(np.array(self._sent)))
+            self._now = _after(self._sent, self._period)
+            self._is_held = self._look_from(self._now)
+        else:
+            a, q, v = found
+            self._sent, self._now = SetPoint(now.q, now.v, a), SetPoint(q, v, a)
+            self._is_held = outcome == HELD
         return self._sent
+
+    def _look_from(self, now: SetPoint) -> bool:
+        """Look where the tool is at a set-point; whether it is held there."""
+        for row, values in zip(self._asked, now, strict=True):
+            row[:] = values
+        plane, work, seen = self._plane, self._work, self._seen
+        return self._look(self._links, self._frames, plane, self._period, work, seen)
 
 
 def plane_reach(kinematics: Kinematics, limits: JointLimits, q: Vector, axes: Matrix) -> Reach:
@@ -197,8 +207,10 @@ def follow_something() -> None:
     from bt_dualarm.motion.setpoints.servo_kernels import answer, look
 
     work, seen, state = np.ones((WORK, 1)), np.ones(SEEN), np.ones((3, 1))
-    look(np.ones((1, LINK)), np.ones((3, 12)), np.ones((3, 3)), 1.0, work, seen)
-    answer(1.0, 1.0, 1.0, 1.0, True, np.ones((3, 2)), work, seen, state)
+    links, frames, plane = np.ones((1, LINK)), np.ones((3, 12)), np.ones((3, 3))
+    look(links, frames, plane, 1.0, work, seen)
+    goal = np.ones((3, 2))
+    answer(1.0, 1.0, 1.0, 1.0, True, goal, links, frames, plane, work, seen, state)
     limiting.keep(work[:5].copy(), 1.0, state, state)
     limiting.can_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
     limiting.stopping_way(1.0, 1.0, 1.0, 1.0)

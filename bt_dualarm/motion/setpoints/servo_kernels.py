@@ -1,4 +1,4 @@
-"""A servo's set-point in two calls: where the tool is, then how its joints are accelerated."""
+"""A servo's set-point in one call: how its joints are accelerated, and where its tool is next."""
 
 from __future__ import annotations
 
@@ -8,10 +8,7 @@ import numpy as np
 
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.motion.chains.inertia_kernels import solve_rows
-from bt_dualarm.motion.chains.kernel_rows import (
-    MOST_ACCELERATION,
-    MOST_JERK,
-)
+from bt_dualarm.motion.chains.kernel_rows import MOST_ACCELERATION, MOST_JERK
 from bt_dualarm.motion.chains.limit_kernels import can_stop
 from bt_dualarm.motion.chains.place_kernels import place_tool
 from bt_dualarm.motion.setpoints.allowance_kernels import keep_within, passable_share
@@ -25,11 +22,13 @@ from bt_dualarm.motion.setpoints.kernel_rows import (
     BRAKING_BANDWIDTH,
     DAMPING,
     DISPLACEMENT,
+    HELD,
     HOLD,
     HOLD_BANDWIDTH,
     INVERSE,
     JACOBIAN,
     JACOBIAN_BEFORE,
+    LOST,
     LOST_M,
     LOST_RAD,
     NOW_A,
@@ -40,6 +39,7 @@ from bt_dualarm.motion.setpoints.kernel_rows import (
     POSTURE_BANDWIDTH,
     RATES,
     REACH,
+    TOO_LATE,
     TURN,
     VELOCITY,
     Reach,
@@ -170,11 +170,14 @@ def answer(
     time_scale: float,
     has_target: bool,
     target: Matrix,
+    links: Matrix,
+    frames: Matrix,
+    plane: Matrix,
     work: Matrix,
     seen: Vector,
     answered: Matrix,
-) -> bool:
-    """Enter accelerations for now, and positions and velocities that come of them.
+) -> int:
+    """Enter accelerations for now, positions and velocities that come of them, and look from there.
 
     Args:
         period: Seconds between set-points.
@@ -183,29 +186,52 @@ def answer(
         time_scale: Share of the velocity that it would have.
         has_target: Whether there is a target, or it comes to rest.
         target: Position, velocity and acceleration in the plane, of shape (3, 2).
+        links: Links of the arm, as of `look`.
+        frames: Where the tool is, likewise.
+        plane: Plane and its normal, likewise.
         work: What the servo works with, after `look`.
         seen: What it sees, likewise.
         answered: Takes acceleration, next position, next velocity, of shape (3, dof).
 
     Returns:
-        Whether all joints can stop within their limits from the set-point that is asked for.
+        `HELD`; `LOST` where the tool will be out of its plane or turned; `TOO_LATE` where not all
+        joints could stop within their limits from there: then nobody has looked.
     """
-    dt, velocity = period, seen[VELOCITY : VELOCITY + 2]
-    reach = Reach(seen[REACH], seen[REACH + 1])
+    wanted, share = np.empty(2), _BRAKING_SHARE
     if has_target:
-        gains = following_gains(bandwidth, slack, reach.jerk, dt)
-        away = target[0] - seen[DISPLACEMENT : DISPLACEMENT + 2]
-        goal = target[1] + closing_velocity(away, gains, reach)
-        passed = min(time_scale, passable_share(work, goal))
-        wanted = fading_acceleration(passed * goal - velocity, gains.b, reach.jerk)
-        if passed == 1.0:
-            wanted += target[2]
-        share = gains.f
+        share = _approach(period, bandwidth, slack, time_scale, target, work, seen, wanted)
     else:
-        wanted = fading_acceleration(-velocity, 2.0 * BRAKING_BANDWIDTH, reach.jerk)
-        share = _BRAKING_SHARE
-    keep_within(work, seen[ACCELERATION : ACCELERATION + 2], wanted, share, dt, answered[0])
-    return _go_on(work, dt, answered)
+        slowing = -seen[VELOCITY : VELOCITY + 2]
+        wanted[:] = fading_acceleration(slowing, 2.0 * BRAKING_BANDWIDTH, seen[REACH + 1])
+    keep_within(work, seen[ACCELERATION : ACCELERATION + 2], wanted, share, period, answered[0])
+    if not _go_on(work, period, answered):
+        return TOO_LATE
+    work[NOW_A], work[NOW_Q], work[NOW_V] = answered[0], answered[1], answered[2]
+    return HELD if look(links, frames, plane, period, work, seen) else LOST
+
+
+@kernel
+def _approach(
+    period: float,
+    bandwidth: float,
+    slack: float,
+    time_scale: float,
+    target: Matrix,
+    work: Matrix,
+    seen: Vector,
+    wanted: Vector,
+) -> float:
+    """Enter the acceleration, of shape (2,), that follows a target; share of it in a period."""
+    reach = Reach(seen[REACH], seen[REACH + 1])
+    gains = following_gains(bandwidth, slack, reach.jerk, period)
+    away = target[0] - seen[DISPLACEMENT : DISPLACEMENT + 2]
+    goal = target[1] + closing_velocity(away, gains, reach)
+    passed = min(time_scale, passable_share(work, goal))
+    lack = passed * goal - seen[VELOCITY : VELOCITY + 2]
+    wanted[:] = fading_acceleration(lack, gains.b, reach.jerk)
+    if passed == 1.0:
+        wanted += target[2]
+    return gains.f
 
 
 @kernel
