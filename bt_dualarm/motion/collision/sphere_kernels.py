@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,9 @@ from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
 
 Numbers: TypeAlias = npt.NDArray[np.int64]
+
+_TOGETHER: Final = 8  # spheres in a ball
+_ROUNDING: Final = 1e-9  # m; a ball is not too small by it
 
 
 @kernel
@@ -90,15 +93,46 @@ def reach(levers: Matrix, way: Vector, span: float) -> float:
 
 @kernel
 def nearest(first: Matrix, second: Matrix) -> float:
-    """The least distance in m of two sets of spheres, of shape (n, 4) and (m, 4)."""
-    least = math.inf
+    """The least distance in m of two sets of spheres, of shape (n, 4) and (m, 4).
+
+    Spheres that follow each other lie near each other: what a ball around some of them is too far
+    from for, they are.
+    """
+    count, least = len(second), math.inf
+    balls = np.empty(((count + _TOGETHER - 1) // _TOGETHER, 4))
+    for k in range(len(balls)):
+        _wrap(second, k * _TOGETHER, min((k + 1) * _TOGETHER, count), balls[k])
     for i in range(len(first)):
-        for j in range(len(second)):
-            square = 0.0
-            for k in range(3):
-                square += (first[i, k] - second[j, k]) ** 2
-            least = min(least, math.sqrt(square) - first[i, 3] - second[j, 3])
+        for k in range(len(balls)):
+            if _between(first, i, balls, k) < least:
+                for j in range(k * _TOGETHER, min((k + 1) * _TOGETHER, count)):
+                    least = min(least, _between(first, i, second, j))
     return least
+
+
+@kernel
+def _between(first: Matrix, i: int, second: Matrix, j: int) -> float:
+    """Distance of two spheres in m."""
+    square = 0.0
+    for k in range(3):
+        square += (first[i, k] - second[j, k]) ** 2
+    distance: float = math.sqrt(square) - first[i, 3] - second[j, 3]
+    return distance
+
+
+@kernel
+def _wrap(spheres: Matrix, begin: int, end: int, ball: Vector) -> None:
+    """Enter centre and radius of a ball around spheres from ``begin`` to before ``end``."""
+    for k in range(3):
+        ball[k] = 0.0
+        for i in range(begin, end):
+            ball[k] += spheres[i, k] / (end - begin)
+    ball[3] = 0.0
+    for i in range(begin, end):
+        square = 0.0
+        for k in range(3):
+            square += (spheres[i, k] - ball[k]) ** 2
+        ball[3] = max(ball[3], math.sqrt(square) + spheres[i, 3] + _ROUNDING)
 
 
 @kernel

@@ -74,12 +74,13 @@ class ClosestApproach:
             rows: Configurations from now on by arm, this one's too, all of shape (n, dof), rad.
             enough: Distances in metres by other arm; only arms that are named are measured.
         """
-        first = before = self._sample(rows, 0, enough)
+        horizons = {name: max(HORIZON, least + _BEYOND) for name, least in enough.items()}
+        first = before = self._sample(rows, 0, horizons)
         smallest, spread = dict(first.gaps), 0.0
         i, stride, last = 0, self._stride, len(rows[self._arm]) - 1
         while i < last and all(smallest[name].metres >= least for name, least in enough.items()):
             j = min(i + stride, last)
-            now = self._sample(rows, j, enough)
+            now = self._sample(rows, j, horizons)
             own = self._moved(self._arm, before, now)
             between = self._bounds_between(before, now, own)
             unclear = any(between[name] < least for name, least in enough.items())
@@ -97,9 +98,8 @@ class ClosestApproach:
             i, before, stride = j, now, min(2 * stride, self._stride)
         return Approach(smallest, spread)
 
-    def _sample(self, rows: Mapping[str, Matrix], i: int, enough: Mapping[str, float]) -> _Sample:
+    def _sample(self, rows: Mapping[str, Matrix], i: int, horizons: Mapping[str, float]) -> _Sample:
         q = {name: trajectory[i] for name, trajectory in rows.items()}
-        horizons = {name: max(HORIZON, least + _BEYOND) for name, least in enough.items()}
         gaps = self._separation.gaps(q, horizons)
         return _Sample(
             gaps,

@@ -32,7 +32,9 @@ def test_no_sphere_gets_farther_than_is_said(robot: str) -> None:
 
 
 def test_the_distance_of_spheres_is_that_of_the_nearest_two() -> None:
+    """However many there are, and however far apart those lie that follow each other."""
     rng = np.random.default_rng(5)
-    first, second = rng.random((7, 4)), rng.random((5, 4)) + 3.0
-    gaps = [np.linalg.norm(a[:3] - b[:3]) - a[3] - b[3] for a in first for b in second]
-    assert apart(first, second) == pytest.approx(min(gaps))
+    for count in (1, 5, 8, 9, 60):
+        first, second = rng.random((7, 4)), rng.random((count, 4)) + 3.0
+        gaps = [np.linalg.norm(a[:3] - b[:3]) - a[3] - b[3] for a in first for b in second]
+        assert apart(first, second) == pytest.approx(min(gaps))
