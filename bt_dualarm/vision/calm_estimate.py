@@ -87,16 +87,8 @@ class CalmEstimate(TargetEstimate):
         """
         lively, calm = self._last, self._calm._last
         motion = np.empty((3, 2))
-        _kernels().blend_in_plane(
-            lively.state,
-            time - lively.stamp,
-            calm.state,
-            time - calm.stamp,
-            self._share,
-            axes,
-            origin,
-            motion,
-        )
+        ahead = lively.state, time - lively.stamp, calm.state, time - calm.stamp
+        _kernels().blend_in_plane(*ahead, self._share, axes, origin, motion)
         return motion
 
     def _judge(self, passed: float, innovation: Vector) -> None:

@@ -61,11 +61,11 @@ class CollisionWatch:
 
         self._compare = compare
         dry = np.maximum(friction.static, friction.coulomb)
-        self._joints = joints = np.zeros((HIT_ROWS, len(dry)))
+        joints = np.zeros((HIT_ROWS, len(dry)))
         joints[TURNING], joints[VARIANCE] = 2.0 * dry, _FIRST**2
         joints[MEASURED] = _FIRST_COUNTS
-        self._torques = np.zeros((SPAN + 1, len(dry)))
-        self._changes = np.zeros((SPAN + LATE, len(dry)))
+        torques, changes = np.zeros((SPAN + 1, len(dry))), np.zeros((SPAN + LATE, len(dry)))
+        self._known = joints, torques, changes
         self._sent = np.zeros((2, len(dry)))
         self._grace = self._seen = self._count = 0
         self._factor = float(factor)
@@ -86,16 +86,7 @@ class CollisionWatch:
         learns = judges and self._count % SPAN == 0
         how = FIRST * (self._seen == 1) | COMPARES * compares | JUDGES * judges | LEARNS * learns
         self._sent[0], self._sent[1] = sent.v, sent.a
-        outcome = self._compare(
-            inertia,
-            self._sent,
-            torque,
-            self._factor,
-            how,
-            self._joints,
-            self._torques,
-            self._changes,
-        )
+        outcome = self._compare(inertia, self._sent, torque, self._factor, how, *self._known)
         if compares and self._grace and outcome & MOVES:
             self._grace -= 1
         return outcome & WAS_HIT != 0

@@ -91,12 +91,13 @@ class PlanarServo:
         from bt_dualarm.motion.setpoints.servo_kernels import answer, look
 
         self._answer, self._look = answer, look
-        self._period, self._bandwidth, self._slack = float(period), float(bandwidth), float(slack)
+        self._period = float(period)
+        self._how = self._period, float(bandwidth), float(slack)
         self._target = target
         self._sent = self._now = start
         self._brake = OnlineStep(limits, period)
-        self._links, self._frames = _chain(kinematics, start.q)
-        self._plane = np.array((*axes, np.cross(axes[0], axes[1])))
+        plane = np.array((*axes, np.cross(axes[0], axes[1])))
+        self._arm = (*_chain(kinematics, start.q), plane)
         self._work, self._seen = np.zeros((WORK, len(start.q))), np.zeros(SEEN)
         self._work[:5], self._work[POSTURE] = limit_rows(limits), start.q
         self._work[JACOBIAN_BEFORE : JACOBIAN_BEFORE + 6] = kinematics.jacobian(start.q)
@@ -120,20 +121,8 @@ class PlanarServo:
         if target is not None:
             goal[0], goal[1], goal[2] = target
         found = np.empty((3, len(now.q)))
-        outcome = self._answer(
-            self._period,
-            self._bandwidth,
-            self._slack,
-            self.time_scale,
-            target is not None,
-            goal,
-            self._links,
-            self._frames,
-            self._plane,
-            self._work,
-            self._seen,
-            found,
-        )
+        wanted = self.time_scale, target is not None, goal
+        outcome = self._answer(*self._how, *wanted, *self._arm, self._work, self._seen, found)
         if outcome == TOO_LATE:  # for this one: the hardest brake
             self._sent = SetPoint(*self._brake.to_rest(np.array(self._sent)))
             self._now = _after(self._sent, self._period)
@@ -148,8 +137,7 @@ class PlanarServo:
         """Look where the tool is at a set-point; whether it is held there."""
         for row, values in zip(self._asked, now, strict=True):
             row[:] = values
-        plane, work, seen = self._plane, self._work, self._seen
-        return self._look(self._links, self._frames, plane, self._period, work, seen)
+        return self._look(*self._arm, self._period, self._work, self._seen)
 
 
 def plane_reach(kinematics: Kinematics, limits: JointLimits, q: Vector, axes: Matrix) -> Reach:

@@ -15,6 +15,7 @@ from bt_dualarm.motion.hits.kernel_rows import (
     SPAN,
     TURN_PERIODS,
     TURN_SPEED,
+    VARIANCE,
 )
 from bt_dualarm.motion.setpoints.set_point import SetPoint
 from bt_dualarm.motion.setpoints.stopping_distance import Flags
@@ -77,5 +78,5 @@ def test_thresholds_are_what_is_said_of_them() -> None:
         assert was_hit == bool((np.abs(change) > threshold).any())
         hits += [period] * was_hit
     assert hits[0] == 300
-    assert told.variance == pytest.approx(watch._joints[3])  # it was learnt at all
+    assert told.variance == pytest.approx(watch._known[0][VARIANCE])  # it was learnt at all
     assert (told.measured > 11.0).all()
