@@ -14,7 +14,7 @@ from bt_dualarm.spec.reality_sets import REALITY_SETS
 from bt_dualarm.world.arm_body import ArmBody
 from bt_dualarm.world.attachments import Attachment
 from bt_dualarm.world.composition import nominal_model
-from bt_dualarm.world.grippers.carrying import Carrying
+from bt_dualarm.world.grippers.carrying import Carrying, carry_all
 from bt_dualarm.world.grippers.drive import GripperHardware
 from bt_dualarm.world.grippers.gripper import FINGERS, Gripper
 from bt_dualarm.world.hardware.arm_hardware import ArmHardware
@@ -63,6 +63,7 @@ class Equipment:
         self.mounted = mounted
         self.grippers: dict[str, GripperHardware] = {}
         self._places: list[tuple[ArmHardware, Vector]] = []
+        self._carrying: list[Carrying] = []
         self.errors: dict[str, RealityErrors] = {
             name: resolved(file.world.reality, arm.reality, REALITY_SETS)
             for name, arm in file.arms.items()
@@ -116,6 +117,7 @@ class Equipment:
         self._model, self._plant = plant
         self._sensed, self._is_sensed = mujoco.MjData(self._model), False
         self._places = []
+        self._carrying = []
         self._everywhere = self._sensed.qpos  # views, as in `ArmHardware`
         loads: dict[str, list[NominalLoad]] = {name: [] for name in arms}
         for one in held:
@@ -129,9 +131,8 @@ class Equipment:
             self.nominal[name].hold(loads[name])
             if name in self.grippers:
                 self.grippers[name].connect(self._model, body.data, name)
+                self._carrying.append(Carrying(self._model, body.data, name, self.mounted[name]))
         self._electronics.connect(*plant, arms)
-        holding = {name: self.mounted[name] for name in arms if name in self.grippers}
-        self._carrying = Carrying(*plant, holding)
 
     def sense(self, time: float) -> None:
         """Read the sensors of all arms at a simulated time in s, which is now."""
@@ -165,7 +166,7 @@ class Equipment:
 
     def carry(self) -> None:
         """Let what grippers hold go with them, after the integration of a step."""
-        self._carrying.act()
+        carry_all(self._model, self._plant, self._carrying)
 
     def rub(self) -> None:
         """Set the friction of all arms for the velocities of now."""

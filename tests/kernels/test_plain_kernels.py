@@ -16,25 +16,15 @@ from bt_dualarm.motion.hits.kernel_rows import COMPARES, FIRST, HIT_ROWS, JUDGES
 from bt_dualarm.motion.safety.region_kernels import first_within
 from bt_dualarm.pose import Vector
 from bt_dualarm.vision.oscillator_kernels import blend_in_plane
-from bt_dualarm.world.grippers.finger_kernels import push, read_width
-from bt_dualarm.world.grippers.grip_kernels import carry, go_with, gripped, held_by
-from bt_dualarm.world.grippers.kernel_columns import DRIVE, LINK
-from bt_dualarm.world.grippers.palm_kernels import palm_pose, palm_rates
+from bt_dualarm.world.grippers.finger_kernels import push
+from bt_dualarm.world.grippers.grip_kernels import go_with, gripped, remember
+from bt_dualarm.world.grippers.kernel_columns import DRIVE
 from bt_dualarm.world.grippers.tactile_kernels import felt_in_tool
 from bt_dualarm.world.rendering.block_kernels import enter
 from bt_dualarm.world.touch_kernels import any_strange
 from tests.plain_kernels import plain
 
 N, DOF, BODIES = 5, 6, 7
-
-HOLDERS = np.array(((0, 1, 2, 1, 0, 3), (2, 2, 4, 1, 1, 4)))
-"""Two fingers and a cup, whose arms share two of four links."""
-
-JOINTS = np.array(((0, 0), (1, 1), (-1, -1), (2, 2)))
-"""Addresses of these links' joints, one of which has none."""
-
-FREE = np.array((-1, -1, -1, 3, -1, 10, -1))
-"""Addresses of the bodies that move freely."""
 
 Arguments = Callable[[np.random.Generator], tuple[object, ...]]
 
@@ -118,49 +108,21 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         1,
         rng.integers(0, 2, 4, dtype=np.int32),
     ),
-    held_by: lambda rng: (
-        rng.integers(0, 5, (8, 2), dtype=np.int32),
-        rng.uniform(-1.0, 0.5, 8),
-        HOLDERS,
-        np.array((2, 2, 4, 3, 5), np.int32),
-        FREE,
-        np.zeros(2, np.int64),
-    ),
-    carry: lambda rng: (
-        np.array((3, -1)) if rng.random() < 0.5 else np.array((5, 3)),
-        HOLDERS,
-        rng.normal(size=(4, LINK)),
-        JOINTS,
-        FREE,
-        rng.normal(size=17),
-        rng.normal(size=DOF),
+    remember: lambda rng: (
         rng.normal(size=(BODIES, 3)),
         quaternions(rng, BODIES),
-        rng.normal(size=(DOF, 6)),
-        rng.normal(size=(BODIES, 3)),
-        0.002,
+        2,
+        4,
+        np.zeros((3, 7)),
     ),
     go_with: lambda rng: (
-        *(np.concatenate((rng.normal(size=3), *quaternions(rng, 1))) for _ in range(4)),
-        rng.normal(size=6),
+        np.concatenate((rng.normal(size=3), *quaternions(rng, 1))),
+        np.hstack((rng.normal(size=(3, 3)), quaternions(rng, 3))),
+        rng.normal(size=(6, 9)),
+        rng.normal(size=9),
         0.002,
     ),
-    palm_pose: lambda rng: (rng.normal(size=(4, LINK)), JOINTS, rng.normal(size=DOF)),
-    palm_rates: lambda rng: (
-        JOINTS,
-        rng.normal(size=DOF),
-        rng.normal(size=(DOF, 6)),
-        rng.normal(size=3),
-    ),
     push: lambda rng: (*rng.normal(size=(2, 2)), rng.uniform(0.5, 2.0, DRIVE), 0.002, np.zeros(1)),
-    read_width: lambda rng: (
-        rng.normal(size=2),
-        rng.normal(),
-        float(rng.choice((0.0, 0.01))),
-        rng.random((N, 2)),
-        int(rng.integers(1, 3 * N)),
-        2.0,
-    ),
     enter: lambda rng: (
         np.zeros((12, 14, 3), np.uint8),
         (3, 2, 12, 10),

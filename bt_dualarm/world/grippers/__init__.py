@@ -5,7 +5,7 @@ Out: `Gripper`, as everybody works with it; the robot with it on its flange; fin
 and cup in the arm's MjSpec; a drive with its sensors for each arm that is present.
 Open first: `gripper` (what a gripper is); others: `named` (gripper by name), `gripper_entry` and
 `description` (what its YAML may say), `parts` (shapes and inertia), `mounting` (on a flange),
-`sealing` (does a lip lie on a thing), `carrying`, `grip_kernels` and `palm_kernels` (what is held
-goes with the palm), `mjspec` (fingers in the simulation), `drive` and `finger_kernels` (how fingers
-move and what is felt of them), `tactile` and `tactile_kernels` (what pads feel).
+`sealing` (does a lip lie on a thing), `carrying` and `grip_kernels` (what is held goes with it),
+`mjspec` (fingers in the simulation), `drive` and `finger_kernels` (how fingers move and what is
+felt of them), `tactile` and `tactile_kernels` (what pads feel).
 """

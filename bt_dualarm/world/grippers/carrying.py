@@ -7,100 +7,88 @@ outwards by half the step times the centripetal acceleration: 2 mm/s at 2 m/s² 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from types import ModuleType
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
-from bt_dualarm.pose import Matrix
 from bt_dualarm.world.grippers.gripper import FINGERS, PALM, Gripper
-from bt_dualarm.world.grippers.kernel_columns import (
-    AXIS,
-    BEGIN,
-    END,
-    FIRST,
-    HOLDERS,
-    LINK,
-    PLACE,
-    ROOT,
-    SECOND,
-    TURN,
-    ZERO,
-)
-from bt_dualarm.world.grippers.kernel_columns import PALM as PALM_BODY
 from bt_dualarm.world.grippers.mjspec import CUP, PAD
 
 
 class Carrying:
-    """All grippers of the plant; to be made anew after a recompilation.
+    """One gripper of the plant; to be made anew after a recompilation.
 
     Args:
         model: The plant.
         data: Its state.
-        grippers: Pages of the grippers, by arm.
+        arm: Name of the arm.
+        gripper: Page of its gripper.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, grippers: Mapping[str, Gripper]
+        self, model: mujoco.MjModel, data: mujoco.MjData, arm: str, gripper: Gripper
     ) -> None:
-        self._data, self._step = data, float(model.opt.timestep)
+        self._model, self._data = model, data
+        bodies = FINGERS if gripper.fingers else (CUP, CUP)
+        self._first, self._second = (model.geom(f"{arm}/{body}/{PAD}").id for body in bodies)
+        self._palm = int(model.body(f"{arm}/{PALM}").id)
         self._bodies = model.geom_bodyid.copy()
         joints = model.body_jntadr
         free = (joints >= 0) & (model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_FREE)
-        self._addresses = np.where(free, model.jnt_qposadr[joints], -1).astype(np.int64)
-        self._holders = np.zeros((len(grippers), HOLDERS), np.int64)
-        self._held, links = np.zeros(len(grippers), np.int64), list[int]()
-        for row, (arm, gripper) in zip(self._holders, grippers.items(), strict=True):
-            bodies = FINGERS if gripper.fingers else (CUP, CUP)
-            row[FIRST], row[SECOND] = (model.geom(f"{arm}/{one}/{PAD}").id for one in bodies)
-            row[PALM_BODY] = palm = int(model.body(f"{arm}/{PALM}").id)
-            row[ROOT], row[BEGIN] = model.body_rootid[palm], len(links)
-            links += way_to(model, palm)
-            row[END] = len(links)
-        self._links, self._joints = links_of(model, links)
+        self._addresses = np.where(free, model.jnt_qposadr[joints], -1).tolist()
+        self._jacobian = np.zeros((6, model.nv))
+        self._before = np.zeros((3, 7))
+        self._step = float(model.opt.timestep)
         # Views: looking a field up costs more than what is done with it.
-        self._state = data.qpos, data.qvel, data.xpos, data.xquat, data.cdof, data.subtree_com
+        self._places, self._turns = data.xpos, data.xquat
+        self._positions, self._velocities = data.qpos, data.qvel
+        self._parts = self._jacobian[:3], self._jacobian[3:]
 
-    def act(self) -> None:
-        """Correct where all that they hold is, after the integration of a step.
+    def look(self) -> int:
+        """The body that it holds, -1 where there is none; where that and the palm are is kept.
 
-        All but positions and velocities are still those before the step.
+        To be called of all grippers before any of them goes on: positions are then still those
+        before the step.
         """
-        if not self._data.ncon:
-            return
-        contact, compiled, held = self._data.contact, kernels(), self._held
-        if compiled.held_by(
-            contact.geom, contact.dist, self._holders, self._bodies, self._addresses, held
-        ):
-            chains = self._holders, self._links, self._joints, self._addresses
-            compiled.carry(held, *chains, *self._state, self._step)
+        data, palm, compiled = self._data, self._palm, kernels()
+        if not data.ncon:
+            return -1
+        contact = data.contact
+        body = int(
+            compiled.gripped(contact.geom, contact.dist, self._first, self._second, self._bodies)
+        )
+        if body < 0 or self._addresses[body] < 0:
+            return -1
+        compiled.remember(self._places, self._turns, palm, body, self._before)
+        mujoco.mj_jacBody(self._model, data, *self._parts, palm)
+        return body
+
+    def carry(self, body: int) -> None:
+        """Correct where the body that it holds is, once positions are those after the step."""
+        palm, before, compiled = self._palm, self._before, kernels()
+        compiled.remember(self._places, self._turns, palm, palm, before[1:])
+        start = self._addresses[body]
+        pose = self._positions[start : start + 7]
+        compiled.go_with(pose, before, self._jacobian, self._velocities, self._step)
 
 
-def way_to(model: mujoco.MjModel, body: int) -> list[int]:
-    """Bodies from the ground to one of them."""
-    way = []
-    while body:
-        way.append(body)
-        body = int(model.body_parentid[body])
-    return way[::-1]
+def carry_all(model: mujoco.MjModel, data: mujoco.MjData, grippers: Sequence[Carrying]) -> None:
+    """Correct what all grippers hold after the integration of a step.
 
-
-def links_of(model: mujoco.MjModel, bodies: Sequence[int]) -> tuple[Matrix, npt.NDArray[np.int64]]:
-    """How bodies hang on one another, see `kernel_columns`; and addresses of their joints."""
-    links, joints = np.zeros((len(bodies), LINK)), np.full((len(bodies), 2), -1)
-    for row, addresses, body in zip(links, joints, bodies, strict=True):
-        row[PLACE:TURN], row[TURN:AXIS] = model.body_pos[body], model.body_quat[body]
-        joint = int(model.body_jntadr[body])
-        if joint < 0:
-            continue
-        if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE or model.jnt_pos[joint].any():
-            raise AssertionError("an arm's joints turn about their own origins")
-        addresses[:] = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
-        row[AXIS:ZERO], row[ZERO] = model.jnt_axis[joint], model.qpos0[addresses[0]]
-    return links, joints
+    What two of them hold goes with the first.
+    """
+    held: dict[int, Carrying] = {}
+    for gripper in grippers:
+        body = gripper.look()
+        if body >= 0:
+            held.setdefault(body, gripper)
+    if held:
+        mujoco.mj_kinematics(model, data)
+        for body, gripper in held.items():
+            gripper.carry(body)
 
 
 @cache
@@ -113,11 +101,10 @@ def kernels() -> ModuleType:
 
 def carry_something() -> None:
     """Have all kernels of what is held compiled."""
-    bodies, one, pair = np.zeros(2, np.int32), np.zeros(1, np.int64), np.zeros((4, 2), np.int32)
-    holders, links = np.zeros((1, HOLDERS), np.int64), np.zeros((1, LINK))
-    # A single contact lies in one piece, several do not.
-    for geoms, distances in ((pair[:1], np.zeros(1)), (pair[::2], np.zeros(4)[::2])):
-        kernels().held_by(geoms, distances, holders, bodies, np.zeros(2, np.int64), one)
-    joints, places, turns = np.full((1, 2), -1), np.zeros((1, 3)), np.ones((1, 4))
-    state = np.ones(7), np.zeros(1), places, turns, np.zeros((1, 6)), places
-    kernels().carry(one, holders, links, joints, one, *state, 0.002)
+    one = np.zeros(1, np.int32)
+    kernels().gripped(np.zeros((1, 2), np.int32), np.zeros(1), 0, 0, one)
+    pose = np.array((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    before = np.zeros((3, 7))
+    kernels().remember(np.zeros((1, 3)), np.zeros((1, 4)), 0, 0, before)
+    kernels().remember(np.zeros((1, 3)), np.zeros((1, 4)), 0, 0, before[1:])
+    kernels().go_with(pose, before, np.zeros((6, 1)), np.zeros(1), 0.002)

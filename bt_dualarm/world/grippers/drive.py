@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
@@ -102,7 +103,7 @@ class GripperHardware:
         finer = encoder.noise / encoder.resolution if encoder.resolution else 0.0
         self._noise = self._resolution * min(finer, 1.0)
         self._drawn: list[float] = []  # of readings to come, the last first
-        self._past, self._count = np.zeros((round(SPEED_S / timestep) + 1, 2)), 0
+        self._past: deque[tuple[float, float]] = deque(maxlen=round(SPEED_S / timestep) + 1)
         self._pump = -math.expm1(-timestep / _PUMP_S)
         mass, self._drive = gripper.moved_mass, np.zeros(DRIVE)
         # Of the opening, which is twice a finger's way, to the force on each finger.
@@ -150,26 +151,20 @@ class GripperHardware:
         if not self.gripper.fingers:
             self.force = self.vacuum * self.gripper.force.most
             return
-        if self._noise and not self._drawn:
-            self._drawn = (self._noise * self._rng.standard_normal(_DRAWN))[::-1].tolist()
-        noise = self._drawn.pop() if self._noise else 0.0
-        if self._count:
-            self.width, self.speed = kernels().read_width(
-                self._q, noise, self._resolution, self._past, self._count, time
-            )
-        else:
-            self._read_first(noise)
-        self._count += 1
-        self.force = -float(self._drive[FORCE])
-        if self.tactile is not None:
-            self.tactile.sense(time)
-
-    def _read_first(self, noise: float) -> None:
-        """Read the width as `read_width`; before anything moves nobody waits for machine code."""
-        width = float(self._q[0]) + float(self._q[1]) + noise
+        width = float(self._q[0]) + float(self._q[1])  # a sum of numpy's costs ten times that
+        if self._noise:
+            if not self._drawn:
+                self._drawn = (self._noise * self._rng.standard_normal(_DRAWN))[::-1].tolist()
+            width += self._drawn.pop()
         if self._resolution:
             width = self._resolution * round(width / self._resolution)
-        self._past[0], self.width, self.speed = (self.stamp, width), width, 0.0
+        past = self._past
+        past.append((time, width))
+        began, first = past[0]
+        self.speed = (width - first) / (time - began) if time > began else 0.0
+        self.width, self.force = width, -float(self._drive[FORCE])
+        if self.tactile is not None:
+            self.tactile.sense(time)
 
     def place(self, positions: Vector) -> None:
         """Put the fingers where they are by the encoder, in positions of the whole plant, (nq,)."""
@@ -204,14 +199,13 @@ class GripperHardware:
 
 @cache
 def kernels() -> ModuleType:
-    """The kernels: an import statement costs as much as they do."""
+    """The kernel: an import statement costs as much as it does."""
     from bt_dualarm.world.grippers import finger_kernels
 
     return finger_kernels
 
 
 def finger_something() -> None:
-    """Have all kernels of fingers compiled."""
+    """Have the kernel of fingers compiled."""
     pair, drive = np.zeros(2), np.ones(DRIVE)
     kernels().push(pair, pair, drive, 0.002, np.zeros(1))
-    kernels().read_width(pair, 0.0, 1e-4, np.zeros((2, 2)), 1, 0.002)

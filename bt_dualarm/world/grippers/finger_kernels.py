@@ -1,11 +1,9 @@
-"""What moves fingers and tells their width: compiled, for each step of physics."""
+"""What moves fingers: compiled, for each step of physics."""
 
 from __future__ import annotations
 
-import numpy as np
-
 from bt_dualarm.kernels.kernel import kernel
-from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.pose import Vector
 from bt_dualarm.world.grippers.kernel_columns import (
     ASKED_FORCE,
     ASKED_SPEED,
@@ -43,27 +41,3 @@ def push(q: Vector, v: Vector, drive: Vector, step: float, motor: Vector) -> Non
     drive[REFERENCE] = min(max(reference + way, width - ahead), width + ahead)
     drive[FORCE] = min(max(force, -asked), asked)
     motor[0] = min(max(drive[FORCE] * drive[GAIN], -drive[MOST]), drive[MOST])
-
-
-@kernel
-def read_width(
-    q: Vector, noise: float, resolution: float, past: Matrix, count: int, time: float
-) -> tuple[float, float]:
-    """Opening by the encoder in m, and its speed in m/s since the first reading that is kept.
-
-    Args:
-        q: Ways of both fingers, of shape (2,), m.
-        noise: Noise of this reading, m.
-        resolution: Steps in which it is read, m; 0 for none.
-        past: Times and openings of earlier readings, of shape (n, 2): rows go round; changed.
-        count: Number of earlier readings.
-        time: Time of this one, s.
-    """
-    width = q[0] + q[1] + noise
-    if resolution > 0.0:
-        width = resolution * np.rint(width / resolution)
-    newest = count % len(past)
-    past[newest, 0], past[newest, 1] = time, width
-    oldest = (count + 1) % len(past) if count >= len(past) else 0
-    began = past[oldest, 0]
-    return width, (width - past[oldest, 1]) / (time - began) if time > began else 0.0

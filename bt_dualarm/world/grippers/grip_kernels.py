@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.kernels.kernel import kernel
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.world.grippers.kernel_columns import BEGIN, END, FIRST, PALM, ROOT, SECOND
-from bt_dualarm.world.grippers.palm_kernels import palm_pose, palm_rates
 
-Integers: TypeAlias = npt.NDArray[np.int32]
-Numbers: TypeAlias = npt.NDArray[np.int64]
+Integers = npt.NDArray[np.int32]
 
 
 @kernel
@@ -48,84 +44,23 @@ def gripped(geoms: Integers, distances: Vector, first: int, second: int, bodies:
 
 
 @kernel
-def held_by(
-    geoms: Integers,
-    distances: Vector,
-    holders: Numbers,
-    bodies: Integers,
-    addresses: Numbers,
-    held: Numbers,
-) -> bool:
-    """Whether grippers hold anything that moves freely; what two of them hold is the first's.
+def remember(places: Matrix, turns: Matrix, first: int, second: int, rows: Matrix) -> None:
+    """Enter where one body is into a row, and where another one is into that after the next.
 
     Args:
-        geoms: Shapes of each contact, of shape (n, 2).
-        distances: Distances of them, of shape (n,), m.
-        holders: Grippers, see `kernel_columns`.
-        bodies: Body of each shape, of shape (ngeom,).
-        addresses: Address of the pose of each body that moves freely, of shape (nbody,); else -1.
-        held: Takes the body that each of them holds, -1 where there is none.
+        places: Places of all bodies, of shape (nbody, 3), m.
+        turns: Quaternions of all bodies, of shape (nbody, 4).
+        first: Body of the first row.
+        second: Body of the third row, where there is one.
+        rows: Positions and quaternions, of shape (3, 7) or (2, 7); changed.
     """
-    any_held = False
-    for k in range(len(holders)):
-        body = gripped(geoms, distances, holders[k, FIRST], holders[k, SECOND], bodies)
-        if body >= 0 and addresses[body] < 0:
-            body = -1
-        for other in range(k):
-            if held[other] == body:
-                body = -1
-        held[k] = body
-        any_held = any_held or body >= 0
-    return any_held
+    rows[0, :3], rows[0, 3:] = places[first], turns[first]
+    if len(rows) > 2:
+        rows[2, :3], rows[2, 3:] = places[second], turns[second]
 
 
 @kernel
-def carry(
-    held: Numbers,
-    holders: Numbers,
-    links: Matrix,
-    joints: Numbers,
-    addresses: Numbers,
-    q: Vector,
-    v: Vector,
-    places: Matrix,
-    turns: Matrix,
-    screws: Matrix,
-    centers: Matrix,
-    step: float,
-) -> None:
-    """Let what grippers hold go with their palms, after the integration of a step.
-
-    Args:
-        held: Body that each of them holds, of shape (n,); -1 where there is none.
-        holders: Grippers, see `kernel_columns`.
-        links: Links from the ground to each of their palms, see there.
-        joints: Addresses of these links' joints, see `palm_pose`.
-        addresses: Address of the pose of each body that moves freely, of shape (nbody,).
-        q: Positions of the plant after the step, of shape (nq,); changed.
-        v: Velocities of the step, of shape (nv,).
-        places: Places of all bodies before it, of shape (nbody, 3), m.
-        turns: Quaternions of all bodies before it, of shape (nbody, 4).
-        screws: What joints turned and moved then, see `palm_rates`.
-        centers: Points to which that refers, by the body on which an arm stands, (nbody, 3), m.
-        step: Seconds of the step.
-    """
-    for k in range(len(holders)):
-        body, palm = held[k], holders[k, PALM]
-        if body < 0:
-            continue
-        way, start = slice(holders[k, BEGIN], holders[k, END]), addresses[body]
-        before = np.concatenate((places[palm], turns[palm]))
-        was = np.concatenate((places[body], turns[body]))
-        rates = palm_rates(joints[way], v, screws, places[palm] - centers[holders[k, ROOT]])
-        after = palm_pose(links[way], joints[way], q)
-        go_with(q[start : start + 7], before, after, was, rates, step)
-
-
-@kernel
-def go_with(
-    pose: Vector, before: Vector, after: Vector, was: Vector, rates: Vector, step: float
-) -> None:
+def go_with(pose: Vector, rows: Matrix, jacobian: Matrix, velocities: Vector, step: float) -> None:
     """Put a body where it is in the palm's frame, and not where its straight line has led it.
 
     A step moves a free body along its velocity. The palm's points, turned by joints, move along
@@ -134,12 +69,17 @@ def go_with(
 
     Args:
         pose: Position and quaternion of the body after the step, of shape (7,); changed.
-        before: Position and quaternion of the palm before the step, of shape (7,).
-        after: Those of the palm after it, of shape (7,).
-        was: Those of the body before it, of shape (7,).
-        rates: Velocity and angular velocity of the palm in the step, of shape (6,).
+        rows: Position and quaternion of the palm before the step, of the palm after it, and of the
+            body before it, of shape (3, 7).
+        jacobian: Jacobian of the palm's origin before it, of shape (6, nv): places, then turns.
+        velocities: Velocities of the step, of shape (nv,).
         step: Seconds of the step.
     """
+    rates = np.zeros(6)
+    for i in range(6):
+        for k in range(len(velocities)):
+            rates[i] += jacobian[i, k] * velocities[k]
+    before, after, was = rows[0], rows[1], rows[2]
     arm = was[:3] - before[:3]
     turn = product(after[3:], conjugate(before[3:]))
     there = after[:3] + turned(turn, arm)
