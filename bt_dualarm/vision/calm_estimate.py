@@ -17,7 +17,7 @@ from types import ModuleType
 import numpy as np
 
 from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.vision.estimate import Motion, TargetEstimate
+from bt_dualarm.vision.estimate import Measurement, Motion, TargetEstimate
 from bt_dualarm.vision.motion_model import Oscillator
 
 CALM_JERK = 0.01
@@ -62,8 +62,9 @@ class CalmEstimate(TargetEstimate):
         """Take in a measurement, as `TargetEstimate` does."""
         if self.seen and self.stamp < stamp:
             self._judge(stamp - self.stamp, self._calm.innovation(stamp, position, sigma))
-        self._calm.update(stamp, position, sigma)
-        super().update(stamp, position, sigma)
+        measurement = Measurement.of(stamp, position, sigma)
+        self._calm.enter(measurement)
+        self.enter(measurement)
 
     def predict(self, time: float) -> Motion:
         """The target at any time, of the past too.

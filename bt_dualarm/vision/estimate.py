@@ -28,10 +28,19 @@ class _Belief(NamedTuple):
     covariance: Stack
 
 
-class _Measurement(NamedTuple):
+class Measurement(NamedTuple):
+    """Where a target was: stamp in s, position in m and its variance in m², each of shape (n,)."""
+
     stamp: float
     position: Vector
     variance: Vector
+
+    @classmethod
+    def of(cls, stamp: float, position: Vector, sigma: float | Vector) -> Measurement:
+        """One with a standard deviation in m for all axes, or one an axis."""
+        variance = np.empty(len(position))
+        variance[:] = np.square(sigma)
+        return cls(stamp, np.array(position, dtype=float), variance)
 
 
 class TargetEstimate:
@@ -46,7 +55,7 @@ class TargetEstimate:
     def __init__(self, model: MotionModel | None = None) -> None:
         self._model: MotionModel = model or Oscillator()
         self._beliefs: list[_Belief] = []
-        self._measurements: list[_Measurement] = []
+        self._measurements: list[Measurement] = []
         # What was asked of a time is asked of it again: by gate, window and the next measurement.
         self._foreseen: tuple[_Belief, _Belief] | None = None
 
@@ -76,18 +85,20 @@ class TargetEstimate:
             position: Position in m, of shape (n,).
             sigma: Standard deviation in m: one for all axes or one an axis.
         """
-        variance = np.empty(len(position))
-        variance[:] = np.square(sigma)
-        measurement = _Measurement(stamp, np.array(position, dtype=float), variance)
-        later = [m for m in self._measurements if m.stamp > stamp]
-        if later and len(later) == len(self._measurements):
+        self.enter(Measurement.of(stamp, position, sigma))
+
+    def enter(self, measurement: Measurement) -> None:
+        """As `update`, what several estimates take in."""
+        stamp, known = measurement.stamp, self._measurements
+        later = [one for one in known if one.stamp > stamp] if known else []
+        if later and len(later) == len(known):
             return
         for _ in later:
             self._beliefs.pop()
-            self._measurements.pop()
-        for known in (measurement, *later):
-            self._take(known)
-        del self._beliefs[:-_HISTORY], self._measurements[:-_HISTORY]
+            known.pop()
+        for one in (measurement, *later):
+            self._take(one)
+        del self._beliefs[:-_HISTORY], known[:-_HISTORY]
 
     def predict(self, time: float) -> Motion:
         """The target at any time, of the past too.
@@ -150,7 +161,7 @@ class TargetEstimate:
             raise ValueError("the target has not been seen yet")
         return self._beliefs[-1]
 
-    def _take(self, measurement: _Measurement) -> None:
+    def _take(self, measurement: Measurement) -> None:
         if self._beliefs:
             belief = self._moved(self._last, measurement.stamp)
             self._foreseen = None  # it is changed in place
@@ -162,7 +173,7 @@ class TargetEstimate:
         self._beliefs.append(belief)
         self._measurements.append(measurement)
 
-    def _first(self, measurement: _Measurement) -> _Belief:
+    def _first(self, measurement: Measurement) -> _Belief:
         axes = len(measurement.position)
         covariance = np.zeros((axes, 4, 4))
         covariance[:, 0, 0] = measurement.variance
