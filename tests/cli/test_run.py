@@ -63,7 +63,6 @@ def test_an_unfinished_tree_is_code_1(waiting: Path, capsys: pytest.CaptureFixtu
     assert "The given duration is over." in out
 
 
-@pytest.mark.usefixtures("without_pictures")
 def test_a_failed_tree_is_code_1_and_quiet_still_says_why(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

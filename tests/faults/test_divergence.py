@@ -26,7 +26,7 @@ arms:
     tree: {wait: {seconds: 5}}
 """
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("into", ["qpos", "qvel", "xfrc_applied"])
