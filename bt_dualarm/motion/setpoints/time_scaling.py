@@ -16,7 +16,7 @@ from bt_dualarm.errors import Failure
 from bt_dualarm.motion.chains.kernel_rows import Stack
 from bt_dualarm.motion.timing.law import Rows, SetPoints
 from bt_dualarm.motion.timing.point_to_point import stop
-from bt_dualarm.motion.timing.ruckig_solver import answer, states_of
+from bt_dualarm.motion.timing.ruckig_solver import answer
 from bt_dualarm.motion.timing.trajectory import LongTrajectory, Trajectory, joined
 from bt_dualarm.pose import Matrix
 from bt_dualarm.world.robots.robot import JointLimits
@@ -236,7 +236,8 @@ def _profile(begin: PathParameter, scale: float, bounds: tuple[float, float], dt
     request.max_acceleration = [max(bounds[0], abs(begin.change))]
     motion = answer(request, np.array(bounds[1:]))
     grid = np.arange(int(np.ceil(motion.duration / dt - 1e-9)) + 1) * dt
-    rows = states_of(motion, np.minimum(grid, motion.duration))
+    states = map(motion.at_time, np.minimum(grid, motion.duration).tolist())
+    rows = np.array([(s[0], rate[0], change[0]) for s, rate, change in states])
     # Ruckig holds the state at its end; the motion goes on from there.
     rows[-1] = (rows[-1, 0] + max(grid[-1] - motion.duration, 0.0) * scale, scale, 0.0)
     return rows

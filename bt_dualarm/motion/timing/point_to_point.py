@@ -7,7 +7,7 @@ import ruckig
 
 from bt_dualarm.motion.timing.law import Rows, SetPoints
 from bt_dualarm.motion.timing.path_timing import TimedPath, time_path, timed_path
-from bt_dualarm.motion.timing.ruckig_solver import answer, states_of
+from bt_dualarm.motion.timing.ruckig_solver import answer
 from bt_dualarm.motion.timing.trajectory import Trajectory, joined
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
@@ -88,8 +88,7 @@ class _Straight:
     def rows(self, index: Rows) -> SetPoints:
         """Positions, velocities and accelerations of some set-points, each of shape (n, dof)."""
         (q0, q1), last = self._ends, index == len(self) - 1
-        times = np.minimum(index * self._dt, self._share.duration)
-        place, rate, bend = np.hsplit(states_of(self._share, times), 3)
+        place, rate, bend = _at(self._share, index, self._dt)
         place[last], rate[last], bend[last] = 1.0, 0.0, 0.0
         q = q0 + place * (q1 - q0)
         q[last] = q1

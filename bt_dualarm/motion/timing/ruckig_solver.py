@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import ruckig
 
 from bt_dualarm.errors import Failure
-from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.pose import Vector
 
 _LESS_JERK = (1.0, 0.999, 0.99, 0.9)
 """Shares of the jerk limits that are tried in turn."""
@@ -43,26 +42,3 @@ def answer(
     raise Failure(
         "NO_PLAN", f"Ruckig finds no motion within the limits: {' '.join(refusal.split())}"
     )
-
-
-def states_of(motion: ruckig.Trajectory, times: Vector) -> Matrix:
-    """Position, velocity and acceleration of the only joint of a motion, of shape (n, 3).
-
-    What `at_time` says of one time after the other, to the last bit, at a tenth of the cost: each
-    piece has an even jerk.
-
-    Args:
-        motion: Motion of one joint that begins within its limits, so that it brakes for none.
-        times: Times of shape (n,), s, none beyond the end.
-    """
-    profile = motion.profiles[0][0]
-    ends = np.cumsum(profile.t)
-    piece = np.searchsorted(ends, times, side="right")
-    piece[times >= motion.duration] = len(ends)  # which the sum of all pieces may miss by rounding
-    t = times - np.concatenate(((0.0,), ends))[piece]
-    p, v, a, j = np.array((profile.p, profile.v, profile.a, (*profile.j, 0.0)))[:, piece]
-    states = np.empty((len(t), 3))
-    states[:, 0] = p + t * (v + t * (a / 2 + t * j / 6))
-    states[:, 1] = v + t * (a + t * j / 2)
-    states[:, 2] = a + t * j
-    return states
