@@ -51,8 +51,9 @@ class Compiled:
 
 
 def environment(cache: Path, scripts: Path) -> dict[str, str]:
-    """With a cache of its own, and our kernel among the modules."""
-    return os.environ | {
+    """With a cache of its own, our kernel among the modules, and nothing said to numba yet."""
+    said = ("NUMBA_CPU_NAME",)  # by this process, which may have used kernels
+    return {name: value for name, value in os.environ.items() if name not in said} | {
         "XDG_CACHE_HOME": str(cache),
         "PYTHONPATH": os.pathsep.join((str(scripts), str(ROOT))),
     }
