@@ -24,6 +24,11 @@ _ROUNDS = 3
 """Rounds of shortcuts: more make paths hardly shorter."""
 
 
+_IDLE = 100_000
+"""Rounds in which nothing is looked at, after which a search ends: 0.1 s. Planners that optimise go
+round for ever once the straight way is free in their eyes, as it may be at their resolution."""
+
+
 class Budget:
     """What searches may cost and have cost: when they shall end.
 
@@ -41,14 +46,29 @@ class Budget:
         self.limit = 0
         self.given_up = False
         self._abandoned = abandoned
-        self._rounds = 0
+        self._rounds = self._idle = 0
+
+    def look(self) -> None:
+        """Count a configuration that is looked at."""
+        self.states += 1
+        if self._idle <= _IDLE:  # else the search is over, and may still look once or twice
+            self._idle = 0
+
+    def begin(self) -> None:
+        """Another search begins."""
+        self._idle = 0
+
+    def is_spent(self) -> bool:
+        """Whether no other search shall begin."""
+        return self.given_up or self.states >= self.limit
 
     def is_over(self) -> bool:
         """Whether the search that runs shall end."""
         self._rounds += 1
+        self._idle += 1
         if self._rounds % _ASK_EVERY == 0:
             self.given_up = self.given_up or self._abandoned()
-        return self.given_up or self.states >= self.limit
+        return self.is_spent() or self._idle > _IDLE
 
 
 class OmplSearch:
@@ -104,6 +124,7 @@ class OmplSearch:
         planner = made(name, longest_edge, ompl.geometric, self._information)
         planner.setProblemDefinition(self._problem)
         planner.setup()
+        budget.begin()
         planner.solve(ompl.base.PlannerTerminationCondition(budget.is_over))
         if not self._problem.hasExactSolution():  # an approximate one leads elsewhere
             return None
@@ -142,7 +163,7 @@ class _Validity:
         self._joints = range(len(radii))
 
     def __call__(self, state: ompl.base.State) -> bool:
-        self._budget.states += 1
+        self._budget.look()
         return self._checker.free(self.angles(state))
 
     def angles(self, state: ompl.base.State) -> Vector:

@@ -120,7 +120,7 @@ def path_by_ompl(problem: PlanningProblem, abandoned: Callable[[], bool] = lambd
     for number, (longest_edge, share) in enumerate(_ATTEMPTS):
         goals = problem.goals if number else problem.goals[:1]
         budget.limit = round(share * problem.checks)
-        while not budget.is_over():
+        while not budget.is_spent():
             seed += 1
             search = OmplSearch(problem.checker, problem.start, goals, problem.limits, radii, seed)
             corners = search.run(problem.planner, longest_edge, resolution, budget)

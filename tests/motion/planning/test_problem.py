@@ -11,6 +11,7 @@ from bt_dualarm.motion.collision.checker import CollisionChecker
 from bt_dualarm.motion.collision.sweep import interpolated
 from bt_dualarm.motion.planning.corner_rounding import rounded
 from bt_dualarm.motion.planning.joint_motion import motion_around, refuse_contact, straight_motion
+from bt_dualarm.motion.planning.ompl_search import Budget
 from bt_dualarm.motion.planning.planners import PLANNERS, Planner
 from bt_dualarm.motion.planning.problem import admitted, is_free
 from bt_dualarm.motion.planning.way import way_around
@@ -70,6 +71,23 @@ def test_every_planner_finds_a_way_and_the_same_one_again(planner: Planner) -> N
     corners = way_around(problem).corners
     assert is_free(problem.checker, corners)
     np.testing.assert_array_equal(way_around(problem).corners, corners)
+
+
+def test_a_search_that_has_ended_does_not_go_on() -> None:
+    """With nothing left to look at it is over, whatever it looks at then; the next one may.
+
+    AORRTC goes round for ever once it has a straight way to one of several goals.
+    """
+    budget = Budget(lambda: False)
+    budget.limit = 10
+    budget.look()
+    assert not budget.is_over()
+    assert any(budget.is_over() for _ in range(200_000))
+    budget.look()
+    assert budget.is_over()
+    assert not budget.is_spent()
+    budget.begin()
+    assert not budget.is_over()
 
 
 def test_goals_in_which_the_arm_cannot_stand_are_left_out(world: World) -> None:
