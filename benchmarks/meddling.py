@@ -12,12 +12,11 @@ import numpy as np
 
 from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.trial import Trial, run_trial
-from bt_dualarm.pose import Vector
+from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.runtime.parts import IdleObserver
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.vision.estimate import Motion
 from bt_dualarm.vision.tracker import TargetTracker
 from bt_dualarm.world.world import World
 
@@ -154,12 +153,12 @@ class Ages:
 @contextmanager
 def ages_of_data() -> Iterator[Ages]:
     """Watch every prediction that a follower moves by, meanwhile."""
-    ages, plain = Ages(), TargetTracker.predict
+    ages, plain = Ages(), TargetTracker.predict_in
 
-    def watched(tracker: TargetTracker, time: float) -> Motion:
+    def watched(tracker: TargetTracker, axes: Matrix, origin: Vector, time: float) -> Matrix:
         ages.asked += 1
         ages.oldest = max(ages.oldest, tracker.age(time))
-        return plain(tracker, time)
+        return plain(tracker, axes, origin, time)
 
-    with patch.object(TargetTracker, "predict", watched):
+    with patch.object(TargetTracker, "predict_in", watched):
         yield ages
