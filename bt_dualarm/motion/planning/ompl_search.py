@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable, Sequence
 from types import ModuleType
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bt_dualarm.motion.collision.checker import CollisionChecker
-from bt_dualarm.motion.planning.planners import Planner, made
+from bt_dualarm.motion.planning.planners import CHECKS_PER_ROUND, Planner, made
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.robot import JointLimits
 
@@ -23,10 +24,21 @@ _ASK_EVERY = 16
 _ROUNDS = 3
 """Rounds of shortcuts: more make paths hardly shorter."""
 
+_IDLE = 5000
+"""Rounds in which nothing is looked at, after which a search ends. Planners that optimise go round
+for ever once the straight way is free in their eyes, as it may be at their resolution."""
 
-_IDLE = 100_000
-"""Rounds in which nothing is looked at, after which a search ends: 0.1 s. Planners that optimise go
-round for ever once the straight way is free in their eyes, as it may be at their resolution."""
+_STRAIGHT = 1 + 1e-6
+"""Length of a path, in those of the straight one, that is as short as can be. With that, SORRTstar
+would throw samples away for ever within one round, where nothing could end it."""
+
+_LONGEST_ROUND = 10_000
+"""Configurations beyond the limit at which a search is broken off in the middle of a round. Rounds
+look at some hundreds at most; AORRTC's may find no end where one of several goals is cut off."""
+
+
+class EndlessRoundError(Exception):
+    """A planner goes on and on without asking whether it shall."""
 
 
 class Budget:
@@ -37,7 +49,7 @@ class Budget:
 
     Attributes:
         states: Number of configurations that have been looked at.
-        limit: Number of them at which the search that runs ends.
+        limit: Number of them at which the search that runs ends; rounds count likewise, apart.
         given_up: Nobody waits any more.
     """
 
@@ -46,26 +58,40 @@ class Budget:
         self.limit = 0
         self.given_up = False
         self._abandoned = abandoned
-        self._rounds = self._idle = 0
+        self._rounds = self._idle = self._turned = 0
+        self._per_round = 1
+        self._is_searching = False
 
     def look(self) -> None:
-        """Count a configuration that is looked at."""
+        """Count a configuration that is looked at.
+
+        Raises:
+            EndlessRoundError: The search that runs should have ended long ago.
+        """
         self.states += 1
+        if self._is_searching and self.states > self.limit + _LONGEST_ROUND:
+            raise EndlessRoundError
         if self._idle <= _IDLE:  # else the search is over, and may still look once or twice
             self._idle = 0
 
-    def begin(self) -> None:
-        """Another search begins."""
-        self._idle = 0
+    def begin(self, per_round: int = 1) -> None:
+        """Another search begins, a round of which counts for so many configurations."""
+        self._idle, self._per_round = 0, per_round
+        self._is_searching = True
+
+    def end(self) -> None:
+        """It has ended; what is looked at to shorten its path is only counted."""
+        self._is_searching = False
 
     def is_spent(self) -> bool:
         """Whether no other search shall begin."""
-        return self.given_up or self.states >= self.limit
+        return self.given_up or max(self.states, self._turned) >= self.limit
 
     def is_over(self) -> bool:
         """Whether the search that runs shall end."""
         self._rounds += 1
         self._idle += 1
+        self._turned += self._per_round
         if self._rounds % _ASK_EVERY == 0:
             self.given_up = self.given_up or self._abandoned()
         return self.is_spent() or self._idle > _IDLE
@@ -104,6 +130,10 @@ class OmplSearch:
         for goal in goals:
             ends.addState(self._state(goal))
         self._problem.setGoal(ends)
+        shortest = min(float(np.linalg.norm((goal - start) * radii)) for goal in goals)
+        length = ompl.base.PathLengthOptimizationObjective(self._information)
+        length.setCostThreshold(ompl.base.Cost(_STRAIGHT * shortest))
+        self._problem.setOptimizationObjective(length)
 
     def run(
         self, name: Planner, longest_edge: float, resolution: float, budget: Budget
@@ -124,8 +154,10 @@ class OmplSearch:
         planner = made(name, longest_edge, ompl.geometric, self._information)
         planner.setProblemDefinition(self._problem)
         planner.setup()
-        budget.begin()
-        planner.solve(ompl.base.PlannerTerminationCondition(budget.is_over))
+        budget.begin(CHECKS_PER_ROUND.get(name, 1))
+        with contextlib.suppress(EndlessRoundError):  # a path found before is kept all the same
+            planner.solve(ompl.base.PlannerTerminationCondition(budget.is_over))
+        budget.end()
         if not self._problem.hasExactSolution():  # an approximate one leads elsewhere
             return None
         path = self._problem.getSolutionPath()

@@ -13,9 +13,10 @@ from bt_dualarm.motion.planning.corner_rounding import rounded
 from bt_dualarm.motion.planning.joint_motion import motion_around, refuse_contact, straight_motion
 from bt_dualarm.motion.planning.ompl_search import Budget
 from bt_dualarm.motion.planning.planners import PLANNERS, Planner
-from bt_dualarm.motion.planning.problem import admitted, is_free
+from bt_dualarm.motion.planning.problem import PlanningProblem, admitted, is_free, path_by_ompl
 from bt_dualarm.motion.planning.way import way_around
 from bt_dualarm.motion.timing.limit_use import use_of_limits
+from bt_dualarm.pose import Vector
 from bt_dualarm.world.world import World
 from tests.motion.walls import ABOVE, LEFT, RIGHT, locked_world, problem_in, walled_world
 
@@ -79,15 +80,38 @@ def test_a_search_that_has_ended_does_not_go_on() -> None:
     AORRTC goes round for ever once it has a straight way to one of several goals.
     """
     budget = Budget(lambda: False)
-    budget.limit = 10
+    budget.limit = 100_000
     budget.look()
     assert not budget.is_over()
-    assert any(budget.is_over() for _ in range(200_000))
+    assert any(budget.is_over() for _ in range(10_000))
     budget.look()
     assert budget.is_over()
     assert not budget.is_spent()
     budget.begin()
     assert not budget.is_over()
+
+
+def rounds_of(problem: PlanningProblem) -> int:
+    """Rounds of its planner, in steps of 16, until it has a free path."""
+    asked = itertools.count()
+    corners = path_by_ompl(problem, lambda: next(asked) < 0)
+    assert is_free(problem.checker, corners)
+    return 16 * next(asked)
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_a_search_for_one_of_several_goals_ends(planner: Planner) -> None:
+    """No way leads to the first one; the straight way to the second one is free."""
+    near = RIGHT + np.array((-0.2, 0.0, 0.0, 0.0, 0.3, 0.0))
+    problem = problem_in(locked_world(), RIGHT, LEFT, near, planner=planner, checks=4000)
+    assert rounds_of(problem) <= 10_000
+
+
+@pytest.mark.parametrize("goals", [(LEFT,), (LEFT, ABOVE)])
+def test_rounds_in_which_little_is_looked_at_end_a_search_too(goals: tuple[Vector, ...]) -> None:
+    """The first search has a tenth of all checks; BITstar's round counts for four."""
+    problem = problem_in(walled_world(), RIGHT, *goals, planner="BITstar", checks=160_000)
+    assert rounds_of(problem) <= 4000
 
 
 def test_goals_in_which_the_arm_cannot_stand_are_left_out(world: World) -> None:
