@@ -19,7 +19,7 @@ from bt_dualarm.motion.planning.tool_path import joint_path
 from bt_dualarm.motion.timing.limit_use import shares_of_limits
 from bt_dualarm.motion.timing.path_timing import spline_through
 from bt_dualarm.motion.timing.point_to_point import time_path
-from bt_dualarm.motion.timing.time_optimal import fastest_profile
+from bt_dualarm.motion.timing.time_optimal import TimeOptimal
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.world.robots.catalogue import load_robot
 
@@ -48,7 +48,7 @@ def report(name: str, start: Vector, speed: float) -> None:
     limits = robot.limits.scaled(speed)
     for title, path in curves(kinematics.forward(start)).items():
         rows = joint_path(kinematics, path, start)
-        bound = fastest_profile(spline_through(rows, limits, closed=True), limits).duration
+        bound = TimeOptimal(spline_through(rows, limits, closed=True), limits).fastest.duration
         began = time.perf_counter()
         motion = time_path(rows, limits, DT, closed=True)
         took = time.perf_counter() - began

@@ -26,6 +26,11 @@ REFERENCE: Final = re.compile(r"\{([^{}]*)\}")
 KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
 """What an author may call a key or a parameter."""
 
+STRICT: Final = ConfigDict(
+    frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
+)
+"""Of all models of what a file says; built when they are asked for: a run asks few of them."""
+
 UNKNOWN: Final = "?"
 """Before the name of a parameter in a reference: its value is not known, or told elsewhere."""
 
@@ -54,14 +59,7 @@ class PortModel(BaseModel):
         goes_with: Ports, None by default, that are given only together with another one.
     """
 
-    model_config = ConfigDict(
-        defer_build=True,  # a run asks few of them
-        frozen=True,
-        extra="forbid",
-        strict=True,
-        allow_inf_nan=False,
-        validate_default=True,
-    )
+    model_config = ConfigDict(**STRICT, validate_default=True)
     exactly_one_of: ClassVar[tuple[str, ...]] = ()
     goes_with: ClassVar[Mapping[str, str]] = {}
 

@@ -15,14 +15,13 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     PlainSerializer,
     model_validator,
 )
 
 from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.spec.ports import port
+from bt_dualarm.spec.ports import STRICT, port
 from bt_dualarm.spec.source import Data
 from bt_dualarm.spec.unit import DEGREES, QUANTITY, SECONDS, Unit
 
@@ -97,13 +96,7 @@ Speed: TypeAlias = Annotated[float, Field(ge=0.001, le=1.0)]
 class Value(BaseModel):
     """Base of value types: frozen, and strict about what YAML says."""
 
-    model_config = ConfigDict(
-        defer_build=True,  # a run asks few of them
-        frozen=True,
-        extra="forbid",
-        strict=True,
-        allow_inf_nan=False,
-    )
+    model_config = STRICT
 
 
 class PoseSpec(Value):

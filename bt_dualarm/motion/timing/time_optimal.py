@@ -66,8 +66,3 @@ class TimeOptimal:
 
         squares = squares_of_rates(self._on_grid, self._acceleration, share)
         return Profile.from_rates(self.grid, np.sqrt(squares))
-
-
-def fastest_profile(path: scipy.interpolate.CubicSpline, limits: JointLimits) -> Profile:
-    """The fastest motion from rest to rest with all of the acceleration, as of `TimeOptimal`."""
-    return TimeOptimal(path, limits).fastest

@@ -14,7 +14,7 @@ from bt_dualarm.motion.timing.limit_use import use_of_limits
 from bt_dualarm.motion.timing.path_timing import spline_through
 from bt_dualarm.motion.timing.point_to_point import point_to_point, stop, time_path, timed_path
 from bt_dualarm.motion.timing.profile import Profile
-from bt_dualarm.motion.timing.time_optimal import TimeOptimal, fastest_profile
+from bt_dualarm.motion.timing.time_optimal import TimeOptimal
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.catalogue import load_robot
@@ -76,7 +76,7 @@ def test_a_path_takes_little_longer_than_the_bound_without_jerk_limits() -> None
     limits = LIMITS["ur5"]
     path = smooth_path(limits, 4, 0.2, harmonics=1)
     share = np.linspace(0.0, 1.0, len(path))
-    shortest = fastest_profile(CubicSpline(share, path), limits).duration
+    shortest = TimeOptimal(CubicSpline(share, path), limits).fastest.duration
     motion = time_path(path, limits, DT, closed=True)
     assert shortest < motion.duration < 1.25 * shortest
 
@@ -91,7 +91,7 @@ def test_the_bound_is_found_with_the_motion(monkeypatch: pytest.MonkeyPatch) -> 
         return solve(optimal, share)
 
     path = smooth_path(limits, 4, 0.2)
-    shortest = fastest_profile(spline_through(path, limits, closed=False), limits).duration
+    shortest = TimeOptimal(spline_through(path, limits, closed=False), limits).fastest.duration
     monkeypatch.setattr(TimeOptimal, "profile", noted)
     motion, bound = timed_path(path, limits, DT)
     assert bound == shortest < motion.duration

@@ -17,7 +17,7 @@ from bt_dualarm.motion.timing.kernel_arrays import PathOnGrid
 from bt_dualarm.motion.timing.path_timing import spline_through
 from bt_dualarm.motion.timing.profile import Profile
 from bt_dualarm.motion.timing.reach_kernels import squares_of_rates
-from bt_dualarm.motion.timing.time_optimal import TimeOptimal, fastest_profile
+from bt_dualarm.motion.timing.time_optimal import TimeOptimal
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.robots.catalogue import load_robot, robot_names
 from bt_dualarm.world.robots.robot import JointLimits
@@ -74,7 +74,7 @@ def test_it_is_as_fast_as_what_the_authors_package_finds(
     limits = LIMITS[arm]
     for seed in range(4):
         path = spline_through(draw(limits, np.random.default_rng(seed)), limits, closed=False)
-        profile = fastest_profile(path, limits)
+        profile = TimeOptimal(path, limits).fastest
         squares = squared_rates_of_toppra(path, limits, profile.place)
         theirs = Profile.from_rates(profile.place, np.sqrt(squares))
         assert abs(profile.duration / theirs.duration - 1.0) < 1e-5
@@ -149,4 +149,4 @@ def test_a_straight_line_takes_what_the_trapezoid_of_its_velocity_takes(
     shortest = 2.0 / np.sqrt(acceleration)
     if acceleration > velocity**2:
         shortest = 1.0 / velocity + velocity / acceleration
-    assert fastest_profile(line, limits).duration == pytest.approx(shortest, rel=1e-3)
+    assert TimeOptimal(line, limits).fastest.duration == pytest.approx(shortest, rel=1e-3)

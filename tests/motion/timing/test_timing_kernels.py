@@ -19,7 +19,7 @@ from bt_dualarm.motion.timing.jerk_limited import AveragedMotion, StretchedMotio
 from bt_dualarm.motion.timing.kernel_arrays import Parabolas, Spline
 from bt_dualarm.motion.timing.limit_use import shares_of_limits
 from bt_dualarm.motion.timing.path_timing import spline_through
-from bt_dualarm.motion.timing.time_optimal import fastest_profile
+from bt_dualarm.motion.timing.time_optimal import TimeOptimal
 from bt_dualarm.pose import Matrix
 from tests.motion.timing.timed import LIMITS, timed
 from tests.source import ROOT
@@ -42,7 +42,7 @@ def motion_of(seed: int, width: float, closed: bool) -> AveragedMotion:
     rng = np.random.default_rng(seed)
     t = np.linspace(0.0, 2.0 * np.pi, 20)[:, None]
     path = spline_through(0.3 * np.sin(t + rng.uniform(0.0, 6.0, 3)), LIMITS, closed)
-    return AveragedMotion(path, fastest_profile(path, LIMITS), width)
+    return AveragedMotion(path, TimeOptimal(path, LIMITS).fastest, width)
 
 
 def judged(motion: AveragedMotion, most: float) -> tuple[Matrix, Matrix, int]:
