@@ -58,9 +58,6 @@ FACADE = "bt_dualarm"
 ROOT_FILES = {"__init__", "__main__", "errors", "pose", "share"}
 """Four modules, and the one that Python asks for by ``python -m bt_dualarm``."""
 
-MOST_FILES = 12
-"""Modules that a reader takes in at one look, of a room of ``motion/``; its map not counted."""
-
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 
 
@@ -104,12 +101,6 @@ def test_a_circle_would_be_found() -> None:
 
 def test_the_root_holds_its_four_files() -> None:
     assert {path.stem for path in PACKAGE.glob("*.py")} == ROOT_FILES
-
-
-@pytest.mark.parametrize("room", sorted(room for room in FLOOR if room.startswith("motion.")))
-def test_rooms_of_motion_are_taken_in_at_one_look(room: str) -> None:
-    files = [path for path in MODULES if room_of(dotted_name(path)) == room]
-    assert len(files) - 1 <= MOST_FILES
 
 
 @pytest.mark.parametrize("path", SKILLS, ids=lambda path: path.stem)
