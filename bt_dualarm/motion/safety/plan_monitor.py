@@ -74,8 +74,12 @@ class PlanMonitor:
 
     def _look_ahead(self) -> None:
         """Check what comes next of the motion, as far as it has not been checked yet."""
-        ahead = self._row() + round(AHEAD_S / self._motion.trajectory.dt)
-        near = self._within_reach(max(self._row(), self._checked), ahead)
+        motion = self._motion.trajectory
+        first = max(self._row(), self._checked)
+        ahead = min(self._row() + round(AHEAD_S / motion.dt), len(motion))
+        if first >= ahead:  # another arm holds this one up: nothing has come into view
+            return
+        near = self._within_reach(first, ahead)
         if not near:
             self._checked = ahead
             return
@@ -85,7 +89,7 @@ class PlanMonitor:
             return
         checker = CollisionChecker(self._world, self._arm, ignore=self._ignore)
         waiting = False
-        for q in self._rows(max(self._row(), self._checked), ahead, checker.radii):
+        for q in self._rows(first, ahead, checker.radii):
             contact = checker.contact(q)
             if contact is None or contact.failure().obstacle not in self._moved:
                 continue
@@ -98,7 +102,7 @@ class PlanMonitor:
     def _within_reach(self, first: int, end: int) -> list[str]:
         """Names of what has moved and is within reach of a part of the motion."""
         world, motion = self._world, self._motion.trajectory
-        rows = motion.piece(min(first, len(motion) - 1), min(end, len(motion))).q
+        rows = motion.piece(first, end).q
         way = np.abs(rows - world.hardware[self._arm].q).max(axis=0)
         if self._bounded is not world.model:  # it was compiled anew
             self._bounds, self._bounded = BoundingSpheres(world, self._arm), world.model
@@ -127,17 +131,22 @@ class PlanMonitor:
         return round(self._motion.parameter.s / self._motion.trajectory.dt)
 
     def _rows(self, first: int, end: int, radii: Vector) -> Matrix:
-        """Configurations of a part of the motion, of shape (n, dof), not too close together."""
-        motion = self._motion.trajectory
-        rows = motion.piece(first, min(end, len(motion))).q
+        """Configurations of a part of the motion, of shape (n, dof), not too close together.
+
+        Its last one is among them: the next part may be as short as a slow arm goes in one look.
+        """
+        rows = self._motion.trajectory.piece(first, end).q
         moved = np.concatenate(((0.0,), np.cumsum(np.abs(np.diff(rows, axis=0)) @ radii)))
         _, kept = np.unique((moved / _STEP).astype(int), return_index=True)
-        picked: Matrix = rows[kept[1:]]
+        picked: Matrix = rows[[*kept[1:], -1]]
         return picked
 
     def _is_moving(self, body: str) -> bool:
-        arm = self._world.hardware.get(body.partition("/")[0])
-        return arm is not None and float(np.abs(arm.v).max()) > _RESTING
+        """Whether a link of an arm, or what an arm holds, will be elsewhere soon."""
+        world = self._world
+        holders = {one.arm for one in world.attachments if one.object == body}
+        arms = (world.hardware.get(name) for name in holders or {body.partition("/")[0]})
+        return any(arm is not None and np.abs(arm.v).max() > _RESTING for arm in arms)
 
     def _others(self) -> dict[str, Vector]:
         """Where everything else is, but what this arm holds: joint angles, and poses of objects.

@@ -110,6 +110,55 @@ def test_what_comes_and_is_not_in_the_way_does_not_matter() -> None:
     assert scene.motion.done
 
 
+def test_an_arm_that_is_held_up_looks_no_farther_and_goes_on() -> None:
+    """Between two looks it has come no farther: what has moved beside it is seen once."""
+    scene = Scene()
+    scene.pass_by(0.3)
+    body = scene.world.arms["arm1"]
+    x, y, z = Kinematics(body.robot, body.base).forward(RIGHT).position.tolist()
+    scene.put("cube", (x, y - 0.2, z))  # behind it, within reach
+    for _ in range(4):  # the guard sends no new set-points meanwhile
+        scene.time += LOOK_S
+        scene.watch.look(scene.time)
+    assert not scene.motion.done
+    scene.world.spawn_object("wall")
+    with pytest.raises(Failure, match="wall has come into the way"):
+        scene.pass_by(2 * LOOK_S)
+
+
+@pytest.mark.parametrize("speed", [0.01, 0.02])
+def test_an_arm_that_creeps_sees_what_stands_at_the_end_of_its_way(speed: float) -> None:
+    """From look to look it goes on by less than two of the configurations that are checked."""
+    scene = Scene(speed)
+    scene.motion = TrajectorySource(
+        point_to_point(RIGHT, 0.8 * RIGHT, scene.world.robots["arm1"].limits.scaled(speed), DT)
+    )
+    scene.watch = PlanMonitor(scene.world, "arm1", scene.motion, frozenset())
+    body = scene.world.arms["arm1"]
+    goal = Kinematics(body.robot, body.base).forward(0.8 * RIGHT).position
+    scene.pass_by(0.3)
+    scene.put("cube", (float(goal[0]), float(goal[1]), float(goal[2])))
+    with pytest.raises(Failure, match="cube has come into the way"):
+        scene.pass_by(scene.motion.trajectory.duration)
+
+
+def test_what_a_moving_arm_holds_moves_with_it() -> None:
+    """It is no obstacle yet: it becomes one with the arm that holds it."""
+    scene = Scene(other=(0.8, 0.9, 0.4))
+    scene.world.attach("arm2", "cube")
+    scene.watch = PlanMonitor(scene.world, "arm1", scene.motion, frozenset())
+    other = scene.world.arms["arm2"]
+    body = scene.world.arms["arm1"]
+    x, y, z = Kinematics(body.robot, body.base).forward(0.6 * RIGHT + 0.4 * LEFT).position.tolist()
+    other.data.qvel[other.dof_ids[0]] = 1.0
+    scene.put("cube", (x, y, z))
+    scene.pass_by(0.5)
+    other.data.qvel[other.dof_ids[0]] = 0.0
+    scene.world.sense()
+    with pytest.raises(Failure, match="cube has come into the way"):
+        scene.pass_by(0.5)
+
+
 def test_an_arm_that_passes_by_does_not_matter_but_one_that_stays_does() -> None:
     """The guard minds arms that move; one that has stopped in the way is an obstacle."""
     scene = Scene(other=(0.8, 0.0, 0.4))
