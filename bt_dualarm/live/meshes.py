@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 import mujoco
 import numpy as np
@@ -15,10 +15,17 @@ import numpy as np
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.replay.page_scene import shapes_of
 from bt_dualarm.spec.source import Json
+from bt_dualarm.world.grippers.gripper import Gripper
+from bt_dualarm.world.grippers.mjspec import add_gripper
+from bt_dualarm.world.grippers.mounting import with_gripper
+from bt_dualarm.world.grippers.named import load_gripper
 from bt_dualarm.world.robots.catalogue import load_robot
 from bt_dualarm.world.robots.geom_groups import COLLISION_GROUP, VISUAL_GROUP
 from bt_dualarm.world.robots.mjspec import TOOL_GEOM, robot_spec
 from bt_dualarm.world.robots.robot import Robot
+
+Mounted: TypeAlias = tuple[Robot, Gripper | None]
+"""A robot with its gripper mounted, and that gripper if it has one."""
 
 _COUNTS: Final = struct.Struct("<III")
 
@@ -54,58 +61,63 @@ def packed(model: mujoco.MjModel, mesh: int) -> bytes:
     return _COUNTS.pack(count, normals, faces) + b"".join(part.tobytes() for part in parts)
 
 
-def looks_of(model: mujoco.MjModel, robots: Mapping[str, Robot]) -> Looks:
+def looks_of(model: mujoco.MjModel, arms: Mapping[str, Mounted]) -> Looks:
     """What is drawn of a world.
 
     Args:
         model: The compiled world.
-        robots: Robots whose real meshes are to be seen, by the arm's name; of the others the
-            hulls are, that cameras see.
+        arms: Arms whose real meshes are to be seen, by name; of the others the hulls are, that
+            cameras see.
     """
     shapes, hulls = shapes_of(model)
-    real = {name: _real(robot) for name, robot in robots.items()}
-    clothed = {f"{arm}/" for arm, looks in real.items() if looks.shapes}
-    kept = [shape for shape in shapes if not _is_hull(model, shape, clothed)]
     meshes = {name: packed(model, model.mesh(name).id) for name in hulls}
-    for arm, looks in real.items():
+    visuals: list[Json] = []
+    for arm, (robot, gripper) in arms.items():
+        looks = _looks_of_arm(robot, gripper)
         for shape in looks.shapes:
             body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{arm}/{shape['body']}")
             if body >= 0:
-                kept.append({**shape, "body": body})
+                visuals.append({**shape, "body": body})
         meshes |= looks.meshes
+    clothed = {int(shape["body"]) for shape in visuals}
+    kept = [shape for shape in shapes if not _is_hull(model, shape, clothed)] + visuals
     used = {str(shape["name"]) for shape in kept}
     return Looks(tuple(kept), {name: mesh for name, mesh in meshes.items() if name in used})
 
 
-def robot_of(name: str, root: Path) -> Robot | None:
-    """A robot by its name or page; None where that is no longer to be had."""
+def arm_of(facts: Json, root: Path) -> Mounted | None:
+    """The robot and gripper of an arm by their names or descriptions, as a record has them.
+
+    None where one is no longer to be had, or does not fit any more.
+    """
     try:
-        return load_robot(name, root)
-    except (DualArmError, OSError):
+        robot = load_robot(str(facts["robot"]), root)
+        if facts.get("gripper") is None:
+            return robot, None
+        gripper = load_gripper(str(facts["gripper"]), root)
+        return with_gripper(robot, gripper), gripper
+    except (DualArmError, OSError, KeyError):
         return None
 
 
-def _is_hull(model: mujoco.MjModel, shape: Json, clothed: set[str]) -> bool:
-    """Whether a shape is a link of an arm whose real meshes are drawn."""
+def _is_hull(model: mujoco.MjModel, shape: Json, clothed: set[int]) -> bool:
+    """Whether a shape belongs to a link whose real meshes are drawn, and is not its tool."""
     geom = int(shape["geom"])
-    name = model.geom(geom).name
-    is_tool = name.endswith(f"/{TOOL_GEOM}")
     return (
         int(model.geom_group[geom]) == COLLISION_GROUP
-        and any(name.startswith(arm) for arm in clothed)
-        and not is_tool
+        and int(shape["body"]) in clothed
+        and not model.geom(geom).name.endswith(f"/{TOOL_GEOM}")
     )
 
 
-def _real(robot: Robot) -> Looks:
-    return _looks_of_robot(robot.name, robot)
-
-
 @lru_cache(maxsize=16)
-def _looks_of_robot(name: str, robot: Robot) -> Looks:
-    """What is seen of a robot, each shape with the name of its link for a body."""
+def _looks_of_arm(robot: Robot, gripper: Gripper | None) -> Looks:
+    """What is seen of an arm, each shape with the name of its link for a body."""
+    name = robot.name if gripper is None else f"{robot.name}+{gripper.name}"
     try:
         spec = robot_spec(robot, visuals=True)
+        if gripper is not None:
+            add_gripper(spec, robot, gripper, visuals=True)
         spec.compiler.discardvisual = False
         model = spec.compile()
     except (DualArmError, ValueError, OSError):
@@ -122,9 +134,9 @@ def _seen(model: mujoco.MjModel) -> list[int]:
     return [geom for geom in range(model.ngeom) if model.geom_group[geom] == VISUAL_GROUP]
 
 
-def _visuals(model: mujoco.MjModel, robot: str) -> Iterator[Json]:
+def _visuals(model: mujoco.MjModel, arm: str) -> Iterator[Json]:
     drawn, _ = shapes_of(model, (VISUAL_GROUP,))
     for shape in drawn:
         own = int(model.geom_dataid[shape["geom"]]) >= 0
-        called = f"{robot}:{shape['name']}" if own else shape["name"]
+        called = f"{arm}:{shape['name']}" if own else shape["name"]
         yield {**shape, "name": called, "body": model.body(int(shape["body"])).name}

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.live import physics
-from bt_dualarm.live.meshes import Looks, looks_of, robot_of
+from bt_dualarm.live.meshes import Looks, Mounted, arm_of, looks_of
 from bt_dualarm.live.notes_seen import NotesSeen
 from bt_dualarm.live.places import Places, places_of
 from bt_dualarm.live.trees import rows_at
@@ -21,7 +21,6 @@ from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.timeline import Node, Timeline
 from bt_dualarm.runtime.record_folder import EVENTS, HISTORY
 from bt_dualarm.spec.source import Json
-from bt_dualarm.world.robots.robot import Robot
 
 _AGAIN_S: Final = 0.5
 _SHARE: Final = 10.0
@@ -136,7 +135,7 @@ class Past:
         with self._lock:
             if generation not in self._looks:
                 model = self.record.model(generation)
-                self._looks[generation] = looks_of(model, self._robots())
+                self._looks[generation] = looks_of(model, self._mounted())
             return self._looks[generation]
 
     def mesh(self, name: str) -> bytes | None:
@@ -144,11 +143,11 @@ class Past:
         found = [looks.meshes[name] for looks in self._looks.values() if name in looks.meshes]
         return found[0] if found else None
 
-    def _robots(self) -> Mapping[str, Robot]:
+    def _mounted(self) -> Mapping[str, Mounted]:
         record = self.record
         root = Path(str(record.start["path"])).parent
-        found = {name: robot_of(str(arm["robot"]), root) for name, arm in record.arms.items()}
-        return {name: robot for name, robot in found.items() if robot is not None}
+        found = {name: arm_of(arm, root) for name, arm in record.arms.items()}
+        return {name: arm for name, arm in found.items() if arm is not None}
 
     def _arm(self, record: Record, root: Node, index: int, notes: NotesSeen) -> Json:
         name, moment = root.arm, record.moment(index)

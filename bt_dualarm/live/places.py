@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from bt_dualarm.pose import Vector
 from bt_dualarm.world.composition import CAMERA
-from bt_dualarm.world.robots.mjspec import TOOL_SITE
+from bt_dualarm.world.robots.mjspec import TOOL_SITE, joint_motors
 
 Ids = npt.NDArray[np.int64]
 
@@ -23,7 +23,7 @@ class Places:
     Attributes:
         name: Name of the arm.
         qpos: Addresses of its joints' positions, base to tip, of shape (dof,).
-        motors: Ids of its motors, in the same order.
+        motors: Ids of its joints' motors, in the same order; a gripper's drive is none of them.
         tool: Id of the site at its tool.
         camera: Id of its camera, -1 without one.
     """
@@ -48,8 +48,7 @@ def _places(model: mujoco.MjModel, arm: str) -> Iterator[Places]:
     tool = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{arm}/{TOOL_SITE}")
     if tool < 0:
         return
-    own = [i for i in range(model.nu) if model.actuator(i).name.startswith(f"{arm}/")]
-    motors = np.array(own, np.int64)
+    motors = joint_motors(model, arm)
     joints = model.actuator_trnid[motors, 0]
     camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, f"{arm}/{CAMERA}")
     yield Places(arm, model.jnt_qposadr[joints].astype(np.int64), motors, tool, camera)

@@ -58,7 +58,11 @@ class Snapshot(IdleObserver):
         """Shapes and meshes of the world, worked out when the first page asks."""
         with self._lock:
             if self._looks is None:
-                self._looks = looks_of(self._model, self._world.robots)
+                mounted = self._world.equipment.mounted
+                arms = {
+                    name: (robot, mounted.get(name)) for name, robot in self._world.robots.items()
+                }
+                self._looks = looks_of(self._model, arms)
             return self._looks
 
     @property

@@ -148,7 +148,7 @@ class _Demonstration:
                     column[number] = column[number - 1] if number else 0.0
                 continue
             model = self._record.model(moment.generation)
-            joints = joints_of(model, arm)[:dof]
+            joints = joints_of(model, arm)
             found["observation.state"][number] = moment.qpos[model.jnt_qposadr[joints]]
             found["observation.velocity"][number] = moment.qvel[model.jnt_dofadr[joints]]
             found["observation.effort"][number] = row[3]
@@ -156,7 +156,7 @@ class _Demonstration:
         known = next((m for m, row in zip(moments, sent, strict=True) if row is not None), None)
         if known is not None:
             model = self._record.model(known.generation)
-            self._names += [str(model.joint(j).name) for j in joints_of(model, arm)[:dof]]
+            self._names += [str(model.joint(j).name) for j in joints_of(model, arm)]
         return found
 
     @property

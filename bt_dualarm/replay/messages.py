@@ -12,6 +12,7 @@ from bt_dualarm.replay.camera_messages import camera_frame, camera_messages
 from bt_dualarm.replay.message import Message, timestamp
 from bt_dualarm.replay.record import Facts, Record
 from bt_dualarm.world.nominal.camera_pose import camera_pose
+from bt_dualarm.world.robots.mjspec import joint_motors
 
 _EVERY: Final = 2
 """States from one message of bodies to the next: 25 a second."""
@@ -71,7 +72,7 @@ def _joints(record: Record) -> Iterator[Message]:
                 q, v, a, torque = ([float(f"{x:.7g}") for x in part] for part in row)
                 moment = record.moment(index)
                 model = record.model(moment.generation)
-                joints = joints_of(model, arm)[: len(q)]
+                joints = joints_of(model, arm)
                 at, to = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
                 names = [str(model.joint(joint).name) for joint in joints]
                 where, how = moment.qpos[at].round(9).tolist(), moment.qvel[to].round(9).tolist()
@@ -93,8 +94,9 @@ def _states(
 
 
 def joints_of(model: mujoco.MjModel, arm: str) -> list[int]:
-    """Numbers of an arm's joints in the model, base to tip."""
-    return [j for j in range(model.njnt) if model.joint(j).name.startswith(f"{arm}/")]
+    """Numbers of an arm's joints in the model, base to tip; a gripper's are none of them."""
+    joints: list[int] = model.actuator_trnid[joint_motors(model, arm), 0].tolist()
+    return joints
 
 
 def _bodies(record: Record) -> Iterator[Message]:

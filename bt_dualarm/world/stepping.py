@@ -62,16 +62,18 @@ class Stepping:
 
 
 def _diagnosis(model: mujoco.MjModel, data: mujoco.MjData, what: str) -> str:
-    return f"the simulation diverged at {data.time:.3f} s: joint {_culprit(model, data)!r} {what}"
+    return f"the simulation diverged at {data.time:.3f} s: {_culprit(model, data)} {what}"
 
 
 def _culprit(model: mujoco.MjModel, data: mujoco.MjData) -> str:
-    """The joint whose torque or position is not finite, else the fastest."""
+    """What has a force or position that is not finite, else the fastest joint."""
     if not np.isfinite(data.ctrl).all():
         actuator = int(np.argmin(np.isfinite(data.ctrl)))
-        return str(model.joint(model.actuator_trnid[actuator, 0]).name)
+        turns = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT  # else a gripper's
+        return f"{'joint' if turns else 'drive'} {model.actuator(actuator).name!r}"
     if not np.isfinite(data.qpos).all():
         address = int(np.argmin(np.isfinite(data.qpos)))
-        return str(model.joint(int(np.searchsorted(model.jnt_qposadr, address, "right")) - 1).name)
+        joint = int(np.searchsorted(model.jnt_qposadr, address, "right")) - 1
+        return f"joint {model.joint(joint).name!r}"
     fastest = int(np.argmax(np.nan_to_num(np.abs(data.qvel), nan=np.inf)))
-    return str(model.joint(model.dof_jntid[fastest]).name)
+    return f"joint {model.joint(model.dof_jntid[fastest]).name!r}"

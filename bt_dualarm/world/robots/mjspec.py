@@ -9,6 +9,7 @@ from typing import Protocol
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.robots.convex_hulls import Hull
@@ -45,6 +46,7 @@ TOOL_GEOM = "tool"
 _COMPILER = (
     '<mujoco><compiler strippath="false" fusestatic="false" balanceinertia="true"/></mujoco>'
 )
+_TURNS_JOINT = mujoco.mjtTrn.mjTRN_JOINT
 _SHELL = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # what is only seen may be flat
 _GREY = (0.7, 0.7, 0.7, 1.0)
 _TOOL_COLOR = (0.15, 0.15, 0.16, 1.0)
@@ -166,6 +168,27 @@ def _add_motors(spec: mujoco.MjSpec, robot: Robot) -> None:
         )
         motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
         motor.set_to_motor()
+
+
+def joint_motors(model: mujoco.MjModel, arm: str) -> npt.NDArray[np.int64]:
+    """Ids of the motors of an arm's joints in a compiled world, base to tip, of shape (dof,).
+
+    It needs no description of the robot, so it serves models that were read from a record, too. A
+    joint's motor has the joint's name. What else is driven below the arm's prefix is a gripper's:
+    a tendon between its fingers, a body that adheres.
+
+    Args:
+        model: The compiled world.
+        arm: Name of the arm; of one that is not in the world there are none.
+    """
+    found = []
+    for motor in range(model.nu):
+        name = model.actuator(motor).name
+        if model.actuator_trntype[motor] == _TURNS_JOINT and name.startswith(f"{arm}/"):
+            joint = int(model.actuator_trnid[motor, 0])
+            if model.joint(joint).name == name:
+                found.append(motor)
+    return np.array(found, np.int64)
 
 
 def _add_exclusions(spec: mujoco.MjSpec, robot: Robot) -> None:
