@@ -15,6 +15,7 @@ from bt_dualarm import (
     Pose,
     Skill,
     Speed,
+    Trajectory,
     Vector,
     guarded_descent,
     port,
@@ -26,6 +27,8 @@ _HIGH_M = 0.001  # above the rim: that was no touch
 _FALSE = 3
 _PASSES = 2  # of the search, the second between the places of the first
 _IN_M = 0.0025  # below the rim: it is in the hole
+_STARTS = 3  # branches of the inverse kinematics that a plan may choose from
+_TRIES = 12  # branches that are looked at, until none counts as free
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -85,14 +88,31 @@ class Insert(Skill):
         self.metrics["inserted_error_m"] = pose.distance(goal)  # the truth, for the score
 
     def _go_above(self, bottom: Pose, grip: Grip) -> Iterator[float]:
-        arm = self.arm
-        above = _moved(bottom, np.zeros(2), self.ports.depth + _CLEAR_M)
-        goals = arm.kinematics.solutions(above, arm.setpoint.q)
-        (ends, *_) = arm.kinematics.solutions(bottom, goals[0])
-        arm.refuse_collision(ends, ignore=frozenset({self.ports.object}))  # fingers too low on it
-        for progress in arm.travel(goals, self.ports.speed):
+        """Go to above the hole, in a branch in which the arm gets down to its bottom from there."""
+        arm, ports = self.arm, self.ports
+        for progress in arm.past_others(ports.speed).along(lambda: self._plan_above(bottom)):
             yield 0.3 * (progress or 0.0)
             grip.look()
+
+    def _plan_above(self, bottom: Pose) -> Generator[None, None, Trajectory]:
+        arm, ports, peg = self.arm, self.ports, frozenset({self.ports.object})
+        above = _moved(bottom, np.zeros(2), ports.depth + _CLEAR_M)
+        deepest = _moved(bottom, np.zeros(2), -ports.tolerance)
+        starts: list[Vector] = []
+        refusals: list[Failure] = []
+        for down, _ in arm.lines(above, bottom, deepest):
+            try:
+                arm.refuse_collision(down[-1], ignore=peg)  # fingers too low on it
+            except Failure as failure:
+                refusals.append(failure.with_traceback(None))  # that refers to this frame
+            else:
+                starts.append(down[0])
+            yield
+            if len(starts) == _STARTS or len(refusals) == _TRIES:
+                break
+        if not starts:
+            raise refusals[0]
+        return (yield from arm.plan(starts, ports.speed))
 
     def _find(self, bottom: Pose, grip: Grip) -> Generator[float | None, None, Vector]:
         """Where the peg goes in: by hops, outwards in a spiral; (2,), m from where it should."""
@@ -134,8 +154,9 @@ class Insert(Skill):
         for start, end in ((here, up), (up, pose)):  # up it leans on the rim still
             if start.distance(end) < 1e-6:
                 continue
-            rows = arm.line(start, end)
-            motion = arm.begin(arm.time_path(rows, 0.1), may_touch=True, compliant=start is here)
+            motion = arm.begin(
+                arm.time_path(arm.line_on(end), 0.1), may_touch=True, compliant=start is here
+            )
             while not motion.done:
                 yield 0.5
                 arm.check()

@@ -14,7 +14,6 @@ from bt_dualarm import (
     Skill,
     Speed,
     Vector3,
-    line_path,
     port,
     unit_vector,
 )
@@ -51,8 +50,8 @@ class MoveUntilContact(Skill):
         way = unit_vector(self.ports.direction)
         start = self.arm.commanded_tool_pose
         end = Pose(start.position + self.ports.distance * way, start.quaternion)
-        q = self.arm.kinematics.follow(line_path(start, end).poses, self.arm.setpoint.q)
-        motion = self.arm.begin(self.arm.time_path(q, self.ports.speed), may_touch=True)
+        rows = self.arm.line_on(end)
+        motion = self.arm.begin(self.arm.time_path(rows, self.ports.speed), may_touch=True)
         felt, duration = deque[tuple[float, float]](), motion.trajectory.duration
         while not motion.done:
             yield motion.progress

@@ -174,6 +174,18 @@ class Arm(ArmState):
         """Configurations, of shape (n, dof), rad, along a straight line of the tool."""
         return self._planner.line(start, end)
 
+    def lines(self, *corners: Pose) -> Iterator[list[Matrix]]:
+        """Straight lines of the tool from corner to corner, in each branch that allows all."""
+        return self._planner.lines(*corners)
+
+    def line_on(self, end: Pose) -> Matrix:
+        """Configurations, of shape (n, dof), rad, straight on from the last set-point to a pose."""
+        return self._planner.line_on(end)
+
+    def line_after(self, q: Vector, end: Pose) -> Matrix:
+        """As `line_on`, from another configuration ``q``, of shape (dof,), rad."""
+        return self._planner.line_after(q, end)
+
     def time_path(self, q: Matrix, speed: float) -> Trajectory:
         """The motion through configurations, of shape (n, dof), at a share of the limits."""
         return self._planner.time_path(q, speed)

@@ -75,13 +75,13 @@ class MoveTo:
             known_free: Whether nothing but another arm can be in the way of the whole line.
 
         Raises:
-            Failure: As `ArmPlanner.line`, `ArmPlanner.time_path` and `Executor.follow`;
+            Failure: As `ArmPlanner.line_on`, `ArmPlanner.time_path` and `Executor.follow`;
                 ``IN_COLLISION``.
         """
         start = self.arm.setpoint.q
 
         def planned() -> Generator[None, None, Trajectory]:
-            rows = self.planner.line(self.arm.commanded_tool_pose, end)
+            rows = self.planner.line_on(end)
             stands = bool(np.array_equal(self.arm.setpoint.q, start))
             yield from self._checked(rows, known_free and stands)
             return self.planner.time_path(rows, self.speed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Generator, Iterator, Sequence
 
 import numpy as np
@@ -199,10 +200,48 @@ class ArmPlanner:
     def line(self, start: Pose, end: Pose) -> Matrix:
         """Configurations, of shape (n, dof), rad, along a straight line of the tool.
 
+        Its branch is chosen for the line, see `Kinematics.follow`: the arm has to go to the first
+        configuration before. From where the arm is now leads `line_on`.
+
         Raises:
-            Failure: ``UNREACHABLE`` or ``PATH_BROKEN``.
+            Failure: ``UNREACHABLE``, ``PATH_BROKEN`` or ``SINGULAR``.
         """
         return self._arm.kinematics.follow(line(start, end).poses, self._arm.setpoint.q)
+
+    def lines(self, *corners: Pose) -> Iterator[list[Matrix]]:
+        """Straight lines of the tool from corner to corner, in each branch that allows all of them.
+
+        Args:
+            corners: Poses of the tool in the world, at least two.
+
+        Yields:
+            For each line its configurations, of shape (n, dof), rad; each begins where the one
+            before ends. The preferred branch comes first, see `Kinematics.branches_along`.
+
+        Raises:
+            Failure: ``UNREACHABLE``, ``PATH_BROKEN`` or ``SINGULAR``, if there is none.
+        """
+        poses, ends = [corners[0]], [0]
+        for start, end in itertools.pairwise(corners):
+            poses += line(start, end).poses[1:]
+            ends.append(len(poses) - 1)
+        for rows in self._arm.kinematics.branches_along(poses, self._arm.setpoint.q):
+            yield [rows[first : last + 1] for first, last in itertools.pairwise(ends)]
+
+    def line_on(self, end: Pose) -> Matrix:
+        """Configurations, of shape (n, dof), rad, straight on from the last set-point to a pose.
+
+        The first one is that set-point, and the arm stays in its branch.
+
+        Raises:
+            Failure: ``PATH_BROKEN`` or ``SINGULAR``.
+        """
+        return self.line_after(self._arm.setpoint.q, end)
+
+    def line_after(self, q: Vector, end: Pose) -> Matrix:
+        """As `line_on`, from another configuration ``q``, of shape (dof,), rad."""
+        start = self._arm.kinematics.forward(q)
+        return self._arm.kinematics.follow_on(line(start, end).poses, q)
 
     def time_path(self, q: Matrix, speed: float) -> Trajectory:
         """The motion through configurations, of shape (n, dof), at a share of the limits.

@@ -40,7 +40,7 @@ class WayToGrasp:
             speed: Share of its limits, above 0 to 1.
         """
         out = self.ranked.tool @ Pose.from_rpy((0.0, 0.0, -self.standoff))
-        rows = arm.line(arm.commanded_tool_pose, out)
+        rows = arm.line_on(out)
         motion = arm.begin(arm.time_path(rows, speed), may_touch=True)
         while not motion.done:
             yield motion.progress

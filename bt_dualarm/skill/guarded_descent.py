@@ -52,7 +52,7 @@ def guarded_descent(
         Whether something was felt, and the largest force until the arm stood, N.
     """
     along = _direction(arm.commanded_tool_pose, end)
-    timed, top = _timed(arm, arm.line(arm.commanded_tool_pose, end), speed)
+    timed, top = _timed(arm, arm.line_on(end), speed)
     motion = arm.begin(timed, may_touch=True, compliant=True)
     sense, lag = TouchSense(arm, along), _Lag(arm, along, _STEADY * top)
     while not motion.done:

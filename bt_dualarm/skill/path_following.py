@@ -9,7 +9,7 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Failure, Number
-from bt_dualarm.motion.paths.cartesian_path import CartesianPath, line
+from bt_dualarm.motion.paths.cartesian_path import CartesianPath
 from bt_dualarm.motion.planning.tool_path import trace
 from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
 from bt_dualarm.motion.timing.trajectory import Trajectory
@@ -21,6 +21,7 @@ TOLERANCE_M = 0.005
 """How far in m the tool may be from where it was planned to be, unless said otherwise."""
 
 _SAME_BRANCH = 1.0  # rad: the start of the path is a short straight move away
+_SAME_POSTURE = 0.05  # rad: what a redundant arm may turn in place at the end of that move
 _ENTRY_SHARE = 0.1  # of the progress that is shown
 _EXIT_SHARE = 0.1  # likewise, of a path that does not end where the tool is to end
 _THERE = 1e-6  # m or rad: who is this near need not go there
@@ -159,11 +160,14 @@ def _enter(
     start, checked = motion.start, arm.time
     away = float(np.abs(start - arm.setpoint.q).max())
     if away >= 1e-9:
+        entry = None
         if away < _SAME_BRANCH:
-            entry = _straight(
-                arm, arm.setpoint.q, arm.commanded_tool_pose, path.start, speed, start
-            )
-        else:
+            try:
+                entry = _straight(arm, arm.setpoint.q, path.start, speed, start)
+            except Failure as failure:
+                if failure.code not in ("PATH_BROKEN", "SINGULAR"):
+                    raise
+        if entry is None:
             entry = yield from arm.plan([start], speed)
         for progress in arm.follow(entry):
             yield _ENTRY_SHARE * progress
@@ -177,7 +181,7 @@ def _to_end(
     """The motion from the end of a path to where the tool is to end; None if it is there."""
     if end is None or (path_end.distance(end) < _THERE and path_end.angle(end) < _THERE):
         return None
-    return _straight(arm, q, path_end, end, speed)
+    return _straight(arm, q, end, speed)
 
 
 def _leave(arm: Arm, motion: Trajectory) -> Iterator[float]:
@@ -188,18 +192,25 @@ def _leave(arm: Arm, motion: Trajectory) -> Iterator[float]:
 
 
 def _straight(
-    arm: Arm, q: Vector, start: Pose, end: Pose, speed: float, *last: Vector
-) -> Trajectory:
-    """The motion from a configuration ``q``, of shape (dof,), straight from pose to pose.
+    arm: Arm, q: Vector, end: Pose, speed: float, last: Vector | None = None
+) -> Trajectory | None:
+    """The motion from a configuration straight to a pose of the tool, in the same branch.
 
     Args:
         arm: Arm that is to move.
-        q: Configuration that puts its tool at ``start``.
-        start: First pose of the tool, in the world.
+        q: Configuration to begin at, of shape (dof,), rad.
         end: Last pose of the tool, in the world.
         speed: Share of its limits.
-        last: Configuration to end at, where it is to be met to the last digit.
+        last: Configuration to end at to the last digit, of shape (dof,), rad; None for any.
+
+    Returns:
+        The motion; None where the line ends at the pose, but elbow or wrist are elsewhere than in
+        ``last``.
     """
-    rows = np.vstack((q, arm.kinematics.follow(line(start, end).poses, q), *last))
+    rows = arm.line_after(q, end)
+    if last is not None:
+        if float(np.abs(rows[-1] - last).max()) > _SAME_POSTURE:
+            return None
+        rows = np.vstack((rows, last))
     arm.refuse_collision_along(rows)
     return arm.time_path(rows, speed)

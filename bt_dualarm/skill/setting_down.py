@@ -10,7 +10,8 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.planning.planners import Planner
-from bt_dualarm.pose import Pose
+from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.pose import Matrix, Pose
 from bt_dualarm.skill.grip import Grip
 from bt_dualarm.skill.guarded_descent import guarded_descent
 from bt_dualarm.spec.ports import PortModel, port
@@ -21,6 +22,8 @@ _ROOM_M: Final = 0.01  # that the fingers open beside the object at least
 _FREE_M: Final = 0.006  # above the goal, down to where nothing may be in the way
 _OFF_M: Final = 0.003  # back, until it leans on nothing
 _LOWERING: Final = 0.3  # of the speed, down to there
+_WAYS: Final = 3  # branches of the inverse kinematics that a plan may choose from
+_TRIES: Final = 12  # branches that are looked at, until none counts as free
 
 
 class SettingDownPorts(PortModel):
@@ -78,13 +81,8 @@ class SettingDown:
         """
         arm, tool, grip = self._arm, goal @ self._in_tool.inverse, Grip(self._arm, self._thing)
         grip.look()
-        above = _raised(tool, self._ports.height)
-        down = arm.line(above, _raised(tool, _FREE_M))
         try:
-            for progress in arm.past_others(self._ports.speed).until_free(down):
-                yield progress
-                grip.look()
-            yield from self._go_above(above, grip)
+            yield from self._go_above(tool, grip)
             yield from self._lower(tool, grip)
         except Failure as failure:
             if failure.code == "SLIPPED":
@@ -94,12 +92,57 @@ class SettingDown:
         yield from self._release()
         return lies
 
-    def _go_above(self, above: Pose, grip: Grip) -> Iterator[float]:
+    def _go_above(self, tool: Pose, grip: Grip) -> Iterator[float]:
+        """Go to above the goal, in a branch in which the arm gets down and back out from there."""
         arm, ports = self._arm, self._ports
-        goals = arm.kinematics.solutions(above, arm.setpoint.q)
-        for progress in arm.travel(goals, ports.speed, planner=ports.planner):
+        ways: list[Matrix] = []
+
+        def planned() -> Generator[None, None, Trajectory]:
+            ways[:] = yield from self._ways_down(tool)
+            starts = [way[0] for way in ways]
+            return (yield from arm.plan(starts, ports.speed, planner=ports.planner))
+
+        for progress in arm.past_others(ports.speed).along(planned):
             yield 0.5 * (progress or 0.0)
             grip.look()
+        (down,) = [way for way in ways if np.array_equal(way[0], arm.setpoint.q)]
+        for _ in arm.past_others(ports.speed).until_free(down, known_free=True):
+            yield 0.5
+            grip.look()
+
+    def _ways_down(self, tool: Pose) -> Generator[None, None, list[Matrix]]:
+        """The straight line down to a pose of the tool, in branches that allow all that follows.
+
+        That is the way on to where nothing would be felt, and the way back out from the pose. The
+        arm and what it holds touch nothing down to `_FREE_M`, and the arm alone nothing on the way
+        out. Yields once for each branch that is looked at.
+
+        Returns:
+            Configurations down to there, of shape (n, dof), rad, each; the preferred one first.
+
+        Raises:
+            Failure: Of the preferred branch, if there is none: ``IN_COLLISION``, ``PATH_BROKEN``
+                or ``SINGULAR``; ``UNREACHABLE``.
+        """
+        arm, ports, thing = self._arm, self._ports, frozenset({self._thing})
+        corners = [_raised(tool, height) for height in (ports.height, _FREE_M, 0.0, -ports.search)]
+        found: list[Matrix] = []
+        refusals: list[Failure] = []
+        for down, low, _ in arm.lines(*corners):
+            try:
+                arm.refuse_collision_along(down)
+                out = arm.line_after(low[-1], tool @ Pose.from_rpy((0.0, 0.0, -ports.retreat)))
+                arm.refuse_collision_along(out, ignore=thing)
+            except Failure as failure:
+                refusals.append(failure.with_traceback(None))  # that refers to this frame
+            else:
+                found.append(down)
+            yield
+            if len(found) == _WAYS or len(refusals) == _TRIES:
+                break
+        if not found:
+            raise refusals[0]
+        return found
 
     def _lower(self, tool: Pose, grip: Grip) -> Iterator[float | None]:
         """Go down until the ground is felt, and press no harder on it."""
@@ -147,8 +190,9 @@ class SettingDown:
         """A little way back, giving way still: it leans on what it has let go of."""
         arm = self._arm
         off = arm.commanded_tool_pose @ Pose.from_rpy((0.0, 0.0, -_OFF_M))
-        rows = arm.line(arm.commanded_tool_pose, off)
-        motion = arm.begin(arm.time_path(rows, _LOWERING), may_touch=True, compliant=True)
+        motion = arm.begin(
+            arm.time_path(arm.line_on(off), _LOWERING), may_touch=True, compliant=True
+        )
         while not motion.done:
             yield 0.85
             arm.check()

@@ -151,7 +151,7 @@ class Taking:
         arm, tool = self._arm, way.ranked.tool
         sense = TouchSense(arm, along)
         deeper = Pose(tool.position + _PRESSED_M * along, tool.quaternion)
-        rows = arm.line(arm.commanded_tool_pose, deeper)
+        rows = arm.line_on(deeper)
         motion = arm.begin(arm.time_path(rows, _PRESSING), may_touch=True)
         while not motion.done and sense.force() < _PRESSED_N:
             yield 0.7

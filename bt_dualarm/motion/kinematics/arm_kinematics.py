@@ -12,7 +12,13 @@ import numpy as np
 from bt_dualarm.errors import Failure
 from bt_dualarm.motion.kinematics.chain import TOOL, Chain
 from bt_dualarm.motion.kinematics.gauss_newton import Continuation, FrameTask
-from bt_dualarm.motion.kinematics.multistart import NEAR, STEP, Multistart, branches
+from bt_dualarm.motion.kinematics.multistart import (
+    NEAR,
+    STEP,
+    Multistart,
+    branches,
+    different,
+)
 from bt_dualarm.motion.kinematics.path_failure import SINGULAR_CONDITION, broken
 from bt_dualarm.motion.kinematics.target import EXACT, Tolerance, target_matrix, unreachable
 from bt_dualarm.motion.kinematics.workspace import Workspace
@@ -161,11 +167,10 @@ class Kinematics(Chain):
     ) -> Matrix:
         """Configurations, of shape (n, dof), along a path of the tool, without a jump.
 
-        The branch is chosen once: of all answers for the first pose, nearest first, the first one
-        from which the whole path can be followed away from singularities and limits; if there is
-        none, the best conditioned of those from which it can be followed at all. The first row may
-        thus be far from ``near``. Redundant joints stay near their start, so that a closed path
-        closes in the joints too, and 3° from their limits where that is possible.
+        It is the first of `branches_along`: the branch nearest to ``near`` in which the whole path
+        is followed away from singularities and limits; if there is none, the best conditioned of
+        those in which it can be followed at all. The first row may thus be far from ``near``; to
+        go on from a configuration, see `follow_on`.
 
         Args:
             poses: Poses of the tool in the world, close enough together that a joint moves less
@@ -180,22 +185,101 @@ class Kinematics(Chain):
                 of the path that could be followed, or ``SINGULAR`` if a singularity of the arm is
                 what ends it there.
         """
+        return next(self.branches_along(poses, near, tolerance, max_step=max_step))
+
+    def branches_along(
+        self,
+        poses: Sequence[Pose],
+        near: Vector,
+        tolerance: Tolerance = EXACT,
+        *,
+        max_step: float = 0.2,
+    ) -> Iterator[Matrix]:
+        """A path of the tool in every branch in which the whole of it can be followed.
+
+        Redundant joints stay near their start, so that a closed path closes in the joints too, and
+        3° from their limits where that is possible.
+
+        Yields:
+            Configurations, of shape (n, dof), rad: those away from singularities and limits first,
+            nearest to ``near`` first, found one by one as they are asked for; then the others, the
+            best conditioned first.
+
+        Raises:
+            Failure: As `follow`, if there is none at all.
+        """
         goals = [(target_matrix(pose),) for pose in poses]
         self._refuse_outside([goal for (goal,) in goals])
-        whole: list[_Followed] = []
+        ends: list[Vector] = []  # a redundant arm is followed in two ways, often to the same end
+        others: list[_Followed] = []
         failed: list[tuple[Vector, list[Vector]]] = []
         for start, rows in self._attempts(poses[0], goals, near, tolerance, max_step):
             if len(rows) < len(goals):
                 failed.append((start, rows))
                 continue
-            whole.append(self._judged(np.array(rows)))
-            if whole[-1].good:
-                return whole[-1].rows
-        if whole:
-            return min(whole, key=lambda path: (path.cramped, path.condition)).rows
-        start, rows = max(failed, key=lambda attempt: len(attempt[1]))
-        share, branches = len(rows) / len(goals), len(failed) // len(self._continuations)
-        raise broken(self, (rows or [start])[-1], poses[len(rows)], share, branches)
+            path = self._judged(np.array(rows))
+            if not path.good:
+                others.append(path)
+            elif different(ends, path.rows[-1]):
+                ends.append(path.rows[-1])
+                yield path.rows
+        for path in sorted(others, key=lambda path: (path.cramped, path.condition)):
+            if different(ends, path.rows[-1]):
+                ends.append(path.rows[-1])
+                yield path.rows
+        if not ends:
+            start, rows = max(failed, key=lambda attempt: len(attempt[1]))
+            share, branches = len(rows) / len(goals), len(failed) // len(self._continuations)
+            raise broken(self, (rows or [start])[-1], poses[len(rows)], share, branches)
+
+    def follow_on(
+        self,
+        poses: Sequence[Pose],
+        start: Vector,
+        tolerance: Tolerance = EXACT,
+        *,
+        max_step: float = 0.2,
+    ) -> Matrix:
+        """Configurations, of shape (n, dof), along a path, from a given configuration on.
+
+        The branch is that of ``start``, and the first row is ``start`` itself: a motion along these
+        rows begins where the arm stands. `follow` may choose another branch.
+
+        Args:
+            poses: Poses of the tool in the world; the first is the one that it has at ``start``.
+            start: Configuration of shape (dof,), rad.
+            tolerance: Tolerance of each pose's residual.
+            max_step: Movement of a joint between two poses, in rad, that counts as a jump.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` for what is no pose, or outside the workspace;
+                ``PATH_BROKEN`` or ``SINGULAR`` with the ``fraction`` that could be followed.
+        """
+        goals = [(target_matrix(pose),) for pose in poses[1:]]
+        if not goals:
+            return start[None].copy()
+        self._refuse_outside([goal for (goal,) in goals])
+        longest: list[Vector] = []
+        cramped: Matrix | None = None
+        for continuation in self._continuations:
+            within = continuation.mechanism
+            if (
+                continuation is not self._search.continuation
+                and not ((start >= within.lower) & (start <= within.upper)).all()
+            ):
+                continue  # from beyond its narrower limits the roomy one would jump to them
+            rows = self._search.along(continuation, goals, start, tolerance, max_step)
+            if len(rows) < len(goals):
+                longest = max(longest, rows, key=len)
+                continue
+            followed = np.vstack((start, rows))
+            if self.room(followed) >= _TOO_NEAR:
+                return followed
+            cramped = followed if cramped is None else cramped
+        if cramped is not None:
+            return cramped
+        share = (1 + len(longest)) / (1 + len(goals))
+        raise broken(self, (longest or [start])[-1], poses[1 + len(longest)], share, 1)
 
     def _attempts(
         self,

@@ -28,8 +28,16 @@ class JointLimits:
     effort: Vector
 
     def scaled(self, speed: float) -> JointLimits:
-        """Velocity, acceleration and jerk times ``speed``, the share in (0, 1]."""
-        return self.derated(LimitShares(velocity=speed, acceleration=speed, jerk=speed))
+        """Velocity, acceleration and jerk times ``speed``, the share in (0, 1].
+
+        A guarded motion far from the base may ask for less than the 0.001 that a file may ask for.
+        """
+        return replace(
+            self,
+            velocity=self.velocity * speed,
+            acceleration=self.acceleration * speed,
+            jerk=self.jerk * speed,
+        )
 
     def derated(self, shares: LimitShares) -> JointLimits:
         """Velocity, acceleration and jerk times a share of each."""

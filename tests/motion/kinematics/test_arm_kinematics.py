@@ -246,3 +246,42 @@ def test_a_path_that_another_branch_can_go_is_not_refused_for_a_bad_start() -> N
     assert np.abs(np.diff(rows, axis=0)).max() < 0.2
     assert max(arm.residual(q, pose)[0] for q, pose in zip(rows, poses, strict=True)) <= 1e-5
     assert max(arm.condition(q) for q in rows) < 50.0
+
+
+def bad_start(arm: Kinematics, share: list[float]) -> Vector:
+    """A configuration with the elbow wherever it is, beside joint limits and singularities too."""
+    inside = 0.02 + 0.96 * np.array(share[: arm.dof])
+    return configuration(arm, inside.tolist())
+
+
+@given(arms, shares)
+@settings(max_examples=60, deadline=None)
+def test_going_on_from_a_configuration_begins_there_and_never_jumps(
+    name: str, share: list[float]
+) -> None:
+    """The first row is the configuration to the last bit: `follow` would choose another branch."""
+    arm = ARMS[name]
+    start = bad_start(arm, share)
+    here = arm.forward(start)
+    try:
+        rows = arm.follow_on(line(here, here @ Pose.from_rpy((0, 0, 0.03))).poses, start)
+    except Failure:
+        return  # at a limit, or stretched: it leads out of reach
+    assert np.array_equal(rows[0], start)
+    assert np.abs(np.diff(rows, axis=0)).max() <= 0.2 + 1e-9
+    assert arm.residual(rows[-1], here @ Pose.from_rpy((0, 0, 0.03)))[0] <= 1e-5
+
+
+def test_every_branch_of_a_path_is_whole_and_another_one() -> None:
+    """A Panda has several; each begins on the first pose and ends on the last."""
+    arm = ARMS["panda"]
+    start = arm.forward(home(arm))
+    poses = steps(start, (0.0, 0.0, -0.1))
+    ends = []
+    for rows in arm.branches_along(poses, home(arm)):
+        assert arm.residual(rows[0], poses[0])[0] <= 1e-5
+        assert arm.residual(rows[-1], poses[-1])[0] <= 1e-5
+        ends.append(rows[-1])
+    assert len(ends) > 1
+    apart = [np.abs(a - b).max() for i, a in enumerate(ends) for b in ends[:i]]
+    assert min(apart) > 1e-3
