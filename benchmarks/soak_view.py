@@ -1,12 +1,17 @@
 """What a live view stands: browsers that come and go, and requests that no page would make.
 
     python -m benchmarks.soak_view [TREE] [--rounds 250]
+    python -m benchmarks.soak_view [TREE] --slow 200
 
 While a run goes on, a process opens the page over and over, breaks off in the middle of requests,
 sends what is no HTTP, bodies of 10 MB, other hosts' names and foreign origins, four of each kind a
 round. It prints how often the page was opened, what strangers were served, what the run's process
 has grown by from a tenth of the rounds to the last, and whether the hash is that of a run that
 nobody looked at.
+
+With --slow, a process opens so many connections of each kind of slow client (idle, half a request,
+half a body, readers that take nothing) and leaves them open while a page is asked for all that it
+shows. It prints how long the answers took, and what the run's process needed meanwhile.
 """
 
 from __future__ import annotations
@@ -18,6 +23,9 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -85,6 +93,32 @@ for number in range(rounds):
 print(json.dumps(counts), flush=True)
 """
 
+SLOW = r"""
+import socket, sys
+from urllib.parse import urlsplit
+place, count = urlsplit(sys.argv[1]), int(sys.argv[2])
+port, base = place.port, place.path.encode()
+host = b"Host: 127.0.0.1:%d\r\n" % port
+kinds = {
+    "idle": b"",
+    "half a request": b"GET " + base + b"now HTTP/1.1\r\n" + host,
+    "half a body": b"POST " + base + b"do HTTP/1.1\r\n" + host
+    + b"Content-Type: application/json\r\nContent-Length: 99\r\n\r\n{",
+    "takes nothing": b"GET " + base + b" HTTP/1.1\r\n" + host + b"\r\n",
+}
+for name, begun in kinds.items():
+    opened = []
+    for _ in range(count):
+        one = socket.create_connection(("127.0.0.1", port), timeout=30)
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        one.sendall(begun)
+        opened.append(one)
+    print(name, flush=True)
+    sys.stdin.readline()
+    for one in opened:
+        one.close()
+"""
+
 
 def size() -> tuple[float, int, int]:
     """Memory of this process in MB, its threads, its open files."""
@@ -112,10 +146,33 @@ def soak(view: LiveView, rounds: int) -> None:
     view.gate.go()
 
 
-def watched(run: Run, stop: StopRequest, rounds: int) -> str:
+def slowed(view: LiveView, count: int) -> None:
+    """Ask as a page does while slow clients of each kind keep connections open."""
+    command = [sys.executable, "-c", SLOW, view.url, str(count)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as clients:  # type: ignore[call-overload]  # two of its keywords
+        for name in clients.stdout or ():
+            took = []
+            for what in ("", "now", "log?after=0", "series") * 10:
+                began = time.monotonic()
+                with urllib.request.urlopen(view.url + what, timeout=60) as answer:  # noqa: S310 - our own
+                    answer.read()
+                took.append(time.monotonic() - began)
+            memory, threads, files = size()
+            print(
+                f"{count} x {name.strip()}: {len(took)} of {len(took)} requests answered, "
+                f"at most {max(took):.3f} s; {memory:.0f} MB, {threads} threads, {files} files"
+            )
+            clients.stdin.write("\n")
+            clients.stdin.flush()
+    view.gate.set_speed(None)
+    view.gate.go()
+
+
+def watched(run: Run, stop: StopRequest, trouble: Callable[[LiveView], None]) -> str:
     """Hash of a run that strangers trouble."""
     with LiveView(run, stop, paused=False) as view:
-        thread = threading.Thread(target=soak, args=(view, rounds))
+        thread = threading.Thread(target=trouble, args=(view,))
         view.gate.set_speed(0.1)
         thread.start()
         sha256 = run.finish().state_sha256
@@ -130,14 +187,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("tree", nargs="?", default="pick_and_track")
     parser.add_argument("--rounds", type=int, default=250)
+    parser.add_argument("--slow", type=int, help="connections of each kind of slow client")
     arguments = parser.parse_args()
+    trouble = partial(soak, rounds=arguments.rounds)
+    if arguments.slow is not None:
+        trouble = partial(slowed, count=arguments.slow)
     plain = bt_dualarm.run(arguments.tree).state_sha256
     stop = StopRequest()
     with (
         TemporaryDirectory() as folder,
         bt_dualarm.open(arguments.tree, stop=stop, record=Path(folder) / "out") as run,
     ):
-        troubled = watched(run, stop, arguments.rounds)
+        troubled = watched(run, stop, trouble)
     print("the hash is the same" if troubled == plain else "THE HASH IS ANOTHER")
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol, TypeAlias
 
 from bt_dualarm.errors import DualArmError
+from bt_dualarm.runtime.summary import json_ready
 from bt_dualarm.share import share_dir
 from bt_dualarm.spec.source import Data, Json
 
@@ -44,8 +45,12 @@ class Answer:
 
     @classmethod
     def of(cls, said: Data) -> Answer:
-        """An answer in JSON."""
-        return cls("application/json", json.dumps(said, allow_nan=False).encode())
+        """An answer in JSON; numbers that are not finite, as of a run that diverged, are null."""
+        try:
+            text = json.dumps(said, allow_nan=False)
+        except ValueError:
+            text = json.dumps(json_ready(said), allow_nan=False)
+        return cls("application/json", text.encode())
 
     @classmethod
     def page(cls) -> Answer:

@@ -6,6 +6,7 @@ simulated time counts there.
 
 from __future__ import annotations
 
+import reprlib
 import time
 from collections.abc import Callable
 from threading import Condition
@@ -13,6 +14,7 @@ from typing import Final
 
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.runtime.parts import IdleObserver, RunView
+from bt_dualarm.spec.source import Data
 from bt_dualarm.tree.report import StatusChange
 
 _LOOK_S: Final = 0.1
@@ -82,16 +84,19 @@ class Gate(IdleObserver):
         """Let it go on until trees have been ticked."""
         self._set(paused=False, until_tick=True)
 
-    def set_speed(self, speed: float | None) -> None:
+    def set_speed(self, speed: Data) -> None:
         """Simulated seconds for each second on the wall; None for as fast as it can.
 
         Raises:
             GateError: It is no number from 0.001 to 1000.
         """
-        if speed is not None and not 1e-3 <= speed <= 1e3:
-            raise GateError(f"a speed is a number from 0.001 to 1000, not {speed!r}")
+        # Compared as it is: a whole number may be too large to become a float.
+        is_number = isinstance(speed, int | float) and not isinstance(speed, bool)
+        if speed is not None and not (is_number and 1e-3 <= speed <= 1e3):
+            said = reprlib.repr(speed)
+            raise GateError(f"a speed is a number from 0.001 to 1000, not {said}")
         with self._changed:
-            self._speed = float("inf") if speed is None else speed
+            self._speed = float("inf") if speed is None else float(speed)
             self._ahead = None
 
     def set_breakpoints(self, names: list[str]) -> None:

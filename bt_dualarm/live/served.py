@@ -35,5 +35,4 @@ class Served:
     def end(self) -> None:
         """Answer no more."""
         self._server.shutdown()
-        self._server.server_close()
         self._thread.join(1.0)

@@ -1,19 +1,26 @@
-"""Who may ask for what: pages of this server, with its token, and nobody else's."""
+"""Who may ask for what: pages of this server, with its token, and nobody else's.
+
+One thread reads all requests side by side, so that whoever sends slowly, or nothing, keeps nobody
+else waiting; what is asked with the token is answered by a few threads more.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import io
 import ipaddress
 import json
 import logging
 import secrets
-import sys
-from functools import partial
+import socket
+from asyncio import StreamReader, StreamWriter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from email.message import Message
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from socket import socket
-from socketserver import BaseServer
-from threading import BoundedSemaphore
-from typing import Any, Final
+from http.client import HTTPException, parse_headers
+from typing import Final
 from urllib.parse import parse_qsl
 
 from bt_dualarm.errors import DualArmError
@@ -21,19 +28,62 @@ from bt_dualarm.live.answers import Answer, Answers, ViewError
 from bt_dualarm.spec.source import Json
 
 HOST: Final = "127.0.0.1"
+PATIENCE_S: Final = 10.0
+"""Seconds in which a request must be there, and in which each part of an answer must be taken."""
+
+MOST_CONNECTIONS: Final = 300
+"""Connections that are open at a time; for one more the oldest that has asked nothing yet goes."""
+
 _LARGEST_BODY: Final = 20_000
 _DIGITS: Final = len(str(_LARGEST_BODY))
-_PATIENCE_S: Final = 10.0
+_LARGEST_HEAD: Final = 16_000
 _MOST_FIELDS: Final = 4
-_MOST_AT_ONCE: Final = 16
-"""Requests that are answered at a time; more are sent away."""
+_THREADS: Final = 8
+"""Threads that answer; no more requests wait for them than there are connections."""
+
+_PART: Final = 1 << 16
+"""Bytes of an answer that are handed to the system at a time: one connection takes no more."""
+
+_LEFT_OVER: Final = 1 << 18
+_LEFT_OVER_S: Final = 0.5
+"""Bytes that are read and dropped after a refusal, and for how long: the answer gets through."""
 
 _TEXT: Final = "text/plain; charset=utf-8"
+_REFUSED: Final = Answer(_TEXT, b"nothing is served here")
+_ONCE: Final = ("Host", "Origin", "Content-Length", "Content-Type")
 
 _log = logging.getLogger(__name__)
 
 
-class ViewServer(ThreadingHTTPServer):
+@dataclass(frozen=True)
+class _Reply:
+    status: HTTPStatus
+    answer: Answer
+
+    @classmethod
+    def refusal(cls, status: HTTPStatus = HTTPStatus.FORBIDDEN) -> _Reply:
+        return cls(status, _REFUSED)
+
+    @classmethod
+    def complaint(cls, error: DualArmError) -> _Reply:
+        return cls(HTTPStatus.BAD_REQUEST, Answer(_TEXT, str(error).encode(errors="replace")))
+
+    @property
+    def head(self) -> bytes:
+        lines = (
+            f"HTTP/1.1 {self.status.value} {self.status.phrase}",
+            f"Content-Type: {self.answer.kind}",
+            f"Content-Length: {len(self.answer.content)}",
+            "Connection: close",
+            "Cache-Control: no-store",
+            "X-Content-Type-Options: nosniff",
+            "Referrer-Policy: no-referrer",
+            "Cross-Origin-Resource-Policy: same-origin",
+        )
+        return "".join(f"{line}\r\n" for line in (*lines, "")).encode("latin-1")
+
+
+class ViewServer:
     """Serves one page at an address that only its user knows.
 
     Args:
@@ -49,132 +99,171 @@ class ViewServer(ThreadingHTTPServer):
         ViewError: The port is taken, or not allowed; the address is none of this machine's.
     """
 
-    daemon_threads = True
-
     def __init__(self, answers: Answers, port: int = 0, host: str = HOST) -> None:
-        self.token = secrets.token_urlsafe(16)
-        self._slots = BoundedSemaphore(_MOST_AT_ONCE)
+        self._answers, self._token = answers, secrets.token_urlsafe(16)
         try:
-            super().__init__((_interface(host), port), partial(_Handler, answers, self.token))
+            self._socket = socket.create_server((_interface(host), port), backlog=MOST_CONNECTIONS)
+            # Accepted sockets take it over: the system would keep megabytes for each slow reader.
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _PART)
         except (OSError, OverflowError) as error:
             raise ViewError(f"cannot serve on {host}, port {port}: {error}") from error
-        place = self.server_address[1]
+        self._pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="view")
+        # In the order in which they came; those that have asked for something are no longer here.
+        self._silent: dict[StreamWriter, None] = {}
+        self._open = 0
+        self._loop = asyncio.new_event_loop()
+        self._end = asyncio.Event()
+        place = self._socket.getsockname()[1]
         names = (host, "localhost") if host == HOST else (host,)
         self.hosts = frozenset(f"{name}:{place}" for name in names)
-        self.url = f"http://{host}:{place}/{self.token}/"
+        self.url = f"http://{host}:{place}/{self._token}/"
 
-    def process_request(self, request: Any, client_address: Any) -> None:  # its parent's types
-        """Answer in a thread, as long as there are not too many."""
-        if not self._slots.acquire(blocking=False):
-            self.shutdown_request(request)
-            return
-        super().process_request(request, client_address)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:  # as above
-        """Answer, then make room for another one."""
+    def serve_forever(self) -> None:
+        """Answer until `shutdown`; connections that are open then are broken off."""
+        asyncio.set_event_loop(self._loop)
         try:
-            super().process_request_thread(request, client_address)
+            self._loop.run_until_complete(self._serve())
         finally:
-            self._slots.release()
+            for task in asyncio.all_tasks(self._loop):
+                task.cancel()
+            self._loop.run_until_complete(asyncio.sleep(0))
+            self._loop.close()
 
-    def handle_error(self, request: object, client_address: object) -> None:  # noqa: ARG002 - its parent's
-        """A browser that has gone is nothing to tell; the rest is a bug."""
-        level = logging.DEBUG if isinstance(sys.exception(), ConnectionError) else logging.ERROR
-        _log.log(level, "a request for the view failed", exc_info=True)
+    def shutdown(self) -> None:
+        """Answer no more; to be called from another thread."""
+        self._loop.call_soon_threadsafe(self._end.set)
+        self._pool.shutdown(wait=False, cancel_futures=True)
 
+    async def _serve(self) -> None:
+        server = await asyncio.start_server(
+            self._connected, sock=self._socket, limit=_LARGEST_HEAD, backlog=MOST_CONNECTIONS
+        )
+        async with server:
+            await self._end.wait()
 
-class _Handler(BaseHTTPRequestHandler):
-    timeout = _PATIENCE_S  # of the socket, which the parent sets
-
-    def __init__(
-        self,
-        answers: Answers,
-        token: str,
-        request: socket,
-        client_address: tuple[str, int],
-        server: BaseServer,
-    ) -> None:
-        self._answers, self._token = answers, token
-        super().__init__(request, client_address, server)
-
-    def do_GET(self) -> None:
-        """Whatever the view answers to."""
-        what, _, query = self._allowed() or ("?", "", "")
-        question = self._answers.questions.get(what)
-        if question is None:
-            self._refuse(HTTPStatus.FORBIDDEN)
-            return
+    async def _connected(self, reader: StreamReader, writer: StreamWriter) -> None:
+        """Read one request, answer it, and close the connection."""
+        self._open += 1
+        self._silent[writer] = None
+        if self._open > MOST_CONNECTIONS:
+            next(iter(self._silent)).transport.abort()
         try:
-            self._answer(question(_fields(query)))
-        except DualArmError as error:
-            self._complain(error)
+            writer.transport.set_write_buffer_limits(0)  # `drain` waits until all of it is taken
+            async with asyncio.timeout(PATIENCE_S):
+                work = await self._request(reader)
+            self._silent.pop(writer, None)
+            reply = work if isinstance(work, _Reply) else await self._worked(work)
+            await _send(writer, reply)
+            if not isinstance(work, _Reply):
+                return
+            writer.write_eof()
+            async with asyncio.timeout(_LEFT_OVER_S):
+                await _drop(reader)
+        except (OSError, EOFError, TimeoutError):  # a browser that has gone is nothing to tell
+            _log.debug("a request for the view was broken off", exc_info=True)
+        finally:
+            self._silent.pop(writer, None)
+            self._open -= 1
+            writer.transport.abort() if writer.is_closing() else writer.close()
 
-    def do_POST(self) -> None:
-        """Press a button."""
-        allowed = self._allowed()
-        is_json = self.headers.get_content_type() == "application/json"
-        if allowed is None or allowed[0] != "do" or not is_json:
-            self._refuse(HTTPStatus.FORBIDDEN)
-            return
+    async def _request(self, reader: StreamReader) -> _Reply | Callable[[], Answer]:
+        """What is asked for, once all of it is there; of whoever is not to ask no body is read."""
         try:
-            done = self._answers.do(self._asked())
-        except DualArmError as error:
-            self._complain(error)
-            return
-        self._answer(Answer.of(done))
+            head = await reader.readuntil(b"\r\n\r\n")
+            line, _, rest = head.partition(b"\r\n")
+            method, target, _ = line.decode("ascii").split(" ")
+            headers = parse_headers(io.BytesIO(rest))
+        except (asyncio.LimitOverrunError, ValueError, HTTPException):
+            return _Reply.refusal(HTTPStatus.BAD_REQUEST)
+        asked = self._allowed(target, headers)
+        if asked is None:
+            return _Reply.refusal()
+        what, query = asked
+        if method == "GET":
+            question = self._answers.questions.get(what)
+            return _Reply.refusal() if question is None else lambda: question(_fields(query))
+        if method != "POST" or what != "do" or headers.get_content_type() != "application/json":
+            return _Reply.refusal()
+        try:
+            length = _length(headers)
+        except ViewError as error:
+            return _Reply.complaint(error)
+        body = await reader.readexactly(length)
+        return lambda: Answer.of(self._answers.do(_pressed(body)))
 
-    def _allowed(self) -> tuple[str, str, str] | None:
+    async def _worked(self, work: Callable[[], Answer]) -> _Reply:
+        """The answer, by one of the threads."""
+        try:
+            return _Reply(HTTPStatus.OK, await self._loop.run_in_executor(self._pool, work))
+        except DualArmError as error:
+            return _Reply.complaint(error)
+        except Exception as error:
+            if self._end.is_set():
+                raise EOFError from error
+            _log.exception("a request for the view failed")
+            return _Reply.refusal(HTTPStatus.INTERNAL_SERVER_ERROR)
+
+    def _allowed(self, target: str, headers: Message) -> tuple[str, str] | None:
         """What below the token is asked for, and its query; None for whoever is not to ask."""
-        host = self.headers.get("Host", "")
-        origin = self.headers.get("Origin")
-        if not isinstance(self.server, ViewServer):
+        host, origin = headers.get("Host", ""), headers.get("Origin")
+        if any(len(headers.get_all(name, ())) > 1 for name in _ONCE):
             return None
-        if host not in self.server.hosts:
+        if host not in self.hosts or "Transfer-Encoding" in headers:
             return None
         if origin is not None and origin != f"http://{host}":
             return None
-        token, _, asked = self.path.removeprefix("/").partition("/")
+        token, _, asked = target.removeprefix("/").partition("/")
         if not secrets.compare_digest(token.encode(), self._token.encode()):
             return None
-        return asked.partition("?")
+        what, _, query = asked.partition("?")
+        return what, query
 
-    def _asked(self) -> Json:
-        """The request's content.
 
-        Raises:
-            ViewError: It is none, or too long.
-        """
-        length = self.headers.get("Content-Length", "")
-        if not length.isdecimal() or len(length) > _DIGITS or int(length) > _LARGEST_BODY:
-            raise ViewError("a request has a length, and a short one")
-        try:
-            asked = json.loads(self.rfile.read(int(length)))
-        except (ValueError, RecursionError):
-            raise ViewError("a request is JSON") from None
-        if not isinstance(asked, dict):
-            raise ViewError("a request is an object")
-        return asked
+async def _send(writer: StreamWriter, reply: _Reply) -> None:
+    """Send an answer part by part; who does not take one in time gets no more."""
+    content = memoryview(reply.answer.content)
+    writer.write(reply.head)
+    for start in range(0, max(1, len(content)), _PART):
+        writer.write(content[start : start + _PART])
+        async with asyncio.timeout(PATIENCE_S):
+            await writer.drain()
 
-    def _refuse(self, status: HTTPStatus) -> None:
-        self._answer(Answer(_TEXT, b"nothing is served here"), status)
 
-    def _complain(self, error: DualArmError) -> None:
-        self._answer(Answer(_TEXT, str(error).encode()), HTTPStatus.BAD_REQUEST)
+async def _drop(reader: StreamReader) -> None:
+    """Read what is left of a request that was refused, up to a limit."""
+    dropped = 0
+    while dropped < _LEFT_OVER:
+        part = await reader.read(_PART)
+        if not part:
+            return
+        dropped += len(part)
 
-    def _answer(self, answer: Answer, status: HTTPStatus = HTTPStatus.OK) -> None:
-        self.send_response(status)
-        self.send_header("Content-Type", answer.kind)
-        self.send_header("Content-Length", str(len(answer.content)))
-        self.send_header("Cache-Control", "no-store")
-        self.send_header("X-Content-Type-Options", "nosniff")
-        self.send_header("Referrer-Policy", "no-referrer")
-        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
-        self.end_headers()
-        self.wfile.write(answer.content)
 
-    def log_message(self, format: str, *values: object) -> None:  # noqa: A002 - its parent's name
-        """Nothing is said on the terminal."""
-        _log.debug(format, *values)
+def _length(headers: Message) -> int:
+    """Bytes of the body.
+
+    Raises:
+        ViewError: They are not said, or too many.
+    """
+    length = headers.get("Content-Length", "")
+    if not length.isdecimal() or len(length) > _DIGITS or int(length) > _LARGEST_BODY:
+        raise ViewError("a request has a length, and a short one")
+    return int(length)
+
+
+def _pressed(body: bytes) -> Json:
+    """The content of a request.
+
+    Raises:
+        ViewError: It is no object in JSON.
+    """
+    try:
+        asked = json.loads(body)
+    except (ValueError, RecursionError):
+        raise ViewError("a request is JSON") from None
+    if not isinstance(asked, dict):
+        raise ViewError("a request is an object")
+    return asked
 
 
 def _interface(host: str) -> str:

@@ -163,6 +163,6 @@ class LiveView:
             "go": lambda _: gate.go(),
             "step": lambda _: gate.step(),
             "tick": lambda _: gate.tick(),
-            "speed": lambda value: gate.set_speed(None if value is None else float(value)),
+            "speed": gate.set_speed,
             "break": lambda value: gate.set_breakpoints(str(value).split("\n")),
         }
