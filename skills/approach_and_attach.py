@@ -52,6 +52,7 @@ class ApproachAndAttach(Skill):
 
     failures = {
         "INVALID_TARGET": "the direction has no length, or the object is fixed",
+        "GRIPPER_FULL": "the gripper of the arm holds something else",
         "NOT_THERE": "the object is not in the world, or was taken away meanwhile",
         "OUT_OF_REACH": "no way of the arm to the object: unreachable or in collision",
         "PROXIMITY_NOT_REACHED": "the tool did not come near enough, or never touched",
@@ -65,6 +66,8 @@ class ApproachAndAttach(Skill):
     def run(self) -> Iterator[float | None]:
         """Plan the whole way before moving; attach only what is near and touched."""
         name = self.ports.object
+        if self.arm.name in self.arm.world.grippers:
+            self.arm.gripper.refuse_other(name)
         if name in self.arm.held:
             return
         self._refuse_if_gone()

@@ -41,9 +41,11 @@ class CloseGripper(Skill):
 
     failures = {
         "EMPTY": "nothing is between the fingers, or the cup does not seal",
-        "INVALID_TARGET": "the gripper cannot do what it is asked for",
+        "INVALID_TARGET": "the gripper cannot do what it is asked for, or the object is fixed",
         "NOT_THERE": "the object is not in the world",
         "NOT_CLOSED": "the fingers did not come to rest",
+        "GRIPPER_FULL": "the gripper is believed to hold another object than the one named",
+        "WRONG_OBJECT": "the object named is elsewhere, or not as wide as what is held",
     }
     example = "close_gripper: {force: 40}"
     needs_gripper = True
@@ -52,6 +54,8 @@ class CloseGripper(Skill):
     def run(self) -> Iterator[float | None]:
         """Close, wait until the fingers stand, and see that they go on holding."""
         gripper, ports = self.arm.gripper, self.ports
+        if ports.object is not None:
+            self._refuse_other_held(ports.object)
         pose = self._seen()
         gripper.command(ports.width, ports.speed, ports.force)
         began, start = self.time, gripper.width
@@ -67,8 +71,28 @@ class CloseGripper(Skill):
             if self.time > latest:
                 self._refuse()
         self.metrics["width_m"], self.metrics["force_n"] = gripper.width, gripper.force
-        if ports.object is not None and pose is not None and gripper.holding:
-            gripper.hold(ports.object, gripper.between_the_pads(pose))
+        if not gripper.holding:
+            gripper.forget_lost()
+        elif ports.object is not None and pose is not None:
+            self._name(ports.object, pose)
+
+    def _refuse_other_held(self, name: str) -> None:
+        """What is in the gripper already may get its name now, but not a second one."""
+        gripper = self.arm.gripper
+        gripper.forget_lost()
+        if gripper.held and gripper.held != (name,):
+            gripper.refuse_other(name)
+
+    def _name(self, name: str, before: Pose) -> None:
+        """Believe that it is this object, if it can be: that one is here, and as wide."""
+        gripper, ports, world = self.arm.gripper, self.ports, self.arm.world
+        if name not in world.objects:
+            raise Failure("NOT_THERE", f"object {name!r} was taken out of the world")
+        believed = before if ports.at is not None else world.object_pose(name)
+        why_not = gripper.why_not(name, believed)
+        if why_not is not None:
+            raise Failure("WRONG_OBJECT", why_not, width_m=gripper.width)
+        gripper.hold(name, gripper.between_the_pads(before))
 
     def _seen(self) -> Pose | None:
         """Where the object is believed to be before the fingers touch it."""
@@ -77,6 +101,8 @@ class CloseGripper(Skill):
             return None
         if name not in world.objects:
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        if world.objects[name].fixed:
+            raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
         return world.object_pose(name) if self.ports.at is None else self.ports.at.pose
 
     def _closed(self) -> bool:

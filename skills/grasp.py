@@ -68,8 +68,12 @@ class Grasp(Skill):
     def run(self) -> Iterator[float | None]:
         """Choose before moving; go, close with the force that is needed, lift, look."""
         name, gripper = self.ports.object, self.arm.gripper
-        if name is not None and name in gripper.held and gripper.holding:
-            return
+        yield from gripper.until_decided()
+        gripper.refuse_full(name)
+        if gripper.held:  # it is this one
+            if gripper.holding:
+                return
+            yield from Taking.open(self.arm)
         lies = None if self.ports.at is None else self.ports.at.pose
         wanted = WantedGrasp.named(self.arm, name, self.ports, lies) if name else self._unnamed()
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)

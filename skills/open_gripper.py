@@ -35,7 +35,6 @@ class OpenGripper(Skill):
         page = gripper.page
         goal = ports.width if ports.width is not None else page.stroke if page.fingers else 1.0
         gripper.command(goal, ports.speed, ports.force)
-        for thing in gripper.held:
-            gripper.let_go(thing)
         yield from gripper.until_open()
+        gripper.forget_released()
         self.metrics["width_m"] = gripper.width

@@ -32,7 +32,6 @@ class Release(Skill):
         gripper, page = self.arm.gripper, self.arm.gripper.page
         goal = min(gripper.width + self.ports.width, page.stroke) if page.fingers else 1.0
         gripper.command(goal, self.ports.speed)
-        for thing in gripper.held:
-            gripper.let_go(thing)
         yield from gripper.until_open(self.ports.settle)
+        gripper.forget_released()
         self.metrics["width_m"] = gripper.width

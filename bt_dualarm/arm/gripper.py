@@ -10,11 +10,21 @@ import numpy as np
 
 from bt_dualarm.arm.hold_signs import is_lost
 from bt_dualarm.arm.lease import Leaseholder
+from bt_dualarm.arm.measured_gripper import jaw_measures
 from bt_dualarm.errors import Failure
+from bt_dualarm.motion.grasping.jaw_grasps import least_width
+from bt_dualarm.motion.grasping.solids import solid_of
 from bt_dualarm.pose import Pose
 from bt_dualarm.world.grippers.drive import SPEED_S, GripperCommand, GripperHardware
 from bt_dualarm.world.grippers.gripper import Gripper
 from bt_dualarm.world.world import World
+
+OTHER_WIDTH_M: Final = 0.006
+"""By how much the opening of fingers may differ from the width of an object: more is another."""
+
+_AWAY_M: Final = 0.015  # between pads or cup and an object that they are said to hold
+_PAD_POINTS: Final = 5  # along each edge of a pad, between which an object is looked for
+_CHORD_M: Final = 5e-4  # steps from one pad to the other
 
 _STILL: Final = 0.003
 """m/s; of fingers that stand; or what some steps of the encoder are in its time for a speed."""
@@ -23,6 +33,8 @@ _STEPS: Final = 2.5
 _OPEN_M: Final = 1e-3  # besides a step of the encoder
 _NO_VACUUM: Final = 0.01
 _PATIENCE_S: Final = 1.0  # besides twice the time that fingers take to open
+_DECIDED_S: Final = 1.0  # that fingers may take to open or to press
+_FELT: Final = 0.1  # share of the least force that it can be asked for; fingers alone need none
 _PRESSING: Final = 0.8  # share of the force that was asked for
 
 
@@ -94,6 +106,19 @@ class ArmGripper:
     def is_lost(self) -> bool:
         """Whether what it held is gone, by what it senses: fingers have shut, a cup leaks."""
         return is_lost(self.page, self.width, self.vacuum, self.commanded.force)
+
+    def until_decided(self) -> Iterator[None]:
+        """Wait until what it is believed to hold is held, or gone; yields once a tick.
+
+        A leaf that was halted may have left fingers on their way, and fingers that were just told
+        to press harder do not hold until they do.
+        """
+        began = self._world.time
+        while self.held and not self.holding and self._world.time - began < _DECIDED_S:
+            if self._is_open and self.commanded.width > 0.0:
+                break
+            yield None
+        self.forget_released()
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -177,6 +202,50 @@ class ArmGripper:
         x, _, z = in_tool.position
         return tool @ Pose(np.array((x, along, z)), in_tool.quaternion)
 
+    def why_not(self, thing: str, pose: Pose) -> str | None:
+        """Why what it holds cannot be an object, by where that is and by how wide it is.
+
+        Args:
+            thing: Name of an object in the world.
+            pose: Pose of it in the world as it is believed to be; the fingers may have moved it
+                along their way.
+
+        Returns:
+            A sentence; None where it may well be this object.
+        """
+        declared = self._world.objects[thing]
+        solid = solid_of(declared.shape, declared.size)
+        q = self._world.hardware[self._arm].q
+        in_tool = self._world.nominal[self._arm].tool_pose_at(q).inverse @ pose
+        if not self.page.fingers:
+            away = float(solid.distance(in_tool.inverse.apply(np.zeros((1, 3))))[0])
+            return _too_far(thing, away, "cup")
+        jaw = jaw_measures(self.page, declared.friction)
+        across, between, along = (
+            np.linspace(-0.5, 0.5, count) * length
+            for count, length in (
+                (_PAD_POINTS, jaw.pad_width),
+                (round(self.page.stroke / _CHORD_M) + 1, self.page.stroke),
+                (_PAD_POINTS, jaw.pad_length),
+            )
+        )
+        grid = np.stack(np.meshgrid(across, along + jaw.pad_center, between, indexing="ij"), -1)
+        points = in_tool.inverse.apply(grid[..., [0, 2, 1]].reshape(-1, 3))
+        distances = solid.distance(points)
+        too_far = _too_far(thing, float(distances.min()), "pads")
+        if too_far is not None:
+            return too_far
+        closing = in_tool.rotation_matrix.T[:, 1]
+        most = solid.reach(closing) + solid.reach(-closing)
+        inside = distances.reshape(-1, len(between)) < 0.0
+        least = min(least_width(solid), float(inside.sum(axis=1).max()) * _CHORD_M)
+        if least - OTHER_WIDTH_M <= self.width <= most + OTHER_WIDTH_M:
+            return None
+        return (
+            f"the fingers stand {1e3 * self.width:.1f} mm apart; between them {thing!r} would be "
+            f"{1e3 * least:.0f} to {1e3 * most:.0f} mm wide"
+        )
+
     def hold(
         self, thing: str, pose: Pose, most_force: float = math.inf, *, told: bool = True
     ) -> None:
@@ -191,6 +260,53 @@ class ArmGripper:
         self._lease.refuse_other_threads()
         self._world.hold(self._arm, thing, pose, most_force, told=told)
 
+    def refuse_other(self, wanted: str | None = None) -> None:
+        """Look whether it holds another object than the one named; what it has lost counts no more.
+
+        Args:
+            wanted: Name of an object that it may have between its fingers already.
+
+        Raises:
+            Failure: ``GRIPPER_FULL``, by what is believed or, where nothing is, by what is sensed.
+        """
+        self.forget_lost()
+        held = self.held
+        if held and held != (wanted,):
+            other = next(name for name in held if name != wanted)
+            raise self._full(f"{self.page.name} holds {other!r}: `place` or `release` it first")
+        if self.holding and not held:
+            what = f"something {1e3 * self.width:.1f} mm wide" if self.page.fingers else "something"
+            raise self._full(f"{self.page.name} holds {what} without a name: `release` it first")
+
+    def refuse_full(self, wanted: str | None = None) -> None:
+        """As `refuse_other`; neither may anything be attached to the tool.
+
+        Args:
+            wanted: Name of an object that it may have between its fingers already.
+
+        Raises:
+            Failure: ``GRIPPER_FULL``.
+        """
+        self.refuse_other(wanted)
+        for one in self._world.attachments:
+            if one.arm == self._arm and not one.by_gripper:
+                raise self._full(f"{one.object!r} is attached to the tool: `detach` it first")
+
+    def _full(self, sentence: str) -> Failure:
+        return Failure("GRIPPER_FULL", sentence, width_m=self.width, force_n=self.force)
+
+    def forget_lost(self) -> None:
+        """Believe no longer in what is gone, by what is sensed: fingers have shut, a cup leaks."""
+        if self.is_lost:
+            self.forget_released()
+
+    def forget_released(self) -> None:
+        """Believe no longer in what it was to let go of, unless something is still between pads."""
+        felt = self.page.fingers and self.force > _FELT * self.page.force.least
+        if self.is_lost or not (self.holding or felt):
+            for thing in self.held:
+                self.let_go(thing)
+
     def let_go(self, thing: str) -> bool:
         """Believe no longer that it holds an object; whether it was believed to."""
         self._lease.refuse_other_threads()
@@ -199,6 +315,12 @@ class ArmGripper:
     @property
     def _hardware(self) -> GripperHardware:
         return self._world.grippers[self._arm]
+
+
+def _too_far(thing: str, away: float, what: str) -> str | None:
+    if away <= _AWAY_M:
+        return None
+    return f"{thing!r} is {1e3 * away:.0f} mm from the {what}"
 
 
 def _refuse_beyond(

@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from bt_dualarm.arm.grip_limit import force_for, least_force
-from bt_dualarm.arm.hold_signs import LOST_S, gives, is_lost, leaks
+from bt_dualarm.arm.hold_signs import LOST_S, gives, has_slid, is_lost, leaks
 from bt_dualarm.arm.pull_sense import JointSense, PadSense
 from bt_dualarm.arm.state import ArmState
 from bt_dualarm.errors import Failure
@@ -19,6 +19,8 @@ FIRMER: Final = 3.0
 
 _PAUSE_S: Final = 0.05  # from one response to the next
 _LIFT_S: Final = 0.3  # of motion after a grasp, in which what lay on something presses on the pads
+_PRESSES: Final = 0.3  # share of the force that was asked for; less is friction of the drive
+_NO_VACUUM: Final = 0.01
 _SHAKE: Final = 8.0  # m/s²; that the grip on what was weighed is to bear, as that of `grasp`
 
 
@@ -48,6 +50,9 @@ class SlipResponse:
         self._too_heavy: Failure | None = None
         self._lift_s = 0.0
         self._width, self._full, self._sensed_at = 0.0, 0.0, 0.0
+        self._taken: Attachment | None = None
+        self._taken_width = 0.0
+        self._left_since: float | None = None
         self.may_touch = False
         self.felt, self.felt_at = 0, -math.inf
 
@@ -59,7 +64,7 @@ class SlipResponse:
                 seals; what was held is let go of then. ``OVERLOADED`` where it was weighed, and no
                 force that gripper and object bear holds it.
         """
-        if self._too_heavy is not None:
+        if self._too_heavy is not None and not self.may_touch:  # it may be set down
             failure, self._too_heavy = self._too_heavy, None
             raise failure
         hardware = self._arm.world.grippers.get(self._arm.name)
@@ -84,8 +89,14 @@ class SlipResponse:
             return
         pulled = self._joints.feels() if hardware.tactile is None else False
         held = self._gripped()
-        if held is None or hardware.commanded.width > 0.0:
+        if held is not self._taken:
+            self._taken, self._taken_width, self._left_since = held, hardware.width, None
+        if held is None:
             self._held = None
+            return
+        if hardware.commanded.width > 0.0:
+            self._held = None
+            self._let_go_of_what_left(held, hardware)
             return
         if held is not self._held:
             self._begin(held, hardware)
@@ -130,6 +141,24 @@ class SlipResponse:
                 return
             needed = min(force_for(self._arm.world, held, load, _SHAKE), most)
             self._ask(hardware, needed)
+
+    def _let_go_of_what_left(self, held: Attachment, hardware: GripperHardware) -> None:
+        """Believe no longer that it holds what its fingers have come off, whoever opened them.
+
+        They stand wider than they did around it, and no longer press; a cup has no vacuum.
+        """
+        page, now = hardware.gripper, self._arm.time
+        if page.fingers:
+            wider = has_slid(page, hardware.width - self._taken_width)
+            has_left = wider and hardware.force < _PRESSES * hardware.commanded.force
+        else:
+            has_left = hardware.vacuum < _NO_VACUUM
+        if not has_left:
+            self._left_since = None
+        elif self._left_since is None:
+            self._left_since = now
+        elif now - self._left_since > LOST_S:
+            self._arm.world.attachments.detach(self._arm.name, held.object)
 
     def _gives(self, hardware: GripperHardware) -> bool:
         """Whether the fingers come together, or the vacuum falls."""

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.gripper import OTHER_WIDTH_M
 from bt_dualarm.errors import Failure, Number
 from bt_dualarm.motion.grasping.ranking import RankedGrasp
 from bt_dualarm.motion.timing.trajectory import Trajectory
@@ -23,7 +24,7 @@ from bt_dualarm.world.world import World
 _NOT_IT: Final = "the gripper closed on something else or nothing"
 _HOLD_S: Final = 0.15  # that pads have to press
 _CLOSING_S: Final = 1.5
-_ELSE_M: Final = 0.006  # by which the opening may be off: more is something else
+_REACHED_M: Final = 0.1  # from the tool to the centre of what has no name and is between the pads
 _PRESSED_M: Final = 0.006  # that a cup may be pressed on deeper than the face was thought to be
 _PRESSED_N: Final = 12.0
 _PRESSING: Final = 0.01  # share of the limits
@@ -46,6 +47,7 @@ class Taking:
     """
 
     failures: Final[Mapping[str, str]] = {
+        "GRIPPER_FULL": "the gripper holds something else, or something is attached to the tool",
         "INVALID_TARGET": "the object is fixed, bears less than the gripper's least force, or "
         "the approach has no length",
         "NOT_THERE": "the object is not in the world",
@@ -76,32 +78,57 @@ class Taking:
         arm is in the way it waits and looks for a way anew, as `MoveTo.along`.
 
         Raises:
-            Failure: ``OUT_OF_REACH``, before it moves where no other arm is the reason;
-                ``NOT_GRASPED``, ``SLIPPED``, ``DROPPED``.
+            Failure: ``GRIPPER_FULL``; ``OUT_OF_REACH``, before it moves where no other arm is the
+                reason; ``NOT_GRASPED``, ``SLIPPED``, ``DROPPED``; what motions raise. What was
+                taken and not lifted is put back, unless the way back fails as well: then it is
+                still held.
         """
         arm = self._arm
-        yield from self._open()
+        arm.gripper.refuse_full()
+        yield from self.open(arm)
         way = yield from self._go_before(order)
         yield from self._approach(way)
         name = yield from self._close(way)
-        grip = Grip(arm, name)
+        grip, low = Grip(arm, name), arm.commanded_tool_pose
         try:
             yield from self._lift(name, grip)
         except Failure as failure:
             if failure.code == "SLIPPED":
                 yield from grip.judge(failure)
-            arm.gripper.let_go(name)
+            arm.gripper.forget_lost()
+            if name in arm.gripper.held:
+                yield from self._put_back(way, low)
             raise
         return way.ranked
 
-    def _open(self) -> Iterator[None]:
-        gripper, arm = self._arm.gripper, self._arm
+    @staticmethod
+    def open(arm: Arm) -> Iterator[None]:
+        """Open the gripper of an arm, as wide as it goes; nothing is believed to be in it then."""
+        gripper = arm.gripper
         gripper.command(gripper.page.stroke if gripper.page.fingers else 1.0)
         began, way = arm.time, gripper.page.stroke - gripper.width
         while arm.time - began < 1.0 + way / max(gripper.page.speed.most, 1e-3):
             if gripper.at_rest and abs(gripper.width - gripper.page.stroke) < 2e-3:
-                return
+                break
             yield
+        gripper.forget_released()
+
+    def _put_back(self, way: WayToGrasp, low: Pose) -> Iterator[float]:
+        """Lower what could not be lifted to where it was taken, let go of it, and go back out."""
+        arm, speed = self._arm, self._ports.approach_speed
+        try:
+            for _ in arm.halt():
+                yield 1.0
+            rows = arm.line(arm.commanded_tool_pose, low)
+            motion = arm.begin(arm.time_path(rows, speed), may_touch=True, compliant=True)
+            while not motion.done:
+                yield 1.0
+                arm.check()
+            for _ in self.open(arm):
+                yield 1.0
+            yield from way.back_out(arm, speed)
+        except Failure:
+            return  # why it was not lifted is what counts
 
     def _go_before(self, order: Sequence[RankedGrasp]) -> Generator[float | None, None, WayToGrasp]:
         """Go to where the straight way to a grasp begins, and wait until that is free."""
@@ -165,20 +192,30 @@ class Taking:
         force = self._force(grasp.force)
         gripper.command(force=force, speed=page.speed.least if not page.fingers else None)
         began, since = arm.time, None
-        while since is None or arm.time - since < _HOLD_S:
-            yield None
-            since = None if not gripper.holding else arm.time if since is None else since
-            if since is None and arm.time - began > _CLOSING_S:
-                break
+        try:
+            while since is None or arm.time - since < _HOLD_S:
+                yield None
+                since = None if not gripper.holding else arm.time if since is None else since
+                if since is None and arm.time - began > _CLOSING_S:
+                    break
+        except GeneratorExit:  # halted: it lies where it lay, and nobody believes that it is held
+            gripper.command(page.stroke if page.fingers else 1.0)
+            raise
         self._metrics |= {"width_m": gripper.width, "grip_force_n": force}
         self._metrics["grasp_margin"] = force / max(grasp.force, 1e-9)
-        name = self._wanted.name or _nearest(arm.world, arm.tool_pose.position)
+        name = self._wanted.name or thing_at(arm.world, arm.tool_pose.position, _REACHED_M)
         off = abs(gripper.width - grasp.width)
-        if since is None or name is None or (page.fingers and off > _ELSE_M):
+        why_not: str | None = None
+        if since is None or name is None or (page.fingers and off > OTHER_WIDTH_M):
+            why_not = _NOT_IT
+        elif self._seen is None:
+            elsewhere = name not in arm.world.objects  # taken away meanwhile
+            why_not = _NOT_IT if elsewhere else gripper.why_not(name, arm.world.object_pose(name))
+        if name is None or why_not is not None:
             numbers = {"width_m": gripper.width, "expected_m": grasp.width}
             gripper.command(page.stroke if page.fingers else 1.0)
             yield from way.back_out(arm, self._ports.approach_speed)
-            raise Failure("NOT_GRASPED", _NOT_IT, **numbers)
+            raise Failure("NOT_GRASPED", why_not or _NOT_IT, **numbers)
         lies = gripper.between_the_pads(self._wanted.lies, way.ranked.grasp.tool)
         gripper.hold(name, lies, self._wanted.most_force, told=self._wanted.edges is None)
         return name

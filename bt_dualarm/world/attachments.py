@@ -95,7 +95,13 @@ class Attachments:
         return new
 
     def hold(self, new: Attachment) -> None:
-        """Believe that a gripper holds an object; what was believed of the pair is replaced."""
+        """Believe that a gripper holds an object; what was believed of the pair is replaced.
+
+        What is welded to the arm stays so: nothing holds more firmly.
+        """
+        held = self._held.get((new.arm, new.object))
+        if held is not None and not held.by_gripper:
+            return
         self._held[new.arm, new.object] = new
         self._rebind()
 

@@ -148,6 +148,7 @@ def inserted(xyz: list[float], **fields: Any) -> Tree:
 INSERT = inserted([0.25, -0.45, 0.425])
 CARRY_FAR: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.35, 0.2, 0.6]}, "speed": 0.2}}
 AGAIN: Tree = {"regrasp": {"object": "cube"}}
+TWO_CUBES = ON_TABLE | {"other": CUBE | {"color": "red", "pose": {"xyz": [0.25, -0.45, 0.425]}}}
 SMALL = [[0.05, 0.0], [0.0, 0.05], [-0.05, 0.0], [0.0, -0.05]]
 GRASPED = {"before": (GRASP,), "arm": GRIPPING}
 SUCKING = GRIPPING | {"gripper": "suction_cup"}
@@ -159,6 +160,12 @@ def known_late(port: str, value: float) -> tuple[Tree, ...]:
 
 
 TAKE: Tree = {"close_gripper": {"force": 40}}
+
+CLOSED = {
+    "before": (TAKE,),
+    "objects": SCENARIOS["close_gripper"].objects | {"other": TWO_CUBES["other"]},
+}
+"""The gripper has closed on something that nobody has named; another thing lies there."""
 
 FAR = {"xyz": [1.15, 0.0, 0.5]}
 """Within the ball around the arm, and farther than it can reach."""
@@ -351,11 +358,21 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"close_gripper": {"force": 40, "object": "cube"}}, {"before": REMOVED}
     ),
     ("close_gripper", "NOT_CLOSED"): Trial(TAKE, {"objects": {}}, deeds=((0.0, clogs),)),
+    ("close_gripper", "GRIPPER_FULL"): Trial(
+        {"close_gripper": {"force": 40, "object": "other"}},
+        {"before": (GRASP,), "objects": TWO_CUBES, "scene": "table"},
+        moves=True,
+    ),
+    ("close_gripper", "WRONG_OBJECT"): Trial(
+        {"close_gripper": {"force": 40, "object": "other"}},
+        {"objects": CLOSED["objects"]},
+    ),
     ("release", "INVALID_TARGET"): Trial(
         {"release": {"speed": "{speed}"}}, {"before": (TAKE, *known_late("speed", 1.5))}
     ),
     ("release", "NOT_OPEN"): Trial({"release": {}}, deeds=((0.5, jams),)),
     ("holding", "NOT_HOLDING"): Trial({"holding": {}}, {"before": ()}),
+    ("grasp", "GRIPPER_FULL"): Trial({"grasp": {"object": "other"}}, CLOSED),
     ("grasp", "INVALID_TARGET"): Trial(GRASP, {"objects": cube_that(fixed=True)}),
     ("grasp", "NOT_THERE"): Trial(GRASP, {"before": REMOVED}),
     ("grasp", "TOO_WIDE"): Trial(
@@ -383,6 +400,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("place", "SLIPPED"): Trial(PLACE, deeds=((4.9, shrinks("cube")),), moves=True),
     ("place", "DROPPED"): Trial(PLACE, deeds=((4.9, steals("cube")),), moves=True),
     ("regrasp", "NOT_HELD"): Trial({"regrasp": {}}, {"before": ()}),
+    ("regrasp", "GRIPPER_FULL"): Trial({"regrasp": {"object": "other"}}, CLOSED),
     ("regrasp", "INVALID_TARGET"): Trial(AGAIN, {"before": (), "objects": cube_that(fixed=True)}),
     ("regrasp", "NOT_THERE"): Trial(AGAIN, {"before": REMOVED}),
     ("regrasp", "TOO_WIDE"): Trial(
@@ -412,6 +430,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
     # Handling objects
     ("approach_and_attach", "INVALID_TARGET"): Trial(
         {"approach_and_attach": {"object": "cube", "direction": [0, 0, 0]}}
+    ),
+    ("approach_and_attach", "GRIPPER_FULL"): Trial(
+        {"approach_and_attach": {"object": "other"}}, CLOSED | {"arm": GRIPPING}
     ),
     ("approach_and_attach", "NOT_THERE"): Trial(PICK, {"before": REMOVED}),
     ("approach_and_attach", "OUT_OF_REACH"): Trial(PICK, {"objects": CUBE_AWAY}),
