@@ -119,7 +119,7 @@ class Taking:
         try:
             for _ in arm.halt():
                 yield 1.0
-            rows = arm.line(arm.commanded_tool_pose, low)
+            rows = arm.line_on(low)
             motion = arm.begin(arm.time_path(rows, speed), may_touch=True, compliant=True)
             while not motion.done:
                 yield 1.0
