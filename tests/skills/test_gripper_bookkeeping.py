@@ -169,7 +169,7 @@ def test_a_swapped_object_does_not_get_the_name_of_the_other(stage: Stage) -> No
 
 
 def test_an_object_of_another_width_does_not_get_the_name(stage: Stage) -> None:
-    narrow = {"narrow": CUBE | {"size": [0.03] * 3, "pose": {"xyz": [0.25, -0.3, 0.415]}}}
+    narrow: Tree = {"narrow": CUBE | {"size": [0.03] * 3, "pose": {"xyz": [0.25, -0.3, 0.415]}}}
     file = scene(**narrow).file(
         GRASP,
         LOW,
