@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from bt_dualarm.replay.timeline import Change, Node
 from bt_dualarm.spec.source import Json
@@ -17,7 +17,7 @@ def rows_of(root: NodeView | None) -> list[Json]:
 
 def rows_at(root: Node, time: float) -> list[Json]:
     """Rows of a tree as it stood at a time in s."""
-    return [*_then(root, time, 0)]
+    return [*_then(root, root.standing_at(time), 0)]
 
 
 def _now(node: NodeView, path: str, depth: int) -> Iterator[Json]:
@@ -39,8 +39,8 @@ def _now(node: NodeView, path: str, depth: int) -> Iterator[Json]:
         yield from _now(child, f"{path}/{shown}", depth + 1)
 
 
-def _then(node: Node, time: float, depth: int) -> Iterator[Json]:
-    change = _last(node, time)
+def _then(node: Node, standing: Mapping[str, Change], depth: int) -> Iterator[Json]:
+    change = standing.get(node.path)
     failed = change is not None and change.new == "FAILURE" and change.code
     yield _row(
         node.path,
@@ -53,16 +53,7 @@ def _then(node: Node, time: float, depth: int) -> Iterator[Json]:
         reason=f"{change.code}: {change.reason}" if change is not None and failed else "",
     )
     for child in node.children:
-        yield from _then(child, time, depth + 1)
-
-
-def _last(node: Node, time: float) -> Change | None:
-    found = None
-    for change in node.changes:
-        if change.time > time + 1e-9:
-            break
-        found = change
-    return found
+        yield from _then(child, standing, depth + 1)
 
 
 def _row(path: str, depth: int, kind: str, **fields: object) -> Json:

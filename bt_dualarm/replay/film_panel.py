@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw
 
 from bt_dualarm.replay.film_style import ARM_COLORS, FAINT, INK, PAPER, RGB, STATUS, font
 from bt_dualarm.replay.record import Record
-from bt_dualarm.replay.timeline import Node, Timeline
+from bt_dualarm.replay.timeline import Change, Node, Timeline
 
 _SIZES: Final = (19, 18, 17, 16, 15, 14, 13, 12, 11, 10)
 _INDENT: Final = 1.3
@@ -110,22 +110,24 @@ class FilmPanel:
             yield _Line(0, "", "", INK)
             robot = self.record.arms[arm]["robot"]
             yield _Line(0, "●", f"{arm}   {robot}", color, bold=True)
-            yield from _of_node(root, 0, time, folded=folded)
+            yield from _of_node(root, root.standing_at(time), 0, time, folded=folded)
 
 
-def _of_node(node: Node, depth: int, time: float, *, folded: bool) -> Iterator[_Line]:
-    status = node.status_at(time)
+def _of_node(
+    node: Node, standing: Mapping[str, Change], depth: int, time: float, *, folded: bool
+) -> Iterator[_Line]:
+    change = standing.get(node.path)
+    status = "INVALID" if change is None else change.new
     mark, color = STATUS[status]
-    begun = [change for change in node.changes if change.time <= time + 1e-9]
-    runs = status == "RUNNING" and not node.children
-    end = f"{time - begun[-1].time:.1f} s" if runs else ""
+    runs = change is not None and status == "RUNNING" and not node.children
+    end = f"{time - change.time:.1f} s" if change is not None and runs else ""
     ink = INK if status == "SUCCESS" and node.children else color
     yield _Line(depth, mark, node.path.rpartition("/")[2], ink, bold=runs, end=end, lit=runs)
-    if status == "FAILURE" and not node.children and begun[-1].reason:
-        yield from (_Line(depth + 1, "", text, color) for text in _wrapped(begun[-1].reason))
+    if change is not None and status == "FAILURE" and not node.children and change.reason:
+        yield from (_Line(depth + 1, "", text, color) for text in _wrapped(change.reason))
     if not folded or status == "RUNNING":
         for child in node.children:
-            yield from _of_node(child, depth + 1, time, folded=folded)
+            yield from _of_node(child, standing, depth + 1, time, folded=folded)
 
 
 def _wrapped(reason: str, width: int = 40) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 from bt_dualarm.replay.record import Facts, Record, ReplayError
 from bt_dualarm.spec.problems import suggestion
@@ -31,6 +32,16 @@ class Change:
     code: str
     reason: str
     metrics: Mapping[str, object]
+
+
+_HALTED: Final = ("RUNNING", "INVALID")
+"""Statuses before and after a node is halted."""
+
+
+def _is_wiped_out(change: Change, halt: Change) -> bool:
+    """Whether a node that had ended lost its status with that halt of its tree."""
+    ended = change.old in ("SUCCESS", "FAILURE") and change.new == "INVALID"
+    return ended and change.time == halt.time and change.index < halt.index
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +71,27 @@ class Node:
         yield self
         for child in self.children:
             yield from child.walk()
+
+    def standing_at(self, time: float) -> Mapping[str, Change]:
+        """Last change of each node of this tree until a time in s, by path, as displays show it.
+
+        A tree that was halted as a whole shows what it had achieved until then: halting wipes out
+        what had ended, too, and only what was running is marked as halted. To be asked of a root.
+        """
+        last = self._last_until(time)
+        halt = last if last is not None and (last.old, last.new) == _HALTED else None
+        found: dict[str, Change] = {}
+        for node in self.walk():
+            changes = [change for change in node.changes if change.time <= time + 1e-9]
+            if halt is not None and changes and _is_wiped_out(changes[-1], halt):
+                changes.pop()
+            if changes:
+                found[node.path] = changes[-1]
+        return found
+
+    def _last_until(self, time: float) -> Change | None:
+        found = [change for change in self.changes if change.time <= time + 1e-9]
+        return found[-1] if found else None
 
     def leaves_at(self, time: float, status: str) -> list[Node]:
         """Leaves below it that had this status at a time in s."""

@@ -19,6 +19,7 @@ import bt_dualarm
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.live.past_answers import RecordView
 from bt_dualarm.live.served import Served
+from bt_dualarm.live.trees import rows_of
 from bt_dualarm.live.view import LiveView
 from bt_dualarm.replay.kept_pictures import kept_pictures
 from bt_dualarm.replay.record import Record, ReplayError
@@ -218,3 +219,18 @@ def test_the_command_serves_the_page_until_it_is_ended(failed: Record) -> None:
         assert Browser(said.split()[-1]).now()["name"] == "short"
         process.send_signal(2)
         assert process.wait(30) == 130
+
+
+def test_a_tree_that_was_halted_shows_what_it_had_achieved(tmp_path: Path) -> None:
+    """As the live page and the terminal do: what had ended keeps its status, what ran is halted."""
+    tree = write_short(tmp_path / "trees")
+    with bt_dualarm.open(tree, record=tmp_path / "out", duration=0.5) as run:
+        run.finish()
+        [live] = run.views()
+    view = RecordView(tmp_path / "out")
+    until = Record.read(tmp_path / "out").until
+    [arm] = json.loads(view.questions["at"]({"t": f"{until}"}).content)["arms"]
+    now = [(row["status"], row["halted"], row["since"]) for row in rows_of(live.tree)]
+    assert [(row["status"], row["halted"], row["since"]) for row in arm["nodes"]] == now
+    assert [status for status, _, _ in now] == ["INVALID", "SUCCESS", *["INVALID"] * 3]
+    assert [halted for _, halted, _ in now] == [True, False, True, True, False]
