@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ from bt_dualarm.cli.entry import SUCCEEDED
 from bt_dualarm.errors import DualArmError
 
 if TYPE_CHECKING:
+    from bt_dualarm.replay.lerobot_export import Demonstrations
     from bt_dualarm.replay.record import Record
 
 _EPILOG = """\
@@ -20,6 +22,8 @@ examples:
   bt-record export out --mp4 out.mp4       a film: the scene, the trees beside it
   bt-record export out --webp out.webp     the same, small, for pages on the web
   bt-record export out --lerobot data      a demonstration for imitation learning (LeRobot v3.0)
+  bt-record export run_* --lerobot data --only-successes
+                                           many runs as one data set, an episode each
   bt-record export out --csv tables        a folder of tables: events, notes, arms, states
 
 exit code:
@@ -31,15 +35,23 @@ def main(argv: Sequence[str] | None) -> int:
     """Export a record; returns the exit code."""
     parser = _command_line()
     arguments = parser.parse_args(argv)
-    wanted = [(name, getattr(arguments, name)) for name in _FORMATS]
+    wanted = [(name, getattr(arguments, name)) for name in ("lerobot", *_FORMATS)]
     wanted = [(name, target) for name, target in wanted if target is not None]
     if not wanted:
-        parser.error(f"to which form? {', '.join(f'--{name}' for name in _FORMATS)}")
+        parser.error(f"to which form? {', '.join(f'--{name}' for name in (*_FORMATS, 'lerobot'))}")
+    if arguments.lerobot is None and (arguments.only_successes or arguments.append):
+        parser.error("--only-successes and --append go with --lerobot")
+    if len(arguments.folders) > 1 and [name for name, _ in wanted] != ["lerobot"]:
+        parser.error("several records become one data set: that takes --lerobot alone")
     from bt_dualarm.replay.record import Record
 
-    record = Record.read(arguments.folder)
+    record: Record | None = None
     for name, target in wanted:
         try:
+            if name == "lerobot":
+                _lerobot(arguments)
+                continue
+            record = record or Record.read(arguments.folders[0])
             _FORMATS[name](record, target)
         except OSError as error:
             raise DualArmError(f"cannot write {target}: {error.strerror or error}") from error
@@ -56,12 +68,20 @@ def _command_line() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("deed", choices=("export",), metavar="export", help="what is to be done: export")
-    add("folder", metavar="DIR", type=Path, help="a folder that bt-run --record wrote")
+    add(
+        "folders",
+        metavar="DIR",
+        nargs="+",
+        type=Path,
+        help="a folder that bt-run --record wrote; several with --lerobot",
+    )
     add("--html", metavar="FILE", type=Path, help="one self-contained page")
     add("--mcap", metavar="FILE", type=Path, help="messages over time, in JSON")
     add("--mp4", metavar="FILE", type=_film, help="a film, 25 pictures a simulated second")
     add("--webp", metavar="FILE", type=_animation, help="an animation of 3 MB at most")
-    add("--lerobot", metavar="FOLDER", type=Path, help="a data set of one demonstration")
+    add("--lerobot", metavar="FOLDER", type=Path, help="a data set, an episode for each DIR")
+    add("--only-successes", action="store_true", help="leave runs out that did not succeed")
+    add("--append", action="store_true", help="add the runs to the data set in FOLDER")
     add("--csv", metavar="FOLDER", type=Path, help="tables, in a folder")
     return parser
 
@@ -104,10 +124,36 @@ def _mp4(record: Record, target: Path) -> None:
     write_film(record, target)
 
 
-def _lerobot(record: Record, target: Path) -> None:
+def _lerobot(arguments: argparse.Namespace) -> None:
+    """Export all records as one data set; tell how far it has come, where somebody looks."""
     from bt_dualarm.replay.lerobot_export import write_dataset
 
-    write_dataset(record, target)
+    folders, target = arguments.folders, arguments.lerobot
+
+    def progress(number: int, folder: Path) -> None:
+        if len(folders) > 1 and sys.stderr.isatty():
+            print(f"\r\x1b[K{number + 1} of {len(folders)}: {folder}", end="", file=sys.stderr)
+
+    try:
+        done = write_dataset(
+            folders,
+            target,
+            only_successes=arguments.only_successes,
+            append=arguments.append,
+            progress=progress,
+        )
+    finally:
+        if len(folders) > 1 and sys.stderr.isatty():
+            print("\r\x1b[K", end="", file=sys.stderr)
+    print(f"written: {target} ({_counted(done)})")
+
+
+def _counted(done: Demonstrations) -> str:
+    """How many episodes there are of which kind."""
+    said = [f"{done.episodes} {'episode' if done.episodes == 1 else 'episodes'}"]
+    said += [f"{done.failed} of them failed: success is false"] if done.failed else []
+    said += [f"{done.left_out} left out"] if done.left_out else []
+    return f"{', '.join(said)}, {done.frames} frames"
 
 
 def _csv(record: Record, target: Path) -> None:
@@ -124,6 +170,5 @@ _FORMATS: dict[str, Callable[[Record, Path], None]] = {
     "mcap": _mcap,
     "mp4": _mp4,
     "webp": _webp,
-    "lerobot": _lerobot,
     "csv": _csv,
 }

@@ -54,6 +54,45 @@ _TRANSFORM: Final = _object(
     },
     "foxglove.FrameTransform",
 )
+_POSE: Final = _object({"position": _VECTOR, "orientation": _TURN}, "foxglove.Pose")
+_SIZED: Final[dict[str, Schema]] = {"pose": _POSE, "size": _VECTOR, "color": _COLOR}
+_LENGTH_OF_TIME: Final = _object({"sec": {"type": "integer"}, "nsec": _NANOSECONDS}, "duration")
+_MODEL: Final = _object(
+    {
+        "pose": _POSE,
+        "scale": _VECTOR,
+        "color": _COLOR,
+        "override_color": _FLAG,
+        "url": _TEXT,
+        "media_type": _TEXT,
+        "data": {**_TEXT, "contentEncoding": "base64"},
+    },
+    "foxglove.ModelPrimitive",
+)
+_TAPERED: Final[dict[str, Schema]] = {**_SIZED, "bottom_scale": _NUMBER, "top_scale": _NUMBER}
+_ENTITY: Final = _object(
+    {
+        "timestamp": _TIME,
+        "frame_id": _TEXT,
+        "id": _TEXT,
+        "lifetime": _LENGTH_OF_TIME,
+        "frame_locked": _FLAG,
+        "metadata": _list(_PAIR),
+        "arrows": _list(_ANY),
+        "cubes": _list(_object(_SIZED, "foxglove.CubePrimitive")),
+        "spheres": _list(_object(_SIZED, "foxglove.SpherePrimitive")),
+        "cylinders": _list(_object(_TAPERED, "foxglove.CylinderPrimitive")),
+        "lines": _list(_ANY),
+        "triangles": _list(_ANY),
+        "texts": _list(_ANY),
+        "models": _list(_MODEL),
+    },
+    "foxglove.SceneEntity",
+)
+_DELETION: Final = _object(
+    {"timestamp": _TIME, "type": {"type": "integer", "enum": [0, 1]}, "id": _TEXT},
+    "foxglove.SceneEntityDeletion",
+)
 _MEASURED: Final = ("position", "velocity", "acceleration", "effort")
 _JOINT: Final = _object(
     {"name": _TEXT, **dict.fromkeys(_MEASURED, _NUMBER)}, "foxglove.JointState", _MEASURED
@@ -99,6 +138,7 @@ _FIELDS: Final[dict[str, dict[str, Schema]]] = {
         "points": _list(_ANY),
         "texts": _list(_ANY),
     },
+    "foxglove.SceneUpdate": {"deletions": _list(_DELETION), "entities": _list(_ENTITY)},
     "foxglove.Log": {
         "timestamp": _TIME,
         "level": {"type": "integer", "enum": [0, 1, 2, 3, 4, 5]},
@@ -121,6 +161,19 @@ _FIELDS: Final[dict[str, dict[str, Schema]]] = {
     "bt_dualarm.Ports": {**_NOTED, "leaf": _TEXT, "ports": {"type": "object"}},
     "bt_dualarm.Wrote": {**_NOTED, "leaf": _TEXT, "key": _TEXT, "value": _ANY},
     "bt_dualarm.Guard": {**_NOTED, "does": _TEXT, "reason": _TEXT},
+    "bt_dualarm.Holds": {**_NOTED, "gripped": _list(_TEXT), "welded": _list(_TEXT)},
+    "bt_dualarm.Gripper": {
+        **_NOTED,
+        "takes_by": {"type": "string", "enum": ["fingers", "suction"]},
+        "width_m": _NUMBER,
+        "speed_m_s": _NUMBER,
+        "force_n": _NUMBER,
+        "vacuum": _NUMBER,
+        "commanded_width_m": _NUMBER,
+        "commanded_speed_m_s": _NUMBER,
+        "commanded_force_n": _NUMBER,
+        "held": _list(_TEXT),
+    },
     "bt_dualarm.Frame": {**_SEEN, "region": _list(_WHOLE, 4), "stride": _WHOLE, "crc": _WHOLE},
     "bt_dualarm.Found": {**_SEEN, "asked": _TEXT, "answer": _list(_ANY)},
     "bt_dualarm.Look": {

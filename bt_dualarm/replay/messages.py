@@ -1,18 +1,19 @@
-"""A record as messages over time: statuses, notes, joints, and where every body was."""
+"""A record as messages over time: statuses, notes, joints, grippers, where every body was."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import mujoco
 
 from bt_dualarm.pose import Vector
+from bt_dualarm.replay.arm_parts import finger_joints, gripper_kind, held_over_time, joints_of
 from bt_dualarm.replay.camera_messages import camera_frame, camera_messages
 from bt_dualarm.replay.message import Message, timestamp
-from bt_dualarm.replay.record import Facts, Record
+from bt_dualarm.replay.record import Facts, GripperState, Moment, Record
+from bt_dualarm.replay.scene_messages import scene_messages
 from bt_dualarm.world.nominal.camera_pose import camera_pose
-from bt_dualarm.world.robots.mjspec import joint_motors
 
 _EVERY: Final = 2
 """States from one message of bodies to the next: 25 a second."""
@@ -24,16 +25,20 @@ def messages_of(record: Record) -> list[Message]:
     """All messages, in the order of their times.
 
     ``/status`` has changes of status, ``/log`` the same for people; ``/ARM/ports``,
-    ``/ARM/wrote``, ``/ARM/frame``, ``/ARM/look``, ``/ARM/found`` and ``/ARM/guard`` the notes;
-    ``/ARM/joints`` where the joints were, with the torques that were commanded,
-    ``/ARM/set_point`` what was sent, in rad, s and N m; ``/bodies`` the poses of all bodies and
-    cameras in the world, in m; ``/ARM/camera/…`` what `camera_messages` says.
+    ``/ARM/wrote``, ``/ARM/frame``, ``/ARM/look``, ``/ARM/found``, ``/ARM/holds`` and ``/ARM/guard``
+    the notes; ``/ARM/joints`` where the joints were, those of fingers too, with the torques that
+    were commanded, ``/ARM/set_point`` what was sent, in rad, s and N m (m and N of fingers);
+    ``/ARM/gripper`` what a gripper sensed, was asked for and held; ``/bodies`` the poses of all
+    bodies and cameras in the world, in m; ``/scene/…`` what they look like (`scene_messages`),
+    ``/ARM/camera/…`` what `camera_messages` says.
     """
     found = [
         *_statuses(record),
         *_notes(record),
         *_joints(record),
+        *_grippers(record),
         *_bodies(record),
+        *scene_messages(record),
         *camera_messages(record),
     ]
     return sorted(found, key=lambda message: message.time_s)
@@ -68,35 +73,71 @@ def _joints(record: Record) -> Iterator[Message]:
     for arm in record.arms:
         for index, time in enumerate(record.times.tolist()):
             row = record.arm_row(arm, index)
-            if row is not None:
-                q, v, a, torque = ([float(f"{x:.7g}") for x in part] for part in row)
-                moment = record.moment(index)
-                model = record.model(moment.generation)
-                joints = joints_of(model, arm)
-                at, to = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-                names = [str(model.joint(joint).name) for joint in joints]
-                where, how = moment.qpos[at].round(9).tolist(), moment.qvel[to].round(9).tolist()
-                now = {"position": where, "velocity": how, "effort": torque}
-                sent = {"position": q, "velocity": v, "acceleration": a}
-                yield _states(f"/{arm}/joints", time, names, now)
-                yield _states(f"/{arm}/set_point", time, names, sent)
+            if row is None:
+                continue
+            q, v, a, torque = ([float(f"{x:.7g}") for x in part] for part in row)
+            moment = record.moment(index)
+            model = record.model(moment.generation)
+            joints = joints_of(model, arm, len(q))
+            now = _measured(model, moment, joints, torque)
+            sent = [
+                {"name": joint["name"], "position": q[j], "velocity": v[j], "acceleration": a[j]}
+                for j, joint in enumerate(now)
+            ]
+            gripper = record.gripper(arm, index)
+            fingers = finger_joints(model, arm)
+            if gripper is not None and fingers:
+                grip = _rounded(gripper)
+                now += _measured(model, moment, fingers, [grip["force_n"]] * 2)
+                asked = grip["commanded_width_m"] / 2, grip["commanded_force_n"]
+                sent += [
+                    {"name": str(model.joint(joint).name), "position": asked[0], "effort": asked[1]}
+                    for joint in fingers
+                ]
+            for topic, joints_now in ((f"/{arm}/joints", now), (f"/{arm}/set_point", sent)):
+                content = {"timestamp": timestamp(time), "joints": joints_now}
+                yield Message(topic, "foxglove.JointStates", time, content)
 
 
-def _states(
-    topic: str, time: float, names: Sequence[str], values: Mapping[str, Sequence[float]]
-) -> Message:
-    joints = [
-        {"name": name, **{what: each[place] for what, each in values.items()}}
-        for place, name in enumerate(names)
+def _measured(
+    model: mujoco.MjModel, moment: Moment, joints: Sequence[int], efforts: Sequence[float]
+) -> list[Facts]:
+    """Name, position, velocity and effort of some joints, as `foxglove.JointState`."""
+    at, to = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+    where, how = moment.qpos[at].round(9).tolist(), moment.qvel[to].round(9).tolist()
+    return [
+        {"name": str(model.joint(joint).name), "position": q, "velocity": v, "effort": effort}
+        for joint, q, v, effort in zip(joints, where, how, efforts, strict=True)
     ]
-    content = {"timestamp": timestamp(time), "joints": joints}
-    return Message(topic, "foxglove.JointStates", time, content)
 
 
-def joints_of(model: mujoco.MjModel, arm: str) -> list[int]:
-    """Numbers of an arm's joints in the model, base to tip; a gripper's are none of them."""
-    joints: list[int] = model.actuator_trnid[joint_motors(model, arm), 0].tolist()
-    return joints
+def _grippers(record: Record) -> Iterator[Message]:
+    """What each gripper sensed, was asked for, and was believed to hold."""
+    for arm in record.arms:
+        changes = held_over_time(record, arm)
+        held: tuple[str, ...] = ()
+        for index, time in enumerate(record.times.tolist()):
+            while changes and changes[0][0] <= time + 1e-9:
+                held = changes.pop(0)[1]
+            state = record.gripper(arm, index)
+            if state is not None:
+                kind = gripper_kind(record.model(record.moment(index).generation), arm)
+                content = {"time_s": time, "takes_by": kind, **_rounded(state), "held": [*held]}
+                yield Message(f"/{arm}/gripper", "bt_dualarm.Gripper", time, content)
+
+
+def _rounded(state: GripperState) -> dict[str, float]:
+    """Numbers of a gripper by name and unit, as exact as the record has them."""
+    named = {
+        "width_m": state.width,
+        "speed_m_s": state.speed,
+        "force_n": state.force,
+        "vacuum": state.vacuum,
+        "commanded_width_m": state.commanded_width,
+        "commanded_speed_m_s": state.commanded_speed,
+        "commanded_force_n": state.commanded_force,
+    }
+    return {name: float(f"{value:.7g}") for name, value in named.items()}
 
 
 def _bodies(record: Record) -> Iterator[Message]:

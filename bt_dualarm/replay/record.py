@@ -48,6 +48,29 @@ class Moment:
     qvel: Vector
 
 
+@dataclass(frozen=True)
+class GripperState:
+    """A gripper at one of the times whose state is kept.
+
+    Attributes:
+        width: Opening by the encoder, m; 0 of a cup.
+        speed: Speed of the opening, positive where it opens, m/s; 0 of a cup.
+        force: Force of a pad by the motor's current, positive where it closes, or of a cup, N.
+        vacuum: Share of the full vacuum that a cup senses, from 0 to 1; 0 of fingers.
+        commanded_width: Opening that was asked for, m; of a cup 0 sucks, else it lets go.
+        commanded_speed: Speed of the opening that was asked for, m/s.
+        commanded_force: Most force of a pad, or of a cup, that was asked for, N.
+    """
+
+    width: float
+    speed: float
+    force: float
+    vacuum: float
+    commanded_width: float
+    commanded_speed: float
+    commanded_force: float
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """What a run left behind.
@@ -183,6 +206,19 @@ class Record:
             return None
         q, v, a, torque = rows[at].astype(float).reshape(4, -1)
         return q, v, a, torque
+
+    def gripper(self, arm: str, index: int) -> GripperState | None:
+        """State and command of an arm's gripper.
+
+        None where the arm has none or was not in the world, and in records of versions that did
+        not keep it.
+        """
+        number = bisect_right(self._firsts, index) - 1
+        rows = self._framed[number].arrays.get(f"gripper:{arm}")
+        at = index - self._firsts[number]
+        if rows is None or at >= len(rows):
+            return None
+        return GripperState(*rows[at].astype(float).tolist())
 
     @cached_property
     def _compiled(self) -> dict[int, mujoco.MjModel]:

@@ -6,9 +6,12 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import astuple
+from typing import Final
 
 import mujoco
 
+from bt_dualarm.replay.arm_parts import file_part, held_over_time
 from bt_dualarm.replay.record import Record
 
 
@@ -16,8 +19,12 @@ def tables_of(record: Record) -> Iterator[tuple[str, str]]:
     """Name and content of each table, numbers in SI units.
 
     ``events.csv`` has changes of status, ``notes.csv`` ports, keys, pictures and what was found in
-    them; ``arm_NAME.csv`` set-points and torques, and ``states_N.csv`` positions and velocities of
-    generation N of the world, both at 50 Hz.
+    them; ``arm_NAME.csv`` set-points and torques, ``gripper_NAME.csv`` what the arm's gripper
+    sensed, was asked for and held, and ``states_N.csv`` positions and velocities of generation N of
+    the world, all at 50 Hz.
+
+    Raises:
+        ReplayError: An arm has a name that no tree file can give to it.
     """
     columns = ("time_s", "arm", "path", "kind", "old", "new", "code", "reason", "metrics")
     events = [[_cell(event[name]) for name in columns] for event in record.events]
@@ -26,7 +33,10 @@ def tables_of(record: Record) -> Iterator[tuple[str, str]]:
     for arm in record.arms:
         rows = [*_arm_rows(record, arm)]
         if rows:
-            yield f"arm_{arm}.csv", _table(_arm_columns(len(rows[0]) // 4), rows)
+            yield f"arm_{file_part(arm)}.csv", _table(_arm_columns(len(rows[0]) // 4), rows)
+        rows = [*_gripper_rows(record, arm)]
+        if rows:
+            yield f"gripper_{file_part(arm)}.csv", _table(_GRIPPER_COLUMNS, rows)
     for generation in sorted(record.models):
         states = [*_state_rows(record, generation)]
         if states:
@@ -61,6 +71,32 @@ def _arm_rows(record: Record, arm: str) -> Iterator[list[object]]:
         row = record.arm_row(arm, index)
         if row is not None:
             yield [time, *(float(f"{x:.7g}") for part in row for x in part)]
+
+
+_GRIPPER_COLUMNS: Final = (
+    "time_s",
+    "width_m",
+    "speed_m_s",
+    "force_n",
+    "vacuum",
+    "commanded_width_m",
+    "commanded_speed_m_s",
+    "commanded_force_n",
+    "held",
+)
+
+
+def _gripper_rows(record: Record, arm: str) -> Iterator[list[object]]:
+    """State and command of a gripper, and the objects that it was believed to hold."""
+    changes = held_over_time(record, arm)
+    held: tuple[str, ...] = ()
+    for index, time in enumerate(record.times.tolist()):
+        while changes and changes[0][0] <= time + 1e-9:
+            held = changes.pop(0)[1]
+        state = record.gripper(arm, index)
+        if state is not None:
+            numbers = (float(f"{value:.7g}") for value in astuple(state))
+            yield [time, *numbers, " ".join(held)]
 
 
 def _state_columns(record: Record, generation: int) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -58,43 +59,47 @@ def write_film(record: Record, path: Path) -> None:
     beside = path.with_name(f".{path.stem}.half.mp4")
     try:
         beside.touch()
-        encode(pictures(record, FILM), (FILM.width, FILM.height), FILM.fps, beside)
+        with closing(Encoder(beside, (FILM.width, FILM.height), FILM.fps)) as film:
+            for picture in pictures(record, FILM):
+                film.add(picture)
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
 
 
-def encode(
-    pictures: Iterator[Picture], size: tuple[int, int], fps: float, path: Path, key_every: int = 50
-) -> None:
-    """Write pictures as H.264 (yuv420p).
+class Encoder:
+    """Writes pictures as H.264 (yuv420p), one by one.
 
     Args:
-        pictures: Pictures of shape (height, width, 3), red, green, blue.
+        path: File to write, which ends with ``.mp4``.
         size: Width and height in pixels, even.
         fps: Pictures a second.
-        path: File to write, which ends with ``.mp4``.
         key_every: Pictures from one that stands for itself to the next.
 
     Raises:
         ReplayError: The package imageio-ffmpeg is not installed.
         OSError: The file cannot be written.
     """
-    try:
-        import imageio_ffmpeg
-    except ImportError as error:
-        message = "a film needs the package imageio-ffmpeg (the extra bt_dualarm[export])"
-        raise ReplayError(message) from error
-    keys = ["-g", str(key_every)]
-    film = imageio_ffmpeg.write_frames(
-        str(path), size, fps=fps, codec="libx264", macro_block_size=2, output_params=keys
-    )
-    try:
-        film.send(None)
-        for picture in pictures:
-            film.send(np.ascontiguousarray(picture).tobytes())
-    finally:
-        film.close()
+
+    def __init__(self, path: Path, size: tuple[int, int], fps: float, key_every: int = 50) -> None:
+        try:
+            import imageio_ffmpeg
+        except ImportError as error:
+            message = "a film needs the package imageio-ffmpeg (the extra bt_dualarm[export])"
+            raise ReplayError(message) from error
+        keys = ["-g", str(key_every)]
+        self._film = imageio_ffmpeg.write_frames(
+            str(path), size, fps=fps, codec="libx264", macro_block_size=2, output_params=keys
+        )
+        self._film.send(None)
+
+    def add(self, picture: Picture) -> None:
+        """Add a picture of shape (height, width, 3), red, green, blue."""
+        self._film.send(np.ascontiguousarray(picture).tobytes())
+
+    def close(self) -> None:
+        """Finish the file; again changes nothing."""
+        self._film.close()
 
 
 def write_animation(record: Record, path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -12,7 +12,7 @@ from bt_dualarm.recording.block import Block
 from bt_dualarm.recording.history_file import HistoryWriter
 from bt_dualarm.recording.model_pieces import ModelWriter
 from bt_dualarm.runtime.history_frames import FramedController, FramedWorld, Frames
-from bt_dualarm.runtime.notes import GuardedArm, Notes
+from bt_dualarm.runtime.notes import GuardedArm, Held, Notes
 from bt_dualarm.runtime.parts import IdleObserver
 
 _GUARD_EVERY: Final = 5
@@ -35,6 +35,14 @@ class HistoryArm(Protocol):
         """Controller of the arm."""
 
 
+class HistoryWorld(FramedWorld, Protocol):
+    """All that is read of the world."""
+
+    @property
+    def attachments(self) -> Iterable[Held]:
+        """What arms hold, or are believed to hold."""
+
+
 class History(IdleObserver):
     """An observer that writes a block for each simulated second, and one for each compiled model.
 
@@ -53,7 +61,7 @@ class History(IdleObserver):
     def __init__(
         self,
         path: Path,
-        world: FramedWorld,
+        world: HistoryWorld,
         arms: Callable[[], Sequence[HistoryArm]],
         notes: Notes,
         start: Callable[[], Block],
@@ -87,6 +95,7 @@ class History(IdleObserver):
     def _keep(self) -> None:
         arms = self._arms()
         self._frames.keep((arm.name, arm.controller) for arm in arms)
+        self._notes.of_holding(self._world.attachments)
         self._kept += 1
         if self._kept % _GUARD_EVERY == 0:
             for arm in arms:

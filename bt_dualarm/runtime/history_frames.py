@@ -1,4 +1,4 @@
-"""The numbers of a run, second by second: states, checksums of all steps, set-points, torques."""
+"""The numbers of a run, second by second: states, checksums of all steps, arms, grippers."""
 
 from __future__ import annotations
 
@@ -34,6 +34,46 @@ class Hardware(Protocol):
         """Torques that were commanded last, of shape (dof,), N m."""
 
 
+class Command(Protocol):
+    """What is read of the last command of a gripper."""
+
+    @property
+    def width(self) -> float:
+        """Opening to go to, m; of a cup 0 sucks, anything else lets go."""
+
+    @property
+    def speed(self) -> float:
+        """Speed of the opening, m/s."""
+
+    @property
+    def force(self) -> float:
+        """Most force of a pad, or of a cup, N."""
+
+
+class FramedGripper(Protocol):
+    """What is read of a gripper; looking at it reads no sensor."""
+
+    @property
+    def width(self) -> float:
+        """Opening by the encoder, m."""
+
+    @property
+    def speed(self) -> float:
+        """Speed of the opening, m/s."""
+
+    @property
+    def force(self) -> float:
+        """Force of a pad, or of a cup, N."""
+
+    @property
+    def vacuum(self) -> float:
+        """Share of the full vacuum that a cup senses."""
+
+    @property
+    def commanded(self) -> Command:
+        """What was asked for last."""
+
+
 class FramedWorld(Protocol):
     """What is read of the world."""
 
@@ -51,6 +91,10 @@ class FramedWorld(Protocol):
     @property
     def hardware(self) -> Mapping[str, Hardware]:
         """Drives of the arms that are present, by name."""
+
+    @property
+    def grippers(self) -> Mapping[str, FramedGripper]:
+        """Grippers of the arms that are present and have one, by name of the arm."""
 
 
 class FramedController(Protocol):
@@ -84,6 +128,7 @@ class Frames:
         self._rows: list[int] = []
         self._states: list[npt.NDArray[np.float64]] = []
         self._arms: dict[str, list[npt.NDArray[np.float64]]] = {}
+        self._grippers: dict[str, list[tuple[float, ...]]] = {}
 
     @property
     def outdated(self) -> bool:
@@ -102,7 +147,7 @@ class Frames:
         return self._due.due(self._steps - 1)
 
     def keep(self, controllers: Iterable[tuple[str, FramedController]]) -> None:
-        """Keep the state after the step that was made, and what the arms were sent.
+        """Keep the state after the step that was made, and what arms and grippers were sent.
 
         Args:
             controllers: Arms that are present, with their controllers.
@@ -113,6 +158,13 @@ class Frames:
             sent, drives = controller.setpoint, self._world.hardware[name]
             row = np.concatenate((sent.q, sent.v, sent.a, drives.commanded))
             self._arms.setdefault(name, []).append(row)
+            gripper = self._world.grippers.get(name)
+            if gripper is not None:
+                asked = gripper.commanded
+                sensed = gripper.width, gripper.speed, gripper.force, gripper.vacuum
+                self._grippers.setdefault(name, []).append(
+                    (*sensed, asked.width, asked.speed, asked.force)
+                )
 
     def block(self, notes: list[dict[str, object]]) -> Block:
         """All that was gathered, and begin anew.
@@ -130,6 +182,8 @@ class Frames:
             arrays["key"] = self._key()
         for name, rows in self._arms.items():
             arrays[f"arm:{name}"] = np.array(rows, np.float32)
+        for name, states in self._grippers.items():
+            arrays[f"gripper:{name}"] = np.array(states, np.float32)
         data = {"first_step": self._first, "generation": self._generation, "notes": notes}
         self._begin()
         return Block("second", data, arrays)

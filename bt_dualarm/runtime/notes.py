@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol
 
 from bt_dualarm.errors import Number
@@ -21,6 +21,22 @@ class GuardedArm(Protocol):
         """Counts and reasons, as in `GuardReport`."""
 
 
+class Held(Protocol):
+    """An object that an arm holds, or is believed to hold."""
+
+    @property
+    def arm(self) -> str:
+        """Who holds."""
+
+    @property
+    def object(self) -> str:
+        """What is held."""
+
+    @property
+    def by_gripper(self) -> bool:
+        """Whether a gripper is believed to hold it; else it is welded to the tool."""
+
+
 class Notes:
     """Collects notes until somebody takes them; each is ready for JSON, its ``kind`` first.
 
@@ -36,6 +52,7 @@ class Notes:
         self.clock = clock
         self._notes: list[dict[str, object]] = []
         self._guards: dict[str, tuple[object, object]] = {}
+        self._held: dict[str, tuple[tuple[str, bool], ...]] = {}
         self.readers: list[Callable[[dict[str, object]], object]] = []
         self.lookers: list[Callable[[str, Frame], object]] = []
 
@@ -96,6 +113,21 @@ class Notes:
             return
         does = "stopped" if now[1] != before[1] else "slowed"
         self._add("guard", arm, self.clock(), does=does, reason=guard.get("last_reason", ""))
+
+    def of_holding(self, held: Iterable[Held]) -> None:
+        """See whether an arm holds something else than when this was last asked."""
+        now: dict[str, tuple[tuple[str, bool], ...]] = {}
+        for one in held:
+            now[one.arm] = (*now.get(one.arm, ()), (one.object, one.by_gripper))
+        if now == self._held:
+            return
+        for arm in sorted(now.keys() | self._held.keys()):
+            holds = now.get(arm, ())
+            if holds != self._held.get(arm, ()):
+                gripped = [thing for thing, by_gripper in holds if by_gripper]
+                welded = [thing for thing, by_gripper in holds if not by_gripper]
+                self._add("holds", arm, self.clock(), gripped=gripped, welded=welded)
+        self._held = now
 
     def _add(self, kind: str, arm: str, time: float, **fields: object) -> None:
         note = {"kind": kind, "arm": arm, "time_s": time, **fields}

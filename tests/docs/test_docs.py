@@ -47,6 +47,9 @@ RUN_ELSEWHERE = {
     ".venv/bin/python -m pytest": "this suite",
     ".venv/bin/python -m bt_dualarm circle --display quiet": "tests/runtime/test_api.py",
     ".venv/bin/python docs/images/pick_and_track_film.py": "by hand: a run and 207 pictures",
+    "bt-record export out --lerobot data": "README.md",
+    "bt-record export run_* --lerobot data --only-successes": "tests/replay/test_lerobot.py",
+    "bt-record export more_* --lerobot data --append": "tests/replay/test_lerobot.py",
 }
 """Commands of the pages that a test cannot run inside itself, and where they are run."""
 

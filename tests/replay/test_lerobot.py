@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
 import bt_dualarm
 from bt_dualarm import cli
-from bt_dualarm.replay.record import Record
-from tests.replay.runs import WATCHING, recorded
+from bt_dualarm.recording.block import Block
+from bt_dualarm.replay.lerobot_episode import episode_of
+from bt_dualarm.replay.messages import messages_of
+from bt_dualarm.replay.record import Record, ReplayError
+from bt_dualarm.replay.tables import tables_of
+from tests.replay.runs import SHORT, WATCHING, recorded
 
-OF_ALL = {"timestamp", "frame_index", "episode_index", "index", "task_index"}
+OF_ALL = {
+    *("timestamp", "frame_index", "episode_index", "index", "task_index"),
+    *("next.done", "next.success"),
+}
 OF_AN_EPISODE = {
+    "success",
     "episode_index",
     "tasks",
     "length",
@@ -29,7 +39,7 @@ OF_AN_EPISODE = {
     "meta/episodes/chunk_index",
     "meta/episodes/file_index",
 }
-ARROW = {"float": "float32", "int64": "int64"}
+ARROW = {"float": "float32", "int64": "int64", "bool": "bool"}
 """Types of LeRobot's features by those of Arrow."""
 
 CAMERA = "observation.images.arm1"
@@ -166,3 +176,231 @@ def test_without_pyarrow_it_says_so(
     assert cli.record(["export", str(record.folder), "--lerobot", str(tmp_path / "set")]) == 2
     assert "the extra bt_dualarm[export]" in capsys.readouterr().err
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+FAILING = SHORT.replace(
+    'reach_to_pose: {offset: "{goal}"}', "reach_to_pose: {offset: {xyz: [3, 0, 0]}}"
+)
+"""The same arm and task; its last leaf cannot reach its target."""
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Three runs of one tree: the second failed."""
+    folder = tmp_path_factory.mktemp("runs")
+    texts = (SHORT, FAILING, SHORT.replace("0.06", "0.05"))
+    return [recorded(folder / str(number), text).folder for number, text in enumerate(texts)]
+
+
+def export(runs: list[Path], target: Path, *options: str) -> int:
+    return cli.record(["export", *map(str, runs), "--lerobot", str(target), *options])
+
+
+def check_whole(folder: Path, runs: list[Path]) -> None:
+    """Indices go through all episodes without a gap, and each has the frames of its run."""
+    info = info_of(folder)
+    frames = pa.concat_tables(
+        [table(folder, str(path.relative_to(folder))) for path in sorted(folder.glob("data/*/*"))]
+    )
+    episodes = [
+        row
+        for path in sorted(folder.glob("meta/episodes/*/*"))
+        for row in table(folder, str(path.relative_to(folder))).to_pylist()
+    ]
+    assert info["total_episodes"] == len(episodes) == len(runs)
+    assert info["total_frames"] == frames.num_rows == sum(row["length"] for row in episodes)
+    assert info["splits"] == {"train": f"0:{len(runs)}"}
+    assert frames["index"].to_pylist() == list(range(frames.num_rows))
+    begin = 0
+    for number, (row, run) in enumerate(zip(episodes, runs, strict=True)):
+        record = Record.read(run)
+        part = frames.slice(begin, row["length"])
+        assert row["episode_index"] == number
+        assert (row["dataset_from_index"], row["dataset_to_index"]) == (
+            begin,
+            begin + row["length"],
+        )
+        assert set(part["episode_index"].to_pylist()) == {number}
+        assert part["frame_index"].to_pylist() == list(range(row["length"]))
+        last = record.index_at(record.times[0] + (row["length"] - 1) / info["fps"])
+        known = record.arm_row("arm1", last)
+        assert known is not None
+        np.testing.assert_allclose(part["action"][-1].as_py()[: len(known[0])], known[0], atol=1e-6)
+        succeeded = record.summary is not None and record.summary["outcome"] == "SUCCESS"
+        assert row["success"] == succeeded == part["next.success"][-1].as_py()
+        begin += row["length"]
+    statistics = json.loads((folder / "meta" / "stats.json").read_text())
+    for name in ("action", "observation.state", "index", "next.done"):
+        values = np.array(frames[name].to_pylist(), float).reshape(frames.num_rows, -1)
+        np.testing.assert_allclose(statistics[name]["mean"], values.mean(0), atol=1e-6)
+        np.testing.assert_allclose(statistics[name]["q10"], np.quantile(values, 0.1, 0), atol=1e-6)
+        assert statistics[name]["count"] == [frames.num_rows]
+
+
+def test_many_runs_are_one_data_set(
+    runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "set"
+    assert export(runs, folder) == 0
+    assert "3 episodes, 1 of them failed: success is false" in capsys.readouterr().out
+    check_whole(folder, runs)
+    assert table(folder, "meta/tasks.parquet").num_rows == 1
+
+
+def test_failed_runs_can_be_left_out(
+    runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "set"
+    assert export(runs, folder, "--only-successes") == 0
+    assert "2 episodes, 1 left out" in capsys.readouterr().out
+    check_whole(folder, [runs[0], runs[2]])
+    assert export(runs[1:2], tmp_path / "none", "--only-successes") == 2
+    assert "none of 1 runs succeeded" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["set"]
+
+
+def test_runs_are_appended(
+    runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What was there stays as it is, to the byte; what cannot be appended changes nothing."""
+    folder = tmp_path / "set"
+    assert export(runs[:1], folder, "--append") == 2
+    assert "there is no data set in it" in capsys.readouterr().err
+    assert export(runs[:1], folder) == 0
+    before = (folder / "data/chunk-000/file-000.parquet").read_bytes()
+    assert export(runs[1:], folder, "--append") == 0
+    assert (folder / "data/chunk-000/file-000.parquet").read_bytes() == before
+    check_whole(folder, runs)
+    other = recorded(
+        tmp_path / "other", SHORT.replace("ur5", "ur10").replace("present", "home")
+    ).folder
+    whole = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert export([other], folder, "--append") == 2
+    assert "its robots are ur10, not ur5" in capsys.readouterr().err
+    assert whole == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert {path.name for path in tmp_path.iterdir()} == {"set", "other"}
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("robot: ur5", "robot: ur10"), "its robots are ur10, not ur5"),
+        (("robot: ur5", "robot: panda"), "its robots are panda, not ur5"),
+        (("arm1:", "left:"), "its action lacks arm1.shoulder_pan_joint"),
+        (("  ball:", "  box:"), "observation.environment_state lacks ball.x"),
+        (("robot: ur5", "robot: ur5\n    gripper: suction_cup"), "ur5 with suction_cup, not ur5"),
+    ],
+)
+def test_runs_that_do_not_go_together_are_refused(
+    runs: list[Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    change: tuple[str, str],
+    told: str,
+) -> None:
+    """The message names the run and what differs; nothing is left behind."""
+    text = SHORT.replace("posture: present", "posture: home").replace(*change)
+    other = recorded(tmp_path / "other", text).folder
+    assert export([runs[0], other], tmp_path / "set") == 2
+    said = capsys.readouterr().err
+    assert told in " ".join(said.split())
+    assert str(other) in said.replace("\n", "")
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]
+
+
+def test_films_of_many_runs_are_one_after_the_other(watching: Record, tmp_path: Path) -> None:
+    """Each run begins where the one before ended; a file that has grown large is followed."""
+    folder = tmp_path / "set"
+    assert export([watching.folder, watching.folder], folder) == 0
+    info = info_of(folder)
+    first, second = table(folder, "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    length = first["length"] / info["fps"]
+    assert (first[f"videos/{CAMERA}/from_timestamp"], first[f"videos/{CAMERA}/to_timestamp"]) == (
+        0,
+        length,
+    )
+    assert second[f"videos/{CAMERA}/from_timestamp"] == length
+    assert second[f"videos/{CAMERA}/to_timestamp"] == 2 * length
+    film = cv2.VideoCapture(str(folder / f"videos/{CAMERA}/chunk-000/file-000.mp4"))
+    pictures = []
+    while (read := film.read())[0]:
+        pictures.append(read[1].astype(int))
+    assert len(pictures) == info["total_frames"]
+    half = len(pictures) // 2
+    for place in (0, half - 1):
+        assert np.abs(pictures[place] - pictures[half + place]).mean() < 3, "the same picture"
+    statistics = json.loads((folder / "meta" / "stats.json").read_text())
+    alone = second[f"stats/{CAMERA}/std"]
+    np.testing.assert_allclose(statistics[CAMERA]["std"], alone)
+
+
+def test_large_files_are_followed_by_new_ones(
+    watching: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("MOST_DATA_MB", "MOST_VIDEO_MB"):
+        monkeypatch.setattr(f"bt_dualarm.replay.lerobot_tables.{name}", 0)
+    monkeypatch.setattr("bt_dualarm.replay.lerobot_tables.FILES_A_CHUNK", 2)
+    folder = tmp_path / "set"
+    assert export([watching.folder] * 3, folder) == 0
+    rows = table(folder, "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    for number, row in enumerate(rows):
+        chunk, file = divmod(number, 2)
+        for what in ("data", f"videos/{CAMERA}"):
+            assert (row[f"{what}/chunk_index"], row[f"{what}/file_index"]) == (chunk, file)
+        assert row[f"videos/{CAMERA}/from_timestamp"] == 0
+        where = {"chunk_index": chunk, "file_index": file, "video_key": CAMERA}
+        info = info_of(folder)
+        assert table(folder, info["data_path"].format(**where)).num_rows == row["length"]
+        film = cv2.VideoCapture(str(folder / info["video_path"].format(**where)))
+        assert film.get(cv2.CAP_PROP_FRAME_COUNT) == row["length"]
+
+
+def test_a_record_that_does_not_know_its_gripper_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of an earlier version: other exports have what there is."""
+    record = recorded(tmp_path, SHORT.replace("robot: ur5", "robot: ur5\n    gripper: panda_hand"))
+    earlier = replace(record, seconds=tuple(map(_without_grippers, record.seconds)))
+    with pytest.raises(ReplayError, match="recorded by an earlier version"):
+        episode_of(earlier)
+    assert earlier.gripper("arm1", 0) is None
+    assert "gripper_arm1.csv" not in dict(tables_of(earlier))
+    topics = {message.topic for message in messages_of(earlier)}
+    assert "/arm1/joints" in topics
+    assert "/arm1/gripper" not in topics
+
+
+def _without_grippers(block: Block) -> Block:
+    arrays = {name: each for name, each in block.arrays.items() if not name.startswith("gripper:")}
+    return replace(block, arrays=arrays)
+
+
+@pytest.mark.parametrize("form", ["--lerobot", "--csv"])
+def test_no_name_in_a_record_leads_out_of_the_folder(
+    form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An arm that no tree file can declare is refused, wherever its name points to."""
+    bt_dualarm.run(WATCHING, record=tmp_path / "out")
+    record = Record.read(tmp_path / "out")
+    evil = "x/../../../pwned"
+    arms = {evil: record.start["arms"]["arm1"]}
+    seconds = tuple(
+        replace(block, arrays={**block.arrays, f"arm:{evil}": block.arrays["arm:arm1"]})
+        for block in record.seconds
+    )
+    forged = replace(record, start={**record.start, "arms": arms}, seconds=seconds)
+    monkeypatch.setattr(Record, "read", lambda _: forged)
+    target = tmp_path / "deep" / "target"
+    assert cli.record(["export", "out", form, str(target)]) == 2
+    assert "which no tree file can" in " ".join(capsys.readouterr().err.split())
+    assert not [path for path in tmp_path.rglob("*") if "pwned" in path.name]
+
+
+def test_several_records_take_lerobot_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    for command, told in (
+        (["a", "b", "--csv", "t"], "several records become one data set"),
+        (["a", "--csv", "t", "--append"], "go with --lerobot"),
+    ):
+        with pytest.raises(SystemExit):
+            cli.record(["export", *command])
+        assert told in capsys.readouterr().err

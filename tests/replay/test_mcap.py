@@ -56,6 +56,7 @@ SPECIFIED = {
     "foxglove.CompressedImage": {"timestamp", "frame_id", "data", "format"},
     "foxglove.CameraCalibration": set("DKRP")
     | {"timestamp", "frame_id", "width", "height", "distortion_model"},
+    "foxglove.SceneUpdate": {"deletions", "entities"},
     "foxglove.ImageAnnotations": {"circles", "points", "texts"},
     "foxglove.Log": {"timestamp", "level", "message", "name", "file", "line"},
 }

@@ -32,7 +32,7 @@ class Shading:
         ambient = np.array(head.ambient, dtype=float) * bool(head.active)
         self.lights = Lights(
             # The last row serves geom -1: a ray that hit nothing sees the sky.
-            base=np.vstack([_geom_colors(model), _sky_color(model)]),
+            base=np.vstack([geom_colors(model), _sky_color(model)]),
             ambient=ambient + model.light_ambient[active].sum(axis=0),
             head=np.array(head.diffuse, dtype=float) * bool(head.active),
             active=active,
@@ -52,7 +52,7 @@ class Shading:
         return pixels
 
 
-def _geom_colors(model: mujoco.MjModel) -> Matrix:
+def geom_colors(model: mujoco.MjModel) -> Matrix:
     """Red, green, blue of each geom, of shape (ngeom, 3): its own colour, else its material's."""
     colors: Matrix = model.geom_rgba[:, :3].astype(float)
     materials = model.geom_matid
