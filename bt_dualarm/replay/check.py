@@ -85,7 +85,11 @@ def check_record(record: Record, registry: Registry, stop: StopRequest | None = 
 
 
 def _undisturbed(record: Record) -> int:
-    """Steps until somebody ended the run from outside."""
+    """Steps until something outside of the simulation ended the run.
+
+    A signal or a page halts whole trees; the watchdog, which goes by the clock on the wall, ends a
+    leaf. Made anew, that leaf would go on, or hang.
+    """
     timestep = float(record.start["timestep"])
     roots = {name: str(arm["tree"]["name"]) for name, arm in record.arms.items()}
     halts = [
@@ -95,6 +99,7 @@ def _undisturbed(record: Record) -> int:
         and event["code"] in ("", "HALTED")
         and event["new"] == "INVALID"
     ]
+    overruns = [float(event["time_s"]) for event in record.events if event["code"] == "OVERRUN"]
     edits = [float(note["time_s"]) for note in record.notes if note["kind"] == "edited"]
-    until = min([*halts, *edits], default=record.steps * timestep)
+    until = min([*halts, *overruns, *edits], default=record.steps * timestep)
     return min(record.steps, round(until / timestep))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -118,3 +120,27 @@ def test_without_a_record_it_is_code_2(tmp_path: Path, capsys: pytest.CaptureFix
     with pytest.raises(SystemExit) as ended:
         cli.replay([str(tmp_path), "--json"])
     assert ended.value.code == 2
+
+
+def test_a_run_that_the_watchdog_ended_agrees_until_then(tmp_path: Path) -> None:
+    """The clock on the wall ended it; made anew, the tick that hung is not waited for."""
+
+    class Hang(bt_dualarm.Skill):
+        """Hang within a tick until it is interrupted."""
+
+        class Ports(bt_dualarm.PortModel):
+            """None."""
+
+        example = "hang"
+
+        def run(self) -> Iterator[None]:
+            for _ in range(10):
+                yield
+            time.sleep(5)
+
+    text = "bt_dualarm: 1\nworld: {scene: empty}\narms: {arm1: {robot: ur3, tree: hang}}\n"
+    result = bt_dualarm.run(text, record=tmp_path, skills=[Hang], watchdog=0.5)
+    assert result.ending is bt_dualarm.Ending.OVERRUN
+    found = check_record(Record.read(tmp_path), Registry.load((), [Hang]))
+    assert found.agrees
+    assert found.until_s == pytest.approx(0.2)
