@@ -11,6 +11,9 @@ tree says SUCCESS, too: it then came to rest as it was let go. A SUCCESS after w
 is counted as a lie, also where the hand drew it up afterwards.
 Exit code 1 if a figure is missed in `lab`: 2 mm and 1° in 95 % of the located, 1 mm and 0.5° of
 those with a marker, 98 % of the picks, no false success.
+
+``--sizes N`` looks at N things that are as large as the file declares, and at N for each of six
+factors by which they are larger or smaller; every one of the latter has to be refused as such.
 """
 
 from __future__ import annotations
@@ -122,6 +125,47 @@ def locate(number: int, reality: str, seed: int, *, by_marker: bool = False) -> 
     )
 
 
+SIZES = (1.0, 0.7, 0.86, 0.92, 1.08, 1.14, 1.3)
+"""Factors by which things are larger than declared."""
+
+
+def sized(number: int, ratio: float, reality: str, seed: int) -> str:
+    """What `locate` says of a thing that is larger than declared by a factor: its code."""
+    rng = np.random.default_rng((seed, number, 7))
+    robot, declared = ROBOTS[number % len(ROBOTS)], thing(rng, ("box", "box", "cylinder", "sphere"))
+    real = declared | {"size": [ratio * edge for edge in declared["size"]], "fixed": True}
+    reach = 0.08 if robot == "ur3" else 0.15
+    x, y = (middle + float(rng.uniform(-reach, reach)) for middle in MIDDLE)
+    if robot == "ur3":
+        y += 0.12
+    real["pose"] = {"xyz": [x, y, height(real)], "rpy": [0, 0, float(rng.uniform(-90, 90))]}
+    declared |= {"pose": {"xyz": [5, 5, 5]}, "spawned": False}
+    look = {"at": {"xyz": [x + 0.03, y - 0.02, TOP]}, "distance": 0.35}
+    tree = [{"look_at": look}, {"locate": {"object": "declared", "score": "real"}}]
+    base = {"xyz": [0.35, 0.0, TOP], "rpy": [0, 0, -90]}
+    arm = {"robot": robot, "base": base, "camera": {}, "tree": {"sequence": tree}}
+    file = {
+        "bt_dualarm": 1,
+        "name": "sizes",
+        "world": {"scene": "table", "time_limit": 90, "reality": reality},
+        "objects": {"declared": declared, "real": real},
+        "arms": {"arm1": arm},
+    }
+    leaves = bt.run(file, seed=seed + number, renderer="ray").arms["arm1"].leaves
+    leaf = leaves.get("sequence/locate") or leaves["sequence/look_at"]
+    return f"{leaf.code or leaf.status}"
+
+
+def report_sizes(count: int, reality: str, seed: int) -> bool:
+    """Print what was said of things of each size; whether no wrong one was taken."""
+    good = True
+    for ratio in SIZES:
+        codes = Counter(sized(number, ratio, reality, seed) for number in range(count))
+        good &= ratio == 1.0 or not codes["SUCCESS"]
+        print(f"{reality}: {ratio:g} times as large: {dict(codes)}", flush=True)
+    return good
+
+
 def pick(number: int, reality: str, seed: int, text: str) -> tuple[str, str]:
     """One pick: placed, picked, lied or failed, and why."""
     rng = np.random.default_rng((seed, number, 1))
@@ -185,6 +229,7 @@ def main() -> int:
     parser.add_argument("--locate", type=int, default=60, help="things to locate in each reality")
     parser.add_argument("--marker", type=int, default=30, help="likewise, by markers")
     parser.add_argument("--pick", type=int, default=100, help="picks in each reality")
+    parser.add_argument("--sizes", type=int, default=0, help="things of each other size")
     parser.add_argument("--seed", type=int, default=0, help="seed of places, things and robots")
     parser.add_argument("--sets", nargs="+", default=["lab", "rough"], help="realities")
     arguments = parser.parse_args()
@@ -199,6 +244,8 @@ def main() -> int:
                 locate(n, reality, arguments.seed, by_marker=True) for n in range(arguments.marker)
             ]
             good &= report_located(seen, f"{reality}, markers", 1.0, 0.5) or not counted
+        if arguments.sizes:
+            good &= report_sizes(arguments.sizes, reality, arguments.seed)
         verdicts = Counter[str]()
         for number in range(arguments.pick):
             verdict, why = pick(number, reality, arguments.seed, text)

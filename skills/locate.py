@@ -64,6 +64,7 @@ class Locate(Skill):
         "NO_CAMERA": "the arm has no camera of its own",
         "INVALID_TARGET": "the object has no colour that can be found, or no size is given",
         "NOT_SEEN": "nothing of this colour and shape is in the picture",
+        "WRONG_SIZE": "what has this colour and form is larger or smaller",
         "INACCURATE": "what was seen is not known as well as asked for, or did not stand still",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
@@ -81,8 +82,10 @@ class Locate(Skill):
         if not self._seen.things:
             self._refuse_unseen()
         yield from self._look_around()
-        found = sorted(filter(self._is_known, self._seen.things), key=self._from_base)
+        known = [one for one in self._seen.things if self._is_known(one)]
+        found = sorted(filter(self._has_its_size, known), key=self._from_base)
         if not found:
+            self._refuse_other_size(known or self._seen.things)
             self._refuse_inaccurate()
         self._tell(found)
 
@@ -113,7 +116,14 @@ class Locate(Skill):
     def _is_known(self, thing: SightedThing) -> bool:
         ports = self.ports
         turned = self._seen.sigma_rad(thing)
-        return thing.best.sigma_m <= ports.accuracy and turned <= ports.angle_accuracy
+        if thing.best.sigma_m > ports.accuracy or turned > ports.angle_accuracy:
+            return False
+        # That all rests on its size: of what is larger than declared, pictures from one place show
+        # the same farther away.
+        return self._seen.size_of(thing).is_known
+
+    def _has_its_size(self, thing: SightedThing) -> bool:
+        return self._seen.other_size(thing) is None
 
     def _from_base(self, thing: SightedThing) -> float:
         base = self.arm.kinematics.base.position
@@ -131,6 +141,7 @@ class Locate(Skill):
             "views": len(found[0].views),
             "sigma_m": best.sigma_m,
             "sigma_rad": self._seen.sigma_rad(found[0]),
+            "size_ratio": self._seen.size_of(found[0]).ratio,
             "residual_px": best.residual_px,
         }
         self._score(poses)
@@ -157,18 +168,36 @@ class Locate(Skill):
             beyond_share=seen.beyond,
         )
 
+    def _refuse_other_size(self, things: list[SightedThing]) -> None:
+        """What is there is of that form and colour, and larger or smaller than it should be."""
+        declared = " by ".join(f"{1e3 * edge:.1f}" for edge in self._seen.shape.size)
+        for thing in things:
+            size = self._seen.other_size(thing)
+            if size is None:
+                continue
+            measured = " by ".join(f"{1e3 * edge:.1f}" for edge in size.size)
+            raise Failure(
+                "WRONG_SIZE",
+                f"the {self._seen.shape.kind} that is there measures {measured} mm, not {declared} "
+                f"mm: {size.ratio:.3f} ± {size.sigma:.3f} times as much",
+                size_ratio=size.ratio,
+                size_sigma=size.sigma,
+                views=len(thing.views) + len(thing.astray),
+            )
+
     def _refuse_inaccurate(self) -> None:
         best = min(self._seen.things, key=lambda one: one.best.sigma_m)
-        turned = self._seen.sigma_rad(best)
+        turned, size = self._seen.sigma_rad(best), self._seen.size_of(best)
         raise Failure(
             "INACCURATE",
             f"from {len(best.views)} places the thing is known to {1e3 * best.best.sigma_m:.1f} mm "
-            f"and {np.degrees(turned):.1f}°"
-            + (f"; {best.rejected} pictures show it elsewhere" if best.rejected else ""),
+            f"and {np.degrees(turned):.1f}°, its size to {100 * size.sigma:.1f} %"
+            + (f"; {len(best.astray)} pictures show it elsewhere" if best.astray else ""),
             views=len(best.views),
-            rejected=best.rejected,
+            rejected=len(best.astray),
             sigma_m=best.best.sigma_m,
             sigma_rad=turned,
+            size_sigma=size.sigma,
         )
 
 

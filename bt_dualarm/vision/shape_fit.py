@@ -69,6 +69,19 @@ _DOUBT: Final = np.array(
 )
 """Deviation of each unknown before there is a picture."""
 
+_SIZE_STEPS: Final = (0.02, 0.08, 0.16, 0.16, 0.08, 0.02, 0.02)
+"""Logarithms of factors of the size to either side at which the cost is compared; the first one
+is enough where the size is as declared."""
+
+SIZE_KNOWN: Final = 0.02
+"""Standard deviation of a size, as a share of it, at which it counts as known."""
+
+SIZE_SIGMAS: Final = 4.0
+"""Standard deviations by which a measured size is another than the declared one."""
+
+SIZE_ROOM: Final = 0.03
+"""Share by which it may be off in any case: makers have tolerances, and lenses distort."""
+
 _HUBER_PX: Final = 1.0
 _ROUNDS: Final = 25
 _DONE: Final = 1e-7
@@ -124,6 +137,34 @@ class ShapeFit:
         return math.sqrt(max(float(np.linalg.eigvalsh(turn)[-1]), 0.0))
 
 
+@dataclass(frozen=True)
+class SizeFit:
+    """How large a thing is by pictures of it, whatever it was declared to be.
+
+    Attributes:
+        size: Its measures in m, as `KnownShape.size` has them.
+        ratio: The measure that was free as a share of the declared one.
+        sigma: Standard deviation of that.
+        residual_px: What a thing of that size leaves between the outlines, root mean square.
+    """
+
+    size: tuple[float, ...]
+    ratio: float
+    sigma: float
+    residual_px: float
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the pictures tell it well enough to see that it is as declared."""
+        return self.sigma <= SIZE_KNOWN
+
+    @property
+    def is_declared(self) -> bool:
+        """Whether it may be the declared size: it is not off by what such pictures hardly show."""
+        off = abs(self.ratio - 1.0)
+        return off <= max(SIZE_SIGMAS * self.sigma, SIZE_ROOM)
+
+
 @dataclass(frozen=True, eq=False)
 class ShapeFitter:
     """Fits one known shape.
@@ -149,6 +190,48 @@ class ShapeFitter:
     def again(self, fits: Sequence[ShapeFit], views: Sequence[OutlineView]) -> list[ShapeFit]:
         """What all pictures show, begun from what some of them have shown; the likeliest first."""
         return sorted((self._solved(fit.scene, views) for fit in fits), key=lambda fit: fit.cost)
+
+    def size_of(
+        self, fit: ShapeFit, views: Sequence[OutlineView], edge: int | None = None
+    ) -> SizeFit:
+        """The size that explains all pictures best, the pose and the camera being free as well.
+
+        The cost at its least over all else is a parabola of the size (the profile likelihood): its
+        lowest point is the size, its curvature one over the variance. Pictures from one place tell
+        nothing of the size: what is larger is farther away.
+
+        Args:
+            fit: What the pictures show if it has the declared size.
+            views: Outlines of it, those included that do not go with that.
+            edge: Which of the shape's measures is free; by default all of them together.
+        """
+        middle, curve, scene = 0.0, 0.0, fit.scene
+        for step in _SIZE_STEPS:
+            low, here, high = (
+                self._scaled(middle + side * step, edge)._solved(scene, views)
+                for side in (-1, 0, 1)
+            )
+            scene = min((low, here, high), key=lambda one: one.cost).scene
+            curve = (low.cost + high.cost - 2.0 * here.cost) / step**2
+            if curve <= 0.0:
+                middle += step if high.cost < low.cost else -step
+                continue
+            off = 0.5 * (low.cost - high.cost) / (step * curve)
+            middle += min(max(off, -2.0 * step), 2.0 * step)
+            if abs(off) < 0.5 * step:
+                break
+        fitter = self._scaled(middle, edge)
+        sigma = math.sqrt(1.0 / curve) if curve > 0.0 else math.inf
+        residual = fitter._solved(scene, views).residual_px
+        return SizeFit(fitter.shape.size, math.exp(middle), sigma, residual)
+
+    def _scaled(self, share: float, edge: int | None) -> ShapeFitter:
+        """A fitter of a shape that is larger by a factor, of which ``share`` is the logarithm."""
+        size = tuple(
+            math.exp(share) * length if edge in (None, number) else length
+            for number, length in enumerate(self.shape.size)
+        )
+        return replace(self, shape=replace(self.shape, size=size))
 
     def _placed(self, view: OutlineView, axes: Matrix) -> Scene | None:
         """A thing turned like this where the picture has one, as far away as its area says."""

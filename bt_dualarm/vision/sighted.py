@@ -16,7 +16,7 @@ from bt_dualarm.vision.edges import OutlineView, outlines
 from bt_dualarm.vision.known_shape import KnownShape
 from bt_dualarm.vision.markers import MarkerFitter, SquareCorners, markers_in
 from bt_dualarm.vision.outline_error import project
-from bt_dualarm.vision.shape_fit import ShapeFit, ShapeFitter, canonical
+from bt_dualarm.vision.shape_fit import ShapeFit, ShapeFitter, SizeFit, canonical
 from bt_dualarm.world.cameras.frame import Frame
 
 UNLIKE_PX: Final = 0.8
@@ -39,14 +39,16 @@ class SightedThing:
     Attributes:
         fits: What the pictures may show, the likeliest first.
         views: Its outlines.
-        rejected: Number of outlines in its place that were not of a thing that stands still there.
+        astray: Outlines in its place that were not of such a thing that stands still there.
         middle: Its middle in the frame of what is fitted, of shape (3,), m.
+        sizes: What was found of its size, by the number of outlines and the measure.
     """
 
     fits: list[ShapeFit]
     views: list[OutlineView] = field(default_factory=list)
-    rejected: int = 0
+    astray: list[OutlineView] = field(default_factory=list)
     middle: Vector = field(default_factory=lambda: np.zeros(3))
+    sizes: dict[tuple[int, int | None], SizeFit] = field(default_factory=dict)
 
     @property
     def best(self) -> ShapeFit:
@@ -116,18 +118,26 @@ class SightedThings:
         patches = [patch for patch in found if patch.is_whole]
         cut = sum(patch.detection.area_px for patch in found if not patch.is_whole)
         self.beyond = cut / (frame.width * frame.height)
+        seen = list[SightedThing]()
         for thing in self.things:
             patch = self._of(thing, patches)
             if patch is not None:
                 patches.remove(patch)
                 self._look_again(thing, patch)
+                seen.append(thing)
         self.unlike = 0
         for patch in patches:
             fits = self._fitter.first(patch)
             if not fits or fits[0].residual_px > UNLIKE_PX:
                 self.unlike += 1
-            elif not self._is_known(fits[0].scene.position):
-                self.things.append(SightedThing(fits, [patch], middle=self._middle))
+                continue
+            known = self._known_at(fits[0].scene.position, seen)
+            if known is None:
+                known = SightedThing(fits, [patch], middle=self._middle)
+                self.things.append(known)
+            else:
+                known.astray.append(patch)
+            seen.append(known)
 
     @property
     def others(self) -> str:
@@ -148,6 +158,30 @@ class SightedThings:
         """Pose of a thing in the world; of those that look alike the one turned least."""
         return canonical(thing.best, self._fitter.shape).pose
 
+    def size_of(self, thing: SightedThing) -> SizeFit:
+        """How large a thing is as a whole by all its outlines, if it has the declared form."""
+        return self._size_of(thing, None)
+
+    def _size_of(self, thing: SightedThing, edge: int | None) -> SizeFit:
+        """Its size, as a whole or in one measure: worked out once for all pictures so far."""
+        views = [*thing.views, *thing.astray]
+        key = len(views), edge
+        if key not in thing.sizes:
+            thing.sizes[key] = self._fitter.size_of(thing.fits[0], views, edge)
+        return thing.sizes[key]
+
+    def other_size(self, thing: SightedThing) -> SizeFit | None:
+        """The size that a thing has instead of the declared one, as a whole or in one measure.
+
+        None where its outlines go with the declared size, or with no size of this form.
+        """
+        edges = len(self.shape.size) if len(self.shape.size) > 1 else 0
+        for edge in (None, *range(edges)):
+            size = self._size_of(thing, edge)
+            if not size.is_declared and size.residual_px <= UNLIKE_PX:
+                return size
+        return None
+
     def sigma_rad(self, thing: SightedThing) -> float:
         """Standard deviation of its turn about the worst axis, as far as one can be seen, rad."""
         return thing.best.sigma_rad(self._fitter.shape)
@@ -166,11 +200,22 @@ class SightedThings:
     def _look_again(self, thing: SightedThing, patch: OutlineView) -> None:
         fits = self._fitter.again(thing.fits, [*thing.views, patch])
         if fits[0].residual_px > UNLIKE_PX:
-            thing.rejected += 1
+            thing.astray.append(patch)
             return
         thing.fits = fits
         thing.views.append(patch)
 
-    def _is_known(self, position: Vector) -> bool:
-        near = self._fitter.shape.extent
-        return any(float(np.linalg.norm(one.position - position)) < near for one in self.things)
+    def _known_at(self, position: Vector, seen: list[SightedThing]) -> SightedThing | None:
+        """The known thing nearest to a place, if one is not farther than its extent.
+
+        What is elsewhere in the same picture (``seen``) is another one, however near.
+        """
+        away = {
+            number: float(np.linalg.norm(one.position - position))
+            for number, one in enumerate(self.things)
+            if one not in seen
+        }
+        nearest = min(away, key=lambda number: away[number], default=None)
+        if nearest is None or away[nearest] >= self._fitter.shape.extent:
+            return None
+        return self.things[nearest]

@@ -72,6 +72,30 @@ def test_every_shape_is_located(shape: str, stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("reality", ["lab", "rough"])
+@pytest.mark.parametrize(("shape", "ratio"), [("cube", 0.86), ("ball", 1.14), ("can", 0.92)])
+def test_another_size_is_not_the_declared_one(
+    shape: str, ratio: float, reality: str, stage: Stage
+) -> None:
+    """A cube of 43 mm was said to be one of 50 mm, 2 to 12 mm from where it was."""
+    file = before_camera("ur5", {"locate": {"object": "other"}}, shape, reality=reality)
+    thing = file["objects"]["thing"]
+    other = thing | {"size": [edge / ratio for edge in thing["size"]], "spawned": False}
+    file["objects"]["other"] = other | {"pose": {"xyz": [5, 5, 5]}}
+    leaf = stage.run(file, seed=3).leaf("locate")
+    assert leaf.code == "WRONG_SIZE", leaf.reason
+    assert float(leaf.metrics["size_ratio"]) == pytest.approx(ratio, abs=0.02)
+
+
+def test_another_height_is_not_the_declared_one(stage: Stage) -> None:
+    """Hardly seen from above, and it would put the middle of the brick 5 mm too high."""
+    file = before_camera("ur5", {"locate": {"object": "other"}}, "brick", reality="lab")
+    other = file["objects"]["thing"] | {"size": [0.04, 0.06, 0.04], "spawned": False}
+    file["objects"]["other"] = other | {"pose": {"xyz": [5, 5, 5]}}
+    leaf = stage.run(file, seed=3).leaf("locate")
+    assert leaf.code in ("WRONG_SIZE", "NOT_SEEN"), leaf.reason
+
+
+@pytest.mark.parametrize("reality", ["lab", "rough"])
 @pytest.mark.parametrize("robot", ["panda", "ur3", "ur5", "ur10", "xarm7"])
 def test_every_robot_knows_where_a_marker_is(robot: str, reality: str, stage: Stage) -> None:
     """Within 1 mm and half a degree, on a grey block that no colour tells."""

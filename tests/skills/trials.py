@@ -205,6 +205,9 @@ COUNT: Tree = {"count": {"object": "cube"}}
 # Of the pictures looked at the 13th is the last one to arrive for a long time.
 BLINDED = LOOKING | {"camera": {"mount": "wrist", "fps": 5, "drop": 0.9}}
 LOCATE: Tree = {"locate": {"object": "cube"}}
+LARGER = {
+    "larger": TARGET["cube"] | {"size": [0.06] * 3, "pose": {"xyz": [5, 5, 5]}, "spawned": False}
+}
 GREY = TARGET["cube"] | {"color": "grey"}
 
 
@@ -483,6 +486,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("locate", "NO_CAMERA"): Trial(LOCATE, {"arm": BLIND}),
     ("locate", "INVALID_TARGET"): Trial(LOCATE, {"objects": {"cube": GREY}}),
     ("locate", "NOT_SEEN"): Trial({"locate": {"object": "cube", "color": "red"}}),
+    ("locate", "WRONG_SIZE"): Trial(
+        {"locate": {"object": "larger"}}, {"objects": TARGET | LARGER}, moves=True
+    ),
     ("locate", "INACCURATE"): Trial({"locate": {"object": "cube", "views": 1}}),
     **moving("locate", LOCATE, 0.9, "arm1/panda_hand"),
     ("wait_for", "NO_CAMERA"): Trial(WAIT_FOR, {"arm": BLIND}),
