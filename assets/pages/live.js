@@ -1,29 +1,28 @@
 // The page itself: what is asked of the server, what is shown, what hands do.
 const page = {
   kind: null, live: null, shown: null, past: null, until: 0, playing: false, scene: null, scenes: new Map(),
-  meshes: {}, draw: null, chosen: null, breakpoints: [], tracks: new Map(), lines: 0, began: 0,
+  meshes: {}, draw: null, chosen: null, breakpoints: [], tracks: new Map(), lines: 0, failures: [], isLive: false,
 };
-async function answer(what, options) {
-  const got = await fetch(what, options);
-  if (!got.ok) throw new Error(await got.text());
-  return got;
-}
-const ask = async what => (await answer(what)).json();
+// By this name the server knows that the page is still open, however seldom it asks.
+const NAME = Math.random().toString(36).slice(2) + Math.random().toString(36).slice(2);
+let source = serverSource;
+const ask = what => source.ask(what);
 function press(deed, value) {
-  const body = JSON.stringify({ deed, value });
-  answer("do", { method: "POST", body, headers: { "Content-Type": "application/json" } })
-    .catch(error => { get("facts").textContent = error.message; });
+  source.press(deed, value).catch(error => { get("facts").textContent = error.message; });
 }
 
 // ---- the scene ------------------------------------------------------------------------------
+// A mesh as `packed` of live/meshes.py has it, as triangles with normals.
 function unpacked(buffer) {
-  const [count, normals, faces] = new Uint32Array(buffer, 0, 3), triangles = new Float32Array(18 * faces);
-  const p = new Float32Array(buffer, 12, 3 * count), n = new Float32Array(buffer, 12 + 12 * count, 3 * normals);
-  const corner = new Uint32Array(buffer, 12 + 12 * (count + normals), 3 * faces);
-  const facing = new Uint32Array(buffer, 12 + 12 * (count + normals + faces), 3 * faces);
+  const [count, faces] = new Uint32Array(buffer, 0, 2), box = new Float32Array(buffer, 8, 6);
+  const at = new Uint16Array(buffer, 32, 3 * count), after = 32 + 6 * count, wide = count > 65536 ? 4 : 2;
+  const corners = wide === 2 ? new Uint16Array(buffer, after, 3 * faces)
+    : new Uint32Array(buffer.slice(after, after + 12 * faces));
+  const normals = new Int8Array(buffer, after + 3 * wide * faces, 3 * count), triangles = new Float32Array(18 * faces);
   for (let i = 0, k = 0; i < 3 * faces; i++) {
-    for (let d = 0; d < 3; d++) triangles[k++] = p[3 * corner[i] + d];
-    for (let d = 0; d < 3; d++) triangles[k++] = n[3 * facing[i] + d];
+    const corner = 3 * corners[i];
+    for (let d = 0; d < 3; d++) triangles[k++] = box[d] + at[corner + d] / 65535 * box[3 + d];
+    for (let d = 0; d < 3; d++) triangles[k++] = normals[corner + d] / 127;
   }
   return triangles;
 }
@@ -32,7 +31,7 @@ async function sceneOf(generation) {
     page.scenes.set(generation, null);
     const scene = await ask("scene?generation=" + generation);
     await Promise.all(scene.meshes.filter(name => !page.meshes[name]).map(async name => {
-      page.meshes[name] = unpacked(await (await answer("mesh?name=" + encodeURIComponent(name))).arrayBuffer());
+      page.meshes[name] = unpacked(await source.mesh(name));
     }));
     page.scenes.set(generation, scene);
     show();
@@ -45,7 +44,9 @@ function waysShown(now) {
     const color = colorOf(index);
     if (get("ways").checked) {
       const track = (page.tracks.get(arm.arm) || []).filter(row => row[0] <= now + 1e-6);
-      found.push([[...color, 0.9], new Float32Array(track.flatMap(row => [row[1], row[2], row[3]])), 2.2]);
+      const points = track.flatMap(row => [row[1], row[2], row[3]]);  // samples are 40 ms apart:
+      if (arm.tool && track.length) points.push(...arm.tool);         // the last bit leads to the tool
+      found.push([[...color, 0.9], new Float32Array(points), 2.2]);
     }
     if (get("plans").checked && arm.ahead) found.push([[...color, 0.45], floats(arm.ahead), 4]);
   });
@@ -91,11 +92,12 @@ function show() {
   showTrees(page.shown.arms, hands);
   drawScene();
   const names = page.shown.arms.map(arm => arm.arm);
-  showSignals(page.tracks, names, Math.max(0, page.began), Math.max(page.until, 0.1), now);
+  showSignals(page.tracks, names, Math.max(page.until, 0.1), now, page.failures);
+  showFailures(page.failures, Math.max(page.until, 0.1));
   showBoards(page.shown.arms);
   dimLog(now, isPast);
   const then = page.kind === "record" || isPast;
-  showEyes(page.shown.cameras, (arm, stamp) => "eye?arm=" + encodeURIComponent(arm) + (then ? "&t=" + stamp : "&of=" + stamp), get("frusta").checked);
+  showEyes(page.shown.cameras, (arm, stamp) => source.eye(arm, stamp, then), get("frusta").checked);
   showTouches(page.shown.contacts, get("forces").checked);
   get("time").max = page.until;
   get("time").value = now;
@@ -111,28 +113,24 @@ function show() {
   if (page.kind === "live") get("facts").textContent = live.paused ? live.why : "";
 }
 function lost(error) {
-  get("chip").textContent = "OVER";
+  get("chip").textContent = source === serverSource ? "OVER" : "ERROR";
   get("chip").className = "chip lost";
-  get("facts").textContent = "the run is over, or cannot be reached: " + error.message;
+  get("facts").textContent = source === serverSource
+    ? "the run is over and its page closed, or it cannot be reached: " + error.message : error.message;
 }
 
 // ---- asking ---------------------------------------------------------------------------------
-function keep(moment) {
-  for (const { arm, tool, error_deg: error, torque } of moment.arms) {
-    if (!tool) continue;
-    const track = page.tracks.get(arm) || page.tracks.set(arm, []).get(arm);
-    if (track.length && track.at(-1)[0] >= moment.time) continue;
-    track.push([moment.time, ...tool, error, torque]);
-    if (track.length > 6000) page.tracks.set(arm, track.filter((_, i) => i % 2));
-  }
-}
+// Signals and trails are sampled by the run in simulated time: here they are only fetched.
 async function readTracks() {
-  const series = await ask("series");
-  for (const [arm, text] of Object.entries(series)) {
-    const numbers = floats(text), track = [];
-    for (let i = 0; i + 5 < numbers.length; i += 6) track.push([...numbers.subarray(i, i + 6)]);
-    const newer = (page.tracks.get(arm) || []).filter(row => !track.length || row[0] > track.at(-1)[0]);
-    page.tracks.set(arm, [...track, ...newer]);
+  const after = Math.max(0, ...[...page.tracks.values()].map(track => track.length ? track.at(-1)[0] : 0));
+  const series = await ask("series?after=" + after), wide = series.columns.length;
+  for (const [arm, text] of Object.entries(series.arms)) {
+    const numbers = floats(text), track = page.tracks.get(arm) || [];
+    const last = track.length ? track.at(-1)[0] : -1;
+    for (let i = 0; i + wide <= numbers.length; i += wide) {
+      if (numbers[i] > last) track.push([...numbers.subarray(i, i + wide)]);
+    }
+    page.tracks.set(arm, track.length > 12000 ? track.filter((_, i) => i % 2) : track);
   }
 }
 let asking = false, wanted = null;
@@ -161,14 +159,13 @@ async function goTo(time) {
 window.goTo = goTo;
 async function look() {
   try {
-    const now = await ask("now"), first = page.kind === null;
+    const now = await ask("now?page=" + NAME), first = page.kind === null;
     page.kind = now.kind;
     if (first) begin(now);
     if (now.kind === "record") { page.until = now.until; return; }
     page.live = now;
     page.breakpoints = now.breakpoints.slice();
     page.until = Math.max(page.until, now.time);
-    keep(now);
     if (now.over && now.recorded) ended(now);
     if (page.past === null) page.shown = now;
     show();
@@ -182,11 +179,13 @@ async function follow() {
   try {
     const said = await ask("log?after=" + page.lines);
     page.lines = said.next;
+    page.failures = said.failures;
     addLines(said.lines);
     dimLog.at = null;
-    if (said.lines.length) show();
+    await readTracks();
+    show();
   } catch { /* `look` says so */ }
-  if (page.kind !== "record") setTimeout(follow, 400);
+  if (page.kind !== "record") setTimeout(follow, 250);
 }
 // The run is over: its record is left to be looked at, as long as the page asks now and then.
 function ended(now) {
@@ -195,11 +194,13 @@ function ended(now) {
   buttons(true);
   page.shown = page.shown || now;
   get("facts").textContent = "the run is over; this is its record";
-  setInterval(() => ask("now").catch(lost), 1000);
+  setInterval(() => ask("now?page=" + NAME).catch(lost), 1000);
+  follow();  // what came since it was last asked
 }
 function buttons(record) {
   for (const name of ["tick", "step"]) get(name).hidden = record;
   for (const name of ["back", "forth"]) get(name).hidden = !record;
+  for (const element of document.querySelectorAll("#legend .held")) element.hidden = record;
   document.querySelector("[data-panel=stops]").hidden = record;
   if (record && get("speed").lastElementChild.value === "") get("speed").lastElementChild.remove();
 }
@@ -208,15 +209,23 @@ function begin(now) {
   get("facts").textContent = now.facts || "";
   const record = now.kind === "record";
   buttons(record);
-  if (now.recorded) readTracks().then(show, () => {});
-  else get("time").disabled = get("ask").disabled = true;
+  page.isLive = !record;
+  if (now.timestep) {
+    const long = Number((1000 * now.timestep).toPrecision(4)) + " ms";
+    get("timestep").textContent = long;
+    get("step").title = "advance physics by one step, " + long + " of simulated time, and hold the run again (.)";
+    get("tick").title = "go on until the trees have been ticked again, 50 times a simulated second unless the file " +
+      "says otherwise, and hold the run again";
+  }
+  if (!now.recorded) get("time").disabled = get("ask").disabled = true;
   follow();
   const given = new URLSearchParams(location.hash.slice(1));
   if (given.has("tab")) open(given.get("tab"));
   if (given.has("forces")) get("forces").checked = true;
   page.until = now.until || now.time;
-  if (record || given.has("t")) goTo(Number(given.get("t") || 0));
+  if (record || given.has("t")) goTo(Number(given.get("t") || now.begin || 0));
   if (given.has("why")) setTimeout(() => choose(given.get("why")), 300);
+  else if (now.begin) why(null, "Why?");
 }
 
 // ---- hands ----------------------------------------------------------------------------------
@@ -280,6 +289,7 @@ get("ask").onclick = () => {
   page.chosen = null;
   why(at, at === null ? "Why?" : "What was going on at " + at + " s?");
 };
+get("help").onclick = () => get("legend").showModal();
 get("speed").onchange = () => {
   if (page.kind === "live") press("speed", get("speed").value === "" ? null : Number(get("speed").value));
 };
@@ -294,4 +304,14 @@ window.onkeydown = event => {
   if (keys[event.key]) { event.preventDefault(); keys[event.key](); }
 };
 window.onresize = show;
-look();
+// A page that is closed says so: the command need not wait for it any longer.
+window.onpagehide = () => {
+  const left = JSON.stringify({ deed: "leave", value: NAME });
+  if (page.isLive) navigator.sendBeacon("do", new Blob([left], { type: "application/json" }));
+};
+async function start() {
+  const kept = get("record");
+  if (kept) source = keptSource(await inflated(kept.textContent));
+  look();
+}
+start().catch(lost);

@@ -47,14 +47,22 @@ function rowOf(arm, node, index, hands) {
   reason.textContent = node.reason;
   return row;
 }
+function gripperText({ name, opening_m: opening, force_n: force, holds }) {
+  const said = [];
+  if (opening !== null) said.push((1000 * opening).toFixed(1) + " mm open");
+  if (force !== null) said.push(force.toFixed(1) + " N");
+  said.push(holds.length ? "holds " + holds.join(", ") : "holds nothing");
+  return name.replace(/_/g, " ") + ": " + said.join(", ");
+}
 function showTrees(arms, hands) {
   const shown = arms.flatMap((arm, index) => {
     const title = made("h2"), dot = made("span", "dot");
     dot.style.background = css(colorOf(index));
     title.append(dot, arm.arm, made("small", "", arm.robot + (arm.outcome ? ", " + arm.outcome : "")));
     const away = arm.nodes.length ? [] : [made("p", "empty", "not in the world")];
+    const held = arm.gripper ? [made("p", "gripper", gripperText(arm.gripper))] : [];
     const guard = arm.guard ? [made("p", "guard", arm.guard)] : [];
-    return [title, ...guard, ...arm.nodes.map(node => rowOf(arm, node, index, hands)), ...away];
+    return [title, ...held, ...guard, ...arm.nodes.map(node => rowOf(arm, node, index, hands)), ...away];
   });
   get("trees").replaceChildren(...shown);
 }
@@ -103,7 +111,7 @@ function showWhy(title, stories, close) {
 }
 
 // ---- signals --------------------------------------------------------------------------------
-// Rows of an arm: time, tool x y z in m, error in degrees, share of torque.
+// Rows of an arm: time, tool x y z in m, error in degrees, share of torque, opening in m, force in N.
 const SIGNALS = [
   { name: "tool speed", unit: "m/s", of: (row, before) => {
     const passed = before ? row[0] - before[0] : 0;
@@ -111,27 +119,37 @@ const SIGNALS = [
   } },
   { name: "farthest joint from its set-point", unit: "°", of: row => row[4] },
   { name: "most used motor", unit: "%", of: row => 100 * row[5] },
+  { name: "gripper opening", unit: "mm", of: row => 1000 * row[6], known: row => Number.isFinite(row[6]) },
+  { name: "gripper force", unit: "N", of: row => Math.abs(row[7]), known: row => Number.isFinite(row[7]) },
 ];
 for (const signal of SIGNALS) {
   const plot = made("canvas"), says = made("span");
-  signal.plot = plot;
-  signal.says = says;
-  get("signals").append(made("figure", "", "", made("figcaption", "", "", made("span", "", signal.name + " (" + signal.unit + ")"), says), plot));
+  const caption = made("figcaption", "", "", made("span", "", signal.name + " (" + signal.unit + ")"), says);
+  Object.assign(signal, { plot, says, figure: made("figure", "", "", caption, plot) });
+  get("signals").append(signal.figure);
 }
 function niceTop(value) {
   const power = 10 ** Math.floor(Math.log10(value || 1));
   return [1, 2, 5, 10].map(x => x * power).find(x => x >= value) || 1;
 }
-function showSignals(tracks, names, from, until, now) {
+function showSignals(tracks, names, until, now, failures) {
   if (get("signals").hidden) return;
-  for (const { plot, says, of } of SIGNALS) {
+  const from = 0;
+  for (const { plot, says, of, known, figure } of SIGNALS) {
+    const all = names.map(name => (tracks.get(name) || []).filter(row => row[0] <= until && (!known || known(row))));
+    figure.hidden = Boolean(known) && all.every(curve => !curve.length);
+    if (figure.hidden) continue;
     const ratio = window.devicePixelRatio || 1, wide = plot.clientWidth, high = plot.clientHeight;
     if (!wide || !high) continue;
     plot.width = wide * ratio;
     plot.height = high * ratio;
     const pen = plot.getContext("2d"), left = 34, low = high - 14, style = getComputedStyle(document.body);
     pen.scale(ratio, ratio);
-    const curves = names.map(name => (tracks.get(name) || []).filter(row => row[0] >= from && row[0] <= until));
+    // No more points than there are pixels.
+    const curves = all.map(curve => {
+      const every = Math.ceil(curve.length / (1.5 * wide));
+      return every > 1 ? curve.filter((_, i) => i % every === 0 || i === curve.length - 1) : curve;
+    });
     const values = curves.map(curve => curve.map((row, i) => of(row, curve[i - 1])));
     const top = niceTop(Math.max(1e-6, ...values.map(each => each.reduce((a, b) => Math.max(a, b), 0))));
     const x = time => left + (wide - left - 4) * (time - from) / Math.max(0.1, until - from);
@@ -149,6 +167,12 @@ function showSignals(tracks, names, from, until, now) {
     for (let time = Math.ceil(from / every) * every; time <= until; time += every) {
       pen.fillText(Number(time.toPrecision(6)) + " s", Math.min(wide - 14, x(time)), high - 2);
     }
+    pen.strokeStyle = style.getPropertyValue("--bad");
+    pen.globalAlpha = 0.45;
+    for (const { time } of failures) {
+      pen.beginPath(); pen.moveTo(x(time), 6); pen.lineTo(x(time), low); pen.stroke();
+    }
+    pen.globalAlpha = 1;
     const said = [];
     curves.forEach((curve, index) => {
       pen.strokeStyle = css(colorOf(index));
@@ -166,6 +190,23 @@ function showSignals(tracks, names, from, until, now) {
     pen.beginPath(); pen.moveTo(x(now), 4); pen.lineTo(x(now), low); pen.stroke();
     plot.onclick = event => window.goTo(from + (until - from) * (event.offsetX - left) / (wide - left - 4));
   }
+}
+
+// A mark on the time line for each time at which something failed; what failed is in its title.
+function showFailures(failures, until) {
+  const key = failures.length + " of " + until;
+  if (showFailures.key === key) return;
+  showFailures.key = key;
+  const together = new Map();
+  for (const { time, arm, text } of failures) together.set(time, [...(together.get(time) || []), arm + ": " + text]);
+  get("marks").replaceChildren(...[...together].map(([time, texts]) => {
+    const mark = made("button");
+    mark.title = seconds(time) + "\n" + texts.join("\n");
+    mark.setAttribute("aria-label", "failure at " + seconds(time));
+    mark.style.left = "calc(8px + (100% - 16px) * " + Math.min(1, time / until) + ")";
+    mark.onclick = () => window.goTo(time);
+    return mark;
+  }));
 }
 
 // ---- log, blackboards -----------------------------------------------------------------------
@@ -229,8 +270,10 @@ function showEyes(cameras, source, shown) {
       image.src = address;
     }
     const drawn = [];
-    if (look.region) {
+    if (look.region && look.region.join() !== [0, 0, ...size].join()) {
       const [x, y, right, bottom] = look.region;
+      const whole = "M0 0H" + size[0] + "V" + size[1] + "H0Z", part = "M" + x + " " + y + "H" + right + "V" + bottom + "H" + x + "Z";
+      drawn.push(svg("path", { d: whole + part, "fill-rule": "evenodd", fill: "#10151b8c" }));
       drawn.push(svg("rect", { x, y, width: Math.max(0, right - x), height: Math.max(0, bottom - y),
         fill: "none", stroke: "#ffffffb0", "stroke-width": 1, "stroke-dasharray": "4 3" }));
     }

@@ -1,4 +1,4 @@
-// What both pages draw a scene with: WebGL, and nothing else. `sceneOn` gives `draw`, or null.
+// What a scene is drawn with: WebGL, and nothing else. `sceneOn` gives `draw`, or null.
 const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
 const floats = text => new Float32Array(bytes(text));
 
@@ -134,8 +134,7 @@ function sceneOn(canvas, meshes, middle, redraw, far = 2.5) {
     if (!buffers.has(name)) {
       const mesh = meshes[name];
       if (!mesh && !shapes[name]) return null;
-      const made = mesh instanceof Float32Array ? mesh
-        : mesh ? flat(floats(mesh.vertices), new Uint32Array(bytes(mesh.faces))) : shapes[name]();
+      const made = mesh || shapes[name]();
       const buffer = gl.createBuffer();
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
       gl.bufferData(gl.ARRAY_BUFFER, made, gl.STATIC_DRAW);

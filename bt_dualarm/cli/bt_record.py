@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 examples:
-  bt-record export out --html out.html     one page: scene, slider, trees, reasons; no network
+  bt-record export out --html out.html     the page of bt-replay as one file; no network
   bt-record export out --mcap out.mcap     for Foxglove and other viewers and plotters
   bt-record export out --mp4 out.mp4       a film: the scene, the trees beside it
   bt-record export out --webp out.webp     the same, small, for pages on the web
@@ -75,7 +75,7 @@ def _command_line() -> argparse.ArgumentParser:
         type=Path,
         help="a folder that bt-run --record wrote; several with --lerobot",
     )
-    add("--html", metavar="FILE", type=Path, help="one self-contained page")
+    add("--html", metavar="FILE", type=Path, help="the page of bt-replay, as one file")
     add("--mcap", metavar="FILE", type=Path, help="messages over time, in JSON")
     add("--mp4", metavar="FILE", type=_film, help="a film, 25 pictures a simulated second")
     add("--webp", metavar="FILE", type=_animation, help="an animation of 3 MB at most")
@@ -87,7 +87,7 @@ def _command_line() -> argparse.ArgumentParser:
 
 
 def _html(record: Record, target: Path) -> None:
-    from bt_dualarm.replay.html_page import html_of
+    from bt_dualarm.live.page_file import html_of
     from bt_dualarm.runtime.atomic_write import write_text
 
     write_text(target, html_of(record))

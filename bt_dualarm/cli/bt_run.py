@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from bt_dualarm.cli.early_signals import early
 from bt_dualarm.cli.entry import FAILED, OVERRUN, SUCCEEDED, UNUSABLE, complain
 from bt_dualarm.cli.run_arguments import command_line
-from bt_dualarm.cli.viewing import drop_record, record_folder, viewed, watched
+from bt_dualarm.cli.viewing import drop_record, linger, record_folder, viewed, watched
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
 
@@ -102,7 +102,7 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
                     view.gate.hold()
                 code = _show(arguments, opened)
                 if view is not None:
-                    view.linger()
+                    linger(view)
             opened.close()
             return code
 

@@ -47,6 +47,14 @@ def viewed(
         yield view
 
 
+def linger(view: LiveView) -> None:
+    """Once the run is over, leave its page up for as long as one is open."""
+    if view.is_watched:
+        message = "the run is over; it is shown until its page is closed, or Ctrl-C"
+        print(message, file=sys.stderr, flush=True)
+    view.linger()
+
+
 @contextmanager
 def watched(arguments: argparse.Namespace, opened: Run, view: LiveView | None) -> Iterator[None]:
     """Take up the trees of the file whenever it is saved in the block, if that is asked for.

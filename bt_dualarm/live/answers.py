@@ -22,6 +22,7 @@ _PAGE: Final = "live.html"
 _PARTS: Final = {
     "STYLE_OF_THE_VIEW": "live.css",
     "SCRIPT_OF_THE_SCENE": "scene.js",
+    "SCRIPT_OF_THE_SOURCE": "source.js",
     "SCRIPT_OF_THE_PANELS": "live_panels.js",
     "SCRIPT_OF_THE_VIEW": "live.js",
 }
@@ -100,13 +101,20 @@ class Answers(Protocol):
         """
 
 
-def whole_page() -> str:
-    """The page with its style and its scripts in it."""
+def whole_page(record: str = "") -> str:
+    """The page with its style and its scripts in it.
+
+    Args:
+        record: A record in base64 that the page shows by itself; it then may ask nobody. Without
+            one it asks the server that it came from, and nobody else.
+    """
     pages = share_dir("assets") / "pages"
     page = (pages / _PAGE).read_text(encoding="utf-8")
     for place, name in _PARTS.items():
         page = page.replace(place, (pages / name).read_text(encoding="utf-8"))
-    return page
+    kept = f'<script type="text/plain" id="record">{record}</script>' if record else ""
+    source = "'none'" if record else "'self'"
+    return page.replace("SOURCE_OF_THE_DATA", source).replace("RECORD_OF_THE_RUN", kept)
 
 
 def number_in(query: Query, name: str, otherwise: float | None = None) -> float:

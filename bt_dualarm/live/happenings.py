@@ -8,7 +8,7 @@ from collections.abc import Callable
 from threading import Lock
 from typing import Final
 
-from bt_dualarm.live.past_series import change_line, line
+from bt_dualarm.live.past_series import MOST_FAILURES, change_line, line
 from bt_dualarm.runtime.log_capture import LOGGER
 from bt_dualarm.runtime.parts import IdleObserver
 from bt_dualarm.spec.source import Json
@@ -28,15 +28,17 @@ class Happenings(IdleObserver):
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock
         self._lines: deque[Json] = deque(maxlen=_MOST)
+        self._failures: list[Json] = []
         self._count = 0
         self._lock = Lock()
         self._handler = _Handler(self._logged)
 
     def since(self, number: int) -> Json:
-        """Lines after that many, oldest first, and how many there have been in all."""
+        """Lines after that many, oldest first; how many there have been; the first failures."""
         with self._lock:
             new = max(0, min(self._count - number, len(self._lines)))
-            return {"next": self._count, "lines": [*self._lines][len(self._lines) - new :]}
+            lines = [*self._lines][len(self._lines) - new :]
+            return {"next": self._count, "lines": lines, "failures": [*self._failures]}
 
     def on_event(self, change: StatusChange) -> None:
         """Keep a change of status."""
@@ -68,6 +70,8 @@ class Happenings(IdleObserver):
     def _add(self, added: Json) -> None:
         with self._lock:
             self._lines.append(added)
+            if added["level"] == "FAILURE" and len(self._failures) < MOST_FAILURES:
+                self._failures.append(added)
             self._count += 1
 
 

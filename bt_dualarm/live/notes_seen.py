@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from typing import Final
 
 from bt_dualarm.spec.source import Json
@@ -36,15 +35,6 @@ class NotesSeen:
             self._frames[arm] = note
         elif kind == "guard":
             self._guards[arm] = note
-
-    @classmethod
-    def of(cls, notes: Iterable[Json], until: float) -> NotesSeen:
-        """All that was noted up to a time in s."""
-        seen = cls()
-        for note in notes:
-            if note["time_s"] <= until + 1e-9:
-                seen.add(note)
-        return seen
 
     def board(self, arm: str) -> list[Json]:
         """Keys of an arm's blackboard with value, writer and time."""

@@ -15,7 +15,9 @@ import numpy as np
 from bt_dualarm.live import physics
 from bt_dualarm.live.meshes import Looks, Mounted, arm_of, looks_of
 from bt_dualarm.live.notes_seen import NotesSeen
+from bt_dualarm.live.past_series import gripper_force, sent_to
 from bt_dualarm.live.places import Places, places_of
+from bt_dualarm.live.signals import row_of
 from bt_dualarm.live.trees import rows_at
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.timeline import Node, Timeline
@@ -49,6 +51,9 @@ class Past:
         self._again_at = -np.inf
         self._scratch: dict[int, tuple[mujoco.MjData, dict[str, Places]]] = {}
         self._looks: dict[int, Looks] = {}
+        self._ahead: dict[int, mujoco.MjData] = {}
+        self._noted: tuple[Record | None, float, int, NotesSeen] = (None, 0.0, 0, NotesSeen())
+        self._trees: tuple[Record, int, Mapping[str, Node]] | None = None
 
     @property
     def record(self) -> Record:
@@ -75,21 +80,23 @@ class Past:
         return self.record
 
     def moment(self, time: float) -> Json:
-        """The run at the last kept state at or before a time in s.
+        """The run at a time in s: trees and notes of that time, the last state kept until then.
 
         Raises:
             ReplayError: There is no state, or this MuJoCo cannot read the model.
         """
         with self._lock:
             record = self._up_to(time)
-            index = record.index_at(min(max(time, 0.0), record.until))
+            time = min(max(time, 0.0), record.until)
+            index = record.index_at(time)
             moment = record.moment(index)
             model = record.model(moment.generation)
             data, places = self._posed(record, index)
-            notes = NotesSeen.of(record.notes, moment.time)
-            roots = Timeline(record, moment.time).roots
+            notes = self._notes_until(record, time)
+            roots = self._trees_at(record, time)
+            arms = [self._arm(record, roots[name], index, time, notes) for name in record.arms]
             return {
-                "time": round(moment.time, 4),
+                "time": round(time, 4),
                 "generation": moment.generation,
                 "poses": physics.bodies(data),
                 "contacts": physics.contacts(model, data),
@@ -97,8 +104,27 @@ class Past:
                     {**camera, "look": notes.look(str(camera["arm"]))}
                     for camera in physics.cameras(model, data, places)
                 ],
-                "arms": [self._arm(record, roots[name], index, notes) for name in record.arms],
+                "arms": arms,
             }
+
+    def _notes_until(self, record: Record, time: float) -> NotesSeen:
+        """All that was noted up to a time in s; from one time to a later one only what is new."""
+        whose, until, count, seen = self._noted
+        if whose is not record or time < until:
+            count, seen = 0, NotesSeen()
+        while count < len(record.notes) and record.notes[count]["time_s"] <= time + 1e-9:
+            seen.add(record.notes[count])
+            count += 1
+        self._noted = record, time, count, seen
+        return seen
+
+    def _trees_at(self, record: Record, time: float) -> Mapping[str, Node]:
+        """Roots of the trees that were valid at a time in s: another set after each edit."""
+        edits = [note for note in record.notes if note["kind"] == "edited"]
+        count = sum(note["time_s"] <= time + 1e-9 for note in edits)
+        if self._trees is None or self._trees[0] is not record or self._trees[1] != count:
+            self._trees = record, count, Timeline(record, time).roots
+        return self._trees[2]
 
     @contextmanager
     def at(self, time: float) -> Iterator[Posed]:
@@ -123,8 +149,8 @@ class Past:
         data, places = self._scratch[moment.generation]
         mujoco.mj_resetData(model, data)
         data.qpos[:], data.qvel[:], data.time = moment.qpos, moment.qvel, moment.time
-        for name, arm in places.items():
-            row = record.arm_row(name, index)
+        for arm in places.values():
+            row = sent_to(record, arm, index)
             if row is not None:
                 data.ctrl[arm.motors] = row[3]
         mujoco.mj_forward(model, data)
@@ -149,9 +175,8 @@ class Past:
         found = {name: arm_of(arm, root) for name, arm in record.arms.items()}
         return {name: arm for name, arm in found.items() if arm is not None}
 
-    def _arm(self, record: Record, root: Node, index: int, notes: NotesSeen) -> Json:
-        name, moment = root.arm, record.moment(index)
-        generation, time = moment.generation, moment.time
+    def _arm(self, record: Record, root: Node, index: int, time: float, notes: NotesSeen) -> Json:
+        name, generation = root.arm, record.moment(index).generation
         data, places = self._scratch[generation]
         rows = rows_at(root, time)
         said: Json = {
@@ -162,31 +187,35 @@ class Past:
             "board": notes.board(name),
             "guard": notes.guard(name),
         }
-        arm, row = places.get(name), record.arm_row(name, index)
+        arm = places.get(name)
+        row = None if arm is None else sent_to(record, arm, index)
         if arm is None or row is None:
             return said
-        error = np.abs(row[0] - data.qpos[arm.qpos]).max()
-        said["tool"] = data.site_xpos[arm.tool].round(4).tolist()
-        said["error_deg"] = round(float(np.degrees(error)), 4)
-        share = arm.torque_share(record.model(generation), row[3])
-        return {**said, "torque": round(share, 4), "ahead": _ahead(record, name, arm, index)}
+        model = record.model(generation)
+        said |= physics.arm_numbers(row_of(model, data, arm, row[0], row[3]))
+        if record.arms[name].get("gripper") is not None:
+            called, force = str(record.arms[name]["gripper"]), gripper_force(record, name, index)
+            said["gripper"] = physics.gripper(model, data, arm, called, force)
+        return {**said, "ahead": self._way_ahead(record, arm, index)}
 
-
-def _ahead(record: Record, name: str, arm: Places, index: int) -> str:
-    """Where the set-points of the next seconds lead the tool: points in m, as base64."""
-    generation = record.moment(index).generation
-    last = record.index_at(min(record.times[index] + _AHEAD_S, record.until))
-    model, data = record.model(generation), mujoco.MjData(record.model(generation))
-    data.qpos[:] = record.moment(index).qpos
-    points = []
-    for number in np.unique(np.linspace(index, last, _AHEAD_POINTS).round().astype(int)):
-        row = record.arm_row(name, int(number))
-        if row is None or len(row[0]) != len(arm.qpos):
-            break
-        data.qpos[arm.qpos] = row[0]
-        mujoco.mj_kinematics(model, data)
-        points.append(data.site_xpos[arm.tool].copy())
-    return physics.as_text(np.array(points).reshape(-1, 3))
+    def _way_ahead(self, record: Record, arm: Places, index: int) -> str:
+        """Where the set-points of the next seconds lead the tool: points in m, as base64."""
+        moment = record.moment(index)
+        model = record.model(moment.generation)
+        if moment.generation not in self._ahead:
+            self._ahead[moment.generation] = mujoco.MjData(model)
+        data = self._ahead[moment.generation]
+        data.qpos[:] = moment.qpos
+        last = record.index_at(min(moment.time + _AHEAD_S, record.until))
+        points = []
+        for number in np.unique(np.linspace(index, last, _AHEAD_POINTS).round().astype(int)):
+            row = sent_to(record, arm, int(number))
+            if row is None:
+                break
+            data.qpos[arm.qpos] = row[0]
+            mujoco.mj_kinematics(model, data)
+            points.append(data.site_xpos[arm.tool].copy())
+        return physics.as_text(np.array(points).reshape(-1, 3))
 
 
 def _outcome(rows: list[Json]) -> str | None:

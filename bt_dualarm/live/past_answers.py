@@ -9,8 +9,10 @@ from bt_dualarm.live.answers import Answer, Asked, Query, ViewError, number_in, 
 from bt_dualarm.live.past import Past
 from bt_dualarm.live.past_series import log_of, series_of, why_of
 from bt_dualarm.live.pictures import PastPictures
+from bt_dualarm.live.signals import series_text
 from bt_dualarm.recording.history_file import HistoryError
 from bt_dualarm.replay.record import ReplayError
+from bt_dualarm.replay.story import stories
 from bt_dualarm.replay.story_text import state_of
 from bt_dualarm.spec.source import Json
 
@@ -46,7 +48,7 @@ class PastAnswers:
         try:
             return series_of(self.past.record)
         except (ReplayError, HistoryError):
-            return {}
+            return series_text({})
 
     def _why(self, query: Query) -> Answer:
         asked = query.get("of")
@@ -70,8 +72,8 @@ class RecordView:
 
     def __init__(self, folder: Path) -> None:
         self._answers = PastAnswers(folder)
-        self._past = self._answers.past
-        self._past.moment(0.0)
+        self.past = self._answers.past
+        self.past.moment(0.0)
 
     @property
     def questions(self) -> Mapping[str, Asked]:
@@ -80,9 +82,9 @@ class RecordView:
             **self._answers.questions,
             "": lambda _: Answer.page(),
             "now": lambda _: Answer.of(self._now()),
-            "log": lambda _: Answer.of(self._log()),
+            "log": lambda _: Answer.of(log_of(self.past.record)),
             "scene": self._scene,
-            "mesh": lambda query: Answer.numbers(self._past.mesh(text_in(query, "name"))),
+            "mesh": lambda query: Answer.numbers(self.past.mesh(text_in(query, "name"))),
         }
 
     def do(self, asked: Json) -> Json:
@@ -94,13 +96,12 @@ class RecordView:
         raise ViewError(f"a record is only looked at: {str(asked.get('deed'))[:40]!r} does nothing")
 
     def _now(self) -> Json:
-        record = self._past.record
-        told = {"kind": "record", "name": record.name, "until": round(record.until, 4)}
+        record = self.past.record
+        until = round(record.until, 4)
+        ends = [story.ended_s for story in stories(record) if story.ended_s is not None]
+        begin = round(min(ends, default=0.0), 4)
+        told = {"kind": "record", "name": record.name, "until": until, "begin": begin}
         return {**told, "facts": state_of(record), "recorded": True}
-
-    def _log(self) -> Json:
-        lines = log_of(self._past.record)
-        return {"next": len(lines), "lines": lines}
 
     def _scene(self, query: Query) -> Answer:
         return Answer.of(self._answers.scene(int(number_in(query, "generation"))))

@@ -8,8 +8,9 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from bt_dualarm.live.physics import as_text
-from bt_dualarm.live.places import places_of
+from bt_dualarm.live.places import Places, places_of
+from bt_dualarm.live.signals import COLUMNS, Row, row_of, series_text
+from bt_dualarm.pose import Vector
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.story import Story, stories
 from bt_dualarm.replay.story_text import story_text
@@ -18,16 +19,15 @@ from bt_dualarm.spec.source import Json
 MOST_POINTS: Final = 2000
 """Points of a curve that a page gets at most."""
 
+MOST_FAILURES: Final = 500
+"""Failures that are marked on a page's time line: the first ones."""
+
 _MOST_LINES: Final = 5000
 
 
 def series_of(record: Record) -> Json:
-    """For each arm rows of six numbers: time in s, tool in m, error in degrees, torque's share.
-
-    Error is the largest distance of a joint from its set-point; the torque's share is that of the
-    motor that gives most of what it can. Rows are 32-bit numbers, as base64.
-    """
-    rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in record.arms}
+    """Signals of all arms over the whole of a record, as `Signals.since` gives them of a run."""
+    rows: dict[str, list[Row]] = {name: [] for name in record.arms}
     count = len(record.times)
     data, places, of = None, {}, -1
     for index in range(0, count, max(1, -(-count // MOST_POINTS))):
@@ -36,22 +36,43 @@ def series_of(record: Record) -> Json:
         if data is None or moment.generation != of:
             data, places = mujoco.MjData(model), places_of(model, record.arms)
             of = moment.generation
-        data.qpos[:] = moment.qpos
+        data.qpos[:], data.time = moment.qpos, moment.time
         mujoco.mj_kinematics(model, data)
         for name, arm in places.items():
-            row = record.arm_row(name, index)
-            if row is not None:
-                error = float(np.degrees(np.abs(row[0] - moment.qpos[arm.qpos]).max()))
-                tool = data.site_xpos[arm.tool].tolist()
-                share = arm.torque_share(model, row[3])
-                rows[name].append((moment.time, *tool, error, share))
-    return {name: as_text(np.array(points).reshape(-1, 6)) for name, points in rows.items()}
+            sent = sent_to(record, arm, index)
+            if sent is not None:
+                row = row_of(model, data, arm, sent[0], sent[3])
+                rows[name].append((*row, gripper_force(record, name, index)))
+    return series_text(
+        {name: np.array(points).reshape(-1, len(COLUMNS)) for name, points in rows.items()}
+    )
 
 
-def log_of(record: Record) -> list[Json]:
-    """Changes of status and what the guards did, in order: time in s, arm, text, what it is."""
+def sent_to(
+    record: Record, arm: Places, index: int
+) -> tuple[Vector, Vector, Vector, Vector] | None:
+    """What an arm was sent at a state by its number, as `Record.arm_row` has it.
+
+    None where the arm was not in the world, and where the record has another number of joints.
+    """
+    row = record.arm_row(arm.name, index)
+    return row if row is not None and len(row[0]) == len(arm.qpos) else None
+
+
+def gripper_force(record: Record, arm: str, index: int) -> float:
+    """Force of a pad or cup in N at a state by its number; NaN where it is not known."""
+    state = record.gripper(arm, index)
+    return np.nan if state is None else state.force
+
+
+def log_of(record: Record) -> Json:
+    """What happened in a record, as `Happenings.since` gives it of a run: lines, and failures.
+
+    A line has a time in s, an arm, a text, and what it is: a status, or ``GUARD``.
+    """
     lines = sorted([*_changes(record), *_guards(record)], key=lambda line: float(line["time"]))
-    return lines[-_MOST_LINES:]
+    failures = [line for line in lines if line["level"] == "FAILURE"]
+    return {"next": len(lines), "lines": lines[-_MOST_LINES:], "failures": failures[:MOST_FAILURES]}
 
 
 def why_of(record: Record, asked: str | None, time: float | None = None) -> Json:

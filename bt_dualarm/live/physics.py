@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import mujoco
@@ -58,6 +58,32 @@ def cameras(model: mujoco.MjModel, data: mujoco.MjData, arms: Mapping[str, Place
                 }
             )
     return found
+
+
+def arm_numbers(row: Sequence[float]) -> Json:
+    """Where an arm's tool is in m, and its error in degrees and share of torque, of a sample."""
+    place, error, share = row[1:4], row[4], row[5]
+    return {
+        "tool": [round(x, 4) for x in place],
+        "error_deg": round(error, 4),
+        "torque": round(share, 4),
+    }
+
+
+def gripper(
+    model: mujoco.MjModel, data: mujoco.MjData, arm: Places, name: str, force: float
+) -> Json:
+    """A gripper: its name, opening in m, force in N, and what it truly holds.
+
+    Opening and force are None where there is none, or it is not known.
+    """
+    opening = arm.opening(data.qpos)
+    return {
+        "name": name,
+        "opening_m": round(opening, 5) if np.isfinite(opening) else None,
+        "force_n": round(force, 2) if np.isfinite(force) else None,
+        "holds": arm.held(model, data),
+    }
 
 
 def as_text(array: npt.NDArray[np.floating]) -> str:

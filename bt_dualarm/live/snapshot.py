@@ -15,6 +15,7 @@ from bt_dualarm.live.ahead import WayAhead
 from bt_dualarm.live.meshes import Looks, looks_of
 from bt_dualarm.live.notes_seen import NotesSeen
 from bt_dualarm.live.places import Places, places_of
+from bt_dualarm.live.signals import row_of
 from bt_dualarm.live.trees import rows_of
 from bt_dualarm.runtime.arms import Arms
 from bt_dualarm.runtime.parts import ArmView, Controller, IdleObserver
@@ -120,10 +121,11 @@ class Snapshot(IdleObserver):
         if arm is None or controller is None:
             return said
         model, data = self._world.model, self._world.data
-        error = np.abs(controller.setpoint.q - data.qpos[arm.qpos]).max()
-        said["tool"] = data.site_xpos[arm.tool].round(4).tolist()
-        said["error_deg"] = round(float(np.degrees(error)), 4)
-        said["torque"] = round(arm.torque_share(model, data.ctrl[arm.motors]), 4)
+        row = row_of(model, data, arm, controller.setpoint.q, data.ctrl[arm.motors])
+        gripper = self._world.grippers.get(view.name)
+        if gripper is not None:
+            said["gripper"] = physics.gripper(model, data, arm, gripper.gripper.name, gripper.force)
+        said |= physics.arm_numbers(row)
         return {**said, "ahead": self._ahead[view.name].of(controller, data)}
 
 

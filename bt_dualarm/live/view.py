@@ -14,7 +14,9 @@ from bt_dualarm.live.past_answers import PastAnswers
 from bt_dualarm.live.pictures import Pictures
 from bt_dualarm.live.served import Served
 from bt_dualarm.live.server import HOST
+from bt_dualarm.live.signals import Signals
 from bt_dualarm.live.snapshot import Snapshot
+from bt_dualarm.live.viewers import Viewers
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.spec.source import Data, Json
@@ -53,7 +55,9 @@ class LiveView:
         self._run, self._stop = run, stop
         self._snapshot = Snapshot(run.world, run.assembly.arms, run.views)
         self._happenings = Happenings(lambda: run.time)
-        self._pictures = Pictures()
+        self._signals = Signals(run.world, run.assembly.arms)
+        self._viewers = Viewers()
+        self._pictures = Pictures(run.world, lambda: self._snapshot.is_watched)
         self.gate = Gate(lambda: bool(stop.asked), self._about_to_hold, paused=paused)
         self._past = None if run.kept is None else PastAnswers(run.kept.folder.path)
         self._served = Served(self, port, host)
@@ -64,7 +68,7 @@ class LiveView:
         return self._served.url
 
     def __enter__(self) -> LiveView:
-        for observer in (self._happenings, self._snapshot, self.gate):
+        for observer in (self._happenings, self._signals, self._snapshot, self.gate):
             self._run.watch(observer)
         if self._run.kept is not None:
             notes = self._run.kept.notes
@@ -85,10 +89,15 @@ class LiveView:
         self._happenings.close()
 
     def linger(self) -> None:
-        """Once the run is over, wait for as long as somebody looks and it is not to end."""
+        """Once the run is over, wait for as long as a page is open and it is not to end."""
         self._snapshot.take()
-        while self._snapshot.is_watched and not self._stop.asked:
+        while self.is_watched and not self._stop.asked:
             time.sleep(_LOOK_S)
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a page is open, however long it has not asked, or about to be."""
+        return self._viewers.is_anyone_there
 
     def _about_to_hold(self) -> None:
         """Copy, and have written, all that there is until now."""
@@ -102,8 +111,9 @@ class LiveView:
         past = {} if self._past is None else self._past.questions
         return {
             **past,
-            "": lambda _: Answer.page(),
-            "now": lambda _: Answer.of(self._now()),
+            "": lambda _: self._page(),
+            "now": self._now,
+            "series": lambda query: Answer.of(self._signals.since(number_in(query, "after", 0.0))),
             "log": lambda query: Answer.of(
                 self._happenings.since(int(number_in(query, "after", 0.0)))
             ),
@@ -128,10 +138,16 @@ class LiveView:
             raise ViewError(f"that value makes no sense: {error}") from error
         return self.gate.state
 
-    def _now(self) -> Json:
+    def _page(self) -> Answer:
+        self._viewers.fetched()
+        return Answer.page()
+
+    def _now(self, query: Query) -> Answer:
         """The run as it stands, and whether it is held."""
+        self._viewers.asked(query.get("page", ""))
         told = {"kind": "live", "name": self._run.name, "recorded": self._past is not None}
-        return {**told, "over": self._run.done, **self._snapshot.now, **self.gate.state}
+        facts = {"over": self._run.done, "timestep": self._run.world.timestep}
+        return Answer.of({**told, **facts, **self._snapshot.now, **self.gate.state})
 
     def _scene(self, query: Query) -> Answer:
         generation = int(number_in(query, "generation", -1.0)) if "generation" in query else -1
@@ -164,5 +180,6 @@ class LiveView:
             "step": lambda _: gate.step(),
             "tick": lambda _: gate.tick(),
             "speed": gate.set_speed,
+            "leave": lambda value: self._viewers.left(str(value)),
             "break": lambda value: gate.set_breakpoints(str(value).split("\n")),
         }

@@ -1,4 +1,4 @@
-"""Records of runs, read again: what went wrong and why, whether a run repeats, pages and tables.
+"""Records of runs, read again: what went wrong and why, whether a run repeats, films and tables.
 
 In: the folder of a record, whole or left behind by a process that was killed.
 Out: a `Record`; the story of a failure.
@@ -8,7 +8,7 @@ Open first: `record` (all that a record holds), `story` (why a leaf failed); oth
 `reach_causes`, `time_causes`),
 `scene` (the world at a time), `before` (the second before), `story_text`; `check` (does a run
 repeat?) and `resume` (go on from a time), which make it anew (`rerun`, `past`,
-`known_pictures`); `html_page` (with `page_scene`), `mcap_export` (with `message`, `messages`,
+`known_pictures`); `mcap_export` (with `message`, `messages`,
 `scene_messages`, `drawn_shapes`, `camera_messages`, `message_schemas`), `kept_pictures`, `video`
 (with `film_scene`, `film_camera`, `film_panel`, `film_style`), `lerobot_export` (with
 `lerobot_episode`, `lerobot_tables`) and `tables` (exports); `arm_parts` (joints and gripper of an

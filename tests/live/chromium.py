@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import shutil
@@ -53,6 +54,10 @@ class Tab:
             time.sleep(0.05)  # a browser is another process
         raise AssertionError(f"{script} never came true; {self.value('document.body.innerText')}")
 
+    def picture(self, path: Path) -> None:
+        """Write what is seen of the page, as PNG."""
+        path.write_bytes(base64.b64decode(self._call("Page.captureScreenshot")["data"]))
+
     def _call(self, method: str, **parameters: object) -> dict[str, Any]:
         self._number += 1
         asked = {"id": self._number, "method": method, "params": parameters}
@@ -85,7 +90,7 @@ def chromium(profile: Path) -> Iterator[Tab]:
     client = pytest.importorskip("websockets.sync.client", reason="no websockets to steer it with")
     command = [program, "--headless", "--no-sandbox", "--use-angle=swiftshader"]
     command += ["--enable-unsafe-swiftshader", "--remote-debugging-port=0", "--disable-gpu-sandbox"]
-    command += [f"--user-data-dir={profile}", "--window-size=1300,850", "about:blank"]
+    command += [f"--user-data-dir={profile}", "--window-size=1400,900", "about:blank"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stderr is not None

@@ -91,7 +91,7 @@ def test_a_record_is_shown_at_any_time(failed: Record) -> None:
 
 def test_signals_and_log_go_over_the_whole_record(failed: Record) -> None:
     with shown(failed.folder) as browser:
-        rows = numbers(browser.told("series")["arm1"]).reshape(-1, 6)
+        rows = numbers(browser.told("series")["arms"]["arm1"]).reshape(-1, 8)
         np.testing.assert_allclose(rows[[0, -1], 0], failed.times[[0, -1]], atol=1e-3)
         assert np.ptp(rows[:, 1:4], axis=0).max() == pytest.approx(0.06, abs=0.01), "aside"
         lines = browser.told("log?after=0")["lines"]

@@ -102,8 +102,8 @@ def test_the_scene_has_what_the_poses_are_of(tree: Path) -> None:
         assert {status for status, _ in meshes.values()} == {200}
         triangles = 0
         for _, content in meshes.values():
-            vertices, normals, faces = np.frombuffer(content[:12], np.uint32).tolist()
-            assert len(content) == 12 + 12 * (vertices + normals) + 24 * faces
+            vertices, faces = np.frombuffer(content[:8], np.uint32).tolist()
+            assert len(content) == 32 + 9 * vertices + 6 * faces
             triangles += faces
         assert triangles > 50_000, "a UR5 as its maker draws it, not its hulls"
         assert browser.ask("mesh?name=nothing")[0] == 400

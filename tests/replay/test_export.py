@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import csv
-import json
-import re
-import shutil
-import subprocess
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +13,6 @@ from PIL import Image
 from bt_dualarm import cli
 from bt_dualarm.replay.film_camera import clear_corner, followed
 from bt_dualarm.replay.film_panel import FilmPanel
-from bt_dualarm.replay.html_page import html_of, page_data
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.tables import tables_of
 from bt_dualarm.replay.video import write_animation
@@ -31,102 +25,6 @@ FAILING = SHORT.replace(BACK, "reach_to_pose: {offset: {xyz: [3, 0, 0]}}")
 @pytest.fixture(scope="module")
 def failed(tmp_path_factory: pytest.TempPathFactory) -> Record:
     return recorded(tmp_path_factory.mktemp("failed"), FAILING)
-
-
-def test_the_page_asks_nobody_for_anything(failed: Record) -> None:
-    """No address, no file: what it shows is in it."""
-    page = html_of(failed)
-    own = page.replace(json.dumps(page_data(failed)).replace("<", "\\u003c"), "")
-    assert len(own) < 20_000, "the data is left out"
-    assert not re.findall(r"https?:|wss?:|//[a-z]|\bsrc=|\bhref=|@import|fetch\(|XMLHttp", own)
-    assert "default-src 'none'" in page
-    assert page.count("<script") == page.count("</script>") == 2
-
-
-def test_text_of_a_tree_cannot_end_the_script(tmp_path: Path) -> None:
-    said = SHORT.replace(
-        "- subtree", "- set: {key: other, value: '</script><b>'}\n        - subtree"
-    )
-    page = html_of(recorded(tmp_path, said))
-    assert page.count("</script>") == 2
-
-
-def test_the_page_has_scene_trees_and_reasons(failed: Record) -> None:
-    data = page_data(failed)
-    assert data["until"] == pytest.approx(failed.until, abs=1e-3)
-    [tree] = data["trees"]
-    assert [node["name"] for node in tree["nodes"]] == [
-        "sequence",
-        "set",
-        "aside",
-        "reach_to_pose",
-        "reach_to_pose",
-    ]
-    assert tree["nodes"][-1]["changes"][-1][1] == "FAILURE"
-    assert "outside the reach" in data["why"]
-    [segment] = data["segments"]
-    assert segment["times"][-1] == pytest.approx(failed.until, abs=1e-3)
-    assert {shape["name"] for shape in data["generations"][0]["shapes"]} >= {"plane", "sphere"}
-    assert len(data["meshes"]) >= 6
-
-
-def browsed(page: Path, *times: float, gl: bool = True) -> dict[str, Any]:
-    """What the page shows at some times, by its own script."""
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("there is no node to run the page's script")
-    script = Path(__file__).with_name("page.js")
-    command = [node, script, page, "gl" if gl else "nogl", *map(str, times)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
-    assert done.returncode == 0, done.stderr
-    shown: dict[str, Any] = json.loads(done.stdout)
-    return shown
-
-
-@pytest.mark.parametrize("gl", [True, False])
-def test_the_page_s_script_shows_the_trees_at_a_time(
-    failed: Record, tmp_path: Path, gl: bool
-) -> None:
-    (tmp_path / "page.html").write_text(html_of(failed), encoding="utf-8")
-    shown = browsed(tmp_path / "page.html", 0.3, failed.until, gl=gl)
-    early, late = shown["shown"]
-    assert [row[0] for row in early] == [
-        "node RUNNING",
-        "node SUCCESS",
-        "node RUNNING",
-        "node RUNNING",
-        "node INVALID",
-    ]
-    assert late[-1][0] == "node FAILURE"
-    assert late[-1][1].startswith("INVALID_TARGET: ")
-    assert shown["board"] == [["arm1:goal", '{"xyz": [0, 0.06, 0]}', "sequence/set at 0.00 s"]]
-    assert (shown["drawn"] > 20) == gl
-
-
-@pytest.mark.slow
-def test_a_real_browser_shows_the_scene_and_no_excuse(failed: Record, tmp_path: Path) -> None:
-    """What is hidden is not shown, no error is told, and the picture has a scene in it."""
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("there is no chromium to look at the page with")
-    look = (
-        "<script>document.title = [getComputedStyle(get('none')).display, get('now').textContent,"
-        "document.querySelectorAll('.FAILURE').length].join('|')</script></body>"
-    )
-    page, picture = tmp_path / "page.html", tmp_path / "page.png"
-    page.write_text(html_of(failed).replace("</body>", look), encoding="utf-8")
-    command = [chromium, "--headless", "--no-sandbox", "--use-angle=swiftshader"]
-    command += ["--enable-unsafe-swiftshader", "--virtual-time-budget=4000"]
-    command += ["--window-size=1200,800", f"--user-data-dir={tmp_path / 'profile'}"]
-    told = [*command, "--dump-dom", page.as_uri()]
-    dom = subprocess.run(told, capture_output=True, text=True, check=False, timeout=120).stdout
-    title = re.findall(r"<title>(.*?)</title>", dom)
-    assert title == [f"none|{failed.until:.2f} s of {failed.until:.2f}|2"]
-    shot = [*command, f"--screenshot={picture}", page.as_uri()]
-    subprocess.run(shot, capture_output=True, check=False, timeout=120)
-    image = cv2.imread(str(picture))
-    assert image is not None
-    assert len(np.unique(image[100:600, 100:700].reshape(-1, 3), axis=0)) > 50
 
 
 def test_tables_have_what_the_record_has(failed: Record) -> None:
@@ -153,7 +51,7 @@ def test_the_command_writes_them(
     command = ["export", str(failed.folder), "--html", str(page), "--csv", str(tables)]
     assert cli.record(command) == 0
     assert capsys.readouterr().out == f"written: {page}\nwritten: {tables}\n"
-    assert page.read_text(encoding="utf-8") == html_of(failed)
+    assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
     assert (tables / "events.csv").exists()
 
 
