@@ -23,7 +23,7 @@ LOCKED := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),\
 # As many test processes as cores, but never more than eight: each of them loads every robot.
 WORKERS ?= logical
 
-.PHONY: help setup demo test fuzz lint format check docs constraints clean
+.PHONY: help setup demo test matrix fuzz lint format check docs constraints clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' Makefile
@@ -36,6 +36,11 @@ demo: $(STAMP) ## Run the main job: two arms pick, carry and track
 
 test: $(STAMP) ## Run the whole test suite
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet
+
+matrix: export BT_DUALARM_MATRIX := all
+matrix: $(STAMP) ## Do everything that can be done with a file to every kind of file: an hour of CPU
+	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
+		tests/matrix
 
 fuzz: export BT_DUALARM_FUZZ_FILES ?= 200000
 fuzz: export BT_DUALARM_FUZZ_TIMES ?= 10

@@ -1,0 +1,227 @@
+"""Recorded runs of the columns: each is made once, for all cells of its column and all workers."""
+
+from __future__ import annotations
+
+import fcntl
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+import bt_dualarm as bt
+from bt_dualarm.replay.record import Record
+from bt_dualarm.runtime.outcome import Ending
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.world.robots.catalogue import load_robot
+from tests.commands import in_this_process
+from tests.matrix.columns import Column
+
+
+def driven(column: Column, run: Run) -> bt.RunResult:
+    """Advance a run to its end, as the column has it."""
+    if column.stop_at is not None:
+        run.step(column.stop_at - run.time)
+        run.stop()
+    return run.finish()
+
+
+def run_of(column: Column, tree: Path | str | Mapping[str, object], **options: Any) -> bt.RunResult:
+    """What a run of a column's tree comes to, with other options than the column's."""
+    with bt.open(tree, **(column.options | options)) as run:
+        return driven(column, run)
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a command said: its exit code, standard output and standard error."""
+
+    code: int
+    out: str
+    err: str
+
+
+def said_by(program: str, *arguments: str | Path) -> Said:
+    """Run a command in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    code = in_this_process(program, arguments, out, err)
+    said = Said(code, out.getvalue(), err.getvalue())
+    assert "Traceback" not in said.err, said.err
+    assert "internal error" not in said.err, said.err
+    return said
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The recorded run of a column.
+
+    Attributes:
+        column: The column.
+        tree: The tree file.
+        folder: Folder of the record.
+        said: What the command said that made the record; None where no command did.
+    """
+
+    column: Column
+    tree: Path
+    folder: Path
+    said: Said | None
+
+    @cached_property
+    def record(self) -> Record:
+        """The record, read once."""
+        return Record.read(self.folder)
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """``summary.json``."""
+        content: dict[str, Any] = json.loads((self.folder / "summary.json").read_text())
+        return content
+
+    @property
+    def digest(self) -> str:
+        """Hash of all states of the run."""
+        return str(self.summary["state_sha256"])
+
+    @cached_property
+    def events(self) -> list[dict[str, Any]]:
+        """``events.jsonl``."""
+        lines = (self.folder / "events.jsonl").read_text().splitlines()
+        return [json.loads(line) for line in lines]
+
+    @cached_property
+    def statuses(self) -> dict[tuple[str, str], str]:
+        """Status in which each node ended, by arm and path.
+
+        Of a tree that was halted as a whole, what had ended keeps its status.
+        """
+        lasts = {event["arm"]: event for event in self.events}
+        found = {}
+        for event in self.events:
+            last = lasts[event["arm"]]  # halting goes from the leaves to the root
+            of_halt = (last["old"], last["new"]) == ("RUNNING", "INVALID")
+            wiped = of_halt and event["time_s"] == last["time_s"] and event["new"] == "INVALID"
+            if not (wiped and event["old"] in ("SUCCESS", "FAILURE")):
+                found[event["arm"], event["path"]] = event["new"]
+        return found
+
+    @cached_property
+    def nodes(self) -> dict[str, int]:
+        """Number of nodes of each arm's tree."""
+        return {name: _count(arm["tree"]) for name, arm in self.record.arms.items()}
+
+    @property
+    def cameras(self) -> list[str]:
+        """Arms that have a camera."""
+        return [name for name, arm in self.record.arms.items() if arm.get("camera")]
+
+    @property
+    def pictures(self) -> dict[str, int]:
+        """Number of pictures that were taken, by the camera's arm."""
+        frames = [note["arm"] for note in self.record.notes if note["kind"] == "frame"]
+        return {arm: frames.count(arm) for arm in frames}
+
+    @cached_property
+    def models(self) -> list[mujoco.MjModel]:
+        """Models that states are kept of, in order."""
+        count = len(self.record.times)
+        generations = dict.fromkeys(self.record.moment(row).generation for row in range(count))
+        return [self.record.model(generation) for generation in generations]
+
+    @property
+    def bodies(self) -> set[str]:
+        """Names of all bodies that were ever in the world: links, fingers, objects."""
+        return {model.body(i).name for model in self.models for i in range(1, model.nbody)}
+
+    @property
+    def joints(self) -> set[str]:
+        """Names of all joints of arms and grippers that were ever in the world."""
+        return {
+            model.joint(i).name
+            for model in self.models
+            for i in range(model.njnt)
+            if "/" in model.joint(i).name
+        }
+
+    @property
+    def objects(self) -> set[str]:
+        """Names of the declared objects that were ever in the world."""
+        return set(self.record.start["objects"]) & self.bodies
+
+    def arm_joints(self, arm: str) -> list[str]:
+        """Names of an arm's own joints in the model, base to tip."""
+        return [f"{arm}/{name}" for name in load_robot(self.record.arms[arm]["robot"]).joints]
+
+    def grippers(self) -> list[str]:
+        """Arms that have a gripper and were ever in the world."""
+        return [name for name in self.present if self.record.arms[name].get("gripper")]
+
+    @property
+    def present(self) -> list[str]:
+        """Arms that were ever in the world."""
+        return [name for name in self.record.arms if self.arm_joints(name)[0] in self.joints]
+
+
+def _count(node: dict[str, Any]) -> int:
+    return 1 + sum(map(_count, node["children"]))
+
+
+class Recordings:
+    """Records of columns below a folder that all workers of a test run share.
+
+    Args:
+        folder: The folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._last: Recording | None = None
+
+    def tree(self, column: Column) -> Path:
+        """The tree file of a column."""
+        folder = self._folder / column.name
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            path = folder / f"{column.name}.yaml"
+            return path if path.exists() else column.write(folder)
+
+    def of(self, column: Column) -> Recording:
+        """The recording of a column, made by whoever asks first."""
+        if self._last is None or self._last.column.name != column.name:
+            self._last = self._made(column, "record")
+        return self._last
+
+    def filmed(self, column: Column) -> Recording:
+        """The recording of which films are made: the whole one, or its first second if it is long.
+
+        A film takes more time on a processor than its run, and those of shipped trees last long.
+        """
+        if column.content is not None:
+            return self.of(column)
+        begun = {"outcome": "UNFINISHED", "ending": Ending.DURATION, "duration": 1.0}
+        return self._made(replace(column, **begun), "first_second")  # type: ignore[arg-type]  # they fit
+
+    def _made(self, column: Column, name: str) -> Recording:
+        tree = self.tree(column)
+        folder = self._folder / column.name
+        record, note = folder / name, folder / f"{name}.json"
+        with (folder / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not note.exists():
+                said = _recorded(column, tree, record)
+                note.write_text(json.dumps(said and vars(said)))
+        found = json.loads(note.read_text())
+        return Recording(column, tree, record, None if found is None else Said(**found))
+
+
+def _recorded(column: Column, tree: Path, folder: Path) -> Said | None:
+    if column.stop_at is not None:  # no command stops a run at a simulated time
+        run_of(column, tree, record=folder, renderer="ray")
+        return None
+    given = ["--renderer", "ray", "--display", "log", *column.arguments]
+    return said_by("bt-run", tree, "--record", folder, *given)
