@@ -21,6 +21,9 @@ from bt_dualarm.world.robots.catalogue import load_robot
 from tests.commands import in_this_process
 from tests.matrix.columns import Column
 
+BEGINNING_S = 0.7
+"""Simulated seconds of a recording of which films are made where whole ones would take too long."""
+
 
 def driven(column: Column, run: Run) -> bt.RunResult:
     """Advance a run to its end, as the column has it."""
@@ -196,15 +199,10 @@ class Recordings:
             self._last = self._made(column, "record")
         return self._last
 
-    def filmed(self, column: Column) -> Recording:
-        """The recording of which films are made: the whole one, or its first second if it is long.
-
-        A film takes more time on a processor than its run, and those of shipped trees last long.
-        """
-        if column.content is not None:
-            return self.of(column)
-        begun = {"outcome": "UNFINISHED", "ending": Ending.DURATION, "duration": 1.0}
-        return self._made(replace(column, **begun), "first_second")  # type: ignore[arg-type]  # they fit
+    def beginning(self, column: Column) -> Recording:
+        """The recording of the first moments of a column's run."""
+        begun = {"outcome": "UNFINISHED", "ending": Ending.DURATION, "duration": BEGINNING_S}
+        return self._made(replace(column, stop_at=None, failed=None, **begun), "beginning")  # type: ignore[arg-type]  # they fit
 
     def _made(self, column: Column, name: str) -> Recording:
         tree = self.tree(column)

@@ -12,23 +12,20 @@ from pathlib import Path
 import pytest
 
 from tests.matrix.columns import Column, columns
-from tests.matrix.operations import FILMS, ROWS, WITHOUT_A_RUN, Cell
+from tests.matrix.operations import ALL, FILMS, ROWS, WITHOUT_A_RUN, Cell
 from tests.matrix.recordings import Recordings
-
-ALL = "BT_DUALARM_MATRIX"
-"""Environment variable that is set where every cell is to be tested."""
 
 SHORT = (
     "panda_panda_hand",
     "ur5_robotiq_2f85",
     "ur3_suction_cup",
     "xarm7_weld",
-    "spawn_and_remove",
+    "duration",
     "failing",
     "halted",
     "signaled",
     "time_limited",
-    "duration",
+    "spawn_and_remove",
     "overrun",
     "diverged",
 )
