@@ -1,0 +1,507 @@
+"""Random sequences of skills: a small world, and two or three leaves that any user could chain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from bt_dualarm.pose import Pose
+
+Ports = dict[str, Any]
+
+ROBOTS: Final[Mapping[str, tuple[float, float, float, float]]] = {
+    "ur3": (0.30, 0.08, 0.27, 0.12),
+    "ur5": (0.48, 0.10, 0.30, 0.18),
+    "ur10": (0.66, 0.16, 0.36, 0.20),
+    "panda": (0.46, 0.0, 0.32, 0.16),
+    "xarm7": (0.40, 0.0, 0.30, 0.15),
+}
+"""Middle of the workspace (x, y), height of free motions, and half width of it; m, by the base."""
+
+GRIPPERS: Final = ("panda_hand", "robotiq_2f85", "suction_cup", None)
+REALITIES: Final = ("ideal", "lab", "rough")
+
+CAMERA_SKILLS: Final = ("look_at", "scan", "wait_for", "count", "locate", "track", "calibrate")
+GRIPPER_SKILLS: Final = (
+    "grasp",
+    "place",
+    "regrasp",
+    "insert",
+    "close_gripper",
+    "open_gripper",
+    "release",
+    "holding",
+)
+FREE_SKILLS: Final = (
+    "reach_to_pose",
+    "move_linear",
+    "move_through",
+    "move_joints",
+    "move_until_contact",
+    "rotate_tool",
+    "circle",
+    "lissajous",
+    "draw",
+    "go_home",
+    "stop",
+    "approach_and_attach",
+    "detach",
+    "transport",
+    "spawn",
+    "remove",
+)
+NEEDS_HELD: Final = ("place", "insert", "regrasp", "transport", "release", "holding", "detach")
+"""Skills that make no sense with an empty hand; asked of one now and then all the same."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One leaf of a sequence.
+
+    Attributes:
+        name: Name of its node.
+        skill: Skill that it runs.
+        ports: Values of the skill's ports.
+    """
+
+    name: str
+    skill: str
+    ports: Ports
+
+
+@dataclass(frozen=True)
+class SkillSequence:
+    """What one seed stands for.
+
+    Attributes:
+        seed: Seed of it, and of its run.
+        file: Tree file, as data.
+        steps: Leaves of the first arm in their order, those that prepare included.
+        label: Robot, gripper, reality and skills, for people.
+    """
+
+    seed: int
+    file: dict[str, Any]
+    steps: tuple[Step, ...]
+    label: str
+
+
+def generate(seed: int, count: int, reality: str | None = None) -> SkillSequence:
+    """The sequence of a seed; the same whenever it is asked for.
+
+    Each leaf is run whether the one before it has succeeded or not, as a tree with a recovery
+    would do it.
+
+    Args:
+        seed: Seed of world and skills.
+        count: Number of skills chained, besides one that may put something into the hand.
+        reality: Set of errors of world and arm; drawn where none is given.
+    """
+    return _Author(np.random.default_rng((seed, count)), seed).write(count, reality)
+
+
+class _Author:
+    """Writes one sequence; what is expected to be held decides what can be asked for next."""
+
+    def __init__(self, rng: np.random.Generator, seed: int) -> None:
+        self._rng, self._seed = rng, seed
+
+    def write(self, count: int, reality: str | None) -> SkillSequence:
+        rng = self._rng
+        self.robot = str(rng.choice(list(ROBOTS)))
+        self.gripper = GRIPPERS[int(rng.integers(len(GRIPPERS)))]
+        drawn = str(rng.choice(REALITIES))
+        self.reality = reality or drawn
+        skills = self._skills(count)
+        if any(skill in CAMERA_SKILLS for skill in skills) and self.robot == "panda":
+            self.robot = "ur5"  # the Panda's camera looks ahead, and sees no table from its home
+        self.middle = np.array(ROBOTS[self.robot][:2])
+        _, _, self.height, self.half = ROBOTS[self.robot]
+        self.surface = float(rng.choice([0.0, 0.05, -0.08]))
+        self.base = Pose.from_rpy(
+            (0.0, 0.0, 0.5 if self.surface else 0.0), (0, 0, float(rng.uniform(-np.pi, np.pi)))
+        )
+        self._things(skills)
+        self.held: str | None = None
+        self.steps: list[Step] = []
+        if self._begins_held(skills[0]):
+            self._add("grasp" if self.gripper else "approach_and_attach")
+        for number, skill in enumerate(skills):
+            following = skills[number + 1] if number + 1 < len(skills) else None
+            self._add(skill, following)
+        return SkillSequence(self._seed, self._file(skills), tuple(self.steps), self._label(skills))
+
+    def _label(self, skills: list[str]) -> str:
+        hand = self.gripper or "no gripper"
+        return f"{self.robot}, {hand}, {self.reality}: {' > '.join(s.skill for s in self.steps)}"
+
+    def _skills(self, count: int) -> list[str]:
+        known = list(FREE_SKILLS + CAMERA_SKILLS)
+        if self.gripper is not None:
+            known += [*GRIPPER_SKILLS, "place", "grasp"]
+        return [str(skill) for skill in self._rng.choice(known, count)]
+
+    def _begins_held(self, first: str) -> bool:
+        if first in ("approach_and_attach", "grasp"):
+            return bool(self._rng.uniform() < 0.15)
+        if first in NEEDS_HELD:
+            return bool(self._rng.uniform() < 0.93)
+        return bool(self._rng.uniform() < 0.5)
+
+    # The world
+
+    def _things(self, skills: list[str]) -> None:
+        """A thing to handle, another to look at, one that is not there yet."""
+        rng = self._rng
+        side = float(rng.choice([-1, 1]))
+        offset = min(self.half, 0.13)
+        # A peg needs a hole; a calibration a ball.
+        self.inserts = "insert" in skills
+        box = self.inserts or rng.uniform() < 0.6
+        if self.inserts:
+            size, self.half_height = [0.05, 0.05, 0.05], 0.025
+        elif box:
+            size = [float(edge) for edge in rng.uniform(0.042, 0.06, 3)]
+            self.half_height = size[2] / 2
+        else:
+            size = [float(rng.uniform(0.022, 0.03)), float(rng.uniform(0.045, 0.07))]
+            self.half_height = size[1] / 2
+        self.spots = {
+            "cube": self.middle + rng.uniform(-0.02, 0.02, 2),
+            "other": self.middle + np.array((rng.uniform(-0.02, 0.03), side * offset)),
+            "spare": self.middle + np.array((rng.uniform(-0.02, 0.03), -side * offset)),
+        }
+        self.objects: dict[str, Any] = {
+            "cube": {
+                "shape": "box" if box else "cylinder",
+                "size": size,
+                "mass": float(rng.uniform(0.05, 0.35)),
+                "color": "yellow",
+                "pose": self._lies("cube", self.half_height, float(rng.uniform(-45, 45))),
+            }
+        }
+        ball = "calibrate" in skills
+        self.other_half = 0.02 if ball else 0.0225
+        self.objects["other"] = {
+            "shape": "sphere" if ball else "box",
+            "size": [0.02] if ball else [0.045, 0.045, 0.045],
+            "mass": 0.1,
+            "color": "red",
+            "fixed": ball,
+            "pose": self._lies("other", self.other_half, float(rng.uniform(-45, 45))),
+        }
+        self.objects["spare"] = {
+            "shape": "box",
+            "size": [0.04, 0.04, 0.04],
+            "mass": 0.1,
+            "color": "green",
+            "spawned": False,
+            "pose": self._lies("spare", 0.02, 0.0),
+        }
+        if self.surface:
+            self.objects["bench"] = {
+                "shape": "box",
+                "size": [0.44, 0.60, 0.04],
+                "mass": 50,
+                "fixed": True,
+                "pose": self._pose((*self.middle, self.surface - 0.02)),
+            }
+            if self.surface > 0.0:  # not below the arm's own base
+                self.objects["bench"]["size"] = [0.40, 0.60, 0.04]
+                ahead = self.middle + np.array((0.06, 0.0))
+                self.objects["bench"]["pose"] = self._pose((*ahead, self.surface - 0.02))
+        if self.inserts:
+            self.hole = self.spots["spare"]
+            for name, x, y, width, depth in (
+                ("left", -0.036, 0.0, 0.02, 0.092),
+                ("right", 0.036, 0.0, 0.02, 0.092),
+                ("front", 0.0, -0.036, 0.052, 0.02),
+                ("back", 0.0, 0.036, 0.052, 0.02),
+            ):
+                self.objects[name] = {
+                    "shape": "box",
+                    "size": [width, depth, 0.012],
+                    "mass": 50,
+                    "fixed": True,
+                    "pose": self._pose((*(self.hole + (x, y)), self.surface + 0.006)),
+                }
+            self.spots["spare"] = self.middle + np.array((-0.10, 0.0))
+            self.objects["spare"]["pose"] = self._lies("spare", 0.02, 0.0)
+
+    def _lies(self, name: str, half_height: float, yaw_deg: float) -> Ports:
+        spot = self.spots[name]
+        return self._pose((*spot, self.surface + half_height + 5e-4), (0, 0, yaw_deg))
+
+    def _pose(self, xyz: Any, rpy_deg: Any = None) -> Ports:
+        """A pose of the base's frame, as a file writes it, in the world; turned as now if None."""
+        turn = np.radians(rpy_deg if rpy_deg is not None else (0, 0, 0))
+        pose = self.base @ Pose.from_rpy(np.asarray(xyz, dtype=float).tolist(), turn.tolist())
+        written: Ports = {"xyz": [round(float(value), 6) for value in pose.position]}
+        if rpy_deg is not None:
+            written["rpy"] = [round(float(np.degrees(value)), 4) for value in pose.rpy]
+        return written
+
+    def _file(self, skills: list[str]) -> dict[str, Any]:
+        rng = self._rng
+        base = {
+            "xyz": [float(value) for value in self.base.position],
+            "rpy": [float(np.degrees(value)) for value in self.base.rpy],
+        }
+        arm: Ports = {"robot": self.robot, "base": base}
+        if self.gripper is not None:
+            arm["gripper"] = self.gripper
+        if any(skill in CAMERA_SKILLS for skill in skills):
+            arm["camera"] = {"mount": "wrist", "resolution": [160, 120], "fov": 60, "fps": 20}
+        leaves: list[Ports] = []
+        for step in self.steps:
+            node = {step.skill: step.ports | {"name": step.name}}
+            leaves.append({"force_success": {"child": node}})
+            if rng.uniform() < 0.4:
+                leaves.append({"wait": round(float(rng.uniform(0.02, 0.3)), 3)})
+        arms: Ports = {"arm1": arm | {"tree": {"sequence": leaves}}}
+        if any(skill in ("spawn", "remove") for skill in skills):
+            far = self._pose((-1.3, 0.4, 0.0), (0, 0, 0))
+            arms["arm2"] = {
+                "robot": "ur3",
+                "base": far,
+                "spawned": "spawn" not in skills,
+                "removable": True,
+                "last_life_counts": True,
+                "tree": {"reach_to_pose": {"posture": "up", "speed": 0.3}},
+            }
+        return {
+            "bt_dualarm": 1,
+            "name": "sequence",
+            "world": {
+                "scene": "empty",
+                "seed": self._seed % 2**31,
+                "time_limit": 180,
+                "reality": self.reality,
+            },
+            "objects": self.objects,
+            "arms": arms,
+        }
+
+    # The leaves
+
+    def _add(self, skill: str, following: str | None = None) -> None:
+        ports = getattr(self, f"_{skill}")(following)
+        self.steps.append(Step(f"{len(self.steps) + 1} {skill}", skill, ports))
+
+    def _speed(self) -> float:
+        return float(self._rng.choice([1.0, 0.5]))
+
+    def _free_xyz(self) -> np.ndarray:
+        beside = self._rng.uniform(-1, 1, 2) * (0.4 * self.half, 0.6 * self.half)
+        height = self.surface + self.height + self._rng.uniform(-0.05, 0.06)
+        return np.array((*(self.middle + beside), height))
+
+    def _free_pose(self) -> Ports:
+        yaw = float(self._rng.uniform(-40, 40))
+        lean = self._rng.uniform(-12, 12, 2)
+        return self._pose(self._free_xyz(), (180 + lean[0], lean[1], yaw))
+
+    def _offset(self, longest: float) -> Ports:
+        way = [round(float(one), 4) for one in self._rng.uniform(-longest, longest, 3)]
+        return {"xyz": way, "frame": str(self._rng.choice(["world", "tool"]))}
+
+    def _reach_to_pose(self, _: str | None) -> Ports:
+        kind = self._rng.uniform()
+        goal: Ports
+        if kind < 0.55:
+            goal = {"to": self._free_pose()}
+        elif kind < 0.85:
+            goal = {"offset": self._offset(0.06)}
+        else:
+            goal = {
+                "posture": str(
+                    self._rng.choice(["home", "home", "up"][: 2 + (self.robot != "panda")])
+                )
+            }
+        return goal | {"speed": self._speed()}
+
+    def _move_linear(self, _: str | None) -> Ports:
+        if self._rng.uniform() < 0.7:
+            return {"offset": self._offset(0.05), "speed": self._speed()}
+        return {"to": self._pose(self._free_xyz()), "speed": self._speed()}
+
+    def _move_through(self, _: str | None) -> Ports:
+        poses = [self._pose(self._free_xyz()) for _ in range(int(self._rng.integers(1, 4)))]
+        return {"poses": poses, "speed": self._speed()}
+
+    def _move_joints(self, _: str | None) -> Ports:
+        count = 7 if self.robot in ("panda", "xarm7") else 6
+        turn = [round(float(one), 2) for one in self._rng.uniform(-12, 12, count)]
+        return {"by": turn, "speed": self._speed()}
+
+    def _move_until_contact(self, _: str | None) -> Ports:
+        return {"direction": [0, 0, -1], "distance": 0.5, "speed": 0.04}
+
+    def _rotate_tool(self, _: str | None) -> Ports:
+        return {
+            "axis": str(self._rng.choice(["x", "y", "z"])),
+            "angle": round(float(self._rng.choice([-1, 1]) * self._rng.uniform(5, 30)), 2),
+            "frame": str(self._rng.choice(["tool", "world"])),
+            "speed": self._speed(),
+        }
+
+    def _plane(self) -> str:
+        return str(self._rng.choice(["xy", "yz", "xz"]))
+
+    def _circle(self, _: str | None) -> Ports:
+        start, end = [("around", "center"), ("around", "rim"), ("from", "rim")][
+            int(self._rng.integers(3))
+        ]
+        radius = round(float(self._rng.uniform(0.015, 0.04)), 4)
+        shape = {"plane": self._plane(), "radius": radius, "start": start, "end": end}
+        return shape | {"speed": self._speed()}
+
+    def _lissajous(self, _: str | None) -> Ports:
+        sizes = [round(float(one), 4) for one in self._rng.uniform(0.015, 0.04, 2)]
+        return {"plane": self._plane(), "amplitudes": sizes, "end": "center", "speed": 1.0}
+
+    def _draw(self, _: str | None) -> Ports:
+        angles = np.sort(self._rng.uniform(0, 2 * np.pi, 5)) + np.arange(5) * 0.3
+        points = 0.03 * np.column_stack((np.cos(angles), np.sin(angles)))
+        return {
+            "plane": self._plane(),
+            "points": points.round(4).tolist(),
+            "end": "center",
+            "speed": 1.0,
+        }
+
+    def _go_home(self, _: str | None) -> Ports:
+        return {"speed": self._speed()}
+
+    def _stop(self, _: str | None) -> Ports:
+        return {}
+
+    def _approach_and_attach(self, _: str | None) -> Ports:
+        thing = "cube"
+        if self.held == "cube" and self._rng.uniform() < 0.7:
+            thing = "other"
+        self.held = self.held or thing
+        return {"object": thing, "speed": 1.0}
+
+    @property
+    def _thing(self) -> str:
+        """What is in the hand if all went well, else what could be."""
+        return self.held or "cube"
+
+    @property
+    def _thing_half(self) -> float:
+        return self.other_half if self._thing == "other" else self.half_height
+
+    def _detach(self, _: str | None) -> Ports:
+        thing, self.held = self._thing, None
+        return {"object": thing}
+
+    def _transport(self, following: str | None) -> Ports:
+        xyz = self._free_xyz() - (0, 0, 0.04)
+        if following == "detach":  # it can only stay where it is if something is below it
+            xyz[2] = self.surface + self._thing_half + 0.003
+        return {
+            "object": self._thing,
+            "to": self._pose(xyz, (0, 0, float(self._rng.uniform(-40, 40)))),
+            "speed": self._speed(),
+        }
+
+    def _spawn(self, _: str | None) -> Ports:
+        if self._rng.uniform() < 0.4:
+            return {"arm": "arm2"}
+        return {"object": "spare"}
+
+    def _remove(self, _: str | None) -> Ports:
+        if self._rng.uniform() < 0.3:
+            return {"arm": "arm2"}
+        thing = str(self._rng.choice(["cube", "other"]))
+        if thing == self.held:
+            self.held = None
+        return {"object": thing}
+
+    def _grasp(self, _: str | None) -> Ports:
+        thing = "cube" if self.held is not None or self._rng.uniform() < 0.85 else "other"
+        if self.held == "cube" and self._rng.uniform() < 0.5:
+            thing = "other"
+        self.held = self.held or thing
+        return {"object": thing, "speed": 1.0}
+
+    def _free_spot(self) -> np.ndarray:
+        """A place on the surface where nothing else stands."""
+        others = [self.spots[name] for name in ("other", "spare")]
+        others += [self.hole] if self.inserts else []
+        while True:
+            spot = self.middle + self._rng.uniform(-1, 1, 2) * (0.3 * self.half, 0.8 * self.half)
+            if min(float(np.linalg.norm(spot - other)) for other in others) > 0.11:
+                return spot
+
+    def _standing(self) -> Ports:
+        """A pose in which the thing stands on the surface."""
+        turn = None if self._rng.uniform() < 0.5 else (0, 0, float(self._rng.uniform(-60, 60)))
+        return self._pose((*self._free_spot(), self.surface + self._thing_half), turn)
+
+    def _place(self, _: str | None) -> Ports:
+        goal, self.held = self._standing(), None
+        return {"at": goal, "speed": 1.0}
+
+    def _regrasp(self, _: str | None) -> Ports:
+        self.held = self._thing
+        return {"object": self.held, "speed": 1.0}
+
+    def _insert(self, _: str | None) -> Ports:
+        pose = self._pose((*self.hole, self.surface + 0.025), (0, 0, 0))
+        return {"object": "cube", "at": pose, "depth": 0.012, "speed": 1.0}
+
+    def _close_gripper(self, _: str | None) -> Ports:
+        return {"empty": True}
+
+    def _open_gripper(self, _: str | None) -> Ports:
+        self.held = None
+        return {}
+
+    def _release(self, _: str | None) -> Ports:
+        self.held = None
+        return {}
+
+    def _holding(self, _: str | None) -> Ports:
+        return {"object": "cube"} if self._rng.uniform() < 0.5 else {}
+
+    def _look_at(self, _: str | None) -> Ports:
+        point = self._pose((*self.spots["other"], self.surface + 0.02))
+        return {"at": point, "distance": 0.3, "speed": 1.0}
+
+    def _scan(self, _: str | None) -> Ports:
+        center = self._pose((*self.middle, self.surface))["xyz"]
+        return {
+            "object": "other",
+            "center": center,
+            "width": 0.3,
+            "depth": 0.3,
+            "distance": 0.35,
+            "speed": 1.0,
+        }
+
+    def _wait_for(self, _: str | None) -> Ports:
+        return {"object": "other", "wait": 1.5}
+
+    def _count(self, _: str | None) -> Ports:
+        return {"object": "other"}
+
+    def _locate(self, _: str | None) -> Ports:
+        return {"object": "other", "accuracy": 0.003, "speed": 1.0}
+
+    def _track(self, _: str | None) -> Ports:
+        return {
+            "color": "red",
+            "plane": "xy",
+            "distance": 0.35,
+            "duration": 1.0,
+            "wait": 1.5,
+            "speed": 1.0,
+        }
+
+    def _calibrate(self, _: str | None) -> Ports:
+        return {"color": "red", "distance": 0.35, "speed": 1.0}

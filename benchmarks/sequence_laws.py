@@ -1,0 +1,636 @@
+"""What must be true of every sequence of skills, whatever it is: judged by the simulator's truth.
+
+`Referee` looks on while a sequence runs and keeps what was false, of five kinds (`KINDS`): a SUCCESS
+that is not so; bookkeeping (what is held, metrics, an end of the run) that differs from the world; a
+traceback or a code that no skill may fail with; a contact that nobody asked for; a set-point that
+jumps, is not finite or breaks a limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from benchmarks.sequence_generator import SkillSequence, Step
+from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.tree.report import StatusChange
+from bt_dualarm.vision.known_shape import KnownShape
+from bt_dualarm.world.grippers.gripper import FINGERS, PALM
+from bt_dualarm.world.names import name_of_geom
+from bt_dualarm.world.nominal.camera_pose import camera_pose
+
+ARM: Final = "arm1"
+KINDS: Final = ("false success", "bookkeeping", "traceback", "contact", "set-point")
+
+_LOOK_EVERY: Final = 3
+"""Steps between two looks at contacts: nothing touches for less than 6 ms."""
+
+_BROKEN_CODES: Final = ("EXCEPTION", "OVERRUN")
+_MAY_TOUCH: Final[Mapping[str, str]] = {
+    "grasp": "hand and thing",
+    "regrasp": "hand and thing",
+    "approach_and_attach": "hand and thing",
+    "close_gripper": "hand and thing",
+    "open_gripper": "hand and thing",
+    "release": "hand and thing",
+    "detach": "hand and thing",
+    "place": "hand and thing",
+    "insert": "hand and thing",
+    "move_until_contact": "hand and all",
+}
+"""Skills whose job it is to touch something, and what of the arm may: its hand and what it holds."""
+
+_CARRYING: Final = ("grasp", "regrasp", "transport", "approach_and_attach")
+
+
+@dataclass(frozen=True)
+class Breach:
+    """One law that was broken.
+
+    Attributes:
+        kind: One of `KINDS`.
+        step: Name of the leaf that ran, empty where it was no leaf's.
+        what: Sentence with numbers.
+    """
+
+    kind: str
+    step: str
+    what: str
+
+
+@dataclass
+class Begun:
+    """What was true when a leaf began.
+
+    Attributes:
+        tool: Pose of the tool at the set-point, in the world.
+        touching: Pairs that touched.
+        held: What the arm was believed to hold.
+        poses: True poses of the objects that are free to move.
+    """
+
+    tool: Pose
+    touching: frozenset[tuple[str, str]]
+    held: tuple[str, ...]
+    poses: dict[str, Pose]
+
+
+@dataclass
+class Referee(IdleObserver):
+    """Looks on.
+
+    Attributes:
+        run: The run, not begun yet.
+        sequence: What it runs.
+        breaches: What was false so far.
+    """
+
+    run: Run
+    sequence: SkillSequence
+    breaches: list[Breach] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Find the ports as the skills see them."""
+        self._steps = {step.name: step for step in self.sequence.steps}
+        tree = self.run._parts.assembly.world._file.arms[ARM].tree  # noqa: SLF001 - a referee may look
+        self._ports: dict[str, NodeSpec] = {node.name: node for node in tree.walk()}
+        self._now: Step | None = None
+        self._begun: Begun | None = None
+        self._sent: Vector | None = None
+        self._generation = -1
+        self._count = 0
+        self._touched: set[tuple[str, str]] = set()
+        self._let_go: dict[str, float] = {}
+        self._held_before: tuple[str, ...] = ()
+        self._said: set[tuple[str, str]] = set()
+
+    # Looking on
+
+    def after_step(self, time: float) -> None:
+        """See to set-points each time, to contacts now and then."""
+        world = self.run.world
+        if ARM not in world.arms:
+            return
+        self._look_at_setpoint()
+        held = world.attachments.attached_to(ARM)
+        for thing in self._held_before:
+            if thing not in held:
+                self._let_go[thing] = time
+        self._held_before = held
+        self._count += 1
+        if self._count % _LOOK_EVERY == 0:
+            self._look_at_contacts(time)
+
+    def on_event(self, change: StatusChange) -> None:
+        """Note a leaf's beginning, judge its end."""
+        if change.arm != ARM:
+            return
+        step = self._steps.get(change.path.rpartition("/")[2])
+        if step is None:
+            return
+        if change.new == "RUNNING" or self._now is not step:
+            self._begin(step)
+        if change.new in ("SUCCESS", "FAILURE"):
+            self._end(step, change)
+            self._now = None
+
+    def _begin(self, step: Step) -> None:
+        world = self.run.world
+        self._now = step
+        sent = self._controller.setpoint.q
+        tool = world.nominal[ARM].tool_pose_at(sent)
+        poses = {name: world.object_pose(name) for name in world.objects}
+        held = self._held_before
+        self._begun = Begun(tool, frozenset(self._pairs()), held, poses)
+        self._touched = set()
+        away = float(np.abs(sent - world.arms[ARM].q).max())
+        if away > _AWAY_RAD:
+            self._say("set-point", f"it begins with the set-point {np.degrees(away):.2f}° away")
+
+    def _end(self, step: Step, change: StatusChange) -> None:
+        if change.code in _BROKEN_CODES:
+            self._say("traceback", f"{change.code}: {change.reason}")
+        for name, value in change.metrics.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                self._say("bookkeeping", f"metric {name} is {value}")
+        world = self.run.world
+        if change.new == "SUCCESS":
+            judge = getattr(self, f"_{step.skill}", None)
+            for lie in judge(step, change) if judge else ():
+                self._say("false success", lie)
+        if ARM not in world.arms:
+            return
+        for lie in self._holds_truly(step, change):
+            self._say("bookkeeping", lie)
+
+    @property
+    def _controller(self):  # type: ignore[no-untyped-def]  # parts of the run that nobody else needs
+        (arm,) = (one for one in self.run.assembly.arms.present if one.name == ARM)
+        return arm._controller  # noqa: SLF001 - likewise
+
+    def _say(self, kind: str, what: str) -> None:
+        step = self._now.name if self._now else ""
+        key = (step, kind + what[:25])
+        if key not in self._said:  # a contact lasts many steps
+            self._said.add(key)
+            self.breaches.append(Breach(kind, step, f"{self.run.time:.2f} s: {what}"))
+
+    # Set-points
+
+    def _look_at_setpoint(self) -> None:
+        sent = self._controller.setpoint
+        if not (np.isfinite(sent.q).all() and np.isfinite(self.run.world.arms[ARM].q).all()):
+            self._say("set-point", "a position is not finite")
+            return
+        if self._sent is not None and sent.q is not self._sent:
+            period = max(self._controller.period, self.run.world.timestep)
+            limits = self.run.world.robots[ARM].limits
+            jump = float((np.abs(sent.q - self._sent) / (limits.velocity * period)).max())
+            if jump > 1.01:
+                self._say("set-point", f"it jumps by {jump:.1f} times what the velocity allows")
+        self._sent = sent.q
+
+    # Contacts
+
+    def _bind(self) -> None:
+        """Name each shape: of the arm ``hand`` or ``link``, another arm, a thing, the scene."""
+        world = self.run.world
+        self._generation = world.generation
+        model = world.model
+        body = world.arms[ARM]
+        self._names: list[str] = []
+        for geom in range(model.ngeom):
+            owner = name_of_geom(model, geom)
+            if geom in body.tool_geom_ids:
+                self._names.append("its hand")
+            elif geom in body.geom_ids:
+                self._names.append(f"its link {owner.partition('/')[2]}")
+            elif owner.startswith(f"{ARM}/") or owner == ARM:
+                self._names.append("its pedestal")
+            else:
+                self._names.append(owner.partition("/")[0])
+
+    def _pairs(self) -> Iterator[tuple[str, str]]:
+        """What touches now, of which one is the arm or what it holds; that one first."""
+        world = self.run.world
+        if ARM not in world.arms or not world.data.ncon:
+            return
+        if self._generation != world.generation:
+            self._bind()
+        held = world.attachments.attached_to(ARM)
+        contact = world.data.contact
+        for first, second in contact.geom[contact.dist <= 0.0].tolist():
+            if first < 0 or second < 0:
+                continue
+            one, two = self._names[first], self._names[second]
+            for mine, other in ((one, two), (two, one)):
+                if mine.startswith("its ") and mine != "its pedestal":
+                    yield mine, other
+                elif mine in held and not other.startswith("its hand"):
+                    yield mine, other
+
+    def _look_at_contacts(self, time: float) -> None:
+        held = self.run.world.attachments.attached_to(ARM)
+        for pair in self._pairs():
+            self._touched.add(pair)
+            if self._now is None or self._begun is None or pair in self._begun.touching:
+                continue
+            if not self._may_touch(pair, held, time):
+                self._say("contact", f"{pair[0]} touches {pair[1]}")
+
+    def _may_touch(self, pair: tuple[str, str], held: tuple[str, ...], time: float) -> bool:
+        mine, other = pair
+        step = self._now
+        assert step is not None
+        if mine == "its hand" and other == "its hand":
+            return True
+        if mine in held and other.startswith("its "):
+            return other == "its hand"
+        may = _MAY_TOUCH.get(step.skill, "")
+        if mine == "its hand":
+            if other in held or time - self._let_go.get(other, -math.inf) < _FALLING_S:
+                return True
+            if may == "hand and all":
+                return True
+            wanted = {step.ports.get("object"), *(self._begun.held if self._begun else ())}
+            return bool(may) and (
+                other in wanted
+                or (step.skill == "close_gripper" and other in self.run.world.objects)
+            )
+        if mine in held:
+            return bool(may)  # it is taken from what it lies on, set down, let go of
+        return False
+
+    # What is held
+
+    def _gaps(self, thing: str) -> list[float]:
+        """Distances in m of a thing from each finger, or from the hand where it has none."""
+        world = self.run.world
+        gripper = world.equipment.mounted.get(ARM)
+        if gripper is None or not gripper.fingers:
+            return [world.tool_gap(ARM, thing)]
+        geom, model = world.object_geom(thing), world.model
+        gaps = []
+        for finger in FINGERS:
+            body = model.body(f"{ARM}/{finger}").id
+            shapes = [g for g in world.arms[ARM].geom_ids if model.geom_bodyid[g] == body]
+            gaps.append(
+                min(mujoco.mj_geomDistance(model, world.data, g, geom, 1.0, None) for g in shapes)
+            )
+        return gaps
+
+    def _is_in_hand(self, thing: str) -> bool:
+        return thing in self.run.world.objects and max(self._gaps(thing)) < _IN_HAND_M
+
+    def _holds_truly(self, step: Step, change: StatusChange) -> Iterator[str]:
+        """What the arm is believed to hold, it holds; and as it is believed to lie in the hand."""
+        world = self.run.world
+        said = f"{change.new} {change.code}".strip()
+        for held in world.attachments:
+            if held.arm != ARM:
+                continue
+            if held.object not in world.objects:
+                yield f"after {said} it holds {held.object}, which is not in the world"
+                continue
+            link = world.arms[ARM].tool_link_pose
+            pose = link @ held.relative
+            away = pose.distance(world.object_pose(held.object))
+            limit = _BELIEF_M if held.by_gripper else _WELD_M
+            if held.by_gripper and not self._is_in_hand(held.object):
+                gap = max(self._gaps(held.object))
+                yield f"after {said} {held.object} is believed held and is {1e3 * gap:.1f} mm away"
+            elif away > limit and change.new == "SUCCESS":
+                yield f"after {said} {held.object} lies {1e3 * away:.1f} mm from where it is believed"
+        gripped = [one.object for one in world.attachments.gripped_by(ARM)]
+        if len(gripped) > 1:
+            yield f"after {said} one gripper is believed to hold {gripped}"
+
+    # The truth of each skill's SUCCESS
+
+    def _tool(self) -> Pose:
+        return self.run.world.arms[ARM].tool_pose
+
+    def _spec(self, step: Step):  # type: ignore[no-untyped-def]  # ports of any skill
+        return self._ports[step.name].ports
+
+    def _off(self, goal: Pose, metres: float, degrees: float) -> Iterator[str]:
+        tool = self._tool()
+        away, turn = tool.distance(goal), math.degrees(tool.angle(goal))
+        if away > metres or turn > degrees:
+            yield f"the tool is {1e3 * away:.1f} mm and {turn:.1f}° from its goal"
+
+    def _goal_of(self, ports, start: Pose) -> Pose:  # type: ignore[no-untyped-def]
+        if "to" in ports:
+            return _pose_of(ports["to"], start)
+        return _stepped(ports["offset"], start)
+
+    def _reach_to_pose(self, step: Step, _: StatusChange) -> Iterator[str]:
+        assert self._begun is not None
+        world = self.run.world
+        if "posture" in step.ports:
+            goal = world.robots[ARM].postures[step.ports["posture"]]
+            away = float(np.abs(world.arms[ARM].q - goal).max())
+            if away > _ARRIVED_RAD:
+                yield f"a joint is {np.degrees(away):.2f}° from the posture"
+            return
+        yield from self._off(self._goal_of(step.ports, self._begun.tool), 0.002, 0.8)
+
+    def _go_home(self, _: Step, __: StatusChange) -> Iterator[str]:
+        world = self.run.world
+        away = float(np.abs(world.arms[ARM].q - world.robots[ARM].postures["home"]).max())
+        if away > _ARRIVED_RAD:
+            yield f"a joint is {np.degrees(away):.2f}° from home"
+
+    def _move_joints(self, step: Step, change: StatusChange) -> Iterator[str]:
+        error = float(change.metrics["joint_error_rad"])
+        if error > _ARRIVED_RAD:
+            yield f"a joint is {np.degrees(error):.2f}° from its goal"
+
+    def _move_linear(self, step: Step, _: StatusChange) -> Iterator[str]:
+        assert self._begun is not None
+        yield from self._off(self._goal_of(step.ports, self._begun.tool), 0.005, 2.0)
+
+    def _move_through(self, step: Step, _: StatusChange) -> Iterator[str]:
+        assert self._begun is not None
+        goal = self._begun.tool
+        for pose in step.ports["poses"]:
+            goal = _pose_of(pose, goal)
+        yield from self._off(goal, 0.005, 2.0)
+
+    def _rotate_tool(self, step: Step, _: StatusChange) -> Iterator[str]:
+        assert self._begun is not None
+        axis = np.eye(3)["xyz".index(step.ports["axis"])]
+        start = self._begun.tool
+        turn = Pose.from_rpy((0, 0, 0), tuple(np.radians(step.ports["angle"]) * axis))
+        if step.ports["frame"] == "tool":
+            goal = start @ turn
+        else:
+            turned = turn @ Pose(np.zeros(3), start.quaternion)
+            goal = Pose(start.position, turned.quaternion)
+        yield from self._off(goal, 0.005, 2.0)
+
+    def _circle(self, step: Step, _: StatusChange) -> Iterator[str]:
+        assert self._begun is not None
+        wanted = (
+            step.ports["radius"]
+            if (step.ports["start"], step.ports["end"]) == ("around", "rim")
+            else 0.0
+        )
+        away = self._tool().distance(self._begun.tool)
+        if abs(away - wanted) > 0.005:
+            yield f"it ended {1e3 * away:.1f} mm from where it began, not {1e3 * wanted:.1f} mm"
+
+    def _back(self, _: Step, __: StatusChange) -> Iterator[str]:
+        assert self._begun is not None
+        yield from self._off(self._begun.tool, 0.005, 2.0)
+
+    _lissajous = _draw = _back
+
+    def _stop(self, _: Step, __: StatusChange) -> Iterator[str]:
+        speed = float(np.abs(self.run.world.arms[ARM].v).max())
+        if speed > 0.03:
+            yield f"a joint still moves by {speed:.3f} rad/s"
+
+    def _move_until_contact(self, _: Step, __: StatusChange) -> Iterator[str]:
+        hand = [
+            pair
+            for pair in self._touched
+            if pair[0] == "its hand" or not pair[0].startswith("its ")
+        ]
+        if not [pair for pair in hand if not pair[1].startswith("its ")]:
+            yield f"nothing was touched: {sorted(self._touched)}"
+
+    def _grasp(self, step: Step, change: StatusChange) -> Iterator[str]:
+        thing = step.ports["object"]
+        if not self._is_in_hand(thing):
+            yield f"{thing} is {1e3 * max(self._gaps(thing)):.1f} mm from a finger"
+        if thing not in self.run.world.attachments.attached_to(ARM):
+            yield f"{thing} is not among what is held"
+        if self._rests_on(thing) and "lifted_m" in change.metrics:
+            yield f"{thing} still lies on {self._rests_on(thing)}"
+
+    _regrasp = _grasp
+
+    def _rests_on(self, thing: str) -> list[str]:
+        """What a thing touches besides the hand."""
+        world = self.run.world
+        if self._generation != world.generation:
+            self._bind()
+        geom, found = world.object_geom(thing), []
+        contact = world.data.contact
+        for first, second in contact.geom[contact.dist <= 0.0].tolist():
+            if geom in (first, second):
+                other = self._names[second if first == geom else first]
+                if not other.startswith("its "):
+                    found.append(other)
+        return found
+
+    def _approach_and_attach(self, step: Step, _: StatusChange) -> Iterator[str]:
+        thing = step.ports["object"]
+        if self.run.world.attachments.find(ARM, thing) is None:
+            yield f"{thing} is not attached"
+        gap = self.run.world.tool_gap(ARM, thing)
+        if gap > 0.007:
+            yield f"{thing} is {1e3 * gap:.1f} mm from the tool"
+
+    def _detach(self, step: Step, _: StatusChange) -> Iterator[str]:
+        yield from self._was_left(step.ports["object"], 0.012)
+
+    def _was_left(self, thing: str, metres: float) -> Iterator[str]:
+        world = self.run.world
+        if thing in world.attachments.attached_to(ARM):
+            yield f"{thing} is still held"
+        speed = float(np.linalg.norm(world.object_velocity(thing)[3:]))
+        if speed > 0.02:
+            yield f"{thing} still moves by {speed:.3f} m/s"
+        if not self._rests_on(thing):
+            yield f"{thing} lies on nothing"
+
+    def _place(self, step: Step, change: StatusChange) -> Iterator[str]:
+        assert self._begun is not None
+        thing = step.ports.get("object") or next(iter(self._begun.held), None)
+        if thing is None:
+            yield "nothing was held when it began"
+            return
+        yield from self._was_left(thing, 0.01)
+        yield from self._lies_at(thing, step.ports["at"], 0.012, 6.0, change)
+
+    def _lies_at(
+        self,
+        thing: str,
+        at: dict[str, list[float]],
+        metres: float,
+        degrees: float,
+        change: StatusChange,
+    ) -> Iterator[str]:
+        world = self.run.world
+        assert self._begun is not None
+        pose = world.object_pose(thing)
+        goal = _pose_of(at, self._begun.poses[thing])
+        away = pose.distance(goal)
+        spec = world.objects[thing]
+        if "rpy" in at:
+            turn = pose.angle(goal)
+            if spec.shape != "box":
+                turn = KnownShape(spec.shape, spec.size).angle(pose, goal)
+        else:  # turned as now: what counts is that it stands
+            turn = math.acos(
+                min(1.0, abs(float(pose.rotation_matrix[:, 2] @ goal.rotation_matrix[:, 2])))
+            )
+        if away > metres or math.degrees(turn) > degrees:
+            yield f"{thing} is {1e3 * away:.1f} mm and {math.degrees(turn):.1f}° from its goal"
+        for name in ("placed_error_m", "object_error_m", "inserted_error_m"):
+            told = change.metrics.get(name)
+            if isinstance(told, float) and abs(told - away) > 0.003:
+                self._say(
+                    "bookkeeping", f"{name} says {1e3 * told:.1f} mm; it is {1e3 * away:.1f} mm"
+                )
+
+    def _insert(self, step: Step, change: StatusChange) -> Iterator[str]:
+        yield from self._lies_at("cube", step.ports["at"], 0.006, 8.0, change)
+
+    def _transport(self, step: Step, change: StatusChange) -> Iterator[str]:
+        thing = step.ports["object"]
+        if thing not in self.run.world.attachments.attached_to(ARM):
+            yield f"{thing} is not held"
+        yield from self._lies_at(thing, step.ports["to"], 0.008, 5.0, change)
+
+    def _close_gripper(self, step: Step, _: StatusChange) -> Iterator[str]:
+        thing = step.ports.get("object")
+        if thing is not None and not self._is_in_hand(thing):
+            yield f"{thing} is not between the fingers"
+
+    def _open_gripper(self, _: Step, __: StatusChange) -> Iterator[str]:
+        gripped = self.run.world.attachments.gripped_by(ARM)
+        if gripped:
+            yield f"it is still believed to hold {gripped[0].object}"
+
+    _release = _open_gripper
+
+    def _holding(self, step: Step, _: StatusChange) -> Iterator[str]:
+        world = self.run.world
+        wanted = step.ports.get("object")
+        things = [wanted] if wanted else list(world.objects)
+        if not any(self._is_in_hand(thing) for thing in things):
+            yield f"none of {things} is in the hand"
+
+    def _spawn(self, step: Step, _: StatusChange) -> Iterator[str]:
+        world = self.run.world
+        if (
+            step.ports.get("object") not in world.objects
+            and step.ports.get("arm") not in world.arms
+        ):
+            yield "it is not in the world"
+
+    def _remove(self, step: Step, _: StatusChange) -> Iterator[str]:
+        world = self.run.world
+        if step.ports.get("object") in world.objects or step.ports.get("arm") in world.arms:
+            yield "it is still in the world"
+
+    # What a camera has seen
+
+    def _seen(self, thing: str) -> Vector:
+        """Where a thing is in the true camera: x right, y down, z forward, m."""
+        world = self.run.world
+        camera = camera_pose(world.data, world.arms[ARM].camera_id)
+        return camera.inverse.apply(world.object_pose(thing).position)
+
+    def _is_in_view(self, thing: str) -> Iterator[str]:
+        if thing not in self.run.world.objects:
+            yield f"{thing} is not in the world"
+            return
+        x, y, z = self._seen(thing).tolist()
+        half = math.tan(math.radians(30.0)) * 1.15
+        if not (z > 0 and abs(y) < half * z and abs(x) < half * z * 4 / 3):
+            yield f"{thing} is not in the image: at ({x:.2f}, {y:.2f}, {z:.2f}) m from the camera"
+
+    def _look_at(self, step: Step, _: StatusChange) -> Iterator[str]:
+        world = self.run.world
+        camera = camera_pose(world.data, world.arms[ARM].camera_id)
+        x, y, z = camera.inverse.apply(np.array(step.ports["at"]["xyz"])).tolist()
+        if math.hypot(x, y) > 0.02 or abs(z - step.ports["distance"]) > 0.02:
+            yield f"the point is at ({x:.3f}, {y:.3f}, {z:.3f}) m from the camera"
+
+    def _wait_for(self, step: Step, _: StatusChange) -> Iterator[str]:
+        yield from self._is_in_view("other")
+
+    def _track(self, step: Step, _: StatusChange) -> Iterator[str]:
+        yield from self._is_in_view("other")
+
+    def _count(self, step: Step, change: StatusChange) -> Iterator[str]:
+        there = sum(name == "other" for name in self.run.world.objects)
+        told = self._output(step, "count")
+        if isinstance(told, int) and told > there:
+            yield f"it counts {told} of {there}"
+
+    def _output(self, step: Step, port: str) -> object:
+        return None
+
+    def _locate(self, step: Step, change: StatusChange) -> Iterator[str]:
+        error = change.metrics.get("located_error_m")
+        if "other" not in self.run.world.objects:
+            yield "what it located is not in the world"
+        elif isinstance(error, float) and error > 0.012:
+            yield f"it is {1e3 * error:.1f} mm from where it was located"
+
+    def _scan(self, step: Step, _: StatusChange) -> Iterator[str]:
+        yield from self._is_in_view("other")
+
+    def _calibrate(self, step: Step, _: StatusChange) -> Iterator[str]:
+        world = self.run.world
+        body = world.arms[ARM]
+        told = world.nominal[ARM].camera_pose_at(body.q)
+        true = camera_pose(world.data, body.camera_id)
+        away, turn = told.distance(true), math.degrees(told.angle(true))
+        if away > 0.01 or turn > 2.0:
+            yield f"the camera is {1e3 * away:.1f} mm and {turn:.2f}° from where it is believed"
+
+
+_AWAY_RAD: Final = 0.03
+_ARRIVED_RAD: Final = 0.01
+_FALLING_S: Final = 1.5
+_IN_HAND_M: Final = 0.003
+_BELIEF_M: Final = 0.012
+_WELD_M: Final = 0.003
+
+
+def verdicts_at_the_end(result: RunResult, referee: Referee, registry: Registry) -> list[Breach]:
+    """What is to be said of a run that is over: it ended, and each leaf with a code that it may."""
+    breaches = []
+    if result.outcome != "SUCCESS":
+        faults = "; ".join(arm.fault for arm in result.arms.values() if arm.fault)
+        what = f"the run ended as {result.outcome}: {result.ending} {result.error} {faults}"
+        breaches.append(Breach("traceback", "", what.strip()))
+    for arm in result.arms.values():
+        if arm.clipped_setpoints:
+            what = f"{arm.name}: {arm.clipped_setpoints} set-points were clipped"
+            breaches.append(Breach("set-point", "", what))
+        for leaf in arm.runs:
+            skill = registry.skills.get(leaf.skill)
+            if leaf.status == "FAILURE" and skill is not None and leaf.code not in _BROKEN_CODES:
+                if not skill.declares(leaf.code):
+                    breaches.append(Breach("traceback", leaf.path, f"undeclared {leaf.code}"))
+    return breaches
+
+
+def _pose_of(written: dict[str, list[float]], current: Pose) -> Pose:
+    if "rpy" in written:
+        return Pose.from_rpy(written["xyz"], np.radians(written["rpy"]).tolist())
+    return Pose(np.array(written["xyz"]), current.quaternion)
+
+
+def _stepped(offset: dict[str, object], tool: Pose) -> Pose:
+    xyz = np.array(offset["xyz"], dtype=float)
+    if offset["frame"] == "tool":
+        return Pose(tool.apply(xyz), tool.quaternion)
+    return Pose(tool.position + xyz, tool.quaternion)
