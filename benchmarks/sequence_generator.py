@@ -129,12 +129,18 @@ class _Author:
         self.steps: list[Step] = []
         if self._begins_held(skills[0]):
             self._add("grasp" if self.gripper else "approach_and_attach")
+            if skills[0] in FREE_SKILLS and skills[0] != "detach" and self._rng.uniform() < 0.85:
+                self.steps.append(Step("2 lift", "move_linear", self._lift()))
         for number, skill in enumerate(skills):
             following = skills[number + 1] if number + 1 < len(skills) else None
+            before = self.steps[-1].skill if self.steps else ""
+            looks = skill in ("wait_for", "count", "locate", "track", "calibrate")
+            if looks and before not in ("look_at", "scan"):
+                self._turn_to_see()
             self._add(skill, following)
-        return SkillSequence(self._seed, self._file(skills), tuple(self.steps), self._label(skills))
+        return SkillSequence(self._seed, self._file(skills), tuple(self.steps), self._label())
 
-    def _label(self, skills: list[str]) -> str:
+    def _label(self) -> str:
         hand = self.gripper or "no gripper"
         return f"{self.robot}, {hand}, {self.reality}: {' > '.join(s.skill for s in self.steps)}"
 
@@ -207,12 +213,12 @@ class _Author:
                 "size": [0.44, 0.60, 0.04],
                 "mass": 50,
                 "fixed": True,
-                "pose": self._pose((*self.middle, self.surface - 0.02)),
+                "pose": self._pose((*self.middle, self.surface - 0.02), (0, 0, 0)),
             }
             if self.surface > 0.0:  # not below the arm's own base
                 self.objects["bench"]["size"] = [0.40, 0.60, 0.04]
                 ahead = self.middle + np.array((0.06, 0.0))
-                self.objects["bench"]["pose"] = self._pose((*ahead, self.surface - 0.02))
+                self.objects["bench"]["pose"] = self._pose((*ahead, self.surface - 0.02), (0, 0, 0))
         if self.inserts:
             self.hole = self.spots["spare"]
             for name, x, y, width, depth in (
@@ -226,7 +232,9 @@ class _Author:
                     "size": [width, depth, 0.012],
                     "mass": 50,
                     "fixed": True,
-                    "pose": self._pose((*(self.hole + (x, y)), self.surface + 0.006)),
+                    "pose": self._pose(
+                        (self.hole[0] + x, self.hole[1] + y, self.surface + 0.006), (0, 0, 0)
+                    ),
                 }
             self.spots["spare"] = self.middle + np.array((-0.10, 0.0))
             self.objects["spare"]["pose"] = self._lies("spare", 0.02, 0.0)
@@ -257,6 +265,8 @@ class _Author:
             arm["camera"] = {"mount": "wrist", "resolution": [160, 120], "fov": 60, "fps": 20}
         leaves: list[Ports] = []
         for step in self.steps:
+            if step.skill == "remove":  # in one tick with the end before, that could not be judged
+                leaves.append({"wait": 0.04})
             node = {step.skill: step.ports | {"name": step.name}}
             leaves.append({"force_success": {"child": node}})
             if rng.uniform() < 0.4:
@@ -328,6 +338,9 @@ class _Author:
             return {"offset": self._offset(0.05), "speed": self._speed()}
         return {"to": self._pose(self._free_xyz()), "speed": self._speed()}
 
+    def _lift(self) -> Ports:
+        return {"offset": {"xyz": [0, 0, 0.08], "frame": "world"}, "speed": 1.0}
+
     def _move_through(self, _: str | None) -> Ports:
         poses = [self._pose(self._free_xyz()) for _ in range(int(self._rng.integers(1, 4)))]
         return {"poses": poses, "speed": self._speed()}
@@ -337,8 +350,13 @@ class _Author:
         turn = [round(float(one), 2) for one in self._rng.uniform(-12, 12, count)]
         return {"by": turn, "speed": self._speed()}
 
+    def _turn_to_see(self) -> None:
+        """Look there first, most often: a camera that looks elsewhere sees nothing."""
+        if self._rng.uniform() < 0.85:
+            self._add("look_at")
+
     def _move_until_contact(self, _: str | None) -> Ports:
-        return {"direction": [0, 0, -1], "distance": 0.5, "speed": 0.04}
+        return {"direction": [0, 0, -1], "distance": 0.4, "speed": 0.02}
 
     def _rotate_tool(self, _: str | None) -> Ports:
         return {

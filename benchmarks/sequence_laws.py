@@ -1,31 +1,31 @@
 """What must be true of every sequence of skills, whatever it is: judged by the simulator's truth.
 
-`Referee` looks on while a sequence runs and keeps what was false, of five kinds (`KINDS`): a SUCCESS
-that is not so; bookkeeping (what is held, metrics, an end of the run) that differs from the world; a
-traceback or a code that no skill may fail with; a contact that nobody asked for; a set-point that
-jumps, is not finite or breaks a limit.
+A `Referee` looks on while a sequence runs and keeps what was false, of five kinds (`KINDS`): a
+SUCCESS that is not so; bookkeeping (what is held, metrics) that differs from the world; a
+traceback, a code that no skill may fail with, or a run that does not end; a contact that nobody
+asked for; a set-point that jumps, is not finite or breaks a limit.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 
-from benchmarks.sequence_generator import SkillSequence, Step
+from benchmarks.sequence_generator import Ports, SkillSequence, Step
+from bt_dualarm.errors import Number
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.runtime.parts import IdleObserver
 from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.tree.report import StatusChange
 from bt_dualarm.vision.known_shape import KnownShape
-from bt_dualarm.world.grippers.gripper import FINGERS, PALM
+from bt_dualarm.world.grippers.gripper import FINGERS
 from bt_dualarm.world.names import name_of_geom
 from bt_dualarm.world.nominal.camera_pose import camera_pose
 
@@ -48,9 +48,18 @@ _MAY_TOUCH: Final[Mapping[str, str]] = {
     "insert": "hand and thing",
     "move_until_contact": "hand and all",
 }
-"""Skills whose job it is to touch something, and what of the arm may: its hand and what it holds."""
+"""Skills whose job it is to touch something, and what the hand and what it holds may touch."""
 
-_CARRYING: Final = ("grasp", "regrasp", "transport", "approach_and_attach")
+_AWAY_RAD: Final = 0.03
+"""Largest joint error at which a leaf may begin: what leans on something lags behind."""
+
+_ARRIVED_RAD: Final = 0.01
+_FALLING_S: Final = 1.5
+"""Seconds in which what was let go of may still touch the hand."""
+
+_IN_HAND_M: Final = 0.003
+_BELIEF_M: Final = 0.012
+_WELD_M: Final = 0.003
 
 
 @dataclass(frozen=True)
@@ -85,30 +94,41 @@ class Begun:
     poses: dict[str, Pose]
 
 
-@dataclass
+@dataclass(frozen=True)
+class Ended:
+    """A leaf that has said SUCCESS.
+
+    Attributes:
+        step: What it was asked to do.
+        begun: What was true when it began.
+        metrics: What it measured.
+    """
+
+    step: Step
+    begun: Begun
+    metrics: Mapping[str, Number]
+
+
 class Referee(IdleObserver):
     """Looks on.
 
-    Attributes:
+    Args:
         run: The run, not begun yet.
         sequence: What it runs.
+
+    Attributes:
         breaches: What was false so far.
     """
 
-    run: Run
-    sequence: SkillSequence
-    breaches: list[Breach] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        """Find the ports as the skills see them."""
-        self._steps = {step.name: step for step in self.sequence.steps}
-        tree = self.run._parts.assembly.world._file.arms[ARM].tree  # noqa: SLF001 - a referee may look
-        self._ports: dict[str, NodeSpec] = {node.name: node for node in tree.walk()}
+    def __init__(self, run: Run, sequence: SkillSequence) -> None:
+        self.run = run
+        self.breaches: list[Breach] = []
+        self._steps = {step.name: step for step in sequence.steps}
         self._now: Step | None = None
         self._begun: Begun | None = None
         self._sent: Vector | None = None
         self._generation = -1
-        self._count = 0
+        self._steps_made = 0
         self._touched: set[tuple[str, str]] = set()
         self._let_go: dict[str, float] = {}
         self._held_before: tuple[str, ...] = ()
@@ -127,8 +147,8 @@ class Referee(IdleObserver):
             if thing not in held:
                 self._let_go[thing] = time
         self._held_before = held
-        self._count += 1
-        if self._count % _LOOK_EVERY == 0:
+        self._steps_made += 1
+        if self._steps_made % _LOOK_EVERY == 0:
             self._look_at_contacts(time)
 
     def on_event(self, change: StatusChange) -> None:
@@ -165,18 +185,19 @@ class Referee(IdleObserver):
                 self._say("bookkeeping", f"metric {name} is {value}")
         world = self.run.world
         if change.new == "SUCCESS":
-            judge = getattr(self, f"_{step.skill}", None)
-            for lie in judge(step, change) if judge else ():
-                self._say("false success", lie)
+            judge = getattr(self, f"_judge_{step.skill}", None)
+            if judge is not None and self._begun is not None:
+                for lie in judge(Ended(step, self._begun, change.metrics)):
+                    self._say("false success", lie)
         if ARM not in world.arms:
             return
-        for lie in self._holds_truly(step, change):
+        for lie in self._holds_truly(change):
             self._say("bookkeeping", lie)
 
     @property
-    def _controller(self):  # type: ignore[no-untyped-def]  # parts of the run that nobody else needs
+    def _controller(self) -> Any:  # a part of the run that only a referee needs
         (arm,) = (one for one in self.run.assembly.arms.present if one.name == ARM)
-        return arm._controller  # noqa: SLF001 - likewise
+        return arm._controller
 
     def _say(self, kind: str, what: str) -> None:
         step = self._now.name if self._now else ""
@@ -234,9 +255,9 @@ class Referee(IdleObserver):
                 continue
             one, two = self._names[first], self._names[second]
             for mine, other in ((one, two), (two, one)):
-                if mine.startswith("its ") and mine != "its pedestal":
-                    yield mine, other
-                elif mine in held and not other.startswith("its hand"):
+                if (mine.startswith("its ") and mine != "its pedestal") or (
+                    mine in held and not other.startswith("its hand")
+                ):
                     yield mine, other
 
     def _look_at_contacts(self, time: float) -> None:
@@ -251,7 +272,8 @@ class Referee(IdleObserver):
     def _may_touch(self, pair: tuple[str, str], held: tuple[str, ...], time: float) -> bool:
         mine, other = pair
         step = self._now
-        assert step is not None
+        if step is None:
+            return True
         if mine == "its hand" and other == "its hand":
             return True
         if mine in held and other.startswith("its "):
@@ -292,7 +314,7 @@ class Referee(IdleObserver):
     def _is_in_hand(self, thing: str) -> bool:
         return thing in self.run.world.objects and max(self._gaps(thing)) < _IN_HAND_M
 
-    def _holds_truly(self, step: Step, change: StatusChange) -> Iterator[str]:
+    def _holds_truly(self, change: StatusChange) -> Iterator[str]:
         """What the arm is believed to hold, it holds; and as it is believed to lie in the hand."""
         world = self.run.world
         said = f"{change.new} {change.code}".strip()
@@ -310,7 +332,7 @@ class Referee(IdleObserver):
                 gap = max(self._gaps(held.object))
                 yield f"after {said} {held.object} is believed held and is {1e3 * gap:.1f} mm away"
             elif away > limit and change.new == "SUCCESS":
-                yield f"after {said} {held.object} lies {1e3 * away:.1f} mm from where it is believed"
+                yield f"after {said} {held.object} is {1e3 * away:.1f} mm from where it is believed"
         gripped = [one.object for one in world.attachments.gripped_by(ARM)]
         if len(gripped) > 1:
             yield f"after {said} one gripper is believed to hold {gripped}"
@@ -320,88 +342,79 @@ class Referee(IdleObserver):
     def _tool(self) -> Pose:
         return self.run.world.arms[ARM].tool_pose
 
-    def _spec(self, step: Step):  # type: ignore[no-untyped-def]  # ports of any skill
-        return self._ports[step.name].ports
-
     def _off(self, goal: Pose, metres: float, degrees: float) -> Iterator[str]:
         tool = self._tool()
         away, turn = tool.distance(goal), math.degrees(tool.angle(goal))
         if away > metres or turn > degrees:
             yield f"the tool is {1e3 * away:.1f} mm and {turn:.1f}° from its goal"
 
-    def _goal_of(self, ports, start: Pose) -> Pose:  # type: ignore[no-untyped-def]
+    def _goal_of(self, ports: Ports, start: Pose) -> Pose:
         if "to" in ports:
             return _pose_of(ports["to"], start)
         return _stepped(ports["offset"], start)
 
-    def _reach_to_pose(self, step: Step, _: StatusChange) -> Iterator[str]:
-        assert self._begun is not None
+    def _judge_reach_to_pose(self, leaf: Ended) -> Iterator[str]:
         world = self.run.world
-        if "posture" in step.ports:
-            goal = world.robots[ARM].postures[step.ports["posture"]]
+        if "posture" in leaf.step.ports:
+            goal = world.robots[ARM].postures[leaf.step.ports["posture"]]
             away = float(np.abs(world.arms[ARM].q - goal).max())
             if away > _ARRIVED_RAD:
                 yield f"a joint is {np.degrees(away):.2f}° from the posture"
             return
-        yield from self._off(self._goal_of(step.ports, self._begun.tool), 0.002, 0.8)
+        yield from self._off(self._goal_of(leaf.step.ports, leaf.begun.tool), 0.002, 0.8)
 
-    def _go_home(self, _: Step, __: StatusChange) -> Iterator[str]:
+    def _judge_go_home(self, _: Ended) -> Iterator[str]:
         world = self.run.world
         away = float(np.abs(world.arms[ARM].q - world.robots[ARM].postures["home"]).max())
         if away > _ARRIVED_RAD:
             yield f"a joint is {np.degrees(away):.2f}° from home"
 
-    def _move_joints(self, step: Step, change: StatusChange) -> Iterator[str]:
-        error = float(change.metrics["joint_error_rad"])
+    def _judge_move_joints(self, leaf: Ended) -> Iterator[str]:
+        error = float(leaf.metrics["joint_error_rad"])
         if error > _ARRIVED_RAD:
             yield f"a joint is {np.degrees(error):.2f}° from its goal"
 
-    def _move_linear(self, step: Step, _: StatusChange) -> Iterator[str]:
-        assert self._begun is not None
-        yield from self._off(self._goal_of(step.ports, self._begun.tool), 0.005, 2.0)
+    def _judge_move_linear(self, leaf: Ended) -> Iterator[str]:
+        yield from self._off(self._goal_of(leaf.step.ports, leaf.begun.tool), 0.005, 2.0)
 
-    def _move_through(self, step: Step, _: StatusChange) -> Iterator[str]:
-        assert self._begun is not None
-        goal = self._begun.tool
-        for pose in step.ports["poses"]:
+    def _judge_move_through(self, leaf: Ended) -> Iterator[str]:
+        goal = leaf.begun.tool
+        for pose in leaf.step.ports["poses"]:
             goal = _pose_of(pose, goal)
         yield from self._off(goal, 0.005, 2.0)
 
-    def _rotate_tool(self, step: Step, _: StatusChange) -> Iterator[str]:
-        assert self._begun is not None
-        axis = np.eye(3)["xyz".index(step.ports["axis"])]
-        start = self._begun.tool
-        turn = Pose.from_rpy((0, 0, 0), tuple(np.radians(step.ports["angle"]) * axis))
-        if step.ports["frame"] == "tool":
+    def _judge_rotate_tool(self, leaf: Ended) -> Iterator[str]:
+        axis = np.eye(3)["xyz".index(leaf.step.ports["axis"])]
+        start = leaf.begun.tool
+        turn = Pose.from_rpy((0, 0, 0), tuple(np.radians(leaf.step.ports["angle"]) * axis))
+        if leaf.step.ports["frame"] == "tool":
             goal = start @ turn
         else:
             turned = turn @ Pose(np.zeros(3), start.quaternion)
             goal = Pose(start.position, turned.quaternion)
         yield from self._off(goal, 0.005, 2.0)
 
-    def _circle(self, step: Step, _: StatusChange) -> Iterator[str]:
-        assert self._begun is not None
+    def _judge_circle(self, leaf: Ended) -> Iterator[str]:
         wanted = (
-            step.ports["radius"]
-            if (step.ports["start"], step.ports["end"]) == ("around", "rim")
+            leaf.step.ports["radius"]
+            if (leaf.step.ports["start"], leaf.step.ports["end"]) == ("around", "rim")
             else 0.0
         )
-        away = self._tool().distance(self._begun.tool)
+        away = self._tool().distance(leaf.begun.tool)
         if abs(away - wanted) > 0.005:
             yield f"it ended {1e3 * away:.1f} mm from where it began, not {1e3 * wanted:.1f} mm"
 
-    def _back(self, _: Step, __: StatusChange) -> Iterator[str]:
-        assert self._begun is not None
-        yield from self._off(self._begun.tool, 0.005, 2.0)
+    def _judge_back(self, leaf: Ended) -> Iterator[str]:
+        yield from self._off(leaf.begun.tool, 0.005, 2.0)
 
-    _lissajous = _draw = _back
+    _judge_lissajous = _judge_draw = _judge_back
 
-    def _stop(self, _: Step, __: StatusChange) -> Iterator[str]:
+    def _judge_stop(self, _: Ended) -> Iterator[str]:
         speed = float(np.abs(self.run.world.arms[ARM].v).max())
         if speed > 0.03:
             yield f"a joint still moves by {speed:.3f} rad/s"
 
-    def _move_until_contact(self, _: Step, __: StatusChange) -> Iterator[str]:
+    def _judge_move_until_contact(self, _: Ended) -> Iterator[str]:
         hand = [
             pair
             for pair in self._touched
@@ -410,16 +423,20 @@ class Referee(IdleObserver):
         if not [pair for pair in hand if not pair[1].startswith("its ")]:
             yield f"nothing was touched: {sorted(self._touched)}"
 
-    def _grasp(self, step: Step, change: StatusChange) -> Iterator[str]:
-        thing = step.ports["object"]
+    def _judge_grasp(self, leaf: Ended) -> Iterator[str]:
+        thing = leaf.step.ports["object"]
         if not self._is_in_hand(thing):
             yield f"{thing} is {1e3 * max(self._gaps(thing)):.1f} mm from a finger"
-        if thing not in self.run.world.attachments.attached_to(ARM):
+        if not self._is_held(thing):
             yield f"{thing} is not among what is held"
-        if self._rests_on(thing) and "lifted_m" in change.metrics:
+        if self._rests_on(thing) and "lifted_m" in leaf.metrics:
             yield f"{thing} still lies on {self._rests_on(thing)}"
 
-    _regrasp = _grasp
+    _judge_regrasp = _judge_grasp
+
+    def _is_held(self, thing: str) -> bool:
+        """Whether it is believed held; what comes next may have let go in the very same tick."""
+        return thing in (*self._held_before, *self.run.world.attachments.attached_to(ARM))
 
     def _rests_on(self, thing: str) -> list[str]:
         """What a thing touches besides the hand."""
@@ -435,18 +452,18 @@ class Referee(IdleObserver):
                     found.append(other)
         return found
 
-    def _approach_and_attach(self, step: Step, _: StatusChange) -> Iterator[str]:
-        thing = step.ports["object"]
-        if self.run.world.attachments.find(ARM, thing) is None:
+    def _judge_approach_and_attach(self, leaf: Ended) -> Iterator[str]:
+        thing = leaf.step.ports["object"]
+        if not self._is_held(thing):
             yield f"{thing} is not attached"
         gap = self.run.world.tool_gap(ARM, thing)
         if gap > 0.007:
             yield f"{thing} is {1e3 * gap:.1f} mm from the tool"
 
-    def _detach(self, step: Step, _: StatusChange) -> Iterator[str]:
-        yield from self._was_left(step.ports["object"], 0.012)
+    def _judge_detach(self, leaf: Ended) -> Iterator[str]:
+        yield from self._was_left(leaf.step.ports["object"])
 
-    def _was_left(self, thing: str, metres: float) -> Iterator[str]:
+    def _was_left(self, thing: str) -> Iterator[str]:
         world = self.run.world
         if thing in world.attachments.attached_to(ARM):
             yield f"{thing} is still held"
@@ -456,27 +473,20 @@ class Referee(IdleObserver):
         if not self._rests_on(thing):
             yield f"{thing} lies on nothing"
 
-    def _place(self, step: Step, change: StatusChange) -> Iterator[str]:
-        assert self._begun is not None
-        thing = step.ports.get("object") or next(iter(self._begun.held), None)
+    def _judge_place(self, leaf: Ended) -> Iterator[str]:
+        thing = leaf.step.ports.get("object") or next(iter(leaf.begun.held), None)
         if thing is None:
             yield "nothing was held when it began"
             return
-        yield from self._was_left(thing, 0.01)
-        yield from self._lies_at(thing, step.ports["at"], 0.012, 6.0, change)
+        yield from self._was_left(thing)
+        yield from self._lies_at(leaf, thing, leaf.step.ports["at"], 0.012, 6.0)
 
     def _lies_at(
-        self,
-        thing: str,
-        at: dict[str, list[float]],
-        metres: float,
-        degrees: float,
-        change: StatusChange,
+        self, leaf: Ended, thing: str, at: Ports, metres: float, degrees: float
     ) -> Iterator[str]:
         world = self.run.world
-        assert self._begun is not None
         pose = world.object_pose(thing)
-        goal = _pose_of(at, self._begun.poses[thing])
+        goal = _pose_of(at, leaf.begun.poses[thing])
         away = pose.distance(goal)
         spec = world.objects[thing]
         if "rpy" in at:
@@ -490,51 +500,54 @@ class Referee(IdleObserver):
         if away > metres or math.degrees(turn) > degrees:
             yield f"{thing} is {1e3 * away:.1f} mm and {math.degrees(turn):.1f}° from its goal"
         for name in ("placed_error_m", "object_error_m", "inserted_error_m"):
-            told = change.metrics.get(name)
+            told = leaf.metrics.get(name)
             if isinstance(told, float) and abs(told - away) > 0.003:
                 self._say(
                     "bookkeeping", f"{name} says {1e3 * told:.1f} mm; it is {1e3 * away:.1f} mm"
                 )
 
-    def _insert(self, step: Step, change: StatusChange) -> Iterator[str]:
-        yield from self._lies_at("cube", step.ports["at"], 0.006, 8.0, change)
+    def _judge_insert(self, leaf: Ended) -> Iterator[str]:
+        yield from self._lies_at(leaf, "cube", leaf.step.ports["at"], 0.006, 8.0)
 
-    def _transport(self, step: Step, change: StatusChange) -> Iterator[str]:
-        thing = step.ports["object"]
-        if thing not in self.run.world.attachments.attached_to(ARM):
+    def _judge_transport(self, leaf: Ended) -> Iterator[str]:
+        thing = leaf.step.ports["object"]
+        if not self._is_held(thing):
             yield f"{thing} is not held"
-        yield from self._lies_at(thing, step.ports["to"], 0.008, 5.0, change)
+        yield from self._lies_at(leaf, thing, leaf.step.ports["to"], 0.008, 5.0)
 
-    def _close_gripper(self, step: Step, _: StatusChange) -> Iterator[str]:
-        thing = step.ports.get("object")
+    def _judge_close_gripper(self, leaf: Ended) -> Iterator[str]:
+        thing = leaf.step.ports.get("object")
         if thing is not None and not self._is_in_hand(thing):
             yield f"{thing} is not between the fingers"
 
-    def _open_gripper(self, _: Step, __: StatusChange) -> Iterator[str]:
+    def _judge_open_gripper(self, _: Ended) -> Iterator[str]:
         gripped = self.run.world.attachments.gripped_by(ARM)
         if gripped:
             yield f"it is still believed to hold {gripped[0].object}"
 
-    _release = _open_gripper
+    _judge_release = _judge_open_gripper
 
-    def _holding(self, step: Step, _: StatusChange) -> Iterator[str]:
+    def _judge_holding(self, leaf: Ended) -> Iterator[str]:
         world = self.run.world
-        wanted = step.ports.get("object")
+        wanted = leaf.step.ports.get("object")
         things = [wanted] if wanted else list(world.objects)
         if not any(self._is_in_hand(thing) for thing in things):
             yield f"none of {things} is in the hand"
 
-    def _spawn(self, step: Step, _: StatusChange) -> Iterator[str]:
+    def _judge_spawn(self, leaf: Ended) -> Iterator[str]:
         world = self.run.world
         if (
-            step.ports.get("object") not in world.objects
-            and step.ports.get("arm") not in world.arms
+            leaf.step.ports.get("object") not in world.objects
+            and leaf.step.ports.get("arm") not in world.arms
         ):
             yield "it is not in the world"
 
-    def _remove(self, step: Step, _: StatusChange) -> Iterator[str]:
+    def _judge_remove(self, leaf: Ended) -> Iterator[str]:
         world = self.run.world
-        if step.ports.get("object") in world.objects or step.ports.get("arm") in world.arms:
+        if (
+            leaf.step.ports.get("object") in world.objects
+            or leaf.step.ports.get("arm") in world.arms
+        ):
             yield "it is still in the world"
 
     # What a camera has seen
@@ -554,39 +567,36 @@ class Referee(IdleObserver):
         if not (z > 0 and abs(y) < half * z and abs(x) < half * z * 4 / 3):
             yield f"{thing} is not in the image: at ({x:.2f}, {y:.2f}, {z:.2f}) m from the camera"
 
-    def _look_at(self, step: Step, _: StatusChange) -> Iterator[str]:
+    def _judge_look_at(self, leaf: Ended) -> Iterator[str]:
         world = self.run.world
         camera = camera_pose(world.data, world.arms[ARM].camera_id)
-        x, y, z = camera.inverse.apply(np.array(step.ports["at"]["xyz"])).tolist()
-        if math.hypot(x, y) > 0.02 or abs(z - step.ports["distance"]) > 0.02:
+        x, y, z = camera.inverse.apply(np.array(leaf.step.ports["at"]["xyz"])).tolist()
+        if math.hypot(x, y) > 0.02 or abs(z - leaf.step.ports["distance"]) > 0.02:
             yield f"the point is at ({x:.3f}, {y:.3f}, {z:.3f}) m from the camera"
 
-    def _wait_for(self, step: Step, _: StatusChange) -> Iterator[str]:
+    def _judge_wait_for(self, _: Ended) -> Iterator[str]:
         yield from self._is_in_view("other")
 
-    def _track(self, step: Step, _: StatusChange) -> Iterator[str]:
+    def _judge_track(self, _: Ended) -> Iterator[str]:
         yield from self._is_in_view("other")
 
-    def _count(self, step: Step, change: StatusChange) -> Iterator[str]:
+    def _judge_count(self, leaf: Ended) -> Iterator[str]:
         there = sum(name == "other" for name in self.run.world.objects)
-        told = self._output(step, "count")
-        if isinstance(told, int) and told > there:
-            yield f"it counts {told} of {there}"
+        found = int(leaf.metrics["found"])
+        if found > there:
+            yield f"it counts {found} of {there}"
 
-    def _output(self, step: Step, port: str) -> object:
-        return None
-
-    def _locate(self, step: Step, change: StatusChange) -> Iterator[str]:
-        error = change.metrics.get("located_error_m")
+    def _judge_locate(self, leaf: Ended) -> Iterator[str]:
+        error = leaf.metrics.get("located_error_m")
         if "other" not in self.run.world.objects:
             yield "what it located is not in the world"
         elif isinstance(error, float) and error > 0.012:
             yield f"it is {1e3 * error:.1f} mm from where it was located"
 
-    def _scan(self, step: Step, _: StatusChange) -> Iterator[str]:
+    def _judge_scan(self, _: Ended) -> Iterator[str]:
         yield from self._is_in_view("other")
 
-    def _calibrate(self, step: Step, _: StatusChange) -> Iterator[str]:
+    def _judge_calibrate(self, _: Ended) -> Iterator[str]:
         world = self.run.world
         body = world.arms[ARM]
         told = world.nominal[ARM].camera_pose_at(body.q)
@@ -596,15 +606,7 @@ class Referee(IdleObserver):
             yield f"the camera is {1e3 * away:.1f} mm and {turn:.2f}° from where it is believed"
 
 
-_AWAY_RAD: Final = 0.03
-_ARRIVED_RAD: Final = 0.01
-_FALLING_S: Final = 1.5
-_IN_HAND_M: Final = 0.003
-_BELIEF_M: Final = 0.012
-_WELD_M: Final = 0.003
-
-
-def verdicts_at_the_end(result: RunResult, referee: Referee, registry: Registry) -> list[Breach]:
+def verdicts_at_the_end(result: RunResult, registry: Registry) -> list[Breach]:
     """What is to be said of a run that is over: it ended, and each leaf with a code that it may."""
     breaches = []
     if result.outcome != "SUCCESS":
@@ -617,9 +619,10 @@ def verdicts_at_the_end(result: RunResult, referee: Referee, registry: Registry)
             breaches.append(Breach("set-point", "", what))
         for leaf in arm.runs:
             skill = registry.skills.get(leaf.skill)
-            if leaf.status == "FAILURE" and skill is not None and leaf.code not in _BROKEN_CODES:
-                if not skill.declares(leaf.code):
-                    breaches.append(Breach("traceback", leaf.path, f"undeclared {leaf.code}"))
+            if skill is None or leaf.status != "FAILURE" or leaf.code in _BROKEN_CODES:
+                continue
+            if not skill.declares(leaf.code):
+                breaches.append(Breach("traceback", leaf.path, f"undeclared {leaf.code}"))
     return breaches
 
 

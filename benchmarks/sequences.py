@@ -4,11 +4,10 @@
                                    [--reality lab]
     python -m benchmarks.sequences --only 17 [--length 2]
 
-A sequence runs on one of five robots with one of three grippers or none, with something in its hand
-from the start or not, in one of three realities. Prints each breach of a law with the line that
-repeats it, then the counts: sequences, those in which all leaves succeeded, honest failures by skill
-and code, false successes, wrong bookkeeping, tracebacks, contacts that nobody asked for, set-points
-that jumped. Exit code 1 if a law was broken.
+A sequence runs on one of five robots with one of three grippers or none. Something may be in its
+hand from the start. Prints each breach of a law with the arguments that repeat it, then the counts:
+sequences, those in which all leaves succeeded, honest failures by skill and code, and breaches by
+their kind. Exit code 1 if a law was broken.
 """
 
 from __future__ import annotations
@@ -23,9 +22,10 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 
-from benchmarks.sequence_generator import REALITIES, generate
+from benchmarks.sequence_generator import REALITIES, SkillSequence, generate
 from benchmarks.sequence_laws import ARM, KINDS, Breach, Referee, verdicts_at_the_end
 from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.result import RunResult
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.load import load_tree_file
@@ -60,16 +60,21 @@ def _registry() -> Registry:
     return Registry.load()
 
 
-def play(seed: int, length: int, reality: str | None = None) -> Played:
-    """Run one sequence and judge it."""
-    began = time.process_time()
-    sequence, registry = generate(seed, length, reality), _registry()
+def judged(sequence: SkillSequence, registry: Registry) -> tuple[RunResult, tuple[Breach, ...]]:
+    """What a sequence did, and the laws that it broke."""
     file = load_tree_file(sequence.file, registry.kinds)
     with Run(file, registry, RunOptions(renderer="ray")) as run:
         referee = Referee(run, sequence)
         run.watch(referee)
         result = run.finish()
-    breaches = (*referee.breaches, *verdicts_at_the_end(result, referee, registry))
+    return result, (*referee.breaches, *verdicts_at_the_end(result, registry))
+
+
+def play(seed: int, length: int, reality: str | None = None) -> Played:
+    """Run the sequence of a seed and judge it."""
+    began = time.process_time()
+    sequence = generate(seed, length, reality)
+    result, breaches = judged(sequence, _registry())
     names = {step.name for step in sequence.steps}
     leaves = tuple(
         (leaf.skill, leaf.status, leaf.code, leaf.reason)
@@ -107,6 +112,7 @@ def main() -> int:
     parser.add_argument("--reality", choices=(*REALITIES, "all"), default="lab")
     parser.add_argument("--only", type=int, help="the one seed to run; tells of each leaf")
     parser.add_argument("--length", type=int, default=2, choices=(2, 3), help="of that one")
+    parser.add_argument("--tell", action="store_true", help="print honest failures, too")
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)  # a traceback is told as a breach
     sequences = successes = leaves = 0
@@ -120,6 +126,10 @@ def main() -> int:
             print(one.label)
             for leaf in one.leaves:
                 print("   ", *leaf)
+        elif options.tell:
+            for skill, status, code, reason in one.leaves:
+                if status != "SUCCESS":
+                    print(f"    {one.seed} {one.label}: {skill}: {code}: {reason}", flush=True)
         for breach in one.breaches:
             again = f"--only {one.seed} --length {one.length} --reality {options.reality}"
             print(

@@ -73,6 +73,7 @@ class ApproachAndAttach(Skill):
         self._refuse_if_gone()
         if self.arm.world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
+        yield from self._shut_empty_fingers()
         for progress in self._go():
             yield progress
             self._refuse_if_gone()
@@ -85,6 +86,22 @@ class ApproachAndAttach(Skill):
             raise
         if self.arm.world.attachments.find(self.arm.name, name) is not held:
             raise Failure("NOT_THERE", f"object {name!r} was taken out of the tool")
+
+    def _shut_empty_fingers(self) -> Iterator[float]:
+        """Make a tip of open fingers: they would go down beside the object and never touch it."""
+        arm = self.arm
+        if arm.name not in arm.world.grippers:
+            return
+        gripper = arm.gripper
+        if not gripper.page.fingers or gripper.held or gripper.holding:
+            return
+        gripper.command(0.0, force=gripper.page.force.least)
+        try:
+            for progress in gripper.until_open():  # until they stand where they were told to go
+                yield 0.1 * progress
+        except Failure as failure:
+            if failure.code != "NOT_OPEN":
+                raise  # something is between them: that is what touches the object then
 
     def _refuse_if_gone(self) -> None:
         if self.ports.object not in self.arm.world.objects:
