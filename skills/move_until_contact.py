@@ -9,6 +9,7 @@ import numpy as np
 
 from bt_dualarm import (
     Failure,
+    Grip,
     PortModel,
     Pose,
     Skill,
@@ -51,14 +52,19 @@ class MoveUntilContact(Skill):
         start = self.arm.commanded_tool_pose
         end = Pose(start.position + self.ports.distance * way, start.quaternion)
         rows = self.arm.line_on(end)
-        motion = self.arm.begin(self.arm.time_path(rows, self.ports.speed), may_touch=True)
+        grip = self._grip()
+        force_that_ends = self.ports.force if grip is None else grip.firm_for(self.ports.force)
+        timed = self.arm.time_path(rows, self.ports.speed)
+        motion = self.arm.begin(timed, may_touch=True, compliant=grip is not None)
         felt, duration = deque[tuple[float, float]](), motion.trajectory.duration
         while not motion.done:
             yield motion.progress
             self.arm.check()
+            if grip is not None:
+                grip.look()
             force = self._rise(felt, -float(way @ self.arm.external_wrench[:3]))
             gone = motion.progress * duration
-            if force > self.ports.force and _EDGE_S < gone < duration - _EDGE_S:
+            if force > force_that_ends and _EDGE_S < gone < duration - _EDGE_S:
                 self._note(force, start)
                 yield from self.arm.halt()
                 yield from self.arm.relax()
@@ -69,6 +75,11 @@ class MoveUntilContact(Skill):
             f"the tool felt nothing on {1e3 * self.ports.distance:.0f} mm",
             distance_m=self.ports.distance,
         )
+
+    def _grip(self) -> Grip | None:
+        """A watch over what the gripper holds, which is what meets something then."""
+        held = self.arm.world.attachments.gripped_by(self.arm.name)
+        return Grip(self.arm, held[0].object) if held else None
 
     def _rise(self, felt: deque[tuple[float, float]], force: float) -> float:
         """By how much a force in N is more than it was a moment ago."""
