@@ -25,6 +25,11 @@ _TARE_S = (0.1, 0.5)
 _EDGE_S = 0.35
 """At the beginning and the end of the way, where joints break loose and stick: nothing counts."""
 
+_LOOSE_RAD = 2e-3
+"""Way of the set-point's joints, likewise at the beginning: dry friction turns around meanwhile. A
+motion up that is followed by a slow one down changes a UR10's torques by what 60 N at its tool
+would: such a force is neither a touch nor what to compare one with."""
+
 
 class MoveUntilContact(Skill):
     """Move the tool straight until it feels a force against its motion, and stay there."""
@@ -55,6 +60,7 @@ class MoveUntilContact(Skill):
         grip = self._grip()
         force_that_ends = self.ports.force if grip is None else grip.firm_for(self.ports.force)
         timed = self.arm.time_path(rows, self.ports.speed)
+        # What is pressed on the fingers' friction slides less where the arm gives way.
         motion = self.arm.begin(timed, may_touch=True, compliant=grip is not None)
         felt, duration = deque[tuple[float, float]](), motion.trajectory.duration
         while not motion.done:
@@ -62,9 +68,12 @@ class MoveUntilContact(Skill):
             self.arm.check()
             if grip is not None:
                 grip.look()
-            force = self._rise(felt, -float(way @ self.arm.external_wrench[:3]))
             gone = motion.progress * duration
-            if force > force_that_ends and _EDGE_S < gone < duration - _EDGE_S:
+            moved = float(np.abs(self.arm.setpoint.q - rows[0]).max())
+            if gone < _EDGE_S or moved < _LOOSE_RAD:
+                continue
+            force = self._rise(felt, -float(way @ self.arm.external_wrench[:3]))
+            if force > force_that_ends and gone < duration - _EDGE_S:
                 self._note(force, start)
                 yield from self.arm.halt()
                 yield from self.arm.relax()

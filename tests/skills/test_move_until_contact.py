@@ -44,3 +44,31 @@ def test_it_ends_at_the_surface(robot: str, reality: str, seed: int, stage: Stag
 def test_it_feels_nothing_where_nothing_is(robot: str, reality: str, stage: Stage) -> None:
     leaf = stage.run(above(robot, reality, plate=False), seed=1).leaf("move_until_contact")
     assert leaf.code == "NO_CONTACT", leaf.metrics
+
+
+@pytest.mark.parametrize(("gripper", "speed"), [("panda_hand", 0.01), ("robotiq_2f85", 0.03)])
+def test_what_fingers_hold_is_pressed_on_the_floor_and_does_not_slide(
+    gripper: str, speed: float, stage: Stage
+) -> None:
+    """It goes up first: friction that turns around is no touch; belief and truth stay one."""
+    cube: Tree = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}
+    leaves: list[Tree] = [
+        {"grasp": {"object": "cube", "speed": 1.0}},
+        {"move_linear": {"offset": {"xyz": [0, 0, 0.04]}, "speed": 1.0}},
+        {"move_until_contact": {"distance": 0.2, "speed": speed}},
+    ]
+    play = stage.run(
+        {
+            "world": {"scene": "empty", "time_limit": 60, "reality": "lab"},
+            "objects": {"cube": cube | {"pose": {"xyz": [0.65, 0.1, 0.0255]}}},
+            "arms": {"arm1": {"robot": "ur10", "gripper": gripper, "tree": {"sequence": leaves}}},
+        },
+        seed=3,
+    )
+    leaf, world = play.leaf("move_until_contact"), play.world
+    assert leaf.status == "SUCCESS", leaf.reason
+    cube_now, held = world.object_pose("cube"), world.attachments.find("arm1", "cube")
+    assert held is not None
+    assert cube_now.position[2] == pytest.approx(0.025, abs=1e-3), "it stopped in the air"
+    believed = world.arms["arm1"].tool_link_pose @ held.relative
+    assert believed.distance(cube_now) < 1e-3
