@@ -124,6 +124,8 @@ class _Author:
         self.base = Pose.from_rpy(
             (0.0, 0.0, 0.5 if self.surface else 0.0), (0, 0, float(rng.uniform(-np.pi, np.pi)))
         )
+        # What is looked for is not what is in the hand.
+        self.looks = any(skill in CAMERA_SKILLS for skill in skills)
         self._things(skills)
         self.held: str | None = None
         self.steps: list[Step] = []
@@ -261,7 +263,7 @@ class _Author:
         arm: Ports = {"robot": self.robot, "base": base}
         if self.gripper is not None:
             arm["gripper"] = self.gripper
-        if any(skill in CAMERA_SKILLS for skill in skills):
+        if self.looks:
             arm["camera"] = {"mount": "wrist", "resolution": [160, 120], "fov": 60, "fps": 20}
         leaves: list[Ports] = []
         for step in self.steps:
@@ -399,7 +401,7 @@ class _Author:
 
     def _approach_and_attach(self, _: str | None) -> Ports:
         thing = "cube"
-        if self.held == "cube" and self._rng.uniform() < 0.7:
+        if self.held == "cube" and not self.looks and self._rng.uniform() < 0.7:
             thing = "other"
         self.held = self.held or thing
         return {"object": thing, "speed": 1.0}
@@ -444,6 +446,8 @@ class _Author:
         thing = "cube" if self.held is not None or self._rng.uniform() < 0.85 else "other"
         if self.held == "cube" and self._rng.uniform() < 0.5:
             thing = "other"
+        if self.looks:
+            thing = "cube"
         self.held = self.held or thing
         return {"object": thing, "speed": 1.0}
 
