@@ -1,4 +1,4 @@
-"""The scene of a film: drawn by rays, smoothed, with the tools' ways of late and wrist cameras."""
+"""The scene of a film: smooth and with shadows, the tools' ways of late, and wrist cameras."""
 
 from __future__ import annotations
 
@@ -14,12 +14,10 @@ from PIL import Image, ImageDraw
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.replay.film_style import ARM_COLORS, BORDER, RGB, font
 from bt_dualarm.replay.record import Facts, Moment, Record
-from bt_dualarm.world.rendering.ray_scene import RayScene
-from bt_dualarm.world.rendering.ray_shading import Shading
-from bt_dualarm.world.rendering.raycast import RayRenderer, fan_of
+from bt_dualarm.world.rendering.painter import ScenePainter
+from bt_dualarm.world.rendering.raycast import RayRenderer
 from bt_dualarm.world.rendering.renderer import Exposure
 from bt_dualarm.world.rendering.viewpoint import Viewpoint
-from bt_dualarm.world.robots.geom_groups import LOOP_GROUPS
 from bt_dualarm.world.robots.mjspec import TOOL_SITE
 
 FINER: Final = 2
@@ -41,12 +39,11 @@ class _World:
 
     model: mujoco.MjModel
     data: mujoco.MjData
-    shapes: RayScene
-    shading: Shading
+    painter: ScenePainter
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> _World:
-        return cls(model, mujoco.MjData(model), RayScene(model, LOOP_GROUPS), Shading(model))
+        return cls(model, mujoco.MjData(model), ScenePainter(model))
 
 
 @dataclass(eq=False)
@@ -78,9 +75,7 @@ class FilmScene:
         """The picture of a moment."""
         world = self._at(moment)
         width, height = (FINER * side for side in self.size)
-        fan = fan_of(viewpoint, width, height)
-        hits = world.shapes.trace(world.data, fan)
-        image = Image.fromarray(world.shading.colors(world.data, fan, hits))
+        image = Image.fromarray(world.painter.draw(world.data, viewpoint, (width, height), FINER))
         self._draw_trails(image, moment, world, viewpoint)
         image = image.resize(self.size, Image.Resampling.BOX)
         self._draw_insets(image, moment, world)

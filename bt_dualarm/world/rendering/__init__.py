@@ -3,5 +3,5 @@
 In: a model with its state, and an `Exposure`: which camera, which part of its image, how finely.
 Out: an `Image`, the same to a colour filter whichever renderer drew it; a `Still` for people.
 Open first: `renderer` (the interface); others: `choose` (which one a machine gets), `raycast` (an
-image by casting rays), `opengl`, `still`.
+image by casting rays), `opengl`, `painter` and `still` (for people, with shadows).
 """

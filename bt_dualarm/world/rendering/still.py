@@ -17,8 +17,7 @@ import numpy.typing as npt
 
 from bt_dualarm.pose import Matrix, Vector
 from bt_dualarm.world.rendering.kernel_arrays import Fan, Hits
-from bt_dualarm.world.rendering.ray_scene import RayScene
-from bt_dualarm.world.rendering.ray_shading import Shading
+from bt_dualarm.world.rendering.painter import ScenePainter
 from bt_dualarm.world.rendering.raycast import fan_of
 from bt_dualarm.world.rendering.renderer import Image
 from bt_dualarm.world.rendering.viewpoint import Viewpoint, fitted
@@ -71,8 +70,7 @@ class Still:
 
     def draw(self, viewpoint: Viewpoint, width: int, height: int) -> Image:
         """A picture of scene, arms and objects, of shape (height, width, 3)."""
-        fan = fan_of(viewpoint, width, height)
-        return Shading(self.model).colors(self.data, fan, self._trace(fan))
+        return self._painter.draw(self.data, viewpoint, (width, height))
 
     def subjects(self) -> Matrix:
         """Corners of the boxes around all shapes of arms and objects, of shape (n, 3)."""
@@ -102,12 +100,12 @@ class Still:
         return data
 
     def _trace(self, fan: Fan) -> Hits:
-        return self._shapes.trace(self.data, fan)
+        return self._painter.trace(self.data, fan)
 
     @cached_property
-    def _shapes(self) -> RayScene:
-        """What rays meet: read from the model once for all viewpoints."""
-        return RayScene(self.model, LOOP_GROUPS)
+    def _painter(self) -> ScenePainter:
+        """What draws it: read from the model once for all viewpoints."""
+        return ScenePainter(self.model)
 
     def corners(self, which: npt.NDArray[np.bool_]) -> Matrix:
         """Corners of the boxes around some shapes, of shape (n, 3), m."""
