@@ -52,6 +52,7 @@ class Notes:
         self.clock = clock
         self._notes: list[dict[str, object]] = []
         self._guards: dict[str, tuple[object, object]] = {}
+        self._attached: tuple[Held, ...] = ()
         self._held: dict[str, tuple[tuple[str, bool], ...]] = {}
         self.readers: list[Callable[[dict[str, object]], object]] = []
         self.lookers: list[Callable[[str, Frame], object]] = []
@@ -116,11 +117,13 @@ class Notes:
 
     def of_holding(self, held: Iterable[Held]) -> None:
         """See whether an arm holds something else than when this was last asked."""
-        now: dict[str, tuple[tuple[str, bool], ...]] = {}
-        for one in held:
-            now[one.arm] = (*now.get(one.arm, ()), (one.object, one.by_gripper))
-        if now == self._held:
+        attached = tuple(held)
+        if attached == self._attached:
             return
+        self._attached = attached
+        now: dict[str, tuple[tuple[str, bool], ...]] = {}
+        for one in attached:
+            now[one.arm] = (*now.get(one.arm, ()), (one.object, one.by_gripper))
         for arm in sorted(now.keys() | self._held.keys()):
             holds = now.get(arm, ())
             if holds != self._held.get(arm, ()):

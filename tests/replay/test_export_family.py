@@ -27,6 +27,9 @@ from bt_dualarm.replay.arm_parts import finger_joints, gripper_kind, held_over_t
 from bt_dualarm.replay.message_schemas import schema_of
 from bt_dualarm.replay.record import Record
 from bt_dualarm.world.grippers.named import gripper_names
+from bt_dualarm.world.rendering.painter import ScenePainter
+from bt_dualarm.world.rendering.raycast import fan_of
+from bt_dualarm.world.rendering.still import Still, best_viewpoint
 from bt_dualarm.world.robots.catalogue import robot_names
 
 FAMILY = """\
@@ -253,3 +256,18 @@ def test_a_demonstration_of_a_grasp_shows_when_what_is_held(tmp_path: Path) -> N
     assert heights[0] == pytest.approx(0.425, abs=1e-3)
     assert heights.max() > 0.44, "it was lifted"
     assert frames["next.success"].to_pylist()[-1] is True
+
+
+def test_pictures_show_every_gripper(family: Record) -> None:
+    """What a film and `scene.png` are drawn by sees fingers, palms and cups."""
+    moment = family.moment(10)
+    still = Still(family.model(moment.generation), moment.qpos, moment.time)
+    view = best_viewpoint([still], 880 / 720)
+    assert view is not None
+    met = ScenePainter(still.model).trace(still.data, fan_of(view, 880, 720)).geoms
+    bodies = {
+        still.model.body(still.model.geom_bodyid[geom]).name for geom in np.unique(met[met >= 0])
+    }
+    for arm, kind in GRIPPERS.items():
+        seen = {name for name in bodies if name.startswith(f"{arm}/gripper/")}
+        assert bool(seen) == (kind is not None)
