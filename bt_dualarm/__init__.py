@@ -75,6 +75,8 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.grip import Grip as Grip
     from bt_dualarm.skill.guarded_descent import guarded_descent as guarded_descent
     from bt_dualarm.skill.held_through import held_through as held_through
+    from bt_dualarm.skill.left_standing import LeftStanding as LeftStanding
+    from bt_dualarm.skill.left_standing import stands_without as stands_without
     from bt_dualarm.skill.looking_around import SIDES as SIDES
     from bt_dualarm.skill.looking_around import camera_now as camera_now
     from bt_dualarm.skill.looking_around import gazes as gazes
@@ -205,6 +207,8 @@ _CONTENTS: Final = {
     "RankedGrasp": "motion.grasping.ranking:RankedGrasp",
     "Grip": "skill.grip:Grip",
     "held_through": "skill.held_through:held_through",
+    "LeftStanding": "skill.left_standing:LeftStanding",
+    "stands_without": "skill.left_standing:stands_without",
     "guarded_descent": "skill.guarded_descent:guarded_descent",
     "SettingDown": "skill.setting_down:SettingDown",
     "SettingDownPorts": "skill.setting_down:SettingDownPorts",

@@ -7,9 +7,11 @@ from collections.abc import Generator, Iterator
 import numpy as np
 
 from bt_dualarm import (
+    Angle,
     CarriedPose,
     Failure,
     Grip,
+    KnownShape,
     ObjectName,
     PortModel,
     Pose,
@@ -48,6 +50,9 @@ class Insert(Skill):
         tolerance: float = port(
             0.003, "largest distance from the bottom at the end", unit="m", ge=1e-4, le=0.05
         )
+        angle_tolerance: Angle = port(
+            5.0, "largest turn of the peg at the end, as far as one can be seen", ge=0.1, le=90
+        )
         speed: Speed = port(0.3, "share of the arm's limits on the way there")
         down_speed: Speed = port(0.003, "share of the arm's limits where it may touch")
 
@@ -58,6 +63,7 @@ class Insert(Skill):
         "JAMMED": "the peg stuck before it was all the way in",
         "SLIPPED": "the peg slid between the fingers",
         "DROPPED": "the peg was lost",
+        "NOT_INSERTED": "the peg is not where the arm believes it to be: it moved in the hand",
     }
     example = (
         "insert: {object: cube, at: {xyz: [0.25, -0.45, 0.425], rpy: [0, 0, 0]}, depth: 0.012}"
@@ -84,8 +90,37 @@ class Insert(Skill):
             if failure.code == "SLIPPED":
                 yield from grip.judge(failure)
             raise
-        pose = arm.world.object_pose(name)
-        self.metrics["inserted_error_m"] = pose.distance(goal)  # the truth, for the score
+        self._score(name, goal)
+
+    def _score(self, name: str, goal: Pose) -> None:
+        """Look where the peg truly is: no sensor tells how it is turned, or slid, in the hand.
+
+        Beside its goal it may be by as much as the hole may be off.
+
+        Raises:
+            Failure: ``NOT_INSERTED``.
+        """
+        if name not in self.arm.world.objects:
+            raise Failure("NOT_INSERTED", f"object {name!r} was taken out of the world")
+        ports, spec = self.ports, self.arm.world.objects[name]
+        true = self.arm.world.object_pose(name)
+        off = true.position - goal.position
+        beside = float(np.linalg.norm(off[:2]))
+        turned = KnownShape(spec.shape, spec.size).angle(true, goal)
+        self.metrics |= {"inserted_error_m": true.distance(goal), "inserted_turned_rad": turned}
+        if (
+            abs(off[2]) > ports.tolerance
+            or beside > ports.radius + ports.tolerance
+            or turned > ports.angle_tolerance
+        ):
+            raise Failure(
+                "NOT_INSERTED",
+                f"{name!r} is {1e3 * beside:.1f} mm beside and {1e3 * off[2]:.1f} mm above its "
+                f"place in the hole, turned by {np.degrees(turned):.1f}°",
+                beside_m=beside,
+                height_off_m=float(off[2]),
+                turned_rad=turned,
+            )
 
     def _go_above(self, bottom: Pose, grip: Grip) -> Iterator[float]:
         """Go to above the hole, in a branch in which the arm gets down to its bottom from there."""

@@ -7,10 +7,8 @@ from collections.abc import Iterator
 from bt_dualarm import (
     CarriedPose,
     Failure,
-    KnownShape,
     ObjectName,
     PortModel,
-    Pose,
     SettingDown,
     SettingDownPorts,
     Skill,
@@ -34,12 +32,12 @@ class Place(Skill):
         **SettingDown.failures,
     }
     example = "place: {object: cube, at: {xyz: [0.35, -0.45, 0.425]}}"
-    needs = ("scipy.interpolate",)
+    needs = ("scipy.interpolate", "scipy.spatial")
     needs_gripper = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Plan all of it before moving; lower until it touches; open; go back."""
+        """Plan all of it before moving; lower until it touches; open; go back; see it stay."""
         arm = self.arm
         name = self.ports.object or next(iter(arm.gripper.held), "")
         held = arm.world.attachments.find(arm.name, name)
@@ -49,12 +47,3 @@ class Place(Skill):
         in_tool = arm.robot.tool.inverse @ held.relative
         goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
         yield from SettingDown(arm, self.ports, held, self.metrics).through(goal)
-        self._note(name, goal)
-
-    def _note(self, name: str, goal: Pose) -> None:
-        """Where it truly stands, beside what the arm felt; a turn as far as it can be seen."""
-        pose, thing = self.arm.world.object_pose(name), self.arm.world.objects[name]
-        turned = pose.angle(goal)
-        if thing.shape != "box":
-            turned = KnownShape(thing.shape, thing.size).angle(pose, goal)
-        self.metrics |= {"placed_error_m": pose.distance(goal), "placed_turned_rad": turned}

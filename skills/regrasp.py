@@ -20,6 +20,7 @@ from bt_dualarm import (
 )
 
 _TOLERANCE_M = 0.004  # in height, where it is set down
+_WITHIN_M = 0.01  # of where it is meant to stand then, and of where it is meant to be in the hand
 
 
 class Regrasp(Skill):
@@ -38,7 +39,7 @@ class Regrasp(Skill):
         "OUT_OF_REACH": "no other grasp has room, is as asked for, or can be reached",
     }
     example = "regrasp: {object: cube}"
-    needs = ("scipy.interpolate", "bt_dualarm.skill.grasps_prepared")
+    needs = ("scipy.interpolate", "scipy.spatial", "bt_dualarm.skill.grasps_prepared")
     needs_gripper = True
     ports: Ports
 
@@ -52,8 +53,26 @@ class Regrasp(Skill):
         wanted = yield from self._put_down(name)
         taking = Taking(arm, self.ports, wanted, False, self.metrics)
         ranked = yield from taking.through(grasps_on(arm, wanted))
+        self._verify(name)
         if wanted.unlike is not None:
             self.metrics["turned_rad"] = ranked.grasp.tool.angle(wanted.unlike)
+
+    def _verify(self, name: str) -> None:
+        """Look whether it truly is where the arm believes it to be in the hand, as a referee."""
+        arm = self.arm
+        held = arm.world.attachments.find(arm.name, name)
+        if held is None or name not in arm.world.objects:
+            raise Failure("DROPPED", f"{name!r} is no longer held")
+        believed = arm.tool_pose @ arm.robot.tool.inverse @ held.relative
+        away = arm.world.object_pose(name).distance(believed)
+        self.metrics["held_error_m"] = away
+        if away > _WITHIN_M:
+            arm.gripper.let_go(name)
+            raise Failure(
+                "NOT_GRASPED",
+                f"{name!r} is {1e3 * away:.1f} mm from where it was to be in the hand",
+                held_error_m=away,
+            )
 
     def _put_down(self, name: str) -> Generator[float | None, None, WantedGrasp]:
         """Where it is when it stands, and from what the new grasp has to differ."""
@@ -69,5 +88,5 @@ class Regrasp(Skill):
         unlike = None if ports.approach is not None else in_tool.inverse
         grasps_on(arm, WantedGrasp.named(arm, name, ports, goal, unlike))  # before anything moves
         how = SettingDownPorts(speed=ports.speed, tolerance=_TOLERANCE_M)
-        lies = yield from SettingDown(arm, how, held, self.metrics).through(goal)
+        lies = yield from SettingDown(arm, how, held, self.metrics).through(goal, _WITHIN_M)
         return WantedGrasp.named(arm, name, ports, lies, unlike)

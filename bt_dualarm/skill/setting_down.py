@@ -9,13 +9,15 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.errors import Failure, Number
+from bt_dualarm.motion.collision.support import MARGIN_M, support_below
 from bt_dualarm.motion.planning.planners import Planner
 from bt_dualarm.motion.timing.trajectory import Trajectory
 from bt_dualarm.pose import Matrix, Pose
 from bt_dualarm.skill.grip import Grip
 from bt_dualarm.skill.guarded_descent import guarded_descent
+from bt_dualarm.skill.left_standing import LeftStanding
 from bt_dualarm.spec.ports import PortModel, port
-from bt_dualarm.spec.values import Speed
+from bt_dualarm.spec.values import Angle, Duration, Speed
 from bt_dualarm.world.attachments import Attachment
 
 _ROOM_M: Final = 0.01  # that the fingers open beside the object at least
@@ -34,8 +36,16 @@ class SettingDownPorts(PortModel):
     search: float = port(0.015, "how much lower the ground may be", unit="m", ge=0.001, le=0.1)
     retreat: float = port(0.08, "how far the gripper goes back", unit="m", ge=0.01, le=0.3)
     tolerance: float = port(
-        0.008, "largest difference in height at the touch", unit="m", ge=1e-3, le=0.1
+        0.008,
+        "largest difference in height at the touch, and distance of the object at the end",
+        unit="m",
+        ge=1e-3,
+        le=0.1,
     )
+    angle_tolerance: Angle = port(
+        5.0, "largest turn of the object at the end, as far as one can be seen", ge=0.1, le=90
+    )
+    settle: Duration = port(1.0, "longest that coming to rest may take", gt=0, le=30)
     speed: Speed = port(0.5, "share of the arm's limits on the way there")
     down_speed: Speed = port(0.003, "share of the arm's limits where it may touch")
     planner: Planner = port("RRTConnect", "searches where the straight way is not free")
@@ -55,11 +65,14 @@ class SettingDown:
     """
 
     failures: Final[Mapping[str, str]] = {
+        "NOT_SUPPORTED": "by what is declared below, it would tip over, slide or roll away",
         "NOT_REACHED": "it touched something before it was down",
         "NO_CONTACT": "nothing was felt below it",
         "NOT_OPEN": "the fingers did not open",
         "SLIPPED": "the object slid between the fingers on the way",
         "DROPPED": "the object was lost on the way",
+        "NOT_PLACED": "it does not stay there: it fell, slid, was moved, sticks to the gripper, or "
+        "was not held as the arm believed",
     }
 
     def __init__(
@@ -69,18 +82,27 @@ class SettingDown:
         self._thing = held.object
         self._in_tool = arm.robot.tool.inverse @ held.relative
 
-    def through(self, goal: Pose) -> Generator[float | None, None, Pose]:
-        """Lower it to a pose in the world, until it touches; open; go back.
+    def through(
+        self, goal: Pose, within_m: float | None = None
+    ) -> Generator[float | None, None, Pose]:
+        """Lower it to a pose in the world, until it touches; open; go back; see that it stays.
 
         Yields the progress once a tick; returns the pose in the world at which it was let go, by
         what the arm believes.
 
+        Args:
+            goal: Pose of the object in the world.
+            within_m: Largest distance of the object from there at the end, m; by default the
+                tolerance of the ports.
+
         Raises:
-            Failure: ``NO_CONTACT``, ``NOT_REACHED``, ``NOT_OPEN``, ``SLIPPED``, ``DROPPED``; what
-                motions raise.
+            Failure: ``NOT_SUPPORTED`` before it moves, ``NO_CONTACT``, ``NOT_REACHED``,
+                ``NOT_OPEN``, ``SLIPPED``, ``DROPPED``, ``NOT_PLACED``; what motions raise.
         """
         arm, tool, grip = self._arm, goal @ self._in_tool.inverse, Grip(self._arm, self._thing)
         grip.look()
+        self._refuse_unsupported(goal)
+        yield None
         try:
             yield from self._go_above(tool, grip)
             yield from self._lower(tool, grip)
@@ -89,8 +111,47 @@ class SettingDown:
                 yield from grip.judge(failure)
             raise
         lies = arm.tool_pose @ self._in_tool
+        self._metrics["believed_error_m"] = lies.distance(goal)
         yield from self._release()
+        yield from self._left.until_rest(self._ports.settle)
+        self._score(goal)
+        within = self._ports.tolerance if within_m is None else within_m
+        self._left.refuse_unless_at(goal, within, self._ports.angle_tolerance)
         return lies
+
+    def _score(self, goal: Pose) -> None:
+        """Where it truly stands, beside what the arm believes."""
+        if self._left.is_there:
+            away, turned = self._left.away_from(goal)
+            self._metrics |= {"placed_error_m": away, "placed_turned_rad": turned}
+
+    def _refuse_unsupported(self, goal: Pose) -> None:
+        """Look whether it would stand there, by the shapes that plans know."""
+        ports, thing = self._ports, self._thing
+        found = support_below(self._arm.world, thing, goal, ports.tolerance, ports.search)
+        if found is None:
+            return  # nothing is known of what is below: the touch will tell
+        if found.rolls:
+            why = "would roll away: what is below it is not level"
+        elif found.tilt > ports.angle_tolerance:
+            why = (
+                f"would tip by {np.degrees(found.tilt):.0f}°: its center of mass is not "
+                f"{1e3 * MARGIN_M:.0f} mm or more inside of what bears it"
+            )
+        elif found.slides:
+            why = (
+                f"would slide down a slope of {np.degrees(found.slope):.0f}° with a coefficient of "
+                f"friction of {found.friction:.2g}"
+            )
+        else:
+            return
+        raise Failure(
+            "NOT_SUPPORTED",
+            f"{thing!r} {why}",
+            tilt_rad=found.tilt,
+            slope_rad=found.slope,
+            friction=found.friction,
+        )
 
     def _go_above(self, tool: Pose, grip: Grip) -> Iterator[float]:
         """Go to above the goal, in a branch in which the arm gets down and back out from there."""
@@ -181,9 +242,11 @@ class SettingDown:
         for _ in gripper.until_open():
             yield 0.85
         gripper.let_go(self._thing)
+        self._left = LeftStanding(arm, self._thing)
         yield from self._come_off()
         back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -ports.retreat))
         for progress in arm.past_others(0.3 * ports.speed, frozenset({self._thing})).straight(back):
+            self._left.look()
             yield 0.85 + 0.15 * (progress or 0.0)
 
     def _come_off(self) -> Iterator[float]:

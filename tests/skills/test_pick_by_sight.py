@@ -71,13 +71,19 @@ def ways(stage: Stage, *, poison: bool, text: str = TEXT) -> tuple[Any, Play]:
 
 
 def test_nobody_reads_where_the_cube_is(stage: Stage) -> None:
-    """With a poisoned truth everything moves the same, to the last bit, until it is put down."""
+    """With a poisoned truth everything moves the same, to the last bit, until it is put down.
+
+    Only then the referee compares: it finds the cube elsewhere, and the run ends there.
+    """
     sound, good = ways(stage, poison=False)
     poisoned, bad = ways(stage, poison=True)
     assert good.result is not None
     assert good.result.outcome == "SUCCESS"
     assert float(bad.leaf("locate").metrics["located_error_m"]) > 0.1
-    np.testing.assert_array_equal(poisoned, sound)
+    placed = bad.leaf("place")
+    assert placed.code == "NOT_PLACED", placed.reason
+    assert float(placed.metrics["believed_error_m"]) < 1e-3
+    np.testing.assert_array_equal(poisoned, sound[: len(poisoned)])
 
 
 def test_without_sight_the_truth_is_read(stage: Stage) -> None:

@@ -70,6 +70,17 @@ def pushes(body: str, newton: float) -> Deed:
     return push
 
 
+def slides_in_hand(name: str, metres: float) -> Deed:
+    """Move an object along the pads that hold it, across the tool."""
+
+    def slide(world: World) -> None:
+        across = world.arms["arm1"].tool_pose.rotation_matrix[:, 0]
+        start = world.pose_address(name)
+        world.data.qpos[start : start + 3] += metres * across
+
+    return slide
+
+
 def steals(name: str) -> Deed:
     """Put an object far away."""
 
@@ -396,6 +407,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.4205]}, "tolerance": 0.001}},
         moves=True,
     ),
+    ("place", "NOT_SUPPORTED"): Trial(
+        {"place": {"object": "cube", "at": {"xyz": [0.35, -0.249, 0.425]}}}, moves=True
+    ),
+    ("place", "NOT_PLACED"): Trial(
+        PLACE, deeds=((4.9, slides_in_hand("cube", 0.012)),), moves=True
+    ),
     ("place", "NO_CONTACT"): Trial(
         {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.5]}}}, moves=True
     ),
@@ -419,15 +436,24 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("regrasp", "NOT_REACHED"): Trial(
         {"regrasp": {"at": {"xyz": [0.35, -0.45, 0.4205]}}}, moves=True
     ),
+    ("regrasp", "NOT_SUPPORTED"): Trial(
+        {"regrasp": {"at": {"xyz": [0.35, -0.249, 0.425]}}}, moves=True
+    ),
+    ("regrasp", "NOT_PLACED"): Trial(
+        AGAIN, deeds=((4.9, slides_in_hand("cube", 0.012)),), moves=True
+    ),
     ("regrasp", "NO_CONTACT"): Trial({"regrasp": {"at": {"xyz": [0.35, -0.45, 0.5]}}}, moves=True),
     ("regrasp", "NOT_OPEN"): Trial(AGAIN, deeds=((5.0, jams),), moves=True),
-    ("regrasp", "NOT_GRASPED"): Trial(AGAIN, deeds=((10.0, steals("cube")),), moves=True),
+    ("regrasp", "NOT_GRASPED"): Trial(AGAIN, deeds=((11.0, steals("cube")),), moves=True),
     ("regrasp", "SLIPPED"): Trial(AGAIN, deeds=((4.9, shrinks("cube")),), moves=True),
     ("regrasp", "DROPPED"): Trial(AGAIN, deeds=((4.9, steals("cube")),), moves=True),
     ("insert", "NOT_HELD"): Trial(INSERT, {"before": ()}),
     ("insert", "NO_CONTACT"): Trial(inserted([0.25, -0.45, 0.5]), moves=True),
     ("insert", "NOT_FOUND"): Trial(inserted([0.262, -0.45, 0.425], radius=0.0002), moves=True),
     ("insert", "JAMMED"): Trial(inserted([0.25, -0.45, 0.415], depth=0.022), moves=True),
+    ("insert", "NOT_INSERTED"): Trial(
+        INSERT, {"objects": ON_TABLE}, ((4.9, slides_in_hand("cube", 0.008)),), moves=True
+    ),
     ("insert", "SLIPPED"): Trial(INSERT, deeds=((6.0, shrinks("cube")),), moves=True),
     ("insert", "DROPPED"): Trial(INSERT, deeds=((6.0, steals("cube")),), moves=True),
     # Handling objects
@@ -464,6 +490,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     **moving("transport", CARRY, 4.6),
     ("detach", "NOT_THERE"): Trial(LET_GO, {"before": REMOVED}),
+    ("detach", "STILL_HELD"): Trial(LET_GO, GRASPED, moves=True),
     ("detach", "NOT_AT_REST"): Trial(LET_GO, {"before": (PICK, CARRY)}, moves=True),
     # Following
     ("calibrate", "NO_CAMERA"): Trial({"calibrate": {}}, {"arm": BLIND}),

@@ -1,0 +1,491 @@
+"""Ways in which an object does not stay where a skill leaves it: is any of them a SUCCESS?
+
+    python -m benchmarks.false_success_ways [--only place detach ...] [--verbose]
+
+In each way the world, or a hand that reaches into it, sees to it that the object is not, or does
+not stay, where `place`, `detach`, `transport`, `insert` or `regrasp` is to leave it. A SUCCESS is
+false where the object truly is beyond the skill's own tolerance from there when the leaf ends, or a
+second later, or where the tool still bears it. Asked for: none. Exit code 1 if there is one, or if
+an arm's leaf ends in an exception.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+import bt_dualarm as bt
+from bt_dualarm.pose import Pose
+from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.tree.report import LeafReport, StatusChange
+from bt_dualarm.world.world import World
+
+Deed = Callable[[World], None]
+"""What a hand does to the world."""
+
+THING: Final = "thing"
+TABLE: Final = 0.40
+CUBE: Final = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.2}
+TALL: Final = {"shape": "box", "size": [0.04, 0.04, 0.12], "mass": 0.2}
+BALL: Final = {"shape": "sphere", "size": [0.025], "mass": 0.1}
+CAN: Final = {"shape": "cylinder", "size": [0.025, 0.10], "mass": 0.2}
+START: Final = (0.40, -0.45)
+GOAL: Final = (0.28, -0.42)
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way in which it does not stay.
+
+    Attributes:
+        name: What happens.
+        skill: Skill whose leaf is judged.
+        thing: The object, without its pose; with `standing` half its height.
+        leaves: Leaves of the arm, the one that is judged the last.
+        goal: Pose at which the object is to be in the end.
+        around: Other objects.
+        deed: What a hand does; called at each step from when it begins, until it says it is done.
+        begins: When that is: ``("released" or "held", seconds after that)``.
+        gripper: Name of the gripper, None for the tool that welds.
+        tolerance: Farthest that the object may be from the goal, m.
+    """
+
+    name: str
+    skill: str
+    thing: Mapping[str, Any]
+    leaves: Sequence[Mapping[str, Any]]
+    goal: Pose
+    around: Mapping[str, Any] = field(default_factory=dict)
+    deed: Callable[[World], bool] | None = None
+    begins: tuple[str, float] = ("released", 0.0)
+    gripper: str | None = "robotiq_2f85"
+    tolerance: float = 0.008
+    lies: tuple[float, float, float] | None = None
+
+
+def standing(thing: Mapping[str, Any]) -> float:
+    """Half of the height of an object that stands upright, m."""
+    size = thing["size"]
+    halves = {"box": 0.5 * size[-1], "cylinder": 0.5 * size[-1], "sphere": size[0]}
+    return float(halves[thing["shape"]])
+
+
+def fixed(shape: str, size: Sequence[float], xyz: Sequence[float], **pose: Any) -> dict[str, Any]:
+    """Something that stays where it is."""
+    where = {"xyz": list(xyz)} | pose
+    return {"shape": shape, "size": list(size), "mass": 5, "fixed": True, "pose": where}
+
+
+# What hands do
+
+
+def once(deed: Deed) -> Callable[[World], bool]:
+    """Do it, and be done."""
+
+    def do(world: World) -> bool:
+        deed(world)
+        return True
+
+    return do
+
+
+def moved(dx: float = 0.0, dy: float = 0.0, dz: float = 0.0) -> Callable[[World], bool]:
+    """Put the object so far beside where it is, in the world."""
+
+    def move(world: World) -> None:
+        start = world.pose_address(THING)
+        world.data.qpos[start : start + 3] += (dx, dy, dz)
+
+    return once(move)
+
+
+def slid(across: float, along: float = 0.0) -> Callable[[World], bool]:
+    """Slide the object between the pads: across the tool, and along it."""
+
+    def slide(world: World) -> None:
+        axes = world.arms["arm1"].tool_pose.rotation_matrix
+        start = world.pose_address(THING)
+        world.data.qpos[start : start + 3] += across * axes[:, 0] + along * axes[:, 2]
+
+    return once(slide)
+
+
+def turned(degrees: float, axis: int = 1) -> Callable[[World], bool]:
+    """Turn the object in the hand about an axis of the tool: the second leads from pad to pad."""
+
+    def turn(world: World) -> None:
+        about = world.arms["arm1"].tool_pose.rotation_matrix[:, axis] * np.radians(degrees)
+        angle = float(np.linalg.norm(about))
+        half = np.array((np.cos(angle / 2), *(np.sin(angle / 2) * about / angle)))
+        pose, start = world.object_pose(THING), world.pose_address(THING)
+        new = Pose(np.zeros(3), half) @ Pose(np.zeros(3), pose.quaternion)
+        world.data.qpos[start + 3 : start + 7] = new.quaternion
+
+    return once(turn)
+
+
+def kicked(
+    vx: float, vy: float = 0.0, vz: float = 0.0, spin: float = 0.0
+) -> Callable[[World], bool]:
+    """Give the object a velocity."""
+
+    def kick(world: World) -> None:
+        joint = world.model.body_jntadr[world.object_body(THING)]
+        start = world.model.jnt_dofadr[joint]
+        world.data.qvel[start : start + 3] += (vx, vy, vz)
+        world.data.qvel[start + 4] += spin
+
+    return once(kick)
+
+
+def stuck(seconds: float) -> Callable[[World], bool]:
+    """Let the object go with the tool for so long, as if it stuck to a finger."""
+    began: list[tuple[float, Pose]] = []
+
+    def stick(world: World) -> bool:
+        tool = world.arms["arm1"].tool_pose
+        if not began:
+            began.append((world.time, tool.inverse @ world.object_pose(THING)))
+        since, in_tool = began[0]
+        pose, start = tool @ in_tool, world.pose_address(THING)
+        world.data.qpos[start : start + 7] = (*pose.position, *pose.quaternion)
+        joint = world.model.body_jntadr[world.object_body(THING)]
+        first = world.model.jnt_dofadr[joint]
+        world.data.qvel[first : first + 6] = 0.0
+        return world.time - since >= seconds
+
+    return stick
+
+
+def without_ground(name: str, lower: float) -> Callable[[World], bool]:
+    """Lower what it stands on."""
+
+    def sink(world: World) -> None:
+        world.model.body_pos[world.object_body(name), 2] -= lower
+
+    return once(sink)
+
+
+def gone(world: World) -> bool:
+    """Take the object out of the world."""
+    world.remove_object(THING)
+    return True
+
+
+# Leaves
+
+GRASP: Final = {"grasp": {"object": THING}}
+PICK: Final = {"approach_and_attach": {"object": THING}}
+CARRY: Final = {"transport": {"object": THING, "to": {"xyz": [0.30, -0.40, 0.60]}}}
+
+
+def place(goal: Pose, **ports: Any) -> dict[str, Any]:
+    """A leaf that places the object there."""
+    at = {"xyz": goal.position.tolist(), "quat": goal.quaternion.tolist()}
+    return {"place": {"object": THING, "at": at} | ports}
+
+
+def pose(x: float, y: float, z: float, *rpy: float) -> Pose:
+    """A pose, angles in degrees."""
+    return Pose.from_rpy((x, y, z), tuple(np.radians(rpy or (0.0, 0.0, 0.0)).tolist()))
+
+
+def placing(name: str, thing: Mapping[str, Any], goal: Pose, **more: Any) -> Way:
+    """A thing that is grasped and placed."""
+    before = more.pop("before", (GRASP,))
+    return Way(name, "place", thing, (*before, place(goal)), goal, **more)
+
+
+def on_table(thing: Mapping[str, Any], x: float = GOAL[0], y: float = GOAL[1]) -> Pose:
+    """Upright on the table."""
+    return pose(x, y, TABLE + standing(thing))
+
+
+def place_ways() -> Iterator[Way]:
+    """Where `place` leaves it, it does not stay."""
+    for beyond in (-0.001, 0.004, 0.015, 0.035):
+        goal = on_table(CUBE, y=-0.25 + beyond)
+        yield placing(f"{1e3 * beyond:.0f} mm beyond the edge", CUBE, goal)
+    yield placing("tall, at the corner", TALL, on_table(TALL, x=0.052, y=-0.252))
+    for radius in (0.02, 0.03, 0.05):
+        ball = fixed("sphere", [radius], (*GOAL, TABLE + radius))
+        top = TABLE + 2 * radius
+        name = f"on a ball of {1e3 * radius:.0f} mm"
+        goal = pose(*GOAL, top + 0.025)
+        yield placing(name, CUBE, goal, around={"ball": ball})
+        yield placing(f"a ball {name}", BALL, goal, around={"ball": ball})
+    roll = fixed("cylinder", [0.03, 0.1], (*GOAL, TABLE + 0.03), rpy=[90, 0, 0])
+    yield placing("across a pipe", TALL, pose(*GOAL, TABLE + 0.12), around={"pipe": roll})
+    for slope in (8.0, 20.0):
+        ramp = fixed("box", [0.15, 0.15, 0.02], (*GOAL, TABLE + 0.05), rpy=[0, slope, 0])
+        goal = pose(*GOAL, TABLE + 0.06 / np.cos(np.radians(slope)) + 0.025)
+        yield placing(f"level above a slope of {slope:.0f}°", CUBE, goal, around={"ramp": ramp})
+    for slope, thing in ((3.0, BALL), (45.0, CUBE)):
+        ramp = fixed("box", [0.15, 0.15, 0.02], (*GOAL, TABLE + 0.08), rpy=[0, slope, 0])
+        face = pose(*GOAL, TABLE + 0.08, 0, slope, 0) @ pose(0, 0, 0.01 + standing(thing))
+        name = f"{thing['shape']} along a slope of {slope:.0f}°"
+        yield placing(name, thing, face, around={"ramp": ramp})
+    for thick, off in ((0.004, 0.0), (0.01, 0.003), (0.02, 0.012)):
+        wall = fixed("box", [thick, 0.1, 0.08], (*GOAL, TABLE + 0.04))
+        goal = pose(GOAL[0] + off, GOAL[1], TABLE + 0.08 + 0.025)
+        name = f"on a wall of {1e3 * thick:.0f} mm, {1e3 * off:.0f} mm off"
+        yield placing(name, CUBE, goal, around={"wall": wall})
+    shelf = fixed("box", [0.10, 0.10, 0.02], (*GOAL, TABLE + 0.05))
+    goal = pose(GOAL[0] + 0.052, GOAL[1], TABLE + 0.06 + 0.06)
+    yield placing("half over a board", TALL, goal, around={"shelf": shelf})
+    loose = BALL | {"size": [0.03], "pose": {"xyz": [*GOAL, TABLE + 0.03]}}
+    goal = pose(*GOAL, TABLE + 0.06 + 0.025)
+    yield placing("on a loose ball", CUBE, goal, around={"loose": loose})
+    goal = on_table(CUBE)
+    yield placing("pushed when released", CUBE, goal, deed=kicked(0.5), begins=("released", 0.5))
+    yield placing("pushed lightly", CUBE, goal, deed=moved(0.012), begins=("released", 1.0))
+    tall = on_table(TALL)
+    yield placing("knocked over", TALL, tall, deed=kicked(0.8), begins=("released", 0.8))
+    ball = on_table(BALL)
+    yield placing("a ball that rolls", BALL, ball, deed=kicked(0.4), begins=("released", 0.8))
+    yield placing("a ball that creeps", BALL, ball, deed=kicked(0.04), begins=("released", 0.8))
+    under = {"shelf": shelf}
+    high = pose(*GOAL, TABLE + 0.06 + 0.025)
+    sunk = without_ground("shelf", 0.04)
+    yield placing("its ground sinks", CUBE, high, around=under, deed=sunk, begins=("released", 0.6))
+    lost = without_ground("shelf", 0.05)
+    yield placing("no ground any more", CUBE, high, around=under, deed=lost, begins=("held", 0.5))
+    for seconds in (0.4, 2.5, 60.0):
+        name = f"sticks to a finger for {seconds:g} s"
+        yield placing(name, CUBE, goal, deed=stuck(seconds))
+    yield placing("taken away", CUBE, goal, deed=gone, begins=("released", 0.6))
+    for off in (0.012, 0.02):
+        at = {"xyz": [START[0] + off, START[1], TABLE + 0.06], "rpy": [0, 0, 0]}
+        grasp = {"grasp": {"at": at, "width": 0.04, "height": 0.12, "depth": 0.04}}
+        there = {"place": {"at": {"xyz": tall.position.tolist(), "rpy": [0, 0, 0]}}}
+        name = f"held {1e3 * off:.0f} mm off its center"
+        yield Way(name, "place", TALL, (grasp, there), tall)
+    for across in (0.01, 0.014):
+        name = f"slid by {1e3 * across:.0f} mm in the hand"
+        yield placing(name, CUBE, goal, deed=slid(across), begins=("held", 1.0))
+    for angle in (12.0, 20.0):
+        name = f"tilted by {angle:.0f}° in the hand"
+        yield placing(name, TALL, tall, deed=turned(angle), begins=("held", 1.0))
+    yield placing("turned about the tool", TALL, tall, deed=turned(12, 2), begins=("held", 1.0))
+
+
+def transport_ways() -> Iterator[Way]:
+    """Carried, it is not where it is to be."""
+    goal = pose(0.30, -0.40, 0.60)
+    to = {"xyz": goal.position.tolist(), "rpy": [0, 0, 0]}
+    leaves = (GRASP, {"transport": {"object": THING, "to": to, "speed": 0.3}})
+    for name, thing, deed in (
+        ("slid by 6 mm", CUBE, slid(0.006)),
+        ("slid by 15 mm", TALL, slid(0.015)),
+        ("slid down by 15 mm", TALL, slid(0.0, 0.015)),
+        ("tilted by 5°", TALL, turned(5.0)),
+        ("tilted by 20°", TALL, turned(20.0)),
+        ("turned about the tool", TALL, turned(6.0, 2)),
+        ("fell out", CUBE, moved(0.3, 0.0, 0.2)),
+        ("taken away", CUBE, gone),
+    ):
+        yield Way(name, "transport", thing, leaves, goal, {}, deed, ("held", 0.7), tolerance=0.005)
+
+
+def detach_ways() -> Iterator[Way]:
+    """Let go of, it does not stay."""
+
+    def let_go(name: str, goal: Pose, thing: Mapping[str, Any] = CUBE, **more: Any) -> Way:
+        to = {"xyz": goal.position.tolist(), "quat": goal.quaternion.tolist()}
+        leaves = (PICK, {"transport": {"object": THING, "to": to}}, {"detach": {"object": THING}})
+        ends = {"gripper": None, "tolerance": 0.01} | more
+        return Way(name, "detach", thing, leaves, goal, **ends)
+
+    yield let_go("in the air", pose(0.30, -0.40, 0.55))
+    yield let_go("20 mm above the table", pose(0.30, -0.40, TABLE + 0.045))
+    yield let_go("beyond the edge", pose(0.30, -0.24, TABLE + 0.026))
+    ball = fixed("sphere", [0.03], (*GOAL, TABLE + 0.03))
+    yield let_go("on a ball", pose(GOAL[0] + 0.004, GOAL[1], TABLE + 0.087), around={"b": ball})
+    wall = fixed("box", [0.02, 0.1, 0.08], (*GOAL, TABLE + 0.04))
+    yield let_go("on a wall", pose(GOAL[0] + 0.015, GOAL[1], TABLE + 0.106), around={"w": wall})
+    yield let_go("pushed", pose(*GOAL, TABLE + 0.026), deed=kicked(1.0), begins=("released", 0.02))
+    rolls = pose(*GOAL, TABLE + 0.026)
+    yield let_go("a ball", rolls, BALL, deed=kicked(0.05), begins=("released", 0.05))
+    yield let_go("stuck in the air", pose(0.30, -0.40, 0.55), deed=stuck(60.0))
+    held = (GRASP, CARRY, {"detach": {"object": THING}})
+    yield Way("the fingers are shut", "detach", CUBE, held, pose(0.30, -0.40, 0.60))
+
+
+def insert_ways() -> Iterator[Way]:
+    """Put into its hole, or onto the table as into none, it is not in there."""
+    goal = pose(0.25, -0.45, TABLE + 0.025)
+    at = {"xyz": goal.position.tolist(), "rpy": [0, 0, 0]}
+    leaves = (GRASP, {"insert": {"object": THING, "at": at, "depth": 0.012}})
+    for name, deed in (
+        ("slid across by 7 mm", slid(0.007)),
+        ("slid across by 14 mm", slid(0.014)),
+        ("slid out by 6 mm", slid(0.0, 0.006)),
+        ("slid in by 6 mm", slid(0.0, -0.006)),
+        ("tilted by 8°", turned(8.0)),
+        ("turned about the tool", turned(8.0, 2)),
+        ("taken away", gone),
+    ):
+        yield Way(name, "insert", CUBE, leaves, goal, {}, deed, ("held", 0.8), tolerance=0.0048)
+
+
+def regrasp_ways() -> Iterator[Way]:
+    """Set down to be taken in another way, it does not stay, or is not taken."""
+    goal = pose(*START, TABLE + 0.06)
+    leaves = (GRASP, {"regrasp": {"object": THING}})
+    for name, deed, begins in (
+        ("slid by 14 mm", slid(0.014), ("held", 0.5)),
+        ("tilted by 20°", turned(20.0), ("held", 0.5)),
+        ("pushed by 15 mm", moved(0.015), ("released", 0.9)),
+        ("knocked over", kicked(0.8), ("released", 0.9)),
+        ("moved before it is taken", moved(0.0, 0.02), ("released", 3.0)),
+        ("taken away", gone, ("released", 1.0)),
+        ("put far away", moved(0.3, 0.0, 0.05), ("released", 3.0)),
+    ):
+        yield Way(name, "regrasp", TALL, leaves, goal, {}, deed, begins, tolerance=0.01)
+    edge = {"regrasp": {"object": THING, "at": {"xyz": [0.30, -0.249, TABLE + 0.06]}}}
+    yield Way("at the edge", "regrasp", TALL, (GRASP, edge), goal)
+
+
+def ways() -> list[Way]:
+    """All of them."""
+    makers = (place_ways, transport_ways, detach_ways, insert_ways, regrasp_ways)
+    return [way for maker in makers for way in maker()]
+
+
+class Hand(IdleObserver):
+    """Does what a way says, and looks at the truth when the judged leaf ends.
+
+    Attributes:
+        lies: What was said and was not so.
+        errors: What it has raised itself.
+    """
+
+    def __init__(self, world: World, way: Way) -> None:
+        self._world, self._way = world, way
+        self._since: float | None = None
+        self._held = self._done = False
+        self._began_s = 0.0
+        self._said: float | None = None
+        self.lies: list[str] = []
+        self.errors: list[Exception] = []
+
+    def on_event(self, change: StatusChange) -> None:
+        """Look at the truth when it is said."""
+        if change.kind == self._way.skill and change.new == "SUCCESS":
+            self._said = change.time
+            self._judge("when it ended")
+
+    def after_step(self, time: float) -> None:
+        """Act when it is time; an observer that raises would be dropped."""
+        try:
+            self._act(time)
+            if self._said is not None and time >= self._said + 1.0:
+                self._said = None
+                self._judge("a second later")
+        except Exception as error:  # noqa: BLE001 - raised again when the run is over
+            self.errors.append(error)
+            self._done = True
+
+    def _act(self, time: float) -> None:
+        way, world = self._way, self._world
+        if way.deed is None or self._done:
+            return
+        holds = any(one.arm == "arm1" for one in world.attachments)
+        if holds and not self._held:
+            self._held, self._began_s = True, time
+        event, delay = way.begins
+        if self._since is None and self._held:
+            if event == "held" and time - self._began_s >= delay + 0.5:
+                self._since = time
+            if event == "released" and not holds:
+                self._since = time + delay
+        if self._since is not None and time >= self._since:
+            self._done = way.deed(world)
+
+    def _judge(self, when: str) -> None:
+        way, world = self._way, self._world
+        if THING not in world.objects:
+            self.lies.append(f"{when}: it is not there")
+            return
+        true = world.object_pose(THING)
+        goal = way.goal
+        if way.skill == "regrasp":
+            held = world.attachments.find("arm1", THING)
+            if held is None:
+                self.lies.append(f"{when}: it is not held")
+                return
+            goal = world.arms["arm1"].tool_link_pose @ held.relative
+        away = true.distance(goal)
+        turn = bt.KnownShape(way.thing["shape"], tuple(way.thing["size"])).angle(true, goal)
+        if away > way.tolerance + 1e-3:
+            self.lies.append(f"{when}: it is {1e3 * away:.1f} mm away")
+        if way.skill != "detach" and turn > np.radians(6.0):
+            self.lies.append(f"{when}: it is turned by {np.degrees(turn):.1f}°")
+        if way.skill == "place" and world.touches("arm1", THING):
+            self.lies.append(f"{when}: the tool touches it")
+
+
+def file_of(way: Way) -> dict[str, Any]:
+    """The tree file of a way."""
+    where = way.lies or (*START, TABLE + standing(way.thing) + 5e-4)
+    arm: dict[str, Any] = {"robot": "ur5", "base": {"xyz": [0, 0, TABLE]}}
+    if way.gripper:
+        arm["gripper"] = way.gripper
+    *before, last = way.leaves
+    tree = {"sequence": [*before, {"force_success": {"child": last}}, {"wait": {"seconds": 1.2}}]}
+    return {
+        "bt_dualarm": 1,
+        "name": "ways",
+        "world": {"scene": "table", "reality": "lab", "seed": 0, "time_limit": 90},
+        "objects": {THING: dict(way.thing) | {"pose": {"xyz": list(where)}}, **way.around},
+        "arms": {"arm1": arm | {"tree": tree}},
+    }
+
+
+def play(way: Way) -> tuple[LeafReport, list[str]]:
+    """The judged leaf, or the one that failed before it; and what was false."""
+    with bt.open(file_of(way)) as opened:
+        hand = Hand(opened.world, way)
+        opened.watch(hand)
+        result = opened.finish()
+    if hand.errors:
+        raise hand.errors[0]
+    runs = [leaf for leaf in result.arms["arm1"].runs if leaf.skill != "wait"]
+    return runs[-1], hand.lies
+
+
+def main() -> int:
+    """Print a line for each way, and the sum; 1 if something was said falsely."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--only", nargs="+", default=[], help="skills, or words of the names")
+    options = parser.parse_args()
+    chosen = [
+        way
+        for way in ways()
+        if not options.only or any(word in (way.skill, way.name) for word in options.only)
+    ]
+    false = stayed = elsewhere = exceptions = 0
+    for way in chosen:
+        leaf, lies = play(way)
+        said = f"{leaf.status} {leaf.code or ''}".strip()
+        exceptions += leaf.code == "EXCEPTION"
+        elsewhere += leaf.skill != way.skill
+        stayed += leaf.skill == way.skill and leaf.status == "SUCCESS" and not lies
+        false += bool(lies)
+        print(f"{way.skill:10} {way.name:36} {leaf.skill}: {said} {leaf.reason}", flush=True)
+        for lie in lies:
+            print(f"    FALSE: {lie}", flush=True)
+    print(
+        f"{len(chosen)} ways: {false} false SUCCESS; {stayed} stayed all the same, "
+        f"{elsewhere} failed before, {exceptions} exceptions"
+    )
+    return 1 if false or exceptions else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

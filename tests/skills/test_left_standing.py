@@ -1,0 +1,28 @@
+"""A SUCCESS is true: the object is where it was left, and stays there."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.false_success_ways import Way, play, ways
+
+CODES = {
+    ("place", "sticks to a finger for 60 s"): "NOT_PLACED",
+    ("place", "a ball that rolls"): "NOT_PLACED",
+    ("place", "held 20 mm off its center"): "NOT_PLACED",
+    ("place", "half over a board"): "NOT_SUPPORTED",
+    ("transport", "slid by 15 mm"): "NOT_REACHED",
+    ("transport", "tilted by 20°"): "NOT_REACHED",
+    ("regrasp", "pushed by 15 mm"): "NOT_PLACED",
+}
+"""A few of the ways of the benchmark: skill, what happens, and the code with which it fails."""
+
+
+@pytest.mark.parametrize(
+    "way", [way for way in ways() if (way.skill, way.name) in CODES], ids=lambda way: way.name
+)
+def test_what_does_not_stay_is_no_success(way: Way) -> None:
+    """The leaf fails with the code that says why, however well it went by what the arm senses."""
+    leaf, lies = play(way)
+    assert not lies
+    assert (leaf.skill, leaf.code) == (way.skill, CODES[way.skill, way.name]), leaf.reason
