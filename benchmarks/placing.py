@@ -126,7 +126,7 @@ APPROACHES = ("top", "side", "tilted")
 GROUNDS = ("table", "shelf", "bin")
 BEFORE = ("grasp", "carry", "locate")
 REACHES = {
-    "ur3": (0.24, 0.38),
+    "ur3": (0.24, 0.42),
     "ur5": (0.35, 0.68),
     "ur10": (0.45, 0.95),
     "panda": (0.38, 0.62),
@@ -152,15 +152,16 @@ class Posed:
     label: str
 
 
-def posed(number: int, seed: int, reality: str) -> Posed:
+def posed(number: int, seed: int, reality: str, again: int = 0) -> Posed:
     """Draw a pose, with the arm and all that is around it.
 
     Args:
         number: How many were drawn before: arms, grippers and the rest go around with it.
         seed: Seed of the numbers.
         reality: Name of the reality.
+        again: How many were drawn for this number before, in which something was in something else.
     """
-    rng = np.random.default_rng((seed, number))
+    rng = np.random.default_rng((seed, number, again))
     robot, gripper = ROBOTS[number % 5], GRIPPERS[number // 5 % 3]
     approach = APPROACHES[int(rng.integers(3))]
     ground = GROUNDS[int(rng.integers(3))]
@@ -181,16 +182,16 @@ def posed(number: int, seed: int, reality: str) -> Posed:
     near, far = REACHES[robot]
     small = robot == "ur3"
     x, y = ((0.10, 0.24), (-0.36, -0.28)) if small else ((0.20, 0.42), (-0.50, -0.32))
-    start = np.array((rng.uniform(*x), rng.uniform(*y)))
-    bearing = np.arctan2(start[1], start[0])
     objects: dict[str, Any] = {}
     top = TABLE
     while True:
+        start = np.array((rng.uniform(*x), rng.uniform(*y)))
         angle = rng.uniform(-np.pi / 2.2, 0.0) if ground != "shelf" else rng.uniform(0.0, 1.2)
         there = rng.uniform(near, far) * np.array((np.cos(angle), np.sin(angle)))
         on_table = _TABLE_X[0] < there[0] < _TABLE_X[1] and _TABLE_Y[0] < there[1] < _TABLE_Y[1]
         if ground == "shelf" or (on_table and np.linalg.norm(there - start) > 0.12):
             break
+    bearing = np.arctan2(start[1], start[0])
     if ground == "shelf":
         top = float(rng.uniform(0.45, 0.70))
         half = 0.11
@@ -296,12 +297,23 @@ REFUSALS = ("UNREACHABLE", "PATH_BROKEN", "SINGULAR", "IN_COLLISION", "INVALID_T
 """Codes with which a pose is refused before the arm moves there."""
 
 
+def opened_pose(number: int, seed: int, reality: str) -> tuple[Posed, bt.Run]:
+    """A pose, drawn until the arm has room where it begins, and its run."""
+    for again in range(20):
+        one = posed(number, seed, reality, again)
+        try:
+            return one, bt.open(one.file)
+        except bt.WorldError:
+            continue
+    raise AssertionError("a shelf that is in no arm's way is drawn in one of 20 times")
+
+
 def run_poses(options: argparse.Namespace) -> int:
     """Place things at drawn poses and print the figures; 1 if what was asked for is missed."""
     counts: Counter[str] = Counter()
     for number in range(options.poses):
-        one = posed(number, options.seed, options.reality)
-        with bt.open(one.file) as opened:
+        one, opened = opened_pose(number, options.seed, options.reality)
+        with opened:
             oracle = Oracle(opened.world, one.goal)
             opened.watch(oracle)
             result = opened.finish()

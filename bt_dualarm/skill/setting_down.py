@@ -166,7 +166,7 @@ class SettingDown:
         for progress in arm.past_others(ports.speed).along(planned):
             yield 0.5 * (progress or 0.0)
             grip.look()
-        (down,) = [way for way in ways if np.array_equal(way[0], arm.setpoint.q)]
+        down = min(ways, key=lambda way: float(np.abs(way[0] - arm.setpoint.q).max()))
         for _ in arm.past_others(ports.speed).until_free(down, known_free=True):
             yield 0.5
             grip.look()
