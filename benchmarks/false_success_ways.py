@@ -246,9 +246,11 @@ def place_ways() -> Iterator[Way]:
     yield placing("pushed lightly", CUBE, goal, deed=moved(0.012), begins=("released", 1.0))
     tall = on_table(TALL)
     yield placing("knocked over", TALL, tall, deed=kicked(0.8), begins=("released", 0.8))
-    ball = on_table(BALL)
-    yield placing("a ball that rolls", BALL, ball, deed=kicked(0.4), begins=("released", 0.8))
-    yield placing("a ball that creeps", BALL, ball, deed=kicked(0.04), begins=("released", 0.8))
+    round_goal = on_table(BALL)
+    yield placing("a ball that rolls", BALL, round_goal, deed=kicked(0.4), begins=("released", 0.8))
+    yield placing(
+        "a ball that creeps", BALL, round_goal, deed=kicked(0.04), begins=("released", 0.8)
+    )
     under = {"shelf": shelf}
     high = pose(*GOAL, TABLE + 0.06 + 0.025)
     sunk = without_ground("shelf", 0.04)
