@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 import re
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -403,11 +404,7 @@ def _has_tree(arm: dict[str, Any], of: Recording) -> None:
 def _has_past(browser: Browser, of: Recording) -> None:
     """Any time can be looked at: poses, signals, pictures, reasons."""
     until = of.record.until
-    series = browser.told("series")
-    for arm in of.present:
-        rows = _series(series, arm)
-        assert np.isfinite(rows).all(), arm
-        assert len(rows) >= 2
+    _has_signals(browser.told("series"), of)
     for time in (0.0, until / 2, until):
         then = browser.until(f"at?t={time}", lambda then, t=time: abs(then["time"] - t) < 0.03)  # type: ignore[misc]  # the page reads a growing record now and then
         assert np.isfinite(_numbers(then["poses"])).all()
@@ -434,8 +431,18 @@ def _numbers(text: str) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), np.float32)
 
 
-def _series(series: dict[str, Any], arm: str) -> np.ndarray:
-    return _numbers(series[arm]).reshape(-1, 6)
+def _has_signals(series: dict[str, Any], of: Recording) -> None:
+    """Arms and grippers have signals over all the time that they were in the world."""
+    columns = series["columns"]
+    for arm in of.present:
+        rows = _numbers(series["arms"][arm]).reshape(-1, len(columns))
+        numbers = dict(zip(columns, rows.T, strict=True))
+        assert len(rows) > 20 * (rows[-1, 0] - rows[0, 0])
+        for name in ("time", "x", "y", "z", "error_deg", "torque_share"):
+            assert np.isfinite(numbers[name]).all(), (arm, name)
+        assert np.isfinite(numbers["force_n"]).any() == (arm in of.grippers()), arm
+        fingers = any(joint.startswith(f"{arm}/gripper/") for joint in of.joints)
+        assert np.isfinite(numbers["opening_m"]).any() == fingers, arm
 
 
 # Records.
@@ -536,16 +543,31 @@ def _exported(cell: Cell, form: str, name: str, of: Recording | None = None) -> 
 
 
 def html(cell: Cell) -> None:
-    """The page asks nobody for anything, and has every arm, node and reason."""
+    """The page asks nobody for anything, and shows what the replay shows."""
     of = cell.recording
     page = _exported(cell, "html", "page.html").read_text(encoding="utf-8")
-    assert "default-src 'none'" in page
-    names = {path.rpartition("/")[2].partition("#")[0] for _, path in of.statuses}
-    for name in names | set(of.record.arms):
-        assert json.dumps(name)[1:-1] in page, name
+    assert "connect-src 'none'" in page
+    [kept] = re.findall(r'<script type="text/plain" id="record">([A-Za-z0-9+/=]+)</script>', page)
+    shown = json.loads(zlib.decompress(base64.b64decode(kept)))
+    assert shown["now"]["until"] == pytest.approx(of.record.until, abs=1e-3)
+    lines = shown["log"]["lines"]
+    assert len([line for line in lines if "→" in line["text"]]) == len(of.events)
+    _has_signals(shown["series"], of)
+    generations = {str(moment["generation"]) for moment in shown["moments"]}
+    assert generations == set(shown["scenes"])
+    for scene in shown["scenes"].values():
+        assert scene["shapes"]
+        assert set(scene["meshes"]) <= set(shown["meshes"])
+    last = shown["moments"][-1]
+    assert last["time"] == pytest.approx(of.record.until, abs=1e-3)
+    for arm in last["arms"]:
+        if arm["arm"] in of.present:
+            _has_tree(arm, of)
+    for arm, count in of.pictures.items():
+        assert 0 < len(shown["pictures"][arm]) <= count + 1
     for event in of.events:
         if event["code"]:
-            assert event["code"] in page
+            assert f"{event['arm']}:{event['path']}" in shown["why"]["of"]
 
 
 def mcap(cell: Cell) -> None:
