@@ -94,7 +94,9 @@ class Past:
             data, places = self._posed(record, index)
             notes = self._notes_until(record, time)
             roots = self._trees_at(record, time)
-            arms = [self._arm(record, roots[name], index, time, notes) for name in record.arms]
+            # A run that broke within a step ended after the last state that is kept.
+            until = np.inf if record.end is not None and time >= record.until else time
+            arms = [self._arm(record, roots[name], index, until, notes) for name in record.arms]
             return {
                 "time": round(time, 4),
                 "generation": moment.generation,

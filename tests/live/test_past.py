@@ -234,3 +234,17 @@ def test_a_tree_that_was_halted_shows_what_it_had_achieved(tmp_path: Path) -> No
     assert [(row["status"], row["halted"], row["since"]) for row in arm["nodes"]] == now
     assert [status for status, _, _ in now] == ["INVALID", "SUCCESS", *["INVALID"] * 3]
     assert [halted for _, halted, _ in now] == [True, False, True, True, False]
+
+
+def test_a_run_that_diverged_is_shown_to_its_end(tmp_path: Path) -> None:
+    """It ends one step after the last state that is kept: its last time shows its trees halted."""
+    alone = SHORT.replace("include: [parts.yaml]\n", "").partition("    tree:")[0]
+    folder = Path(__file__).parents[1] / "faults" / "skills"
+    tree = f"{alone}    tree: {{poison: {{after: 0.2}}}}\n"
+    bt_dualarm.run(tree, record=tmp_path / "out", skills=[folder])
+    record = Record.read(tmp_path / "out")
+    assert record.events[-1]["time_s"] > record.until
+    [arm] = json.loads(
+        RecordView(tmp_path / "out").questions["at"]({"t": f"{record.until}"}).content
+    )["arms"]
+    assert [(row["status"], row["halted"]) for row in arm["nodes"]] == [("INVALID", True)]
