@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from secrets import token_hex
 
 from bt_dualarm.replay.lerobot_episode import episode_of
 from bt_dualarm.replay.lerobot_tables import DatasetWriter
@@ -63,7 +64,8 @@ def write_dataset(
         raise ReplayError(f"cannot write {target}: there is something already (--append adds runs)")
     if append and not (target / "meta" / "info.json").is_file():
         raise ReplayError(f"cannot append to {target}: there is no data set in it")
-    half = target.with_name(f".{target.name}.half")
+    target = Path(os.path.abspath(target))  # noqa: PTH100 - a name of its own, links not followed
+    half = target.with_name(f".{target.name}.half.{token_hex(4)}")
     written = failed = left_out = frames = 0
     try:
         if append:
@@ -109,7 +111,7 @@ def _linked(source: str, target: str) -> None:
 def _put(half: Path, target: Path) -> None:
     """Move a folder into its place, in which there may be an older one."""
     if target.is_dir() and any(target.iterdir()):
-        old = target.with_name(f".{target.name}.old")
+        old = target.with_name(f".{target.name}.old.{token_hex(4)}")
         target.replace(old)
         half.replace(target)
         shutil.rmtree(old)

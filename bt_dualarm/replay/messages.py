@@ -84,11 +84,13 @@ def _joints(record: Record) -> Iterator[Message]:
                 {"name": joint["name"], "position": q[j], "velocity": v[j], "acceleration": a[j]}
                 for j, joint in enumerate(now)
             ]
-            gripper = record.gripper(arm, index)
             fingers = finger_joints(model, arm)
-            if gripper is not None and fingers:
-                grip = _rounded(gripper)
-                now += _measured(model, moment, fingers, [grip["force_n"]] * 2)
+            gripper = record.gripper(arm, index)  # of earlier versions: what the state has, no more
+            grip = None if gripper is None else _rounded(gripper)
+            now += _measured(
+                model, moment, fingers, [grip["force_n"]] * len(fingers) if grip else None
+            )
+            if grip is not None:
                 asked = grip["commanded_width_m"] / 2, grip["commanded_force_n"]
                 sent += [
                     {"name": str(model.joint(joint).name), "position": asked[0], "effort": asked[1]}
@@ -100,15 +102,18 @@ def _joints(record: Record) -> Iterator[Message]:
 
 
 def _measured(
-    model: mujoco.MjModel, moment: Moment, joints: Sequence[int], efforts: Sequence[float]
+    model: mujoco.MjModel, moment: Moment, joints: Sequence[int], efforts: Sequence[float] | None
 ) -> list[Facts]:
-    """Name, position, velocity and effort of some joints, as `foxglove.JointState`."""
+    """Name, position, velocity and effort, where it is known, as `foxglove.JointState`."""
     at, to = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     where, how = moment.qpos[at].round(9).tolist(), moment.qvel[to].round(9).tolist()
-    return [
-        {"name": str(model.joint(joint).name), "position": q, "velocity": v, "effort": effort}
-        for joint, q, v, effort in zip(joints, where, how, efforts, strict=True)
+    found: list[Facts] = [
+        {"name": str(model.joint(joint).name), "position": q, "velocity": v}
+        for joint, q, v in zip(joints, where, how, strict=True)
     ]
+    if efforts is not None:
+        found = [{**joint, "effort": effort} for joint, effort in zip(found, efforts, strict=True)]
+    return found
 
 
 def _grippers(record: Record) -> Iterator[Message]:

@@ -365,9 +365,10 @@ def test_a_record_that_does_not_know_its_gripper_is_refused(
         episode_of(earlier)
     assert earlier.gripper("arm1", 0) is None
     assert "gripper_arm1.csv" not in dict(tables_of(earlier))
-    topics = {message.topic for message in messages_of(earlier)}
-    assert "/arm1/joints" in topics
-    assert "/arm1/gripper" not in topics
+    messages = {message.topic: message for message in messages_of(earlier)}
+    assert "/arm1/gripper" not in messages
+    joints: Any = messages["/arm1/joints"].content["joints"]
+    assert [joint.keys() for joint in joints[-2:]] == [{"name", "position", "velocity"}] * 2
 
 
 def _without_grippers(block: Block) -> Block:
