@@ -1,0 +1,132 @@
+"""The runs that `same_behavior` compares: shipped trees, and files generated over the catalogs.
+
+Generated files cover every robot with every gripper, every skill (its own example in the scenario
+of the conformance suite) and every node type of the language. They are data of the current
+checkout: both states that are compared get the same texts.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from bt_dualarm.runtime.api import registry_of
+from bt_dualarm.spec.language import LANGUAGE
+from tests.skills.scenarios import ABOVE, SCENARIOS, Scenario, node_of
+
+ROOT = Path(__file__).resolve().parent.parent
+
+ROBOTS = tuple(sorted(path.stem for path in (ROOT / "assets/robots").glob("*.yaml")))
+GRIPPERS = ("none", *sorted(path.stem for path in (ROOT / "assets/grippers").glob("*.yaml")))
+REALITIES = ("ideal", "lab", "rough")
+SEEDS = (0, 7)
+
+PARAMS: dict[str, tuple[dict[str, object], ...]] = {
+    "pick_and_track": ({}, {"grasp": "attach"}),
+}
+"""Parameters with which a shipped tree runs; by default its own."""
+
+
+class Case(NamedTuple):
+    """One run.
+
+    Attributes:
+        name: Unique name, such as ``circle lab seed 7``.
+        tree: Name of a shipped tree, or the content of a tree file as JSON.
+        seed: Seed of everything random.
+        reality: ``ideal``, ``lab`` or ``rough``; None for the file's own.
+        params: Parameters of the tree.
+    """
+
+    name: str
+    tree: str
+    seed: int
+    reality: str | None
+    params: dict[str, object]
+
+
+def shipped() -> Iterator[Case]:
+    """Every shipped tree in every reality with two seeds."""
+    for path in sorted((ROOT / "trees").glob("*.yaml")):
+        for params in PARAMS.get(path.stem, ({},)):
+            for reality in REALITIES:
+                for seed in SEEDS:
+                    told = "".join(f" {key}={value}" for key, value in params.items())
+                    name = f"{path.stem}{told} {reality} seed {seed}"
+                    yield Case(name, path.stem, seed, reality, params)
+
+
+def generated() -> Iterator[Case]:
+    """Files over robots, grippers, skills and node types."""
+    yield from _mounted()
+    yield from _skills()
+    yield from _node_types()
+
+
+def _mounted() -> Iterator[Case]:
+    """Every robot with every gripper: motions, and the gripper where there is one."""
+    draw = random.Random(25)  # noqa: S311 - figures of test files
+    for robot in ROBOTS:
+        for gripper in GRIPPERS:
+            offset = [round(draw.uniform(-0.06, 0.06), 3) for _ in range(3)]
+            leaves: list[dict[str, object] | str] = [
+                {"reach_to_pose": {"offset": {"xyz": offset}, "speed": 0.6}},
+                {"circle": {"plane": draw.choice(("xy", "yz")), "radius": 0.03, "speed": 0.4}},
+            ]
+            arm: dict[str, object] = {"robot": robot, "base": ABOVE}
+            if gripper != "none":
+                arm["gripper"] = gripper
+                leaves += [{"close_gripper": {}}, "open_gripper"]
+                leaves = [{"force_success": {"child": leaf}} for leaf in leaves]
+            yield _file(
+                f"{robot} with {gripper}",
+                {"arms": {"arm1": {**arm, "tree": {"sequence": leaves}}}},
+                draw.choice(REALITIES),
+            )
+
+
+def _skills() -> Iterator[Case]:
+    """Every skill's example, twice, where the conformance suite lets it succeed."""
+    registry = registry_of()
+    for name, skill in sorted(registry.skills.items()):
+        content = SCENARIOS.get(name, Scenario()).file(node_of(skill.example))
+        yield _file(f"skill {name}", content, REALITIES[len(name) % 3])
+
+
+def _node_types() -> Iterator[Case]:
+    """Every node type's example, between two short waits."""
+    for name, word in sorted(LANGUAGE.items()):
+        if name == "subtree":
+            node: object = {"subtree": {"use": "part", "with": {"n": 0.1}}}
+        else:
+            node = yaml.safe_load(word.example)
+        content: dict[str, Any] = {
+            "params": {"speed": {"type": "number", "default": 0.5}},
+            "subtrees": {
+                "part": {"params": {"n": {"type": "number"}}, "tree": {"wait": {"seconds": "{n}"}}}
+            },
+            "world": {"scene": "empty", "time_limit": 6.0},
+            "arms": {
+                "arm1": {
+                    "robot": "ur3",
+                    "base": ABOVE,
+                    "tree": {"sequence": [{"wait": 0.1}, {"force_success": {"child": node}}]},
+                }
+            },
+        }
+        yield _file(f"node {name}", content, "ideal")
+
+
+def _file(name: str, content: dict[str, Any], reality: str) -> Case:
+    return Case(
+        name,
+        json.dumps({"bt_dualarm": 1, "name": "case", **content}),
+        len(name),
+        reality,
+        {},
+    )
