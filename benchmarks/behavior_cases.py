@@ -102,7 +102,7 @@ def _node_types() -> Iterator[Case]:
     """Every node type's example, between two short waits."""
     for name, word in sorted(LANGUAGE.items()):
         if name == "subtree":
-            node: object = {"subtree": {"use": "part", "with": {"n": 0.1}}}
+            node: object = {"subtree": {"use": "part", "params": {"n": 0.1}}}
         else:
             node = yaml.safe_load(word.example)
         content: dict[str, Any] = {

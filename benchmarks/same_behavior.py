@@ -59,7 +59,7 @@ for line in sys.stdin:
         found = {
             "state_sha256": done.state_sha256,
             "outcome": done.outcome,
-            "simulated_s": done.simulated_s,
+            "sim_time_s": done.sim_time_s,
             "leaves": [
                 [leaf.path, str(leaf.status), leaf.code, leaf.reason]
                 for arm in done.arms.values() for leaf in arm.runs
@@ -151,7 +151,9 @@ def differences(before: Behavior, after: Behavior) -> dict[str, str]:
     found = {}
     for name in sorted(before.keys() | after.keys()):
         old, new = before.get(name, "no such case"), after.get(name, "no such case")
-        if old != new:
+        if isinstance(old, dict) and "error" in old and old == new:
+            found[name] = f"cannot be run in either state: {old['error']}"
+        elif old != new:
             lines = difflib.unified_diff(_lines(old), _lines(new), "before", "after", "", "", 0, "")
             found[name] = "\n".join(list(lines)[2:14])
     return found
