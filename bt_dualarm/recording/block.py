@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.recording.columns import pack, unpack
+from bt_dualarm.recording.columns import pack, size_of, unpack, unzipped
+from bt_dualarm.recording.untrusted import Budget, parsed
 
 _LENGTH: Final = struct.Struct("<I")
 _MOST_TEXT: Final = 1 << 26
@@ -50,21 +51,34 @@ class Block:
         return b"".join((_LENGTH.pack(len(text)), text, *contents))
 
     @classmethod
-    def decoded(cls, content: bytes) -> Block:
+    def decoded(cls, content: bytes, budget: Budget) -> Block:
         """The block again.
 
+        Args:
+            content: Bytes that `encoded` gave, or that somebody else made up.
+            budget: Memory that is counted against.
+
         Raises:
-            ValueError: The bytes are of no block.
+            ValueError: The bytes are of no block, or take too much memory; the message says what
+                is wrong with them, and what is expected.
         """
-        try:
-            (length,) = _LENGTH.unpack_from(content)
-            at = _LENGTH.size + length
-            text = zlib.decompressobj().decompress(content[_LENGTH.size : at], _MOST_TEXT)
-            head = json.loads(text)
-            arrays = {}
-            for name, how in head["arrays"].items():
-                arrays[str(name)] = unpack(how, content[at : at + int(how["size"])])
-                at += int(how["size"])
-            return cls(str(head["kind"]), dict(head["data"]), arrays)
-        except (struct.error, zlib.error, KeyError, TypeError, AttributeError) as error:
-            raise ValueError(f"not a block: {error}") from error
+        if len(content) < _LENGTH.size:
+            raise ValueError(f"has {len(content)} bytes; expected at least {_LENGTH.size}")
+        (length,) = _LENGTH.unpack_from(content)
+        at = _LENGTH.size + length
+        text = unzipped(content[_LENGTH.size : at], _MOST_TEXT)
+        head = parsed(text, budget)
+        if not isinstance(head, dict):
+            raise ValueError(f"says {type(head).__name__}; expected an object of JSON")
+        kind, data, packed = (head.get(name) for name in ("kind", "data", "arrays"))
+        if not (isinstance(kind, str) and isinstance(data, dict) and isinstance(packed, dict)):
+            raise ValueError("expected a text `kind` and objects `data` and `arrays`")
+        arrays = {}
+        for name, how in packed.items():
+            try:
+                size = size_of(how)
+                arrays[str(name)] = unpack(how, content[at : at + size], budget)
+            except ValueError as error:
+                raise ValueError(f"array {str(name)[:80]!r}: {error}") from error
+            at += size
+        return cls(kind, data, arrays)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from typing import Final, TypedDict
 
 import numpy as np
 import numpy.typing as npt
 
+from bt_dualarm.recording.untrusted import Budget
+
 Array = npt.NDArray[np.generic]
 
 _LEVEL: Final = 4
 """Level of zlib: higher ones win 1 % on states of a run, and take twice the time."""
 
-_MOST_BYTES: Final = 1 << 30
-"""Bytes that an array may have once it is unpacked: a damaged file must not fill the memory."""
+_MOST_BYTES: Final = 1 << 25
+"""Bytes that an array may have once it is unpacked: unpacking takes four times as many."""
+
+_MOST_DIMENSIONS: Final = 4
 
 _KINDS: Final = frozenset({"<f8", "<f4", "<u4", "|u1"})
 
@@ -53,30 +58,73 @@ def pack(array: Array) -> tuple[Packed, bytes]:
     return {"dtype": kind, "shape": [*array.shape], "size": len(content)}, content
 
 
-def unpack(packed: Packed, content: bytes) -> Array:
-    """The array again, bit for bit.
+def size_of(packed: object) -> int:
+    """Bytes that an array takes when packed.
 
     Raises:
-        ValueError: The bytes are not those of such an array.
+        ValueError: What is said of it is not a `Packed`.
     """
-    if packed["dtype"] not in _KINDS:
-        raise ValueError(f"arrays of {packed['dtype']!r} are not known")
+    if not isinstance(packed, dict):
+        raise ValueError("expected an object with dtype, shape and size")
+    if packed.get("dtype") not in _KINDS:
+        kinds = ", ".join(sorted(_KINDS))
+        raise ValueError(f"dtype is {str(packed.get('dtype'))[:40]!r}; expected one of {kinds}")
+    shape, size = packed.get("shape"), packed.get("size")
+    if not (
+        isinstance(shape, list)
+        and 0 < len(shape) <= _MOST_DIMENSIONS
+        and all(type(count) is int and 0 <= count <= _MOST_BYTES for count in shape)
+    ):
+        raise ValueError(f"shape is {str(shape)[:80]}; expected 1 to {_MOST_DIMENSIONS} counts")
+    if type(size) is not int or size < 0:
+        raise ValueError(f"size is {str(size)[:40]}; expected a number of bytes")
+    return size
+
+
+def unpack(packed: Packed, content: bytes, budget: Budget | None = None) -> Array:
+    """The array again, bit for bit.
+
+    Args:
+        packed: What is said of it.
+        content: Its bytes, as packed.
+        budget: Memory that it is counted against; None counts nothing.
+
+    Raises:
+        ValueError: The bytes are not those of such an array, or it takes too much memory.
+    """
+    size = size_of(packed)
     dtype, shape = np.dtype(packed["dtype"]), tuple(packed["shape"])
-    expected = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
-    if not 0 <= expected <= _MOST_BYTES:
-        raise ValueError(f"an array of {expected} bytes")
-    unzip = zlib.decompressobj()
-    try:
-        plain = unzip.decompress(content, expected + 1)
-    except zlib.error as error:
-        raise ValueError(str(error)) from error
+    expected = math.prod(shape) * dtype.itemsize
+    if expected > _MOST_BYTES:
+        raise ValueError(f"has {expected} bytes; expected at most {_MOST_BYTES}")
+    if len(content) != size:
+        raise ValueError(f"has {len(content)} bytes; expected {size}")
+    if budget is not None:
+        budget.take(expected)
+    plain = unzipped(content, expected)
     if len(plain) != expected:
-        raise ValueError(f"an array of {expected} bytes has {len(plain)}")
-    planes = np.frombuffer(plain, np.uint8).reshape(dtype.itemsize, -1)
+        raise ValueError(f"has {len(plain)} bytes unpacked; expected {expected}")
+    planes = np.frombuffer(plain, np.uint8).reshape(dtype.itemsize, math.prod(shape))
     rows = np.ascontiguousarray(planes.T).view(_unsigned(dtype)).reshape(shape)
     if len(shape) > 1:
         rows = np.bitwise_xor.accumulate(rows, axis=0)
     return rows.view(dtype)
+
+
+def unzipped(content: bytes, most: int) -> bytes:
+    """What zlib made smaller.
+
+    Raises:
+        ValueError: It is damaged, or more than so many bytes.
+    """
+    unzip = zlib.decompressobj()
+    try:
+        plain = unzip.decompress(content, most + 1)
+    except zlib.error as error:
+        raise ValueError(f"cannot be unpacked: {error}") from error
+    if len(plain) > most:
+        raise ValueError(f"has more bytes unpacked than expected: {most}")
+    return plain
 
 
 def _shuffled(array: Array) -> bytes:

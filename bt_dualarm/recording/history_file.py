@@ -8,23 +8,21 @@ import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
-from bt_dualarm.errors import DualArmError
 from bt_dualarm.recording.block import Block
+from bt_dualarm.recording.untrusted import MOST_FILE, Budget, HistoryError, open_regular
+
+__all__ = ["MAGIC", "HistoryError", "HistoryFile", "HistoryWriter", "blocks_of", "read_history"]
 
 MAGIC: Final = b"bt_dualarm history 1\n"
 """First bytes of the file, with the version of its format."""
 
 _HEAD: Final = struct.Struct("<4sII")
 _MARK: Final = b"BLCK"
-_MOST_BYTES: Final = 1 << 28
-
-
-class HistoryError(DualArmError):
-    """A history cannot be read; the message names the file."""
+_MOST_BYTES: Final = 1 << 26
+"""Bytes of one block on the disk."""
 
 
 class HistoryWriter:
@@ -84,64 +82,77 @@ class HistoryFile:
     torn: str
 
 
-def read_history(path: Path) -> HistoryFile:
+def read_history(path: Path, budget: Budget | None = None, most: int = MOST_FILE) -> HistoryFile:
     """Read a file, up to where it is damaged.
 
+    Args:
+        path: The file.
+        budget: Memory that the blocks are counted against; by default that of one record.
+        most: Bytes that the file may have.
+
     Raises:
-        HistoryError: It is not there, cannot be read, or is no history of a known format.
+        HistoryError: It is not there, no regular file, too large, cannot be read, or is no history
+            of a known format.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise HistoryError(f"cannot read {path}: {error.strerror or error}") from error
-    if not content.startswith(MAGIC):
-        if content[: len(MAGIC)].startswith(MAGIC[:-2]):
-            raise HistoryError(f"{path} is of another version: {content[:40]!r}")
-        raise HistoryError(f"{path} is no history of a run")
     blocks: list[Block] = []
-    try:
-        for block in _blocks(content):
-            blocks.append(block)  # noqa: PERF402 - those before the damage are kept
-    except _TornError as torn:
-        return HistoryFile(tuple(blocks), str(torn))
+    file, size = open_regular(path, most)
+    with file:
+        try:
+            for block in _blocks(path, file, size, budget or Budget()):
+                blocks.append(block)  # noqa: PERF402 - those before the damage are kept
+        except _TornError as torn:
+            return HistoryFile(tuple(blocks), str(torn))
     return HistoryFile(tuple(blocks), "")
 
 
-def blocks_of(path: Path) -> Iterator[Block]:
+def blocks_of(path: Path, most: int = MOST_FILE) -> Iterator[Block]:
     """Blocks of a file one by one, up to where it is damaged; no more than one is in memory.
 
+    Args:
+        path: The file.
+        most: Bytes that the file may have.
+
     Raises:
-        HistoryError: It cannot be read, or is no history of a known format.
+        HistoryError: As of `read_history`.
     """
-    try:
-        with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
-            if content[: len(MAGIC)] != MAGIC:
-                raise HistoryError(f"{path} is no history of a run")
-            with suppress(_TornError):
-                yield from _blocks(content)
-    except (OSError, ValueError) as error:
-        raise HistoryError(f"cannot read {path}: {error}") from error
+    file, size = open_regular(path, most)
+    with file, suppress(_TornError):
+        yield from _blocks(path, file, size, None)
 
 
 class _TornError(Exception):
     """The file ends, or is damaged, in the middle of a block."""
 
 
-def _blocks(content: bytes | mmap) -> Iterator[Block]:
+def _blocks(path: Path, file: BinaryIO, size: int, budget: Budget | None) -> Iterator[Block]:
+    """Blocks of a file of that size; without a budget each may take as much as a whole record."""
+    start = _read(path, file, len(MAGIC))
+    if start != MAGIC:
+        if start.startswith(MAGIC[:-2]):
+            raise HistoryError(f"{path} is of another version: {start!r}")
+        raise HistoryError(f"{path} is no history of a run")
     at = len(MAGIC)
-    while at < len(content):
-        if at + _HEAD.size > len(content):
-            raise _TornError(f"its last {len(content) - at} bytes are part of a block")
-        mark, length, checksum = _HEAD.unpack_from(content, at)
+    while at < size:
+        if at + _HEAD.size > size:
+            raise _TornError(f"its last {size - at} bytes are part of a block")
+        head = _read(path, file, _HEAD.size)
+        mark, length, checksum = _HEAD.unpack(head) if len(head) == _HEAD.size else (b"", 0, 0)
         if mark != _MARK or length > _MOST_BYTES:
             raise _TornError(f"it is damaged from byte {at} on")
-        body = content[at + _HEAD.size : at + _HEAD.size + length]
-        if len(body) < length:
-            raise _TornError(f"its last {len(content) - at} bytes are part of a block")
-        if zlib.crc32(body) != checksum:
+        if at + _HEAD.size + length > size:
+            raise _TornError(f"its last {size - at} bytes are part of a block")
+        body = _read(path, file, length)
+        if len(body) < length or zlib.crc32(body) != checksum:
             raise _TornError(f"it is damaged from byte {at} on")
         try:
-            yield Block.decoded(body)
+            yield Block.decoded(body, budget or Budget())
         except ValueError as error:
-            raise _TornError(f"it is damaged from byte {at} on: {error}") from error
+            raise HistoryError(f"{path}: the block at byte {at}: {error}") from error
         at += _HEAD.size + length
+
+
+def _read(path: Path, file: BinaryIO, count: int) -> bytes:
+    try:
+        return file.read(count)
+    except OSError as error:
+        raise HistoryError(f"cannot read {path}: {error.strerror or error}") from error
