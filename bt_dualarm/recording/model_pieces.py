@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -18,6 +18,9 @@ from bt_dualarm.recording.block import Block
 
 _LEAST: Final = 2048
 """Bytes from which on a part of a model is kept by its digest."""
+
+MOST_MODEL: Final = 1 << 25
+"""Bytes of a model: sixteen arms with all of their meshes have a third of that."""
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -52,40 +55,80 @@ class ModelWriter:
         return Block("model", {"generation": generation, "cuts": cuts}, arrays)
 
 
-class ModelReader:
-    """Puts models together again, from the first block of a run on."""
+class ModelReader(Mapping[int, bytes]):
+    """MuJoCo's binary form of each model of a run, by its generation, put together when asked for.
+
+    Nothing is believed of a block: what its cuts say must fit the parts that are there.
+    """
 
     def __init__(self) -> None:
         self._parts: dict[str, Bytes] = {}
+        self._models: dict[int, tuple[bytes, list[tuple[int, int, str]]]] = {}
 
-    def content(self, block: Block) -> bytes:
-        """MuJoCo's binary form of the model in a block.
+    def add(self, block: Block) -> None:
+        """Take up the next block of a model, from the first of a run on.
 
         Raises:
-            ValueError: The block is damaged, or an earlier one is missing.
+            ValueError: The block does not fit together, or an earlier one is missing; the message
+                says what is wrong, and what is expected.
         """
-        arrays: Mapping[str, npt.NDArray[np.generic]] = block.arrays
-        try:
-            rest = arrays["rest"].tobytes()
-            self._parts |= {
-                name: np.frombuffer(part.tobytes(), np.uint8)
-                for name, part in arrays.items()
-                if name != "rest"
-            }
-            return b"".join(self._joined(rest, block.data["cuts"]))
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"a model lacks a part: {error}") from error
+        if "rest" not in block.arrays:
+            raise ValueError("model: array `rest` is missing")
+        for name, part in block.arrays.items():
+            if part.dtype != np.uint8 or part.ndim != 1:
+                raise ValueError(
+                    f"model: array {name[:80]!r} is of {part.dtype}, of {part.ndim} dimensions; "
+                    "expected one of bytes"
+                )
+            if name != "rest":
+                self._parts[name] = part.view(np.uint8)
+        rest = block.arrays["rest"].tobytes()
+        generation: Any = block.data["generation"]
+        if generation in self._models:
+            raise ValueError(f"model: generation {generation} is there already")
+        self._models[generation] = rest, self._checked(block.data["cuts"], len(rest))
 
-    def _joined(self, rest: bytes, cuts: object) -> Iterator[bytes]:
-        if not isinstance(cuts, list):
-            raise TypeError("no list of cuts")
+    def _checked(self, cuts: object, rest: int) -> list[tuple[int, int, str]]:
+        """Cuts that follow each other, each of the length of its part, with nothing beyond."""
+        found: list[tuple[int, int, str]] = []
+        at = inside = 0
+        for number, cut in enumerate(cuts if isinstance(cuts, list) else ()):
+            where = f"model: cut {number}"
+            if not (isinstance(cut, list) and [type(each) for each in cut] == [int, int, str]):
+                raise ValueError(f"{where} is {str(cut)[:80]}; expected begin, end and a digest")
+            start, end, digest = cut
+            if digest not in self._parts:
+                raise ValueError(f"{where}: there is no part {digest[:80]!r}")
+            if not at <= start <= end or end - start != len(self._parts[digest]):
+                raise ValueError(
+                    f"{where} is from {start} to {end}, after {at}, for "
+                    f"{len(self._parts[digest])} bytes: they do not fit"
+                )
+            inside += end - start
+            at = end
+            found.append((start, end, digest))
+        if at - inside > rest or inside + rest > MOST_MODEL:
+            raise ValueError(
+                f"model: has {inside + rest} bytes, cuts up to {at}; expected at most {MOST_MODEL}"
+            )
+        return found
+
+    def __getitem__(self, generation: int) -> bytes:
+        """MuJoCo's binary form of a model."""
+        rest, cuts = self._models[generation]
+        pieces: list[bytes] = []
         at = taken = 0
         for start, end, digest in cuts:
-            yield rest[taken : taken + start - at]
+            pieces += (rest[taken : taken + start - at], self._parts[digest].tobytes())
             taken += start - at
-            yield self._parts[digest].tobytes()
             at = end
-        yield rest[taken:]
+        return b"".join((*pieces, rest[taken:]))
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._models)
+
+    def __len__(self) -> int:
+        return len(self._models)
 
 
 def _cuts(model: mujoco.MjModel, whole: bytes) -> list[tuple[int, int, str]]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import os
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -17,12 +19,36 @@ import numpy.typing as npt
 from bt_dualarm.errors import DualArmError
 from bt_dualarm.pose import Vector
 from bt_dualarm.recording.block import Block
-from bt_dualarm.recording.history_file import HistoryError, read_history
+from bt_dualarm.recording.history_file import read_history
 from bt_dualarm.recording.model_pieces import ModelReader
+from bt_dualarm.recording.stored_model import stored_model
+from bt_dualarm.recording.untrusted import (
+    MOST_MEMORY,
+    Budget,
+    HistoryError,
+    parsed,
+    read_regular,
+)
+from bt_dualarm.replay.record_facts import (
+    LONGEST_S,
+    Facts,
+    check_end,
+    check_events,
+    check_model,
+    check_second,
+    check_start,
+    check_summary,
+)
 from bt_dualarm.runtime.record_folder import EVENTS, HISTORY, SUMMARY
 
-Facts: TypeAlias = dict[str, Any]
-"""An object of JSON: an event, a note, the summary, what the run began with."""
+__all__ = ["Facts", "HistoryError", "Moment", "Record", "ReplayError"]
+
+_MOST_COMPILED: Final = 4
+"""Compiled models that are kept: one of a large world takes some megabytes."""
+
+_MOST_JOINTS: Final = 4 * 64
+_CLOCK: Final = 1e-6
+"""Rounding of MuJoCo's clock, which is a sum of steps, as a share of the time."""
 
 _SLACK_S: Final = 1e-9
 
@@ -98,36 +124,48 @@ class Record:
     torn: str
 
     @classmethod
-    def read(cls, folder: Path) -> Record:
-        """Read a record.
+    def read(cls, folder: Path, most_memory: int = MOST_MEMORY) -> Record:
+        """Read a record, whoever wrote it.
+
+        All of it is checked before anybody relies on it: files, sizes, types, names, shapes, and
+        that its parts fit each other. Models are checked when they are first asked for.
 
         Args:
             folder: Folder that ``--record`` was given.
+            most_memory: Bytes that the record may take in memory.
 
         Raises:
             ReplayError: There is no such folder, or no record in it.
-            HistoryError: Its history cannot be read.
+            HistoryError: A file of it cannot be read, is not what a run writes, or takes too much
+                memory; the message names the file, what is wrong, and what is expected.
         """
         if not folder.is_dir():
             raise ReplayError(f"there is no folder {folder}")
-        if not (folder / HISTORY).exists():
+        if not os.path.lexists(folder / HISTORY):
             raise ReplayError(f"{folder} holds no record: there is no {HISTORY} in it")
-        file = read_history(folder / HISTORY)
+        budget = Budget(most_memory)
+        file = read_history(folder / HISTORY, budget)
         if not file.blocks or file.blocks[0].kind != "start":
             raise HistoryError(f"{folder / HISTORY} has no whole block: the run had hardly begun")
-        of_kind = {
-            kind: tuple(block for block in file.blocks if block.kind == kind)
-            for kind in ("second", "end")
-        }
+        start = dict(file.blocks[0].data)
+        with _said_of(folder / HISTORY):
+            check_start(start)
+            models, seconds, ends = _blocks_of_run(start, file.blocks[1:])
+        arms: Mapping[str, Facts] = start["arms"]
+        with _said_of(folder / EVENTS):
+            events = _lines(folder / EVENTS, budget)
+            check_events(events, arms)
+        with _said_of(folder / SUMMARY):
+            summary = _summary(folder / SUMMARY, budget)
         return cls(
             folder=folder,
-            start=dict(file.blocks[0].data),
-            seconds=of_kind["second"],
-            models=_models(file.blocks),
-            events=tuple(_lines(folder / EVENTS)),
-            notes=tuple(note for block in of_kind["second"] for note in _notes(block)),
-            summary=_summary(folder / SUMMARY),
-            end=next((dict(block.data) for block in of_kind["end"]), None),
+            start=start,
+            seconds=seconds,
+            models=models,
+            events=tuple(events),
+            notes=tuple(note for block in seconds for note in _notes(block)),
+            summary=summary,
+            end=ends[0] if ends else None,
             torn=file.torn,
         )
 
@@ -221,28 +259,62 @@ class Record:
         return GripperState(*rows[at].astype(float).tolist())
 
     @cached_property
-    def _compiled(self) -> dict[int, mujoco.MjModel]:
-        return {}
+    def _compiled(self) -> OrderedDict[int, mujoco.MjModel]:
+        return OrderedDict()
 
     def model(self, generation: int) -> mujoco.MjModel:
-        """A compiled model of the run.
+        """A compiled model of the run; the last few that were asked for are kept.
 
         Raises:
-            ReplayError: This MuJoCo cannot read it: it was written by another version.
+            ReplayError: It is not there, this MuJoCo cannot read it (it was written by another
+                version, or is damaged), or the states of the record are not its.
         """
+        if generation not in self.models:
+            raise ReplayError(f"{self.folder} lacks the model of generation {generation}")
         if generation not in self._compiled:
-            if generation not in self.models:
-                raise ReplayError(f"{self.folder} lacks the model of generation {generation}")
-            name = f"generation_{generation}.mjb"
+            rows = [
+                block.arrays["states"]
+                for block in self._framed
+                if _generation(block) == generation
+            ]
+            where = f"{self.folder / HISTORY}: the model of generation {generation}"
             try:
-                model = mujoco.MjModel.from_binary_path(name, {name: self.models[generation]})
-            except (ValueError, mujoco.FatalError) as error:
+                model = stored_model(self.models[generation], [each[0] for each in rows[:1]])
+                self._compare_with(model, generation)
+            except ValueError as error:
                 wrote = self.start["versions"].get("mujoco", "?")
-                raise ReplayError(
-                    f"MuJoCo {mujoco.__version__} cannot read a model that {wrote} wrote: {error}"
-                ) from error
+                other = "" if wrote == mujoco.__version__ else (
+                    f"; MuJoCo {mujoco.__version__} reads it, {wrote} wrote it"
+                )
+                raise ReplayError(f"{where}: {error}{other}") from error
             self._compiled[generation] = model
+        self._compiled.move_to_end(generation)
+        while len(self._compiled) > _MOST_COMPILED:
+            self._compiled.popitem(last=False)
         return self._compiled[generation]
+
+    def _compare_with(self, model: mujoco.MjModel, generation: int) -> None:
+        """Compare states and arms' rows with a model.
+
+        Raises:
+            ValueError: They are of another one.
+        """
+        joints = [str(model.joint(joint).name) for joint in range(model.njnt)]
+        motors = [str(model.actuator(motor).name) for motor in range(model.nactuator)]
+        for block in self._framed:
+            if _generation(block) != generation:
+                continue
+            columns = block.arrays["states"].shape[1]
+            if columns != 1 + model.nq + model.nv:
+                raise ValueError(
+                    f"states have {columns} columns; it has {model.nq} positions and {model.nv} "
+                    "velocities"
+                )
+            for arm, rows in _rows_of_arms(block):
+                dof = rows.shape[1] // 4
+                own = (sum(name.startswith(f"{arm}/") for name in names) for names in (joints, motors))
+                if dof > min(own):
+                    raise ValueError(f"{arm} has {dof} set-points, and fewer joints or motors")
 
 
 def _generation(block: Block) -> int:
@@ -250,33 +322,158 @@ def _generation(block: Block) -> int:
     return int(number)
 
 
-def _models(blocks: tuple[Block, ...]) -> dict[int, bytes]:
-    reader = ModelReader()
-    return {_generation(each): reader.content(each) for each in blocks if each.kind == "model"}
-
-
 def _notes(block: Block) -> list[Facts]:
     notes: Any = block.data.get("notes", [])
     return list(notes)
 
 
-def _lines(path: Path) -> Iterator[Facts]:
-    """Objects of a file, a line each; a last line that is not whole is left out."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError:
-        return
-    for line in text.splitlines(keepends=True):
-        if line.endswith("\n"):
-            try:
-                yield json.loads(line)
-            except ValueError:
-                return
+def _blocks_of_run(
+    start: Facts, blocks: Sequence[Block]
+) -> tuple[ModelReader, tuple[Block, ...], list[Facts]]:
+    """Models, seconds, and facts of the end; blocks of other kinds are passed over.
+
+    Raises:
+        ValueError: A block is not what a run writes.
+    """
+    models, seconds, ends = ModelReader(), list[Block](), list[Facts]()
+    steps, time = 0, 0.0
+    for number, block in enumerate(blocks, 1):
+        try:
+            if block.kind == "model":
+                check_model(dict(block.data))
+                models.add(block)
+            elif block.kind == "second":
+                check_second(dict(block.data), start["arms"])
+                steps, time = _checked_numbers(block, start, models, steps, time)
+                seconds.append(block)
+            elif block.kind == "end":
+                check_end(dict(block.data))
+                ends.append(dict(block.data))
+        except ValueError as error:
+            raise ValueError(f"block {number}: {error}") from error
+    return models, tuple(seconds), ends
 
 
-def _summary(path: Path) -> Facts | None:
-    try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError):
+def _checked_numbers(
+    block: Block, start: Facts, models: Mapping[int, bytes], steps: int, time: float
+) -> tuple[int, float]:
+    """Check the arrays of a second.
+
+    Args:
+        block: The second.
+        start: Facts that the run began with.
+        models: Models until then.
+        steps: Steps of the seconds before.
+        time: Time of the last state before.
+
+    Returns:
+        Steps, and the time of the last state, with this second.
+
+    Raises:
+        ValueError: They do not fit each other, the model or the seconds before.
+    """
+    if _generation(block) not in models:
+        raise ValueError(f"there is no model of generation {_generation(block)} before it")
+    if block.data["first_step"] != steps:
+        raise ValueError(f"first_step is {block.data['first_step']}; expected {steps}")
+    checksums = _array(block, "checksums", np.uint32, 1)
+    rows = _array(block, "rows", np.uint32, 1).astype(np.int64)
+    if len(rows) and not (
+        (np.diff(rows) > 0).all() and steps <= rows[0] and rows[-1] < steps + len(checksums)
+    ):
+        raise ValueError(
+            f"rows are not ascending numbers of steps from {steps} to {steps + len(checksums) - 1}"
+        )
+    if "states" not in block.arrays:
+        if len(rows):
+            raise ValueError(f"array 'states' is missing; rows has {len(rows)}")
+        return steps + len(checksums), time
+    states = _array(block, "states", np.float64, 2)
+    if not len(rows) or states.shape[0] != len(rows) or states.shape[1] < 1:
+        raise ValueError(f"states is of shape {states.shape}; rows has {len(rows)}")
+    expected = (rows + 1) * float(start["timestep"])
+    if (np.abs(states[:, 0] - expected) > _CLOCK * (1.0 + expected)).any():
+        raise ValueError("times of states are not those of their steps")
+    if expected[-1] > LONGEST_S:
+        raise ValueError(f"the run is longer than {LONGEST_S:g} s")
+    for arm, sent in _rows_of_arms(block):
+        if arm not in start["arms"]:
+            raise ValueError(f"array 'arm:{arm[:80]}' is of no arm of the run")
+        if sent.ndim != 2 or sent.dtype != np.float32 or not len(sent) <= len(rows):
+            raise ValueError(
+                f"array 'arm:{arm}' is {sent.dtype} of shape {sent.shape}; "
+                f"expected float32 of shape (up to {len(rows)}, 4 dof)"
+            )
+        if not 4 <= sent.shape[1] <= _MOST_JOINTS or sent.shape[1] % 4:
+            raise ValueError(f"array 'arm:{arm}' has {sent.shape[1]} columns; expected 4 dof")
+        _refuse_infinite(sent, f"arm:{arm}")
+    _refuse_infinite(states, "states")
+    return steps + len(checksums), float(states[-1, 0])
+
+
+def _rows_of_arms(block: Block) -> Iterator[tuple[str, npt.NDArray[np.generic]]]:
+    """What each arm was sent, by its name."""
+    for name, rows in block.arrays.items():
+        prefix, colon, arm = name.partition(":")
+        if (prefix, colon) == ("arm", ":"):
+            yield arm, rows
+
+
+def _array(
+    block: Block, name: str, kind: type[np.generic], dimensions: int
+) -> npt.NDArray[np.generic]:
+    if name not in block.arrays:
+        raise ValueError(f"array {name!r} is missing")
+    array = block.arrays[name]
+    if array.dtype != np.dtype(kind) or array.ndim != dimensions:
+        raise ValueError(
+            f"array {name!r} is {array.dtype} of shape {array.shape}; "
+            f"expected {np.dtype(kind)} of {dimensions} dimensions"
+        )
+    return array
+
+
+def _refuse_infinite(array: npt.NDArray[np.generic], name: str) -> None:
+    # Beyond MuJoCo's mjMAXVAL a simulation has diverged: no state is kept then.
+    if not (np.abs(array) <= mujoco.mjMAXVAL).all():  # type: ignore[operator]  # of numbers
+        raise ValueError(f"array {name!r} has numbers that are not finite, or beyond 1e10")
+
+
+def _lines(path: Path, budget: Budget) -> list[Facts]:
+    """Objects of a file, a line each; a last line that is not whole is left out.
+
+    Raises:
+        ValueError: A line is no object of JSON.
+    """
+    if not os.path.lexists(path):
+        return []
+    events = []
+    for number, line in enumerate(read_regular(path).split(b"\n")[:-1], 1):
+        try:
+            event = parsed(line, budget)
+        except ValueError as error:
+            raise ValueError(f"line {number}: {error}") from error
+        events.append(event)
+    return events
+
+
+def _summary(path: Path, budget: Budget) -> Facts | None:
+    """The summary; None of a run that was killed.
+
+    Raises:
+        ValueError: It is not what a run writes.
+    """
+    if not os.path.lexists(path):
         return None
-    return content if isinstance(content, dict) else None
+    content: Facts = parsed(read_regular(path), budget)
+    check_summary(content)
+    return content
+
+
+@contextmanager
+def _said_of(path: Path) -> Iterator[None]:
+    """Have whatever is wrong with a file say which one it is."""
+    try:
+        yield
+    except ValueError as error:
+        raise HistoryError(f"{path}: {error}") from error
