@@ -33,6 +33,9 @@ _OBJECTS: Final = 500_000
 run makes until it moves. What is imported stays, and a run leaves none: to look after every 700
 took a tenth of the start, after every 100,000 still 0.09 s."""
 
+_READERS: Final = frozenset({"bt-why", "bt-replay", "bt-record"})
+"""Programs that print what stands in a record, which may come from a stranger."""
+
 _LEAVING_S: Final = 1.0
 """Seconds that threads get which somebody has started and which keep Python from ending."""
 
@@ -51,7 +54,7 @@ def entered(program: str, argv: Sequence[str] | None) -> int:
     prepare_imports()
     if argv is None:  # the process is ours
         gc.set_threshold(_OBJECTS)
-    with early_signals(leaving=argv is None) as signals, outlets(program) as output:
+    with early_signals(leaving=argv is None) as signals, outlets(program, is_plain=program in _READERS) as output:
         try:
             with signals.interrupting():
                 code = _ended(program, argv)
@@ -105,10 +108,11 @@ def _leave_threads(program: str, code: int) -> None:
 def complain(program: str, error: DualArmError) -> None:
     """Errors that name their place say it all; the others say who is talking."""
     from bt_dualarm.spec.problems import SpecError
+    from bt_dualarm.spec.wording import escaped
     from bt_dualarm.world.urdf.xml_source import DescriptionError
 
     prefix = "" if isinstance(error, (SpecError, DescriptionError)) else f"{program}: error: "
-    print(f"{prefix}{error}", file=sys.stderr)
+    print(f"{prefix}{escaped(str(error))}", file=sys.stderr)
 
 
 def prepare_imports() -> None:

@@ -18,23 +18,34 @@ class Outlet:
 
     Args:
         stream: The stream that it stands before.
+        is_plain: Whether nothing that goes through it may move or colour anything: what a
+            terminal would act on is written out, wherever it came from.
 
     Attributes:
         error: What kept it from writing, None while it could.
     """
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: TextIO, *, is_plain: bool = False) -> None:
         self._stream = stream
+        self._is_plain = is_plain
         self.error: OSError | None = None
 
     def write(self, text: str) -> int:
         """Write, or lose the text."""
         if self.error is None:
             try:
-                return self._stream.write(text)
+                self._stream.write(self._plain(text) if self._is_plain else text)
             except OSError as error:
                 self._give_up(error)
         return len(text)
+
+    @staticmethod
+    def _plain(text: str) -> str:
+        if text.replace("\n", "").isprintable():
+            return text
+        from bt_dualarm.spec.wording import escaped  # which takes a while at the first time
+
+        return escaped(text)
 
     def flush(self) -> None:
         """Write what is held back, or lose it."""
@@ -86,14 +97,18 @@ class Output:
 
 
 @contextmanager
-def outlets(program: str) -> Iterator[Output]:
+def outlets(program: str, *, is_plain: bool = False) -> Iterator[Output]:
     """Put outlets before standard output and standard error for the time of the block.
 
     One that is closed is None to Python, which libraries do not expect: it leads nowhere then.
+
+    Args:
+        program: Name of the program, for complaints.
+        is_plain: Whether no control character gets through, as of `Outlet`.
     """
     before = sys.stdout, sys.stderr
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
-        out, err = (Outlet(stream or nowhere) for stream in before)
+        out, err = (Outlet(stream or nowhere, is_plain=is_plain) for stream in before)
         sys.stdout, sys.stderr = cast("TextIO", out), cast("TextIO", err)
         try:
             yield Output(program, out)

@@ -68,15 +68,23 @@ class Budget:
             )
 
 
-def open_regular(path: Path, most: int = MOST_FILE) -> tuple[BinaryIO, int]:
+def open_regular(
+    path: Path, most: int = MOST_FILE, *, links: bool = False
+) -> tuple[BinaryIO, int]:
     """Open a file for reading; its size as it is now, too.
+
+    Args:
+        path: The file.
+        most: Bytes that it may have.
+        links: Whether the file may be a symbolic link: one of a record may lead anywhere.
 
     Raises:
         HistoryError: It is not there, no regular file (a link, a pipe, a device), or too large.
     """
     try:
         # Without O_NONBLOCK opening a pipe waits for whoever writes to it.
-        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+        descriptor = os.open(path, flags if links else flags | os.O_NOFOLLOW)
     except OSError as error:
         if error.errno == errno.ELOOP:
             raise HistoryError(f"{path}: is a symbolic link; expected a regular file") from error
@@ -96,13 +104,13 @@ def open_regular(path: Path, most: int = MOST_FILE) -> tuple[BinaryIO, int]:
     return os.fdopen(descriptor, "rb"), found.st_size
 
 
-def read_regular(path: Path, most: int = MOST_FILE) -> bytes:
-    """All of a file, as large as it is when it is opened.
+def read_regular(path: Path, most: int = MOST_FILE, *, links: bool = False) -> bytes:
+    """All of a file, as large as it is when it is opened; arguments as of `open_regular`.
 
     Raises:
         HistoryError: As of `open_regular`, or it cannot be read.
     """
-    file, size = open_regular(path, most)
+    file, size = open_regular(path, most, links=links)
     with file:
         try:
             return file.read(size)

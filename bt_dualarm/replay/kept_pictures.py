@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
+import PIL.Image
 
 from bt_dualarm.recording.block import Block
-from bt_dualarm.recording.history_file import blocks_of
+from bt_dualarm.recording.history_file import HistoryError, blocks_of
 from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.record_facts import check_picture
 from bt_dualarm.runtime.record_folder import FRAMES
 from bt_dualarm.world.rendering.renderer import Image, Region, enter_blocks
 
@@ -63,18 +67,42 @@ def kept_pictures(record: Record) -> Iterator[KeptPicture]:
     There are none of a run that kept none.
 
     Raises:
-        HistoryError: The file is there, and of another kind.
+        HistoryError: The file is there, and of another kind, or a picture is not what is said of
+            it.
     """
     path = record.folder / FRAMES
-    if path.exists():
-        for block in blocks_of(path):
+    if os.path.lexists(path):
+        for number, block in enumerate(blocks_of(path)):
             if block.kind == "picture":
-                yield _picture(block)
+                try:
+                    yield _picture(block, record)
+                except ValueError as error:
+                    raise HistoryError(f"{path}: picture {number}: {error}") from error
 
 
-def _picture(block: Block) -> KeptPicture:
+def _picture(block: Block, record: Record) -> KeptPicture:
+    """A picture, whose JPEG has the size that is said: another could take any memory.
+
+    Raises:
+        ValueError: It has not, or something is missing, or of another type.
+    """
     said: Any = block.data
+    check_picture(said)
+    if said["arm"] not in record.arms:
+        raise ValueError(f"there is no arm {said['arm']!r}")
+    jpeg = block.arrays.get("jpeg")
+    if jpeg is None or jpeg.dtype != np.uint8 or jpeg.ndim != 1:
+        raise ValueError("expected an array of bytes `jpeg`")
     left, top, right, bottom = said["region"]
+    stride = said["stride"]
+    expected = -(-(right - left) // stride), -(-(bottom - top) // stride)
+    try:
+        with PIL.Image.open(io.BytesIO(jpeg.tobytes()), formats=("JPEG",)) as image:
+            size = image.size
+    except (OSError, SyntaxError, ValueError) as error:
+        raise ValueError(f"its bytes are no JPEG: {error}") from error
+    if size != expected:
+        raise ValueError(f"is of {size[0]} by {size[1]} pixels; expected {expected}")
     width, height = said["size"]
     return KeptPicture(
         said["arm"],
@@ -83,5 +111,5 @@ def _picture(block: Block) -> KeptPicture:
         (left, top, right, bottom),
         int(said["stride"]),
         (width, height),
-        block.arrays["jpeg"].tobytes(),
+        jpeg.tobytes(),
     )

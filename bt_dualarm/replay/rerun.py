@@ -6,9 +6,10 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from bt_dualarm.preflight.check import check
+from bt_dualarm.recording.untrusted import HistoryError, read_regular
 from bt_dualarm.replay.record import Facts, Record
 from bt_dualarm.runtime.options import RunOptions, checked_reality
 from bt_dualarm.runtime.processor import processor
@@ -19,6 +20,9 @@ from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node import NodeSpec
 from bt_dualarm.spec.reader import read_text
 from bt_dualarm.spec.source import Source
+
+_MOST_SOURCE: Final = 1 << 24
+"""Bytes of a file of code, or of a page, that is compared with a record."""
 
 
 @dataclass(frozen=True)
@@ -132,19 +136,24 @@ def _included(record: Record) -> dict[str, str]:
     (name, _), *included = record.start["texts"].items()
     there, given = Path(record.start["path"]), Path(name)
     # The paths may start from the folder that the run was started in.
-    root = Path() if given.is_absolute() else there.parents[len(given.parts) - 1]
+    above = [*there.parents, Path()]
+    root = Path() if given.is_absolute() else above[min(len(given.parts), len(above)) - 1]
     return {str(root / path): text for path, text in included}
 
 
 def _lines_of(path: Path) -> list[str]:
     try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError):
+        return read_regular(path, _MOST_SOURCE, links=True).decode("utf-8-sig").splitlines()
+    except (HistoryError, ValueError):
         return []
 
 
 def _digest(path: Path) -> str:
+    """SHA-256 of a file, which a record names: of no pipe or device, and no more than there may be.
+
+    Empty where there is no such file.
+    """
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
+        return hashlib.sha256(read_regular(path, _MOST_SOURCE, links=True)).hexdigest()
+    except HistoryError:
         return ""

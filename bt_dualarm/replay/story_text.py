@@ -7,13 +7,14 @@ from collections.abc import Iterator
 
 from bt_dualarm.replay.record import Facts, Record
 from bt_dualarm.replay.story import Story
+from bt_dualarm.spec.wording import escaped
 
 _MOST_NUMBERS = 12
 
 
 def story_text(story: Story) -> str:
-    """All of a story, several lines."""
-    return "\n".join(_lines(story))
+    """All of a story, several lines; text of the record cannot begin a line of its own."""
+    return "\n".join(escaped(line, keep="") for line in _lines(story))
 
 
 def _lines(story: Story) -> Iterator[str]:

@@ -13,6 +13,10 @@ import mujoco
 
 from bt_dualarm.replay.arm_parts import file_part, held_over_time
 from bt_dualarm.replay.record import Record
+from bt_dualarm.spec.wording import escaped
+
+_FORMULAS: Final = frozenset("=+-@\t\r\n\uff1d\uff0b\uff0d\uff20")
+"""Characters with which a cell begins that a spreadsheet takes for a formula, wide ones too."""
 
 
 def tables_of(record: Record) -> Iterator[tuple[str, str]]:
@@ -46,8 +50,8 @@ def tables_of(record: Record) -> Iterator[tuple[str, str]]:
 def _table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(rows)
+    writer.writerow(map(_inert, columns))
+    writer.writerows([*map(_inert, row)] for row in rows)
     return text.getvalue()
 
 
@@ -59,6 +63,17 @@ def _notes(record: Record) -> Iterator[Sequence[object]]:
 
 def _cell(value: object) -> object:
     return json.dumps(value) if isinstance(value, dict) else value
+
+
+def _inert(cell: object) -> object:
+    """A text that no spreadsheet takes for a formula, as OWASP recommends (CSV injection).
+
+    Numbers stay as they are. Characters that a terminal would act on are written out.
+    """
+    if not isinstance(cell, str):
+        return cell
+    text = escaped(cell)
+    return f"'{text}" if cell and cell[0] in _FORMULAS else text
 
 
 def _arm_columns(dof: int) -> list[str]:

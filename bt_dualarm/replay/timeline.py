@@ -109,7 +109,8 @@ class Node:
 
     def begun(self, end: Change) -> Change:
         """The change with which the run began that this one ended."""
-        return self.last("RUNNING", before=end.index) if end.old == "RUNNING" else end  # type: ignore[return-value]  # it ran
+        began = self.last("RUNNING", before=end.index) if end.old == "RUNNING" else None
+        return began or end
 
     def status_at(self, time: float) -> str:
         """Status after all that happened until then."""
