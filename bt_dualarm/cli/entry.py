@@ -54,7 +54,10 @@ def entered(program: str, argv: Sequence[str] | None) -> int:
     prepare_imports()
     if argv is None:  # the process is ours
         gc.set_threshold(_OBJECTS)
-    with early_signals(leaving=argv is None) as signals, outlets(program, is_plain=program in _READERS) as output:
+    with (
+        early_signals(leaving=argv is None) as signals,
+        outlets(program, is_plain=program in _READERS) as output,
+    ):
         try:
             with signals.interrupting():
                 code = _ended(program, argv)

@@ -167,15 +167,59 @@ def complaint_about(model: mujoco.MjModel) -> str:
     return ""
 
 
-_UNUSED: Final = (
-    "na nbvhdynamic noct nflex nflexnode nflexvert nflexedge nflexelem nflexelemdata "
-    "nflexstiffness nflexbending nefm0dof nefm0L nefmCvert nflexelemedge nflexshelldata "
-    "nflextexcoord nJfe nmeshtexcoord nskin nskinvert nskintexvert nskinface nskinbone "
-    "nskinbonevert nhfield nhfielddata npair nnumeric nnumericdata ntext ntextdata ntuple "
-    "ntupledata nkey nmocap nplugin npluginattr npluginstate nuser_body nuser_jnt nuser_geom "
-    "nuser_site nuser_cam nuser_tendon nuser_actuator nuser_sensor nplastic ngravcomp nuserdata "
-    "nhistory"
-).split()
+_UNUSED: Final = [
+    "na",
+    "nbvhdynamic",
+    "noct",
+    "nflex",
+    "nflexnode",
+    "nflexvert",
+    "nflexedge",
+    "nflexelem",
+    "nflexelemdata",
+    "nflexstiffness",
+    "nflexbending",
+    "nefm0dof",
+    "nefm0L",
+    "nefmCvert",
+    "nflexelemedge",
+    "nflexshelldata",
+    "nflextexcoord",
+    "nJfe",
+    "nmeshtexcoord",
+    "nskin",
+    "nskinvert",
+    "nskintexvert",
+    "nskinface",
+    "nskinbone",
+    "nskinbonevert",
+    "nhfield",
+    "nhfielddata",
+    "npair",
+    "nnumeric",
+    "nnumericdata",
+    "ntext",
+    "ntextdata",
+    "ntuple",
+    "ntupledata",
+    "nkey",
+    "nmocap",
+    "nplugin",
+    "npluginattr",
+    "npluginstate",
+    "nuser_body",
+    "nuser_jnt",
+    "nuser_geom",
+    "nuser_site",
+    "nuser_cam",
+    "nuser_tendon",
+    "nuser_actuator",
+    "nuser_sensor",
+    "nplastic",
+    "ngravcomp",
+    "nuserdata",
+    "nhistory",
+]
 """Sizes of what no model of this project has."""
 
 
@@ -257,8 +301,7 @@ _INDICES: Final = {
     "mapD2M": "?nD", "D_diag": "nv", "bvh_child": "?nbvh", "names_map": "?nnames",
     **{
         f"name_{what}adr": "nnames"
-        for what in "body jnt geom site cam light mesh tex mat exclude eq tendon actuator "
-        "sensor".split()
+        for what in ["body", "jnt", "geom", "site", "cam", "light", "mesh", "tex", "mat", "exclude", "eq", "tendon", "actuator", "sensor"]
     },
 }  # fmt: skip
 """What each index counts; with a question mark -1 is none."""
@@ -296,21 +339,25 @@ _RANGES: Final = (
 def _ranges(model: Any) -> str:
     pairs = [(names, getattr(model, names[0]), getattr(model, names[1])) for names in _RANGES]
     kinds = model.jnt_type
-    if kinds.size and not (0 <= kinds.min() and kinds.max() <= 3):
+    if kinds.size and not (kinds.min() >= 0 and kinds.max() <= 3):
         return "jnt_type has another kind than free, ball, slide and hinge"
     pairs += [
         (("jnt_qposadr", "jnt_type", "nq"), model.jnt_qposadr, np.array((7, 4, 1, 1))[kinds]),
         (("jnt_dofadr", "jnt_type", "nv"), model.jnt_dofadr, np.array((6, 3, 1, 1))[kinds]),
     ]
     shape = [getattr(model, f"tex_{side}").astype(np.int64) for side in ("width", "height")]
-    if model.ntex and not (1 <= min(map(np.min, shape)) and max(map(np.max, shape)) <= 16_384):
+    if model.ntex and not (min(map(np.min, shape)) >= 1 and max(map(np.max, shape)) <= 16_384):
         return "a texture has no size, or more than 16384 pixels"
     pixels = shape[0] * shape[1] * model.tex_nchannel
     pairs.append((("tex_adr", "tex_nchannel", "ntexdata"), model.tex_adr, pixels))
     for (first, count, total), starts, counts in pairs:
         here = counts != 0
         ends = starts.astype(np.int64) + counts
-        if (counts < 0).any() or (starts[here] < 0).any() or (ends > getattr(model, total))[here].any():
+        if (
+            (counts < 0).any()
+            or (starts[here] < 0).any()
+            or (ends > getattr(model, total))[here].any()
+        ):
             return f"{first} and {count} go beyond {total}"
     return ""
 
@@ -356,7 +403,7 @@ def _kinds(model: Any) -> str:
         return "a geom is a mesh, and names none"
     if ((model.cam_fovy <= 0) | (model.cam_fovy >= 180)).any():
         return "cam_fovy is not between 0 and 180"
-    if model.ncam and not (0 < model.cam_resolution.min() and model.cam_resolution.max() <= 4096):
+    if model.ncam and not (model.cam_resolution.min() > 0 and model.cam_resolution.max() <= 4096):
         return "cam_resolution is not from 1 to 4096"
     if model.nsensor and len(set(map(bytes, model.sensor_intprm))) > 1:
         return "sensor_intprm differs from sensor to sensor"
@@ -371,17 +418,23 @@ def _kinds(model: Any) -> str:
     ]
     for name, values, kinds, counted, least in references:
         for value, kind in zip(values.tolist(), kinds.tolist(), strict=True):
-            total = getattr(model, counted[type(next(iter(counted)))(kind)], -1) if any(
-                int(each) == kind for each in counted
-            ) else -1
+            total = (
+                getattr(model, counted[type(next(iter(counted)))(kind)], -1)
+                if any(int(each) == kind for each in counted)
+                else -1
+            )
             if not least <= value < total:
                 return f"{name} is {value} of kind {kind}: there is no such thing"
     joints = model.eq_type == mujoco.mjtEq.mjEQ_JOINT
     if ((model.eq_objtype == _Obj.mjOBJ_JOINT) != joints).any():
         return "eq_objtype does not fit eq_type"
-    if joints.any() and not np.isin(
-        model.jnt_type[np.concatenate((model.eq_obj1id[joints], model.eq_obj2id[joints]))], (2, 3)
-    ).all():
+    if (
+        joints.any()
+        and not np.isin(
+            model.jnt_type[np.concatenate((model.eq_obj1id[joints], model.eq_obj2id[joints]))],
+            (2, 3),
+        ).all()
+    ):
         return "an equality couples joints that are neither slides nor hinges"
     return ""
 
@@ -425,7 +478,10 @@ def _tree(model: Any) -> str:
             return f"{matrix}_rowadr does not follow {matrix}_rownnz"
         inner = np.ones(len(columns), bool)
         inner[first[count > 0]] = False
-        if int(count.sum()) != getattr(model, total) or (np.diff(columns, prepend=-1)[inner] <= 0).any():
+        if (
+            int(count.sum()) != getattr(model, total)
+            or (np.diff(columns, prepend=-1)[inner] <= 0).any()
+        ):
             return f"{matrix}_colind does not ascend along its rows"
     if model.nv and not (model.D_diag < model.D_rownnz).all():
         return "D_diag is outside of its row"
@@ -526,7 +582,7 @@ def _boxes(model: Any, first: int, count: int, leaves: int) -> str:
     if ((node >= 0) != is_leaf).any() or (node >= leaves).any() or (node < -1).any():
         return "bvh_nodeid is of nothing"
     depth = model.bvh_depth[first : first + count]
-    if not (0 <= depth.min() and depth.max() <= 1000):
+    if not (depth.min() >= 0 and depth.max() <= 1000):
         return "bvh_depth is out of range"
     return ""
 

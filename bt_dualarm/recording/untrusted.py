@@ -68,9 +68,7 @@ class Budget:
             )
 
 
-def open_regular(
-    path: Path, most: int = MOST_FILE, *, links: bool = False
-) -> tuple[BinaryIO, int]:
+def open_regular(path: Path, most: int = MOST_FILE, *, links: bool = False) -> tuple[BinaryIO, int]:
     """Open a file for reading; its size as it is now, too.
 
     Args:

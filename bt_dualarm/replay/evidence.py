@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -15,6 +16,9 @@ from bt_dualarm.spec.ports import REFERENCE
 
 LOOK_BACK_S: Final = 1.0
 """Seconds before the end of a leaf that are told about."""
+
+_WITH_UNIT: Final = re.compile(r"_(m|mm|rad|deg|n|nm|kg|s|hz|px|px2|share|rad_s|m_s)$")
+"""The end of a name of a number, as `bt_dualarm.errors.Failure` has them."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +83,15 @@ class Evidence:
 
     @property
     def numbers(self) -> Mapping[str, Any]:  # numbers and names, as JSON has them
-        """Metrics, and the numbers of its failure."""
-        return {} if self.verdict.end is None else self.verdict.end.metrics
+        """Metrics, and the numbers of its failure; what has a unit in its name is a number."""
+        if self.verdict.end is None:
+            return {}
+        return {
+            name: value
+            for name, value in self.verdict.end.metrics.items()
+            if not _WITH_UNIT.search(name)
+            or (isinstance(value, float | int) and not isinstance(value, bool))
+        }
 
     @property
     def ended(self) -> float:

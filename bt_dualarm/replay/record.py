@@ -273,9 +273,7 @@ class Record:
             raise ReplayError(f"{self.folder} lacks the model of generation {generation}")
         if generation not in self._compiled:
             rows = [
-                block.arrays["states"]
-                for block in self._framed
-                if _generation(block) == generation
+                block.arrays["states"] for block in self._framed if _generation(block) == generation
             ]
             where = f"{self.folder / HISTORY}: the model of generation {generation}"
             try:
@@ -283,8 +281,10 @@ class Record:
                 self._compare_with(model, generation)
             except ValueError as error:
                 wrote = self.start["versions"].get("mujoco", "?")
-                other = "" if wrote == mujoco.__version__ else (
-                    f"; MuJoCo {mujoco.__version__} reads it, {wrote} wrote it"
+                other = (
+                    ""
+                    if wrote == mujoco.__version__
+                    else (f"; MuJoCo {mujoco.__version__} reads it, {wrote} wrote it")
                 )
                 raise ReplayError(f"{where}: {error}{other}") from error
             self._compiled[generation] = model
@@ -312,7 +312,9 @@ class Record:
                 )
             for arm, rows in _rows_of_arms(block):
                 dof = rows.shape[1] // 4
-                own = (sum(name.startswith(f"{arm}/") for name in names) for names in (joints, motors))
+                own = (
+                    sum(name.startswith(f"{arm}/") for name in names) for names in (joints, motors)
+                )
                 if dof > min(own):
                     raise ValueError(f"{arm} has {dof} set-points, and fewer joints or motors")
 

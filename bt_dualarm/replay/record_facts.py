@@ -51,9 +51,7 @@ def _printable(text: str) -> str:
     return text
 
 
-Label: TypeAlias = Annotated[
-    str, StringConstraints(max_length=300), AfterValidator(_printable)
-]
+Label: TypeAlias = Annotated[str, StringConstraints(max_length=300), AfterValidator(_printable)]
 _Place: TypeAlias = Annotated[
     str, StringConstraints(min_length=1, max_length=8192), AfterValidator(_printable)
 ]
@@ -80,7 +78,9 @@ class _Facts(BaseModel):
 class _Node(_Facts):
     """A node of a tree with those below it."""
 
-    kind: Annotated[str, StringConstraints(min_length=1, max_length=100), AfterValidator(_printable)]
+    kind: Annotated[
+        str, StringConstraints(min_length=1, max_length=100), AfterValidator(_printable)
+    ]
     name: _NodeName
     ports: _Ports
     place: _Place
@@ -214,9 +214,7 @@ class _Picture(_Facts):
     stamp: _Stamp
     region: Region
     stride: Annotated[int, Field(ge=1, le=1000)]
-    size: Annotated[
-        list[Annotated[int, Field(ge=1, le=4096)]], Field(min_length=2, max_length=2)
-    ]
+    size: Annotated[list[Annotated[int, Field(ge=1, le=4096)]], Field(min_length=2, max_length=2)]
 
 
 _NOTES: Final[Mapping[str, TypeAdapter[Any]]] = {
@@ -364,7 +362,7 @@ def _check(adapter: TypeAdapter[Any], facts: object, where: str) -> None:
 def _check_spec(model: Any, facts: object, where: str) -> None:  # Any: a model or an adapter
     """Check facts that a model of the tree file has written."""
     if not isinstance(facts, dict):
-        raise ValueError(f"{where}: expected an object of JSON")  # noqa: TRY004 - as the others
+        raise ValueError(f"{where}: expected an object of JSON")
     try:
         model.model_validate(with_tuples(facts))
     except ValidationError as error:

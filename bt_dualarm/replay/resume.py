@@ -104,7 +104,8 @@ def _relived(
 ) -> Past:
     timestep = float(record.start["timestep"])
     for arm, known in pictures.items():
-        run.assembly.sights[arm].known = known
+        if arm in run.assembly.sights:  # another tree may have other cameras
+            run.assembly.sights[arm].known = known
     past = Past(record, run.world, steps)
     run.watch(past)
     while past.steps < steps and not past.differs and not run.done and not stop.asked:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import json
 import os
 import stat
 from collections.abc import Iterable
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from bt_dualarm.errors import DualArmError
+from bt_dualarm.recording.untrusted import Budget, HistoryError, file_kind, parsed, read_regular
 from bt_dualarm.runtime.atomic_write import leftovers
 
 SUMMARY, EVENTS, SAMPLES = "summary.json", "events.jsonl", "samples.npz"
@@ -31,6 +31,9 @@ _PLOTS: Final = ("plane", "time")
 
 _OF_OURS: Final = frozenset({"outcome", "state_sha256", "arms"})
 """Keys by which the summary of a run is known."""
+
+_MOST_SUMMARY: Final = 1 << 26
+"""Bytes of a summary: of a run of a day with all of its leaves a hundredth."""
 
 _NO_LOCKS: Final = frozenset({errno.ENOLCK, errno.EOPNOTSUPP})
 """What file systems say that know no locks: there nobody can be kept out."""
@@ -125,7 +128,7 @@ def _refuse_other_kinds(path: Path) -> None:
         return
     if not stat.S_ISREG(mode):
         raise RecordError(
-            f"cannot record to {path.parent}: {path.name} is there and is {_kind(mode)}, "
+            f"cannot record to {path.parent}: {path.name} is there and is {file_kind(mode)}, "
             "not a regular file"
         )
 
@@ -146,16 +149,6 @@ def _remove_parts(folder: Path) -> None:
     for part in folder.glob("*.npy"):
         part.unlink()
     folder.rmdir()
-
-
-def _kind(mode: int) -> str:
-    kinds = (
-        (stat.S_ISFIFO, "a pipe"),
-        (stat.S_ISSOCK, "a socket"),
-        (stat.S_ISDIR, "a folder"),
-        (stat.S_ISLNK, "a symbolic link"),
-    )
-    return next((words for is_such, words in kinds if is_such(mode)), "a device")
 
 
 def _cannot(path: Path, error: OSError) -> RecordError:
@@ -190,9 +183,9 @@ def _locked(path: Path) -> int:
 def _arms_of_earlier_run(summary: Path) -> list[str] | None:
     """Names of the arms of the run whose summary this is, None where it is of no run."""
     try:
-        content = json.loads(summary.read_bytes())
+        content = parsed(read_regular(summary, _MOST_SUMMARY), Budget())
         return [*map(str, content["arms"])] if content.keys() >= _OF_OURS else None
-    except (FileNotFoundError, NotADirectoryError, ValueError, KeyError, TypeError, AttributeError):
+    except (HistoryError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 

@@ -8,7 +8,6 @@ from typing import Final
 from bt_dualarm.spec.ports import shown
 from bt_dualarm.spec.source import Data
 
-
 _ACTED_ON: Final = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Categories of characters by which a terminal moves, colours, hides or turns around text."""
 

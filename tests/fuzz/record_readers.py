@@ -1,0 +1,160 @@
+"""Every reader of records, held to what it owes to whoever reads the record of a stranger."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import shutil
+import signal
+import unicodedata
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from bt_dualarm import cli
+from bt_dualarm.errors import DualArmError
+from bt_dualarm.live.past_answers import RecordView
+from bt_dualarm.runtime.record_folder import RecordFolder
+
+LONGEST_S: Final = 120
+"""Seconds on the wall for one reading of one small record: none needs ten where nothing else runs."""
+
+_ACTED_ON: Final = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+
+
+def _export(form: str, name: str) -> Callable[[Path, Path], int]:
+    return lambda record, out: cli.record(["export", str(record), f"--{form}", str(out / name)])
+
+
+def _view(record: Path, _: Path) -> int:
+    """What a page asks, as the server asks it: the project's own errors are answers."""
+    view = RecordView(record)
+    asked = [
+        ("now", {}), ("log", {}), ("scene", {"generation": "0"}), ("series", {}), ("why", {}),
+        ("at", {"t": "0.0"}), ("at", {"t": "0.3"}), ("at", {"t": "9"}), ("eye", {"arm": "arm1", "t": "0.2"}),
+    ]  # fmt: skip
+    for name, query in asked:
+        with contextlib.suppress(DualArmError):
+            view.questions[name](query)
+    return 0
+
+
+def _recorded_over(record: Path, out: Path) -> int:
+    """A run that is recorded where such a record lies takes away what was written, and no more."""
+    copy = out / "again"
+    shutil.copytree(record, copy, symlinks=True, copy_function=_copied)
+    with RecordFolder(copy, ["arm1"]):
+        return 0
+
+
+def _copied(source: str, target: str) -> None:
+    if os.path.isfile(source) or os.path.islink(source):  # noqa: PTH113, PTH114 - of text
+        shutil.copy2(source, target, follow_symlinks=False)
+
+
+QUICK: Final[dict[str, Callable[[Path, Path], int]]] = {
+    "bt-why": lambda record, _: cli.why([str(record)]),
+    "bt-why --json": lambda record, _: cli.why([str(record), "--json"]),
+    "bt-why TIME": lambda record, _: cli.why([str(record), "0.2"]),
+    "--html": _export("html", "page.html"),
+    "--csv": _export("csv", "tables"),
+    "--mcap": _export("mcap", "run.mcap"),
+    "view": _view,
+    "--record": _recorded_over,
+}
+SLOW: Final[dict[str, Callable[[Path, Path], int]]] = {
+    "--lerobot": _export("lerobot", "data"),
+    "--webp": _export("webp", "film.webp"),
+    "--mp4": _export("mp4", "film.mp4"),
+    "--check": lambda record, _: cli.replay([str(record), "--check"]),
+    "--resume": lambda record, _: cli.run(["--resume", f"{record}@0.2", "--display", "quiet"]),
+}
+"""Readers that draw films, or run the tree again."""
+
+
+@dataclass
+class Count:
+    """What came of readings.
+
+    Attributes:
+        readings: Number of them.
+        refused: Those that ended with an error for people.
+        faults: What must not be: reader, what was read, and what is wrong.
+    """
+
+    readings: int = 0
+    refused: int = 0
+    faults: list[tuple[str, str, str]] | None = None
+
+    def __post_init__(self) -> None:
+        self.faults = []
+
+
+@contextlib.contextmanager
+def _limited(seconds: int) -> Iterator[None]:
+    def late(*_: object) -> None:
+        raise TimeoutError(f"not done after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def fault_of(reader: Callable[[Path, Path], int], sandbox: Path) -> tuple[bool, str]:
+    """Read ``sandbox/record``; whether it was refused, and what is wrong with how it was read.
+
+    Nothing may be raised but what becomes a sentence, nothing written but below ``sandbox/out``,
+    and no control character printed.
+    """
+    out, here = sandbox / "out", sandbox / "here"
+    for folder in (out, here):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+    before = _listed(sandbox)
+    text, errors = io.StringIO(), io.StringIO()
+    stands = Path.cwd()
+    os.chdir(here)
+    try:
+        with (
+            contextlib.redirect_stdout(text),
+            contextlib.redirect_stderr(errors),
+            _limited(LONGEST_S),
+        ):
+            code = reader(sandbox / "record", out)
+    except DualArmError as error:
+        code = 2
+        errors.write(f"error: {error}")
+    except SystemExit as ended:
+        return False, f"left with {ended.code}"
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt):
+            raise
+        return False, f"{type(error).__name__}: {error}"[:300]
+    finally:
+        os.chdir(stands)
+    said = text.getvalue() + errors.getvalue()
+    if code not in (0, 1, 2):
+        return False, f"exit code {code}"
+    if code == 2 and "error: " not in errors.getvalue() and ":" not in errors.getvalue():
+        return True, f"no error, but exit code 2: {errors.getvalue()[:200]}"
+    if "Traceback (most recent call last)" in said:
+        return code == 2, "a traceback is printed"
+    raw = {
+        letter for letter in said if letter != "\n" and unicodedata.category(letter) in _ACTED_ON
+    }
+    if raw:
+        return code == 2, f"printed {raw}"
+    after = {path for path in _listed(sandbox) if not path.startswith("out/")}
+    if after != {path for path in before if not path.startswith("out/")}:
+        return code == 2, f"written elsewhere: {sorted(after ^ before)[:3]}"
+    return code == 2, ""
+
+
+def _listed(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
