@@ -61,7 +61,7 @@ def stored_model(content: bytes, states: Sequence[Vector] = ()) -> mujoco.MjMode
     digest = hashlib.sha256(content).hexdigest()
     if digest not in _accepted:
         # A fork takes a hundredth of the time; where there are other threads it may hang.
-        alone = threading.active_count() == 1 and len(os.listdir("/proc/self/task")) == 1
+        alone = threading.active_count() == 1 and len([*Path("/proc/self/task").iterdir()]) == 1
         complaint = (_forked if alone else _spawned)(content, states)
         if complaint:
             raise ValueError(complaint)
@@ -167,59 +167,16 @@ def complaint_about(model: mujoco.MjModel) -> str:
     return ""
 
 
-_UNUSED: Final = [
-    "na",
-    "nbvhdynamic",
-    "noct",
-    "nflex",
-    "nflexnode",
-    "nflexvert",
-    "nflexedge",
-    "nflexelem",
-    "nflexelemdata",
-    "nflexstiffness",
-    "nflexbending",
-    "nefm0dof",
-    "nefm0L",
-    "nefmCvert",
-    "nflexelemedge",
-    "nflexshelldata",
-    "nflextexcoord",
-    "nJfe",
-    "nmeshtexcoord",
-    "nskin",
-    "nskinvert",
-    "nskintexvert",
-    "nskinface",
-    "nskinbone",
-    "nskinbonevert",
-    "nhfield",
-    "nhfielddata",
-    "npair",
-    "nnumeric",
-    "nnumericdata",
-    "ntext",
-    "ntextdata",
-    "ntuple",
-    "ntupledata",
-    "nkey",
-    "nmocap",
-    "nplugin",
-    "npluginattr",
-    "npluginstate",
-    "nuser_body",
-    "nuser_jnt",
-    "nuser_geom",
-    "nuser_site",
-    "nuser_cam",
-    "nuser_tendon",
-    "nuser_actuator",
-    "nuser_sensor",
-    "nplastic",
-    "ngravcomp",
-    "nuserdata",
-    "nhistory",
-]
+_UNUSED: Final = (
+    "na", "nbvhdynamic", "noct", "nflex", "nflexnode", "nflexvert", "nflexedge", "nflexelem",
+    "nflexelemdata", "nflexstiffness", "nflexbending", "nefm0dof", "nefm0L", "nefmCvert",
+    "nflexelemedge", "nflexshelldata", "nflextexcoord", "nJfe", "nmeshtexcoord", "nskin",
+    "nskinvert", "nskintexvert", "nskinface", "nskinbone", "nskinbonevert", "nhfield",
+    "nhfielddata", "npair", "nnumeric", "nnumericdata", "ntext", "ntextdata", "ntuple",
+    "ntupledata", "nkey", "nmocap", "nplugin", "npluginattr", "npluginstate", "nuser_body",
+    "nuser_jnt", "nuser_geom", "nuser_site", "nuser_cam", "nuser_tendon", "nuser_actuator",
+    "nuser_sensor", "nplastic", "ngravcomp", "nuserdata", "nhistory",
+)  # fmt: skip
 """Sizes of what no model of this project has."""
 
 
@@ -301,7 +258,10 @@ _INDICES: Final = {
     "mapD2M": "?nD", "D_diag": "nv", "bvh_child": "?nbvh", "names_map": "?nnames",
     **{
         f"name_{what}adr": "nnames"
-        for what in ["body", "jnt", "geom", "site", "cam", "light", "mesh", "tex", "mat", "exclude", "eq", "tendon", "actuator", "sensor"]
+        for what in (
+            "body", "jnt", "geom", "site", "cam", "light", "mesh", "tex", "mat", "exclude", "eq",
+            "tendon", "actuator", "sensor",
+        )
     },
 }  # fmt: skip
 """What each index counts; with a question mark -1 is none."""
@@ -535,9 +495,9 @@ def _meshes(model: Any) -> str:
                 int(model.mesh_polynum[mesh]),
             ),
         )
-        for name, values, count in numbered:
-            if values.size and not (values.min() >= 0 and values.max() < count):
-                return f"{name} of mesh {mesh} goes beyond its {count}"
+        for name, values, most in numbered:
+            if values.size and not (values.min() >= 0 and values.max() < most):
+                return f"{name} of mesh {mesh} goes beyond its {most}"
         complaint = _boxes(
             model, model.mesh_bvhadr[mesh], model.mesh_bvhnum[mesh], model.mesh_facenum[mesh]
         ) or _hull(model, mesh)

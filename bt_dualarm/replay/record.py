@@ -7,7 +7,7 @@ from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -40,6 +40,7 @@ from bt_dualarm.replay.record_facts import (
     check_summary,
 )
 from bt_dualarm.runtime.record_folder import EVENTS, HISTORY, SUMMARY
+from bt_dualarm.world.robots.mjspec import joint_motors
 
 __all__ = ["Facts", "HistoryError", "Moment", "Record", "ReplayError"]
 
@@ -147,7 +148,7 @@ class Record:
         file = read_history(folder / HISTORY, budget)
         if not file.blocks or file.blocks[0].kind != "start":
             raise HistoryError(f"{folder / HISTORY} has no whole block: the run had hardly begun")
-        start = dict(file.blocks[0].data)
+        start: Facts = dict(file.blocks[0].data)
         with _said_of(folder / HISTORY):
             check_start(start)
             models, seconds, ends = _blocks_of_run(start, file.blocks[1:])
@@ -299,8 +300,6 @@ class Record:
         Raises:
             ValueError: They are of another one.
         """
-        joints = [str(model.joint(joint).name) for joint in range(model.njnt)]
-        motors = [str(model.actuator(motor).name) for motor in range(model.nactuator)]
         for block in self._framed:
             if _generation(block) != generation:
                 continue
@@ -310,13 +309,21 @@ class Record:
                     f"states have {columns} columns; it has {model.nq} positions and {model.nv} "
                     "velocities"
                 )
-            for arm, rows in _rows_of_arms(block):
+            for kind, arm, rows in _rows_of_arms(block):
                 dof = rows.shape[1] // 4
-                own = (
-                    sum(name.startswith(f"{arm}/") for name in names) for names in (joints, motors)
-                )
-                if dof > min(own):
-                    raise ValueError(f"{arm} has {dof} set-points, and fewer joints or motors")
+                if kind == "arm" and len(joint_motors(model, arm)) != dof:
+                    raise ValueError(
+                        f"{arm} has {len(joint_motors(model, arm))} joints with motors; the record "
+                        f"has set-points of {dof}"
+                    )
+        for name in self.start["objects"]:
+            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+            if body >= 0 and not model.body_geomnum[body]:
+                raise ValueError(f"object {name} has no shape")
+        for name, said in self.arms.items():
+            camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, f"{name}/camera")
+            if camera >= 0 and not said["camera"]:
+                raise ValueError(f"{name} has a camera, which the file did not give it")
 
 
 def _generation(block: Block) -> int:
@@ -398,32 +405,36 @@ def _checked_numbers(
         raise ValueError("times of states are not those of their steps")
     if expected[-1] > LONGEST_S:
         raise ValueError(f"the run is longer than {LONGEST_S:g} s")
-    for arm, sent in _rows_of_arms(block):
+    for kind, arm, sent in _rows_of_arms(block):
+        name = f"{kind}:{arm[:80]}"
         if arm not in start["arms"]:
-            raise ValueError(f"array 'arm:{arm[:80]}' is of no arm of the run")
-        if sent.ndim != 2 or sent.dtype != np.float32 or not len(sent) <= len(rows):
+            raise ValueError(f"array {name!r} is of no arm of the run")
+        if sent.ndim != 2 or sent.dtype != np.float32 or len(sent) > len(rows):
             raise ValueError(
-                f"array 'arm:{arm}' is {sent.dtype} of shape {sent.shape}; "
-                f"expected float32 of shape (up to {len(rows)}, 4 dof)"
+                f"array {name!r} is {sent.dtype} of shape {sent.shape}; "
+                f"expected float32 of up to {len(rows)} rows"
             )
-        if not 4 <= sent.shape[1] <= _MOST_JOINTS or sent.shape[1] % 4:
-            raise ValueError(f"array 'arm:{arm}' has {sent.shape[1]} columns; expected 4 dof")
-        _refuse_infinite(sent, f"arm:{arm}")
+        columns = sent.shape[1]
+        if kind == "arm" and (not 4 <= columns <= _MOST_JOINTS or columns % 4):
+            raise ValueError(f"array {name!r} has {columns} columns; expected 4 for each joint")
+        if kind == "gripper" and columns != len(fields(GripperState)):
+            raise ValueError(
+                f"array {name!r} has {columns} columns; expected {len(fields(GripperState))}"
+            )
+        _refuse_infinite(sent, name)
     _refuse_infinite(states, "states")
     return steps + len(checksums), float(states[-1, 0])
 
 
-def _rows_of_arms(block: Block) -> Iterator[tuple[str, npt.NDArray[np.generic]]]:
-    """What each arm was sent, by its name."""
+def _rows_of_arms(block: Block) -> Iterator[tuple[str, str, npt.NDArray[np.generic]]]:
+    """What each arm and gripper was sent: ``arm`` or ``gripper``, name of the arm, and the rows."""
     for name, rows in block.arrays.items():
-        prefix, colon, arm = name.partition(":")
-        if (prefix, colon) == ("arm", ":"):
-            yield arm, rows
+        kind, colon, arm = name.partition(":")
+        if colon and kind in ("arm", "gripper"):
+            yield kind, arm, rows
 
 
-def _array(
-    block: Block, name: str, kind: type[np.generic], dimensions: int
-) -> npt.NDArray[np.generic]:
+def _array(block: Block, name: str, kind: type[np.generic], dimensions: int) -> npt.NDArray[Any]:
     if name not in block.arrays:
         raise ValueError(f"array {name!r} is missing")
     array = block.arrays[name]
@@ -435,9 +446,9 @@ def _array(
     return array
 
 
-def _refuse_infinite(array: npt.NDArray[np.generic], name: str) -> None:
+def _refuse_infinite(array: npt.NDArray[Any], name: str) -> None:
     # Beyond MuJoCo's mjMAXVAL a simulation has diverged: no state is kept then.
-    if not (np.abs(array) <= mujoco.mjMAXVAL).all():  # type: ignore[operator]  # of numbers
+    if not (np.abs(array) <= mujoco.mjMAXVAL).all():
         raise ValueError(f"array {name!r} has numbers that are not finite, or beyond 1e10")
 
 

@@ -182,6 +182,11 @@ class _Edited(_Note):
     tree: _Node
 
 
+class _Holds(_Note):
+    gripped: list[Label]
+    welded: list[Label]
+
+
 class _Guard(_Note):
     does: Literal["slowed", "stopped"]
     reason: _Text
@@ -227,6 +232,7 @@ _NOTES: Final[Mapping[str, TypeAdapter[Any]]] = {
         ("look", _Look),
         ("edited", _Edited),
         ("guard", _Guard),
+        ("holds", _Holds),
     )
 }
 _ARM_WITHOUT_TREE: Final = create_model("_RecordedArm", __base__=ArmSpec, tree=(Any, None))

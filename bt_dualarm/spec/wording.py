@@ -41,9 +41,9 @@ def counted(number: int, noun: str) -> str:
 
 
 def escaped(text: str, keep: str = "\n\t") -> str:
-    """Text from somebody else for a terminal or a table: what would be acted on is written out.
+    r"""Text from somebody else for a terminal or a table: what would be acted on is written out.
 
-    Control characters, marks of direction and halves of pairs become ``\\u001b`` and the like, as
+    Control characters, marks of direction and halves of pairs become ``\u001b`` and the like, as
     JSON writes them; so JSON stays what it says.
 
     Args:

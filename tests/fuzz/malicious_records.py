@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - tables
 """Records that somebody would make to do harm, each with the one thing that is wrong with it."""
 
 from __future__ import annotations
@@ -146,6 +147,12 @@ def _text_bomb(files: Files) -> None:
     files.others["run.history"] = (
         MAGIC + files.history[0].encoded() + framed(struct.pack("<I", len(text)) + text)
     )
+
+
+def _sparse(path: Path) -> None:
+    """A terabyte of nothing."""
+    path.write_bytes(MAGIC)
+    os.truncate(path, 1 << 40)
 
 
 def _many_lines(files: Files) -> None:
@@ -302,7 +309,7 @@ MALICIOUS: Final[dict[str, Edit]] = {
     "a history that is a folder": _file("run.history", Path.mkdir),
     "a history that leads to itself": _file("run.history", lambda path: path.symlink_to(path)),
     "a history elsewhere": _link("run.history", "/etc/passwd"),
-    "a sparse history": _file("run.history", lambda path: (path.write_bytes(MAGIC), os.truncate(path, 1 << 40))),
+    "a sparse history": _file("run.history", _sparse),
     "a bomb of arrays": _bomb,
     "a bomb of text": _text_bomb,
     "two hundred models": _many_models,

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - tables
 """Records taken apart, changed as somebody hostile or a broken disk would, and put together again."""
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ ESCAPES: Final = "\x1b]0;owned\x07\x1b[2J\x1b[31m\x9b1m\u202e\x7f"
 
 VALUES: Final[tuple[Any, ...]] = (
     None, True, False, 0, -1, 1, 3.5, -0.0, 1e300, 1e-320, 2**31, 2**63, 10**40, float("nan"),
-    float("inf"), "", "x", "x/../../../pwned", "../../pwned", "/tmp/pwned", "a\0b", ESCAPES, "=1+1",
+    float("inf"), "", "x", "x/../../../pwned", "../../pwned", "/root/pwned", "a\0b", ESCAPES, "=1+1",
     "@SUM(A1)", "+cmd|' /C calc'!A0", "\t=1", "[red]x[/red]", "[/]", "</script><b>", "\ud800", "é" * 50,
     "x" * 5000, "a\nb", [], {}, [1], [None], [[]], {"a": 1}, {"xyz": "x"}, {"xyz": [1, 2]},
     [1.0, 2.0, 3.0], ["a", "b"], "{goal}", "{", "SUCCESS", "RUNNING", "FAILURE", "arm1", "ball",
@@ -153,7 +154,8 @@ class Files:
     def model_bytes(self) -> bytes:
         """The first model as MuJoCo writes it."""
         part = next(part for part in self.history if part.kind == "model")
-        rest, whole, at, taken = part.arrays["rest"].tobytes(), b"", 0, 0
+        rest: bytes = part.arrays["rest"].tobytes()
+        whole, at, taken = b"", 0, 0
         for start, end, digest in part.data["cuts"]:
             whole += rest[taken : taken + start - at] + part.arrays[digest].tobytes()
             taken += start - at
@@ -308,10 +310,10 @@ def _edit_model(files: Files, dice: random.Random) -> None:
         name
         for name in dir(model)
         if not name.startswith("_")
-        and getattr(getattr(model, name), "size", 0)
         and isinstance(getattr(model, name), np.ndarray)
+        and getattr(model, name).size
     ]
-    numbers = [*range(-3, 9), 100, 10_000, 2**30, 2**31 - 1, -(2**31)]
+    numbers: list[int] = [*range(-3, 9), 100, 10_000, 2**30, 2**31 - 1, -(2**31)]
     for _ in range(dice.choice([1, 1, 4])):
         flat = getattr(model, dice.choice(names)).reshape(-1)
         at = dice.randrange(flat.size)

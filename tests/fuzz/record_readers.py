@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - tables
 """Every reader of records, held to what it owes to whoever reads the record of a stranger."""
 
 from __future__ import annotations

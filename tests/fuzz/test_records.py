@@ -1,0 +1,66 @@
+"""Records of strangers: a sentence and an exit code; nothing written elsewhere or printed raw."""
+
+from __future__ import annotations
+
+import resource
+from pathlib import Path
+
+import pytest
+
+from tests.fuzz.malicious_records import MALICIOUS
+from tests.fuzz.record_mutation import Files, mutated
+from tests.fuzz.record_readers import QUICK, SLOW, fault_of
+from tests.fuzz.recorded import recorded
+from tests.fuzz.seeds import dice_of
+from tests.fuzz.test_robots import TIMES
+
+CHUNKS = 4
+MUTANTS = int(TIMES * 80 / CHUNKS)
+"""Mutants of a chunk; each is read by three of the readers that take little time."""
+
+MOST_MB = 1024
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
+    return recorded(tmp_path_factory.mktemp("recorded"))
+
+
+def read_by(files: Files, names: list[str], sandbox: Path) -> list[tuple[str, bool, str]]:
+    """Reader, whether the record was refused, and what was wrong with that, for each reader."""
+    sandbox.mkdir()
+    files.write(sandbox / "record")
+    readers = QUICK | SLOW
+    return [(name, *fault_of(readers[name], sandbox)) for name in names]
+
+
+def test_the_record_itself_is_read_by_all(files: Files, tmp_path: Path) -> None:
+    """What is changed below is right before."""
+    names = [*QUICK, "--lerobot", "--check"]
+    assert read_by(files, names, tmp_path / "s") == [(name, False, "") for name in names]
+
+
+@pytest.mark.parametrize("name", MALICIOUS)
+def test_a_malicious_record_does_no_harm(name: str, files: Files, tmp_path: Path) -> None:
+    changed = files.copy()
+    MALICIOUS[name](changed)
+    readers = [*QUICK]
+    first = sum(map(ord, name)) % len(readers)
+    chosen = ["bt-why", readers[first], readers[(first + 3) % len(readers)]]
+    assert [fault for _, _, fault in read_by(changed, chosen, tmp_path / "s")] == [""] * 3
+
+
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_mutants_do_no_harm(chunk: int, files: Files, tmp_path: Path) -> None:
+    dice = dice_of(chunk)
+    faults = []
+    for number in range(MUTANTS):
+        done, mutant = mutated(files, dice)
+        found = read_by(mutant, dice.sample([*QUICK], 3), tmp_path / str(number))
+        faults += [(number, done, name, fault) for name, _, fault in found if fault]
+    assert faults == []
+
+
+def test_it_all_takes_less_than_a_gigabyte() -> None:
+    """The peak of this process, which has read the bombs above."""
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < MOST_MB * 1024
