@@ -26,15 +26,28 @@ _TOPICS: Final[tuple[Callable[[Evidence], Iterator[Cause]], ...]] = (
     time_causes,
 )
 
+_OF_OTHER_SHAPE: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
+"""What Python raises where data is not of the shape that a rule takes it for."""
+
 
 def causes_of(e: Evidence) -> tuple[Cause, ...]:
     """Causes of the end of a leaf; at least what it says itself."""
     found: list[Cause] = []
+    unreadable: list[Cause] = []
     for topic in _TOPICS:
-        for cause in topic(e):
+        try:
+            causes = [*topic(e)]
+        except _OF_OTHER_SHAPE as error:
+            # Ports, metrics and values of keys are the skill's, which need not be here: a record
+            # of a stranger may have any JSON there.
+            what = f"what the record says of {e.leaf.path!r} is not what {e.leaf.kind} would have"
+            sentence = f"{what}: {type(error).__name__}: {str(error)[:200]}"
+            unreadable.append(e.cause("UNREADABLE", sentence, leaf=e.leaf.path))
+            continue
+        for cause in causes:
             if all((cause.kind, cause.sentence) != (known.kind, known.sentence) for known in found):
                 found.append(cause)
-    return tuple(found) or (_own_words(e),)
+    return (*(found or (_own_words(e),)), *unreadable[:1])
 
 
 def _own_words(e: Evidence) -> Cause:

@@ -39,10 +39,8 @@ LONGEST_S: Final = 1e6
 """Simulated seconds of a record: more than ten times what a tree file may ask for."""
 
 _MOST_PORTS: Final = 1000
-_READ_OF_ARMS: Final = frozenset(
-    {"robot", "gripper", "base", "force_limit", "collision", "camera", "tree"}
-)
-"""Facts of an arm that readers of records rely on."""
+_READ_OF_ARMS: Final = ("robot", "gripper", "base", "force_limit", "collision", "camera")
+"""Facts of an arm that readers of records rely on, besides its tree."""
 
 
 def _printable(text: str) -> str:
@@ -98,7 +96,39 @@ class _Processor(_Facts):
     arithmetic: Label
 
 
+class _Camera(_Facts):
+    """Fields that must be there; what they may be is the tree file's to say, as for all below."""
+
+    resolution: list[int]
+    fov: float
+    fps: float
+    latency: float
+    drop: float
+
+
+class _Collision(_Facts):
+    threshold: float
+
+
+class _Base(_Facts):
+    xyz: list[float]
+
+
+class _Object(_Facts):
+    shape: str
+    size: list[float]
+    mass: float
+    friction: float
+    color: str | list[float]
+    fixed: bool
+    marker: dict[str, Any] | None
+
+
 class _Arm(_Facts):
+    base: _Base
+    force_limit: float
+    collision: _Collision
+    camera: _Camera | None
     robot: Label
     gripper: Label | None
     tree: _Node
@@ -117,7 +147,7 @@ class _Start(_Facts):
     duration: Annotated[float, Field(gt=0.0, le=LONGEST_S)] | None
     timestep: Annotated[float, Field(ge=1e-5, le=0.1)]
     time_limit: Annotated[float, Field(gt=0.0, le=LONGEST_S)]
-    objects: Annotated[dict[Name, Any], Field(max_length=1000)]
+    objects: Annotated[dict[Name, _Object], Field(max_length=1000)]
     arms: Annotated[dict[Name, _Arm], Field(min_length=1, max_length=100)]
     pages: Annotated[dict[_Place, Label], Field(max_length=1000)]
     skills: Annotated[dict[Label, _Skill], Field(max_length=1000)]
@@ -249,6 +279,10 @@ def check_start(facts: Facts) -> None:
         ValueError: Something of it is missing, of another type or out of range; the message says
             what, where, and what is expected.
     """
+    # Counted before anything else: checking a million nodes takes long.
+    arms = facts.get("arms")
+    for name, said in arms.items() if isinstance(arms, dict) else ():
+        check_tree(said, f"start.arms.{str(name)[:48]!r}")
     _check(_START, facts, "start")
     if facts["reality"] is not None:
         try:
@@ -258,28 +292,29 @@ def check_start(facts: Facts) -> None:
     for name, said in facts["objects"].items():
         _check_spec(ObjectSpec, said, f"start.objects.{name}")
     for name, said in facts["arms"].items():
-        missing = sorted(_READ_OF_ARMS - said.keys())
-        if missing:
-            raise ValueError(f"start.arms.{name}: {missing[0]} is missing")
-        known = {key: said[key] for key in _READ_OF_ARMS - {"tree"}}
+        known = {key: said[key] for key in _READ_OF_ARMS}
         _check_spec(_ARM_WITHOUT_TREE, known, f"start.arms.{name}")
-        check_tree(said["tree"], f"start.arms.{name}.tree")
 
 
-def check_tree(tree: Facts, where: str) -> None:
-    """Check that a tree is no larger than a tree file can make it; its types are known.
+def check_tree(said: object, where: str) -> None:
+    """Check that a tree, below ``tree``, is no larger than a tree file can make it.
+
+    Its types are not known yet.
 
     Raises:
         ValueError: It is.
     """
-    level, depth, count = [tree], 0, 0
+    level = [said.get("tree")] if isinstance(said, dict) else []
+    depth = count = 0
     while level:
         depth, count = depth + 1, count + len(level)
         if depth > MAX_DEPTH or count > MAX_NODES:
             raise ValueError(
-                f"{where} has more than {MAX_DEPTH} levels or {MAX_NODES} nodes: no tree file has"
+                f"{where}: its tree has more than {MAX_DEPTH} levels or {MAX_NODES} nodes; "
+                "no tree file has"
             )
-        level = [child for node in level for child in node["children"]]
+        below = [node.get("children") for node in level if isinstance(node, dict)]
+        level = [child for children in below if isinstance(children, list) for child in children]
 
 
 def check_model(facts: Facts) -> None:
@@ -301,14 +336,13 @@ def check_second(facts: Facts, arms: Mapping[str, Facts]) -> None:
     of_kind: dict[str, list[Facts]] = defaultdict(list)
     for note in facts["notes"]:
         of_kind[str(note.get("kind"))].append(note)
+        check_tree(note, "an edited tree")
     for kind, notes in of_kind.items():
         _check(_NOTES.get(kind, _ANY_NOTE), notes, f"notes[{kind[:48]}]")
         for note in notes:
             _check_arm(note["arm"], arms, f"a note of kind {kind}")
             if kind in ("frame", "found", "look") and not arms[note["arm"]]["camera"]:
                 raise ValueError(f"a note of kind {kind} is of {note['arm']}, which has no camera")
-            if kind == "edited":
-                check_tree(note["tree"], "an edited tree")
 
 
 def check_end(facts: Facts) -> None:
