@@ -157,7 +157,7 @@ def _sparse(path: Path) -> None:
 
 def _many_lines(files: Files) -> None:
     files.others["events.jsonl"] = as_json(files.events[0]).replace(b"}", b"}") + b"\n"
-    files.raw["events.jsonl"] = lambda line: line * 400_000
+    files.raw["events.jsonl"] = lambda line: line * 100_000
 
 
 def _many_models(files: Files) -> None:

@@ -8,6 +8,7 @@ import io
 import os
 import shutil
 import signal
+import stat
 import unicodedata
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -51,7 +52,8 @@ def _recorded_over(record: Path, out: Path) -> int:
 
 
 def _copied(source: str, target: str) -> None:
-    if os.path.isfile(source) or os.path.islink(source):  # noqa: PTH113, PTH114 - of text
+    found = os.lstat(source)
+    if stat.S_ISLNK(found.st_mode) or (stat.S_ISREG(found.st_mode) and found.st_size < 1 << 28):
         shutil.copy2(source, target, follow_symlinks=False)
 
 
