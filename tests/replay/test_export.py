@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -125,3 +126,22 @@ def test_what_cannot_be_written_is_code_2(
         cli.record(["export", str(failed.folder)])
     assert ended.value.code == 2
     assert "to which form?" in capsys.readouterr().err
+
+
+def test_no_cell_is_a_formula(failed: Record) -> None:
+    """A spreadsheet would run it; numbers stay numbers, and nothing acts on a terminal."""
+    event = {
+        **failed.events[0],
+        "path": "@x",
+        "reason": '=HYPERLINK("x")',
+        "code": "",
+        "kind": "\tx",
+    }
+    event["metrics"], event["time_s"] = {"a": "\x1b[2J"}, -0.5
+    tables = dict(tables_of(replace(failed, events=(event,))))
+    rows = [*csv.DictReader(tables["events.csv"].splitlines())]
+    assert rows[0]["path"] == "'@x"
+    assert rows[0]["reason"] == '\'=HYPERLINK("x")'
+    assert rows[0]["kind"] == "'\tx"
+    assert rows[0]["time_s"] == "-0.5"
+    assert "\x1b" not in tables["events.csv"]

@@ -1,0 +1,33 @@
+"""Text from somebody else cannot act on a terminal, and JSON stays what it says."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bt_dualarm.spec.wording import escaped
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("plain é 你好 → 😀", "plain é 你好 → 😀"),
+        ("\x1b[2J", "\\u001b[2J"),
+        ("\x9b1m\x7f", "\\u009b1m\\u007f"),
+        ("a\u202eb\u200f", "a\\u202eb\\u200f"),
+        ("a\r\nb\tc", "a\\u000d\nb\tc"),
+        ("a\u2028b", "a\\u2028b"),
+        ("\U000e0041", "\\udb40\\udc41"),
+    ],
+)
+def test_what_a_terminal_would_act_on_is_written_out(text: str, shown: str) -> None:
+    assert escaped(text) == shown
+
+
+@given(st.text())
+def test_json_says_the_same(text: str) -> None:
+    plain = json.dumps(text, ensure_ascii=False)
+    assert json.loads(escaped(plain)) == text
