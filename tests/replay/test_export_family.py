@@ -134,6 +134,7 @@ def test_mcap_has_all_joints_grippers_and_shapes(family: Record, tmp_path: Path)
         for entity in entities.values():
             for model_ in entity["models"]:
                 _check_glb(base64.b64decode(model_["data"]))
+    assert len(found["/scene/first"]) == len(found["/scene/third"]) == 1, "nothing changes of them"
     assert found["/scene/late"][-1]["entities"] == [], "it was removed"
     assert found["/scene/late"][-1]["deletions"][0]["type"] == 1
     worlds = [{entity["id"] for entity in m["entities"]} for m in found["/scene/world"]]
