@@ -18,6 +18,7 @@ import bt_dualarm
 from bt_dualarm import cli
 from bt_dualarm.recording.block import Block
 from bt_dualarm.replay.lerobot_episode import episode_of
+from bt_dualarm.replay.lerobot_export import write_dataset
 from bt_dualarm.replay.messages import messages_of
 from bt_dualarm.replay.record import Record, ReplayError
 from bt_dualarm.replay.tables import tables_of
@@ -257,6 +258,26 @@ def test_failed_runs_can_be_left_out(
     assert export(runs[1:2], tmp_path / "none", "--only-successes") == 2
     assert "none of 1 runs succeeded" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["set"]
+
+
+def test_how_far_it_has_come_is_told_run_by_run(
+    runs: list[Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """To a callback, and by the command where a terminal shows it: nothing of it stays there."""
+    said: list[tuple[int, Path]] = []
+    done = write_dataset(
+        runs, tmp_path / "a", progress=lambda number, folder: said.append((number, folder))
+    )
+    assert said == [*enumerate(runs)]
+    assert (done.episodes, done.failed, done.left_out) == (3, 1, 0)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert export(runs, tmp_path / "b") == 0
+    told = capsys.readouterr().err
+    assert f"2 of 3: {runs[1]}" in told
+    assert told.endswith("\r\x1b[K")
 
 
 def test_runs_are_appended(
