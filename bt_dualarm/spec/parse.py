@@ -10,7 +10,7 @@ from bt_dualarm.spec.expand import Expansion
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.language import LANGUAGE
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.ports import KEY, REFERENCE, Template, WrittenKey, reference_of
+from bt_dualarm.spec.ports import KEY, REFERENCE, Template, WrittenKey, reference_of, unknown
 from bt_dualarm.spec.problems import Problem, nearest
 from bt_dualarm.spec.site import Site, SubtreeSpec
 from bt_dualarm.spec.source import Data
@@ -22,6 +22,7 @@ MAX_EXPANDED: Final = 5_000
 _DEEPEST: Final = 64
 _LONGEST_NAME: Final = 60
 _KEY_RULE: Final = "a key has letters, digits and _ and begins with a letter"
+_WITHIN_TEXT: Final = "nothing is computed; only the messages of log and fail are put together"
 _Child: TypeAlias = tuple[str, Data, Site]
 """What a child is to its node, its data, where it stands."""
 
@@ -148,12 +149,11 @@ class Parser:
         metadata = _metadata(kind, port)
         if Template in metadata and isinstance(value, str):
             for match in REFERENCE.finditer(value):
-                self._check_references(match[0], here)
+                self._is_key(match[1], here)
             return here.scope.fill_text(value)
-        self._check_references(value, here)
         if WrittenKey in metadata and isinstance(value, str):
             return self._written_key(value, here)
-        return here.scope.fill(value)
+        return here.scope.fill(self._checked(value, here))
 
     def _written_key(self, value: str, here: Site) -> str:
         if not KEY.fullmatch(value):
@@ -161,15 +161,32 @@ class Parser:
             self._add(here, f"{name}: {in_words(value)} cannot be a key", _KEY_RULE)
         return here.scope.key(value)
 
-    def _check_references(self, value: Data, here: Site) -> None:
-        if isinstance(value, (dict, list)):
-            items = value.items() if isinstance(value, dict) else enumerate(value)
-            for part, item in items:
-                self._check_references(item, here.into(part))
-            return
+    def _checked(self, value: Data, here: Site) -> Data:
+        """The value of a port; what is no reference but looks like one is said, and not known."""
+        if isinstance(value, dict):
+            return {part: self._checked(item, here.into(part)) for part, item in value.items()}
+        if isinstance(value, list):
+            return [self._checked(item, here.into(part)) for part, item in enumerate(value)]
+        if not isinstance(value, str):
+            return value
         key = reference_of(value)
-        if key is not None and not KEY.fullmatch(key):
-            self._add(here, f"'{{{key}}}' is not a reference to a key", _KEY_RULE)
+        if key is not None:
+            return value if self._is_key(key, here) else unknown(key)
+        within = (match for match in REFERENCE.finditer(value) if KEY.match(match[1].strip()))
+        for match in within:
+            message = (
+                f"{in_words(value)}: {match[0]} stands for a whole value, not for a part of it"
+            )
+            self._add(here, message, _WITHIN_TEXT)
+            return unknown(match[1])
+        return value
+
+    def _is_key(self, key: str, here: Site) -> bool:
+        """Whether what stands in braces can be a key; else that is among the problems."""
+        if KEY.fullmatch(key):
+            return True
+        self._add(here, f"'{{{key}}}' is not a reference to a key", _KEY_RULE)
+        return False
 
     def _use(self, ports: Mapping[str, Data], here: Site) -> list[tuple[str, NodeSpec]]:
         """Write out the subtree that a node uses."""
