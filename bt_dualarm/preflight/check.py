@@ -63,23 +63,17 @@ def check(
         build: Whether to compile the world, too, as a run would.
     """
     loaded = load(tree, skills, params, folder)
-    try:
-        file = loaded.runnable()
-    except SpecError as error:
-        return Checked(None, error.problems)
     kinds = {**LANGUAGE, **skills}
-    source = next(iter(file.arms.values())).tree.source
-    names = Names(file, source, kinds)
+    file, source = loaded.file or loaded.sound, loaded.source
+    if file is None or source is None:
+        return Checked(None, loaded.wrong)
+    names = Names(file, source, kinds, loaded.left_out)
     names.look_up()
-    if names.problems:
-        return Checked(None, in_order(names.problems))
-    if build:
-        try:
-            World(file, file.world.seed).refuse_overlaps()
-        except OverlapError as error:
-            return Checked(None, (_overlap(file, source, error),))
-        except (CatalogueError, WorldError) as error:
-            return Checked(None, (Problem(Place(loaded.name), str(error)),))
+    wrong = [*errors(loaded.problems), *names.problems]
+    if build and not names.problems and not loaded.left_out:
+        wrong += _problems_of_the_world(file, source, loaded.name)
+    if wrong or loaded.file is None:
+        return Checked(None, in_order(wrong))
     robots = names.robots
     warnings = (
         *out_of_reach(file, robots, kinds),
@@ -87,6 +81,15 @@ def check(
         *unborne_markers(file, kinds),
     )
     return Checked(file, in_order((*loaded.problems, *warnings)))
+
+
+def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Problem]:
+    """Why a world cannot be composed, or what stands inside of what there."""
+    try:
+        world = World(file, file.world.seed)
+    except (CatalogueError, WorldError) as error:
+        return [Problem(Place(name), str(error))]
+    return [_overlap(file, source, error) for error in world.overlaps()]
 
 
 def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:

@@ -47,7 +47,8 @@ def _beyond(node: NodeSpec, kind: Kind, gripper: Gripper) -> Iterator[Problem]:
         if asked is None or value is None or reference_of(value) is not None:
             continue
         span = _limits(gripper, asked.what)
-        if span is not None and not span.least <= value <= span.most:
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if span is not None and is_number and not span.least <= value <= span.most:
             unit = _UNITS[asked.what]
             message = f"{node.kind}: {port}: {gripper.name} cannot do {value:g} {unit}"
             hint = f"its {asked.what} is {span.least:g} to {span.most:g} {unit}"

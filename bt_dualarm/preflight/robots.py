@@ -12,7 +12,7 @@ from bt_dualarm.spec.document import ArmSpec, TreeFile
 from bt_dualarm.spec.goals import OfJoints, OfPosture
 from bt_dualarm.spec.kind import Kind
 from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.ports import reference_of
+from bt_dualarm.spec.ports import is_unknown, reference_of
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.source import Data, Path, Source
 from bt_dualarm.world.composition import names_in, scene_names, scene_spec
@@ -30,9 +30,10 @@ class Names:
     """Looks up what a file names outside of itself.
 
     Args:
-        file: Without errors of its own.
+        file: File, or what is sound of one that has errors of its own.
         source: Source of the file.
         kinds: Kinds of all nodes, by name.
+        left_out: Paths of fields that the file has and that could not be read.
 
     Attributes:
         robots: Those that could be read, by the arm's name.
@@ -42,19 +43,22 @@ class Names:
     file: TreeFile
     source: Source
     kinds: Mapping[str, Kind]
+    left_out: frozenset[Path] = frozenset()
     robots: dict[str, Robot] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
 
     def look_up(self) -> None:
         """Find every name that leads nowhere."""
-        self._scene()
+        if not {("world",), ("world", "scene")} & self.left_out:
+            self._scene()
         for name, arm in self.file.arms.items():
             robot = self._robot(("arms", name, "robot"), arm.robot)
+            gripper = self._gripper(("arms", name, "gripper"), arm.gripper)
             if robot is not None:
-                gripper = self._gripper(("arms", name, "gripper"), arm.gripper)
                 self.robots[name] = robot if gripper is None else with_gripper(robot, gripper)
                 self._arm(("arms", name), arm, robot)
                 self.problems += self._nodes(name, arm, robot)
+            if ("arms", name, "gripper") not in self.left_out:
                 self.problems += gripper_problems(name, arm, gripper, self.kinds)
 
     def _scene(self) -> None:
@@ -74,6 +78,8 @@ class Names:
                     self._add((part, name), message, "call it differently", key=True)
 
     def _robot(self, path: Path, name: str) -> Robot | None:
+        if is_unknown(name):
+            return None
         if not is_page(name) and name not in robot_names():
             self._unknown(path, "robot", name, robot_names())
             return None
@@ -87,7 +93,7 @@ class Names:
         return None
 
     def _gripper(self, path: Path, name: str | None) -> Gripper | None:
-        if name is None:
+        if name is None or is_unknown(name):
             return None
         if not is_page(name) and name not in gripper_names():
             self._unknown(path, "gripper", name, gripper_names())
@@ -115,7 +121,8 @@ class Names:
             kind = self.kinds.get(node.kind)
             if kind is None:
                 continue
-            if kind.needs_camera and not arm.carries_camera:
+            camera = ("arms", name, "camera")
+            if kind.needs_camera and not arm.carries_camera and camera not in self.left_out:
                 message = f"{node.kind}: {name} has no camera that moves with it"
                 mount = next(iter(robot.cameras), "wrist")
                 yield node.problem(message, f"give {name} one: camera: {{mount: {mount}}}")
@@ -123,10 +130,11 @@ class Names:
                 value = node.ports.get(port)
                 if value is None or reference_of(value) is not None:
                     continue
-                if metadata_of(declared, OfPosture) and value not in robot.postures:
-                    message = f"{node.kind}: there is no posture of {robot.name} '{value}'"
-                    yield node.port_problem((port,), message, _known(value, robot.postures))
-                if metadata_of(declared, OfJoints):
+                if metadata_of(declared, OfPosture) and isinstance(value, str):
+                    if value not in robot.postures:
+                        message = f"{node.kind}: there is no posture of {robot.name} '{value}'"
+                        yield node.port_problem((port,), message, _known(value, robot.postures))
+                elif metadata_of(declared, OfJoints) and isinstance(value, (dict, list)):
                     yield from _joints(node, port, value, robot)
 
     def _unknown(self, path: Path, what: str, given: str, known: Iterable[str]) -> None:

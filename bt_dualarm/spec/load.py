@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import copy
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Final
 
 from pydantic import ValidationError
 
-from bt_dualarm.spec.document import LONGEST_NAME, TreeContent, TreeFile
+from bt_dualarm.spec.document import (
+    LONGEST_NAME,
+    ArmSpec,
+    ObjectSpec,
+    TreeContent,
+    TreeFile,
+    WorldSpec,
+)
 from bt_dualarm.spec.examine import Examination, declared_names
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.kind import Kind
@@ -22,9 +30,10 @@ from bt_dualarm.spec.ports import unknown
 from bt_dualarm.spec.problems import Place, Problem, SpecError, errors, in_order
 from bt_dualarm.spec.scope import Scope, fill_parameters
 from bt_dualarm.spec.site import Site, SubtreeSpec
-from bt_dualarm.spec.source import Data, Source, with_tuples
+from bt_dualarm.spec.source import Data, Path, Source, with_tuples
 from bt_dualarm.spec.tree_input import TreeInput, read_tree
 from bt_dualarm.spec.unused import unused
+from bt_dualarm.spec.values import Value
 from bt_dualarm.spec.wording import in_words
 
 _NOT_OF_THE_MODEL: Final = frozenset({"bt_dualarm", "params", "subtrees", "include"})
@@ -40,11 +49,26 @@ class Loaded:
         problems: Every error in the file's order, else every warning: these wait for the errors
             to be mended, as some of them only follow from those.
         name: Name of the file in messages.
+        sound: Of a file with errors, what could be read all the same, so that what it names
+            outside of itself can be looked up, too.
+        left_out: Paths of the fields that are not in ``sound`` because they have errors.
+        source: Source of the file, None where that cannot be read.
     """
 
     file: TreeFile | None
     problems: tuple[Problem, ...]
     name: str
+    sound: TreeFile | None = None
+    left_out: frozenset[Path] = frozenset()
+    source: Source | None = None
+
+    @property
+    def wrong(self) -> tuple[Problem, ...]:
+        """Why it cannot be run, empty if it can."""
+        if self.file is not None:
+            return ()
+        nothing = Problem(Place(self.name), "has subtrees only: nothing to run")
+        return errors(self.problems) or (nothing,)
 
     def runnable(self) -> TreeFile:
         """The file.
@@ -54,8 +78,7 @@ class Loaded:
         """
         if self.file is not None:
             return self.file
-        nothing = Problem(Place(self.name), "has subtrees only: nothing to run")
-        raise SpecError(errors(self.problems) or [nothing])
+        raise SpecError(self.wrong)
 
 
 def load_tree_file(
@@ -104,7 +127,10 @@ def load(
     loading = _Loading(source, skills, params or {})
     file = loading.run()
     wrong = in_order(errors(loading.problems))
-    return Loaded(None if wrong else file, wrong or in_order(loading.problems), source.file)
+    if not wrong:
+        return Loaded(file, in_order(loading.problems), source.file, source=source)
+    left_out = frozenset(loading.left_out)
+    return Loaded(None, wrong, source.file, file or loading.sound, left_out, source)
 
 
 @dataclass
@@ -115,6 +141,8 @@ class _Loading:
     skills: Mapping[str, Kind] | None
     given: Mapping[str, object]
     problems: list[Problem] = field(default_factory=list)
+    sound: TreeFile | None = None
+    left_out: set[Path] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self._parser = Parser(self.problems)
@@ -201,7 +229,51 @@ class _Loading:
                 self.problems.append(
                     source.problem(found.path, found.message, found.hint, key=found.at_key)
                 )
+            self.sound = self._what_is_sound(filled, path)
             return None
         return TreeFile.model_construct(
             **dict(content), path=path, texts=self._texts, given=dict(values)
         )
+
+    def _what_is_sound(self, filled: Mapping[str, Data], path: FilePath) -> TreeFile:
+        """World, objects and arms of a file with errors, without the fields that have them."""
+        parts: dict[str, dict[str, Value]] = {}
+        for part, model in (("objects", ObjectSpec), ("arms", ArmSpec)):
+            items = filled.get(part)
+            sound = {
+                name: self._sound_one(model, data, (part, name))
+                for name, data in (items.items() if isinstance(items, dict) else ())
+            }
+            parts[part] = {name: one for name, one in sound.items() if one is not None}
+        world = self._sound_one(WorldSpec, filled.get("world", {}), ("world",)) or WorldSpec()
+        return TreeFile.model_construct(
+            name="", world=world, objects=parts["objects"], arms=parts["arms"], path=path
+        )
+
+    def _sound_one(self, model: type[Value], data: Data, path: Path) -> Value | None:
+        """A part of the file by those of its fields that have no errors; None if that is none."""
+        fields = copy.deepcopy(data) if isinstance(data, dict) else {}
+        while True:
+            try:
+                return model.model_validate(fields)
+            except ValidationError as error:
+                wrong = {_innermost(fields, details["loc"]) for details in error.errors()}
+            self.left_out |= {(*path, *found) for found in wrong}
+            if () in wrong:  # what is missing cannot be left out
+                return None
+            for *way, name in wrong:
+                holder = fields
+                for part in way:
+                    holder = holder.get(part, {})
+                holder.pop(name, None)
+
+
+def _innermost(data: Data, location: Sequence[int | str]) -> Path:
+    """The path of the innermost field in nested mappings that an error is about."""
+    path: list[int | str] = []
+    for part in location:
+        if not isinstance(data, dict) or part not in data:
+            break
+        data = data[part]
+        path.append(part)
+    return tuple(path)

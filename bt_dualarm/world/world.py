@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import mujoco
 
-from bt_dualarm.errors import WorldError
+from bt_dualarm.errors import OverlapError, WorldError
 from bt_dualarm.pose import Pose, Vector
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.world import composition
@@ -90,13 +90,20 @@ class World(HoldingView):
         """Read all sensors; `step` does so at its end."""
         self.equipment.sense(self.data.time)
 
-    def refuse_overlaps(self) -> None:
-        """Raise an `OverlapError` if an arm or object is inside another thing at the start."""
+    def overlaps(self) -> Iterator[OverlapError]:
+        """Each arm or object that is inside another thing now; of two in each other the first."""
+        said: set[tuple[str, str]] = set()
         for kind, names in (("arm", self.arms), ("object", self.objects)):
             for name in names:
                 inside = overlap(self.model, self.data, name)
-                if inside is not None:
-                    raise no_room(kind, name, *inside)
+                if inside is not None and (inside[0].partition("/")[0], name) not in said:
+                    said.add((name, inside[0].partition("/")[0]))
+                    yield no_room(kind, name, *inside)
+
+    def refuse_overlaps(self) -> None:
+        """Raise an `OverlapError` if an arm or object is inside another thing at the start."""
+        for error in self.overlaps():
+            raise error
 
     def spawn_arm(self, name: str) -> None:
         """Add a declared arm in its initial posture.

@@ -165,6 +165,75 @@ def test_a_skill_that_looks_needs_a_camera_that_moves_with_the_arm(
     assert problem.hint == "give arm1 one: camera: {mount: wrist}"
 
 
+MISTAKEN = """\
+bt_dualarm: 1
+name: task
+params:
+  speed: {type: number, default: fast}
+world: {scene: tabel, seed: -1}
+objects:
+  cube: {shape: box, size: [0.05, 0.05, 0.05], mass: heavy, pose: {xyz: [0.4, 0, 0.1]}}
+arms:
+  arm1:
+    robot: ur55
+    gripper: robotiq_2f58
+    tree: {circel: {radius: 1}}
+  arm2:
+    robot: panda
+    base: {xyz: [1, 0]}
+    posture: hoem
+    camera: {mount: wrst, fps: none}
+    tree:
+      sequence:
+        - reach_to_pose: {posture: hom, speed: 50}
+        - move_joints: {to: 7}
+        - track
+        - grasp: {object: cubus}
+  arm3: {robot: ur5, base: {xyz: [0, 2, 0]}, limits: {speed: 1}, tree: {set: {key: n}}}
+"""
+
+
+def test_all_mistakes_are_told_at_once(tmp_path: Path, registry: Registry) -> None:
+    """What a file names outside of itself is looked up whatever else is wrong with it."""
+    path = tmp_path / "task.yaml"
+    path.write_text(MISTAKEN)
+    found = [problem.message for problem in check(path, registry.kinds).problems]
+    assert found == [
+        "default of speed: expected a number, not text 'fast'",
+        "there is no scene 'tabel'",
+        "seed: must be at least 0, not -1",
+        "mass: expected a number, not text 'heavy'",
+        "there is no robot 'ur55'",
+        "there is no gripper 'robotiq_2f58'",
+        "there is no node or skill 'circel'",
+        "xyz: expected 3 items, not 2",
+        "there is no posture of panda 'hoem'",
+        "there is no camera mount of panda 'wrst'",
+        "fps: expected a number, not text 'none'",
+        "reach_to_pose: there is no posture of panda 'hom'",
+        "reach_to_pose: speed: must be at most 1, not 50",
+        "move_joints: to: expected a list or a mapping, not 7",
+        "grasp: arm2 has no gripper",
+        "grasp: there is no object 'cubus'",
+        "unknown field 'speed'",
+        "set: port 'value' is missing",
+    ]
+
+
+def test_what_stands_in_what_is_told_with_mistakes_of_the_trees(
+    tmp_path: Path, registry: Registry
+) -> None:
+    text = FILE.format(**{**GOOD, "tree": "circel"})
+    other = "  ball: {shape: sphere, size: [0.05], mass: 0.1, pose: {xyz: [0.4, 0, 0.1]}}\n"
+    third = "  can: {shape: box, size: [0.1, 0.1, 0.1], mass: 1, pose: {xyz: [0.4, 0.07, 0.1]}}\n"
+    path = tmp_path / "task.yaml"
+    path.write_text(text.replace("arms:", f"{other}{third}arms:"))
+    messages = [problem.message for problem in check(path, registry.kinds).problems]
+    assert messages[-1] == "there is no node or skill 'circel'"
+    assert len(messages) == 3
+    assert all("deep in" in message for message in messages[:2])
+
+
 def test_what_is_wrong_is_raised_where_a_file_is_wanted(tmp_path: Path, registry: Registry) -> None:
     path = tmp_path / "task.yaml"
     path.write_text(textwrap.dedent(FILE.format(**{**GOOD, "robot": "ur55"})))
