@@ -97,8 +97,8 @@ def obstacles(rng: np.random.Generator, gap: float) -> str:
         height = round(float(rng.uniform(0.1, 0.7)), 3)
         side = round(float(rng.uniform(0.03, 0.15)), 3)
         text += (
-            f"  block{number}: {{shape: box, size: [{side}, {side}, {height}], mass: 5, fixed: true,"
-            f" pose: {{xyz: [{x}, {y}, {height / 2}]}}}}\n"
+            f"  block{number}: {{shape: box, size: [{side}, {side}, {height}], mass: 5,"
+            f" fixed: true, pose: {{xyz: [{x}, {y}, {height / 2}]}}}}\n"
         )
     return text
 
@@ -108,7 +108,7 @@ def rod(name: str, kinematics: Kinematics, rng: np.random.Generator) -> tuple[st
     length = round(float(rng.uniform(0.1, 0.4)), 3)
     base = kinematics.base.position
     side = 1.0 if rng.random() < 0.5 else -1.0
-    x, y = (base[:2] + (0.0, 0.45 * side)).round(3).tolist()
+    x, y = round(float(base[0]), 3), round(float(base[1]) + 0.45 * side, 3)
     height = 0.25
     text = (
         f"  stand_{name}: {{shape: box, size: [0.06, 0.06, {height}], mass: 5, fixed: true,"
@@ -209,9 +209,7 @@ def main(arguments: Sequence[str]) -> int:
             print(f"run {number} refused: {str(error).splitlines()[0]}")
             continue
         wrong += report(number, result, touches)
-        codes.update(
-            leaf.code or leaf.status for arm in result.arms.values() for leaf in arm.runs
-        )
+        codes.update(leaf.code or leaf.status for arm in result.arms.values() for leaf in arm.runs)
         sys.stdout.flush()
     print(f"{runs} runs, {refused} refused, {time.perf_counter() - began:.0f} s")
     print(", ".join(f"{code} {count}" for code, count in codes.most_common()))

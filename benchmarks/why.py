@@ -1,8 +1,9 @@
 """How often ``bt-why`` names the planted cause first: mistakes in shipped trees, one run each.
 
-    python -m benchmarks.why [WORD] [--unseen]
+    python -m benchmarks.why [WORD] [--unseen | --interactions]
 
-With ``--unseen`` those that were planted before the rules were looked at for them. Prints a line
+With ``--unseen`` those that were planted before the rules were looked at for them, likewise with
+``--interactions`` those in which two features meet. Prints a line
 for each mistake and the count. A cause counts if it is the first of the first story, of the kind
 that was planted, and its sentence has the names that belong to it.
 """
@@ -14,6 +15,7 @@ import tempfile
 from pathlib import Path
 
 import bt_dualarm
+from benchmarks.why_interactions import interactions
 from benchmarks.why_mistake import Mistake
 from benchmarks.why_mistakes import mistakes
 from benchmarks.why_mistakes_unseen import unseen
@@ -43,8 +45,10 @@ def is_named(mistake: Mistake, cause: Cause | None) -> bool:
 
 def main(words: list[str]) -> None:
     """Run all mistakes that have these words in their names."""
-    planted = unseen() if "--unseen" in words else mistakes()
-    word = " ".join(each for each in words if each != "--unseen")
+    sets = {"--unseen": unseen, "--interactions": interactions}
+    asked = [sets[each] for each in words if each in sets]
+    planted = (asked or [mistakes])[0]()
+    word = " ".join(each for each in words if each not in sets)
     chosen = [mistake for mistake in planted if word in mistake.name]
     named = 0
     with tempfile.TemporaryDirectory() as folder:
