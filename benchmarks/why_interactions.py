@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from benchmarks.why_mistake import Mistake, Tree, box, shipped, steps
 
 _CUBE = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1, "color": "red"}
-_STAND = box((0.1, 0.1, 0.3), (0.5, 0.1, 0.15))
-_ON_STAND = {**_CUBE, "pose": {"xyz": [0.5, 0.1, 0.325]}}
+_STAND = box((0.1, 0.1, 0.3), (0.55, -0.3, 0.15))
+_ON_STAND = {**_CUBE, "pose": {"xyz": [0.55, -0.3, 0.325]}}
 _TAKE = {"approach_and_attach": {"object": "cube"}}
 _LIFT = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.15]}}}
 _DOWN = [180, 0, 0]
@@ -55,7 +55,7 @@ def _of_removed() -> Iterator[Mistake]:
     tree = _cell({"remove": {"arm": "arm2"}}, _wait(2), arm2=[_wait(20)])
     yield Mistake("an arm is removed while it waits", tree, "TAKEN_AWAY", ("arm2", "remove"))
     away = [{"remove": {"arm": "arm2"}}, _wait(2)]
-    late = {"approach_and_attach": {"object": "cube", "at": {"xyz": [0.5, 0.1, 0.475]}}}
+    late = {"approach_and_attach": {"object": "cube", "at": {"xyz": [0.55, -0.3, 0.475]}}}
     tree = _cell(_wait(10), *away, late, arm2=[_TAKE, _LIFT, _wait(100)])
     tree["arms"]["arm2"]["removable"] = True
     yield Mistake("the removed arm let fall what it held", tree, "FELL", ("cube", "arm2"), 40.0)
@@ -109,7 +109,7 @@ def _of_repeated() -> Iterator[Mistake]:
     higher = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.1]}, "speed": 1.0}}
     tree = _cell({"repeat": {"times": 20, "child": higher}}, objects={})
     yield Mistake("an offset that adds up in a loop", tree, "DRIFT", ("reach_to_pose",), 60.0)
-    put = [{"transport": {"object": "cube", "to": {"xyz": [0.5, 0.1, 0.4]}}}]
+    put = [{"transport": {"object": "cube", "to": {"xyz": [0.55, -0.3, 0.4]}}}]
     put += [{"detach": {"object": "cube"}}, _wait(0.5)]
     tree = _cell(_TAKE, {"repeat": {"times": 2, "child": {"sequence": put}}})
     yield Mistake("let go in a loop, taken before it", tree, "LET_GO", ("cube", "detach"), 40.0)
@@ -146,10 +146,10 @@ def _of_recoveries() -> Iterator[Mistake]:
 
 def _of_held() -> Iterator[Mistake]:
     """What an arm holds, and what it then meets."""
-    rod = {**_CUBE, "size": [0.03, 0.03, 0.3], "pose": {"xyz": [0.5, 0.1, 0.3]}}
-    stand = box((0.1, 0.1, 0.148), (0.5, 0.1, 0.074))
-    block = box((0.2, 0.2, 0.3), (0.45, -0.35, 0.15))
-    low = _reach(0.45, -0.35, 0.45)
+    rod = {**_CUBE, "size": [0.03, 0.03, 0.3], "pose": {"xyz": [0.55, -0.3, 0.3]}}
+    stand = box((0.1, 0.1, 0.148), (0.55, -0.3, 0.074))
+    block = box((0.2, 0.2, 0.3), (0.45, 0.35, 0.15))
+    low = _reach(0.45, 0.35, 0.45)
     things = {"rod": rod, "stand": stand, "block": block}
     take = {"approach_and_attach": {"object": "rod"}}
     tree = _cell(take, _LIFT, low, objects=things)
@@ -159,7 +159,7 @@ def _of_held() -> Iterator[Mistake]:
     things = {"rod": rod, "stand": stand, "wall": wall}
     tree = _cell(take, _LIFT, carry, objects=things)
     yield Mistake("carried into a wall", tree, "IN_THE_WAY", ("wall", "rod"), 40.0)
-    long = {**rod, "size": [0.03, 0.03, 0.5], "pose": {"xyz": [0.5, 0.1, 0.4]}}
+    long = {**rod, "size": [0.03, 0.03, 0.5], "pose": {"xyz": [0.55, -0.3, 0.4]}}
     fold = {"move_joints": {"by": {"wrist_1_joint": -150}}}
     tree = _cell(take, _LIFT, fold, objects={"rod": long, "stand": stand})
     yield Mistake("a held rod folded into its arm", tree, "SELF_COLLISION", ("rod",), 40.0)
@@ -171,11 +171,11 @@ def _of_held() -> Iterator[Mistake]:
 
 def _of_others() -> Iterator[Mistake]:
     """Two arms, and what one of them holds, spawns or has taken."""
-    reach = [_wait(8), _reach(0.55, 0.1, 0.5, patience=2.0)]
-    hold = [_TAKE, _reach(0.55, 0.1, 0.6), _wait(100)]
+    reach = [_wait(8), _reach(0.55, 0.0, 0.5, patience=2.0)]
+    hold = [_TAKE, _reach(0.55, 0.0, 0.6), _wait(100)]
     tree = _cell(*reach, arm2=hold)
     yield Mistake("another arm stands at the goal with a cube", tree, "OTHER_ARM", ("arm2",), 40.0)
-    timed = {"timeout": {"seconds": 3, "child": _reach(0.55, 0.1, 0.5, patience=30.0)}}
+    timed = {"timeout": {"seconds": 3, "child": _reach(0.55, 0.0, 0.5, patience=30.0)}}
     tree = _cell(_wait(8), timed, arm2=hold)
     yield Mistake("a timeout while another arm is there", tree, "OTHER_ARM", ("arm2",), 40.0)
     wall = box((0.8, 0.02, 1.0), (0.5, 0.25, 0.5), spawned=False)
@@ -187,7 +187,7 @@ def _of_others() -> Iterator[Mistake]:
         "tree": {"sequence": [_wait(5), {"spawn": {"object": "wall"}}, _wait(100)]},
     }
     yield Mistake("a wall is spawned into a motion", tree, "IN_THE_WAY", ("wall",), 40.0)
-    late = {"approach_and_attach": {"object": "cube", "at": {"xyz": [0.5, 0.1, 0.325]}}}
+    late = {"approach_and_attach": {"object": "cube", "at": {"xyz": [0.55, -0.3, 0.325]}}}
     aside = {"transport": {"object": "cube", "to": {"xyz": [0.8, 0.5, 0.4]}}}
     tree = _cell(_wait(12), late, arm2=[_TAKE, _LIFT, aside, _wait(100)])
     yield Mistake("carried away before it is taken", tree, "HELD", ("cube", "arm2"), 60.0)

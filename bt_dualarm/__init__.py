@@ -14,7 +14,7 @@ A tree file declares a world, the arms in it and one tree per arm. It is run who
 
 A skill is what a leaf does::
 
-    from bt_dualarm import Failure, PortModel, Skill, port
+    from bt_dualarm import Failure, PortModel, Skill, Ticks, port
 
     class WaitForRest(Skill):
         \"\"\"Wait until the arm stands still.\"\"\"
@@ -26,7 +26,7 @@ A skill is what a leaf does::
         example = "wait_for_rest: {longest: 2.0}"
         ports: Ports
 
-        def run(self):
+        def run(self) -> Ticks:
             began = self.time
             while not self.arm.controller.at_rest:
                 yield  # one tick
@@ -91,6 +91,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.sight_ports import SightPorts as SightPorts
     from bt_dualarm.skill.skill import Skill as Skill
     from bt_dualarm.skill.skill import SkillContext as SkillContext
+    from bt_dualarm.skill.skill import Ticks as Ticks
     from bt_dualarm.skill.still_pictures import own_camera as own_camera
     from bt_dualarm.skill.still_pictures import still_picture as still_picture
     from bt_dualarm.skill.taking import Taking as Taking
@@ -156,6 +157,7 @@ _CONTENTS: Final = {
     # What a skill is made of
     "Skill": "skill.skill:Skill",
     "SkillContext": "skill.skill:SkillContext",
+    "Ticks": "skill.skill:Ticks",
     "PathSkill": "skill.path_skill:PathSkill",
     "PortModel": "spec.ports:PortModel",
     "port": "spec.ports:port",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
-from bt_dualarm.errors import Number
 from bt_dualarm.runtime.named import Named
 from bt_dualarm.runtime.outcome import Ending, Outcome, combined
 from bt_dualarm.runtime.series import Series
@@ -51,7 +51,7 @@ class LeafResult:
         return self.runs[-1].reason
 
     @property
-    def metrics(self) -> Mapping[str, Number]:
+    def metrics(self) -> Mapping[str, Any]:  # Any: a number or text, by its name
         """What it measured, with the numbers of its failure; units are part of the names."""
         return self.runs[-1].metrics
 
@@ -136,7 +136,7 @@ class ArmResult:
     lives: tuple[ArmLife, ...] = ()
     lives_left_out: int = 0
     removable: bool = False
-    guard: Mapping[str, Number] = field(default_factory=dict)
+    guard: Mapping[str, Any] = field(default_factory=dict)  # Any: a number or text, by its name
     series: Mapping[str, Mapping[str, Series]] = field(default_factory=dict)
     slow_ticks: tuple[SlowTick, ...] = ()
 

@@ -23,6 +23,13 @@ from bt_dualarm.spec.ports import PortModel
 if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm
 
+Ticks: TypeAlias = Iterator[Any]
+"""What ``run`` of a skill is: ``yield`` ends a tick, ``yield 0.4`` says that 40 % are done.
+
+An iterator of numbers and None, written so that checkers of types accept a bare ``yield`` beside
+``yield 0.4`` and ``yield from``: mypy refuses it in an ``Iterator[float | None]``.
+"""
+
 STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "UNREACHABLE": "no joint configuration puts the tool there",
     "JOINT_LIMIT": "a joint would leave its limits",
@@ -119,7 +126,7 @@ class Skill:
         self.metrics: dict[str, Number] = {}
         self._write = write
 
-    def run(self) -> Iterator[float | None]:
+    def run(self) -> Ticks:
         """Do it, one tick from ``yield`` to ``yield``; never block, never sleep.
 
         A number that is yielded is the progress, from 0 to 1.

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
-
-from bt_dualarm.errors import Number
+from typing import Any, Literal, TypeAlias
 
 StatusName: TypeAlias = Literal["INVALID", "RUNNING", "SUCCESS", "FAILURE"]
 """py_trees' statuses by name. INVALID: never ticked, or halted before it could finish."""
@@ -61,7 +59,7 @@ class StatusChange:
     new: StatusName
     code: str = ""
     reason: str = ""
-    metrics: Mapping[str, Number] = field(default_factory=dict)
+    metrics: Mapping[str, Any] = field(default_factory=dict)  # Any: a number or text, by its name
 
 
 @dataclass
@@ -86,7 +84,7 @@ class LeafReport:
     ended_s: float | None = None
     code: str = ""
     reason: str = ""
-    metrics: Mapping[str, Number] = field(default_factory=dict)
+    metrics: Mapping[str, Any] = field(default_factory=dict)  # Any: a number or text, by its name
 
     def as_dict(self) -> dict[str, object]:
         """JSON-ready, keys in the order of ``summary.json``."""
