@@ -76,7 +76,7 @@ class Touches(IdleObserver):
         self._generation = world.generation
         self._owner = [name_of_geom(world.model, geom) for geom in range(world.model.ngeom)]
         self._movers = np.zeros(world.model.ngeom, dtype=bool)
-        self._tools = {}
+        self._tools: dict[int, str] = {}
         for name, body in world.arms.items():
             self._movers[list(body.geom_ids)] = True
             self._tools |= dict.fromkeys(body.tool_geom_ids, name)
@@ -196,7 +196,8 @@ def report(seed: int, result: RunResult, touches: Touches) -> int:
 
 def main(arguments: Sequence[str]) -> int:
     """Print what came of all runs."""
-    runs, seed = (int(one) for one in (*arguments, *(RUNS, SEED)[len(arguments) :]))
+    runs = int(arguments[0]) if arguments else RUNS
+    seed = int(arguments[1]) if len(arguments) > 1 else SEED
     registry = Registry.load()
     codes: Counter[str] = Counter()
     wrong = refused = 0

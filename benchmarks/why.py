@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import bt_dualarm
@@ -45,7 +46,10 @@ def is_named(mistake: Mistake, cause: Cause | None) -> bool:
 
 def main(words: list[str]) -> None:
     """Run all mistakes that have these words in their names."""
-    sets = {"--unseen": unseen, "--interactions": interactions}
+    sets: dict[str, Callable[[], Iterable[Mistake]]] = {
+        "--unseen": unseen,
+        "--interactions": interactions,
+    }
     asked = [sets[each] for each in words if each in sets]
     planted = (asked or [mistakes])[0]()
     word = " ".join(each for each in words if each not in sets)

@@ -147,7 +147,7 @@ def _of_recoveries() -> Iterator[Mistake]:
 def _of_held() -> Iterator[Mistake]:
     """What an arm holds, and what it then meets."""
     rod = {**_CUBE, "size": [0.03, 0.03, 0.3], "pose": {"xyz": [0.55, -0.3, 0.3]}}
-    stand = box((0.1, 0.1, 0.148), (0.55, -0.3, 0.074))
+    stand = box((0.1, 0.1, 0.1495), (0.55, -0.3, 0.07475))
     block = box((0.2, 0.2, 0.3), (0.45, 0.35, 0.15))
     low = _reach(0.45, 0.35, 0.45)
     things = {"rod": rod, "stand": stand, "block": block}
@@ -159,12 +159,13 @@ def _of_held() -> Iterator[Mistake]:
     things = {"rod": rod, "stand": stand, "wall": wall}
     tree = _cell(take, _LIFT, carry, objects=things)
     yield Mistake("carried into a wall", tree, "IN_THE_WAY", ("wall", "rod"), 40.0)
-    long = {**rod, "size": [0.03, 0.03, 0.5], "pose": {"xyz": [0.55, -0.3, 0.4]}}
+    long = {**rod, "size": [0.03, 0.03, 0.4], "pose": {"xyz": [0.55, -0.3, 0.35]}}
     fold = {"move_joints": {"by": {"wrist_1_joint": -150}}}
     tree = _cell(take, _LIFT, fold, objects={"rod": long, "stand": stand})
     yield Mistake("a held rod folded into its arm", tree, "SELF_COLLISION", ("rod",), 40.0)
     drop = {"sequence": [_wait(1), {"detach": {"object": "cube"}}]}
-    carry = {"transport": {"object": "cube", "to": {"xyz": [0.4, 0.4, 0.5]}, "speed": 0.05}}
+    slowly: Tree = {"object": "cube", "to": {"xyz": [0.4, 0.4, 0.5]}, "speed": 0.05}
+    carry = {"transport": slowly}
     tree = _cell(_TAKE, {"parallel": {"children": [carry, drop]}})
     yield Mistake("detached while it is carried", tree, "LET_GO", ("cube", "detach"), 40.0)
 
