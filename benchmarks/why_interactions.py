@@ -76,6 +76,7 @@ def _of_removed() -> Iterator[Mistake]:
     first = steps(tree)
     first[0], first[1] = first[1], first[0]
     first.insert(1, _wait(2))
+    first.insert(0, _wait(0.5))
     yield Mistake("its stand is removed first", tree, "FELL", ("cube", "stand"), 30.0)
 
 
@@ -109,7 +110,7 @@ def _of_repeated() -> Iterator[Mistake]:
     higher = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.1]}, "speed": 1.0}}
     tree = _cell({"repeat": {"times": 20, "child": higher}}, objects={})
     yield Mistake("an offset that adds up in a loop", tree, "DRIFT", ("reach_to_pose",), 60.0)
-    put = [{"transport": {"object": "cube", "to": {"xyz": [0.55, -0.3, 0.4]}}}]
+    put = [{"transport": {"object": "cube", "to": {"xyz": [0.55, -0.3, 0.326]}}}]
     put += [{"detach": {"object": "cube"}}, _wait(0.5)]
     tree = _cell(_TAKE, {"repeat": {"times": 2, "child": {"sequence": put}}})
     yield Mistake("let go in a loop, taken before it", tree, "LET_GO", ("cube", "detach"), 40.0)
@@ -159,9 +160,10 @@ def _of_held() -> Iterator[Mistake]:
     things = {"rod": rod, "stand": stand, "wall": wall}
     tree = _cell(take, _LIFT, carry, objects=things)
     yield Mistake("carried into a wall", tree, "IN_THE_WAY", ("wall", "rod"), 40.0)
-    long = {**rod, "size": [0.03, 0.03, 0.4], "pose": {"xyz": [0.55, -0.3, 0.35]}}
+    long = {**rod, "size": [0.03, 0.03, 0.36], "pose": {"xyz": [0.55, -0.3, 0.33]}}
     fold = {"move_joints": {"by": {"wrist_1_joint": -150}}}
-    tree = _cell(take, _LIFT, fold, objects={"rod": long, "stand": stand})
+    rise = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}}}
+    tree = _cell(take, rise, fold, objects={"rod": long, "stand": stand})
     yield Mistake("a held rod folded into its arm", tree, "SELF_COLLISION", ("rod",), 40.0)
     drop = {"sequence": [_wait(1), {"detach": {"object": "cube"}}]}
     slowly: Tree = {"object": "cube", "to": {"xyz": [0.4, 0.4, 0.5]}, "speed": 0.05}

@@ -8,6 +8,7 @@ from typing import Final
 
 from bt_dualarm.replay.evidence import LOOK_BACK_S, Cause, Evidence
 from bt_dualarm.replay.scene import Touch
+from bt_dualarm.replay.world_causes import carried
 
 _USUAL_LIMIT_N: Final = 280.0
 """Force limit of an arm whose file says nothing."""
@@ -87,11 +88,14 @@ def _blocked(e: Evidence) -> Iterator[Cause]:
 
 def _met(e: Evidence) -> list[Touch]:
     """What the arm touched shortly before the end and not before that, the commonest first."""
+    held = carried(e)  # by fingers, too, of which no weld tells
     before = {(touch.own, touch.other) for touch in e.scene(e.ended - LOOK_BACK_S).touches(e.arm)}
     found: Counter[tuple[str, str]] = Counter()
     deepest: dict[tuple[str, str], Touch] = {}
     for scene in e.moments(25, since=e.ended - LOOK_BACK_S):
         for touch in scene.touches(e.arm):
+            if touch.other in held:
+                continue
             pair = touch.own, touch.other
             if touch.depth_m > _RESTING_M:
                 found[pair] += 1

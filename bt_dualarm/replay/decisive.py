@@ -49,11 +49,19 @@ def failures(timeline: Timeline) -> list[Verdict]:
 def waiting(timeline: Timeline) -> list[Verdict]:
     """Leaves that were running when the run ended, of trees that had not ended.
 
-    Of a tree whose record ends at the failure of a leaf, that leaf.
+    Of a tree whose record ends at the failure of a leaf, that leaf; of an arm that was taken away
+    before, what it did then, or its root where it had not begun.
     """
     found = []
     for root in timeline.roots.values():
         if root.last("SUCCESS", "FAILURE") is not None:
+            continue
+        removal = timeline.removal(root.arm)
+        if removal is not None:
+            if not timeline.may_be_removed(root.arm):
+                running = root.leaves_at(removal[1].time, "RUNNING")
+                leaf = running[0] if running else next(n for n in root.walk() if not n.children)
+                found.append(Verdict(chain_of(root, leaf), None, at=removal[1].time))
             continue
         for leaf in (node for node in root.walk() if not node.children):
             last = leaf.changes[-1] if leaf.changes else None
@@ -116,11 +124,12 @@ def _deciding(
         return None, None, []
     failed = [(child, change) for child, change in ended if change.new == blamed]
     ended = sorted(failed or ended, key=lambda pair: pair[1].index)
-    if len(ended) > 1 and ended[-1][0].kind == "fail":  # the author's last word, not a cause
-        ended.insert(0, ended.pop())
-    child, change = ended[-1]
-    before = [descend(other, its_end).leaf for other, its_end in ended[:-1]]
-    return child, change, before
+    leaves = [descend(other, its_end).leaf for other, its_end in ended]
+    # A `fail`, however deep in a branch, is the author's last word on what has failed before it.
+    blamed_ones = [i for i, leaf in enumerate(leaves) if leaf.kind != "fail"]
+    last = blamed_ones[-1] if blamed_ones else len(ended) - 1
+    child, change = ended[last]
+    return child, change, [leaf for i, leaf in enumerate(leaves) if i != last]
 
 
 def _wants_failure(node: Node, end: Change) -> bool:

@@ -154,6 +154,11 @@ class Evidence:
         for number in range(count):
             yield self.scene(self.ended - span * number / count)
 
+    def moments_before(self, count: int) -> Iterator[Scene]:
+        """The world at even times from its beginning back to the start, the last one first."""
+        for number in range(1, count + 1):
+            yield self.scene(self.began * (1.0 - number / count))
+
     def cause(
         self,
         kind: str,

@@ -19,12 +19,20 @@ from bt_dualarm.world.robots.catalogue import load_robot
 _TOO_FAR: Final = frozenset({"UNREACHABLE", "OUT_OF_REACH", "PATH_BROKEN", "SINGULAR"})
 _LEAST_GAP_M: Final = 1e-3
 
+_DRIFT_M: Final = 0.03
+"""Distance from which on a tool that begins elsewhere each time has drifted."""
+
+_STRAIGHT: Final = 0.7
+"""Share of all steps from run to run that their sum is at least, where it goes one way."""
+
 _ABSURD_M: Final = 5.0
 """Distance of a target from the origin beyond which another unit may have been meant."""
 
 
 def reach_causes(e: Evidence) -> Iterator[Cause]:
     """What kept the arm from where the leaf wanted it to be."""
+    if e.code in _TOO_FAR | {"IN_COLLISION", "NO_PLAN", "JOINT_LIMIT"}:
+        yield from _drifted(e)
     if e.code in ("IN_COLLISION", "NO_PLAN", "OUT_OF_REACH", "TIMED_OUT", "PATH_BROKEN"):
         yield from _in_the_way(e)
     if "reach_m" in e.numbers:
@@ -35,10 +43,39 @@ def reach_causes(e: Evidence) -> Iterator[Cause]:
         yield e.cause("JOINT_LIMIT", e.reason, "an angle within the joint's limits")
 
 
+def _drifted(e: Evidence) -> Iterator[Cause]:
+    """A motion from where the tool is, begun anew and anew from where it had ended."""
+    loops = [node for node in e.verdict.chain if node.kind in ("repeat", "while")]
+    if not loops or e.ports.get("to") is not None or e.ports.get("object") is not None:
+        return
+    begun = loops[-1].last("RUNNING", before=e.verdict.end.index if e.verdict.end else None)
+    since = 0.0 if begun is None else begun.time
+    times = [e.leaf.begun(end).time for end in e.leaf.changes if end.new == "SUCCESS"]
+    times = [time for time in times if since <= time < e.began]
+    tools = [e.scene(time).tool(e.arm) for time in (*times, e.began)]
+    points = np.array([tool for tool in tools if tool is not None])
+    if len(points) < 2:
+        return
+    whole = points[-1] - points[0]
+    far = float(np.linalg.norm(whole))
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    if far < _DRIFT_M or far < _STRAIGHT * float(steps.sum()):
+        return
+    each = ", ".join(f"{1e3 * x:.0f}" for x in whole / len(steps))
+    sentence = (
+        f"{e.leaf.path!r} ({e.leaf.kind}) begins each time where it has ended before: from run to "
+        f"run the tool moved on by ({each}) mm, {far:.2f} m in {len(steps)} runs; then {e.reason}"
+    )
+    remedy = f"go back to one place before each {e.leaf.kind}"
+    if e.ports.get("end") == "rim":
+        remedy = "end: center, or go back to one place before each turn"
+    yield e.cause("DRIFT", sentence, remedy, leaf=e.leaf.path)
+
+
 def _outside(e: Evidence) -> Cause:
     """A target that is farther away than any posture of the arm reaches."""
     away, reach = float(e.numbers["distance_m"]), float(e.numbers["reach_m"])
-    wanted = _target(e)
+    wanted = target_of(e)
     what = "the target" if wanted is None else wanted[0]
     slip = "" if wanted is None else _unit_slip(e, wanted[1])
     if slip:
@@ -56,18 +93,24 @@ def _in_the_way(e: Evidence) -> Iterator[Cause]:
     first, second = str(e.numbers.get("first", "")), str(e.numbers.get("second", ""))
     if not second:
         return
-    own = [name for name in (first, second) if name.startswith(f"{e.arm}/")]
-    if len(own) == 2:
-        sentence = f"the arm would be in its own way: {first} would touch {second}"
+    held = e.scene(e.ended).held(e.arm)
+    if second in held and second != first:  # two shapes of one arm, in whichever order
+        first, second = second, first
+    if second.startswith(f"{e.arm}/"):
+        what = first if first.startswith(f"{e.arm}/") else f"{first}, which {e.arm} holds,"
+        sentence = f"the arm would be in its own way: {what} would touch {second}"
         yield e.cause("SELF_COLLISION", sentence)
         return
     other = second.partition("/")[0]
-    if other in e.record.arms and other != e.arm:
-        yield other_arm(e, other)
+    holders = [arm for arm in e.record.arms if other in e.scene(e.ended).held(arm)]
+    if other in e.record.arms or holders:
+        cause = other_arm(e, (holders or [other])[0])
+        more = f"; {first} would touch {other}, which it holds" if holders else ""
+        yield e.cause(cause.kind, cause.sentence + more, cause.remedy, leaf=cause.leaf)
         return
-    held = f", which {e.arm} holds," if "/" not in first else ""
+    holds = f", which {e.arm} holds," if "/" not in first else ""
     remedy = f"move {other} away, or go another way"
-    yield e.cause("IN_THE_WAY", f"{second} is in the way: {first}{held} would touch it", remedy)
+    yield e.cause("IN_THE_WAY", f"{second} is in the way: {first}{holds} would touch it", remedy)
 
 
 def other_arm(e: Evidence, other: str) -> Cause:
@@ -86,7 +129,7 @@ def other_arm(e: Evidence, other: str) -> Cause:
 
 def _too_far(e: Evidence) -> Iterator[Cause]:
     base = np.array(e.record.arms[e.arm]["base"]["xyz"])
-    named = _target(e)
+    named = target_of(e)
     short = float(e.numbers.get("residual_m", 0.0) or 0.0)
     if named is None:
         how = f": {e.reason}"
@@ -126,7 +169,7 @@ def _unit_slip(e: Evidence, point: Vector) -> str:
     return ""
 
 
-def _target(e: Evidence) -> tuple[str, Vector] | None:
+def target_of(e: Evidence) -> tuple[str, Vector] | None:
     """What the leaf wanted to reach, in words, and where it is, of shape (3,), m."""
     to, thing = e.ports.get("to"), e.ports.get("object")
     if isinstance(to, dict) and "xyz" in to:

@@ -128,6 +128,17 @@ class Scene:
                 found.append(Touch(first, second, float(-contact.dist)))
         return found
 
+    def near(self, point: Vector, within: float) -> list[str]:
+        """Bodies whose boxes are so near to a point, of shape (3,), m, the nearest first."""
+        inward = np.einsum(
+            "gji,gj->gi", self.data.geom_xmat.reshape(-1, 3, 3), point - self.data.geom_xpos
+        )
+        boxes = self.model.geom_aabb
+        away = np.linalg.norm(np.maximum(np.abs(inward - boxes[:, :3]) - boxes[:, 3:], 0.0), axis=1)
+        order = np.argsort(away)
+        names = (self._owner(int(geom)) for geom in order if away[geom] <= within)
+        return list(dict.fromkeys(names))
+
     def sight(self, arm: str, thing: str) -> Sight | None:
         """What the camera of an arm could see of an object; None where one is not there."""
         camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, f"{arm}/camera")

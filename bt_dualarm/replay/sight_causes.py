@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import colorsys
+import itertools
 from collections.abc import Iterator
 from typing import Final
+
+import numpy as np
 
 from bt_dualarm.replay.camera_causes import OF_SIGHT
 from bt_dualarm.replay.evidence import Cause, Evidence
@@ -20,6 +23,18 @@ _ANOTHER_SIZE: Final = 0.2
 
 _BEHIND: Final = 0.15
 """Share of a picture from which on what goes beyond its edge may be the ground of things."""
+
+_MOSTLY: Final = 0.7
+"""Share of pictures with the target from which on seeing it was not what failed."""
+
+_FOLLOWED_S: Final = 2.0
+"""Seconds before the end whose pictures count for that."""
+
+_FOLLOWED_LOOKS: Final = 40
+"""Moments at which speeds are measured."""
+
+_FULL: Final = 0.5
+"""Share of a limit from which on an arm is about as quick as it can be."""
 
 _LOOKING_AROUND: Final = frozenset({"scan", "locate"})
 """Leaves that turn the camera themselves: what is hidden wherever they look is what matters."""
@@ -39,12 +54,51 @@ def sight_causes(e: Evidence) -> Iterator[Cause]:
         yield from filter(None, (_wrong_kind(e, meant),))
     if e.code not in OF_SIGHT and not _saw_nothing(e):
         return
+    if e.code == "NOT_FOLLOWING" and meant and _seen_share(e) > _MOSTLY:
+        yield _too_slow(e, meant[0])
+        return
     wrong = _wrong_kind(e, meant) or (_wrong_color(e, color, meant) if color else None)
     if wrong is not None:
         yield wrong
         return
     for name in meant:
         yield from _of_target(e, name)
+
+
+def _seen_share(e: Evidence) -> float:
+    """Share of the pictures before the end in which the target was found."""
+    looks = e.notes("look", since=max(e.began, e.ended - _FOLLOWED_S), until=e.ended)
+    return sum(bool(look["pixel"]) for look in looks) / max(len(looks), 1)
+
+
+def _too_slow(e: Evidence, name: str) -> Cause:
+    """A target that was seen all the time, and left the middle of the picture all the same."""
+    scenes = [scene for scene in e.moments(_FOLLOWED_LOOKS) if scene.has(name)]
+    ways = {"target": [scene.position(name) for scene in scenes]}
+    ways["tool"] = [tool for scene in scenes if (tool := scene.tool(e.arm)) is not None]
+    step = (e.ended - e.began) / _FOLLOWED_LOOKS
+    top = {
+        what: max((float(np.linalg.norm(b - a)) for a, b in itertools.pairwise(way)), default=0.0)
+        / max(step, 1e-6)
+        for what, way in ways.items()
+    }
+    sentence = (
+        f"{name} was in view, and {e.arm} too slow for it: it moved at up to "
+        f"{top['target']:.2f} m/s, the tool at up to {top['tool']:.2f} m/s"
+    )
+    shares = {what: float(share) for what, share in e.record.arms[e.arm]["limits"].items()}
+    shares["speed"] = float(e.ports.get("speed") or 1.0)
+    least = min(shares, key=lambda what: shares[what])
+    remedy = "a slower target, or a larger max_error"
+    if shares[least] < _FULL:
+        where = "its leaf" if least == "speed" else "its limits"
+        sentence += f"; {where} may use {shares[least]:g} of the {least} of {e.robot}"
+        remedy = f"a larger share of {least}, or a slower target"
+    elif e.ports.get("controller") == "proportional":
+        gains = ", ".join(f"{key} {e.ports[key]:g} m" for key in ("gain_u", "gain_v"))
+        sentence += f"; a proportional controller goes on by its gains ({gains}) at full error"
+        remedy = "larger gains, or controller: predictive"
+    return e.cause("TOO_SLOW", sentence, remedy)
 
 
 def _saw_nothing(e: Evidence) -> bool:

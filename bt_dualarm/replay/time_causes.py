@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
 
 from bt_dualarm.replay.evidence import Cause, Evidence
-from bt_dualarm.replay.reach_causes import other_arm
+from bt_dualarm.replay.reach_causes import other_arm, target_of
 from bt_dualarm.replay.timeline import Node
+
+_STILL_M: Final = 2e-3
+"""Way of the tool up to which a leaf has not moved its arm."""
+
+_AT_TARGET_M: Final = 0.15
+"""Distance from a target up to which what is there keeps tool or wrist out."""
 
 
 def time_causes(e: Evidence) -> Iterator[Cause]:
@@ -53,12 +62,31 @@ def _held_up(e: Evidence) -> Cause | None:
     said = e.notes("guard", since=e.began, until=e.ended + 0.05)
     reasons = [e.reason, *(str(note["reason"]) for note in reversed(said[-3:]))]
     if e.code != "TIMED_OUT" and not (said and said[-1]["does"] == "stopped"):
-        return None
+        return _waited_for(e)
     for reason in reasons:
         for other in e.record.arms:
             if other != e.arm and f"{other}/" in reason:
                 cause = other_arm(e, other)
                 return e.cause(cause.kind, f"{cause.sentence}; {reason}", cause.remedy)
+    return None
+
+
+def _waited_for(e: Evidence) -> Cause | None:
+    """An arm at the target of a leaf that has not moved: it waited for that one to leave."""
+    wanted = target_of(e)
+    tools = [e.scene(time).tool(e.arm) for time in (e.began, e.ended)]
+    if wanted is None or tools[0] is None or tools[1] is None:
+        return None
+    if float(np.linalg.norm(tools[1] - tools[0])) > _STILL_M:
+        return None
+    for body in e.scene(e.ended).near(wanted[1], _AT_TARGET_M):
+        owner = body.partition("/")[0]
+        holders = [arm for arm in e.record.arms if owner in e.scene(e.ended).held(arm)]
+        other = (holders or [owner])[0]
+        if other in e.record.arms and other != e.arm:
+            cause = other_arm(e, other)
+            sentence = f"{cause.sentence}; {body} is where the tool is to be"
+            return e.cause(cause.kind, sentence, cause.remedy, leaf=cause.leaf)
     return None
 
 

@@ -144,6 +144,40 @@ class Timeline:
             if node is not None:
                 node.changes.append(_change(index, event))
 
+        self._removable = {
+            name for name, arm in record.arms.items() if arm.get("removable") is True
+        }
+
+    def may_be_removed(self, arm: str) -> bool:
+        """Whether a run succeeds although this arm was taken away before its tree had ended."""
+        return arm in self._removable
+
+    def removal(self, name: str) -> tuple[Node, Change] | None:
+        """The leaf that took an arm or an object away last, and when; None if none did."""
+        found = self.ended("remove", name)
+        back = self.ended("spawn", name)
+        if not found or (back and back[-1][1].index > found[-1][1].index):
+            return None
+        return found[-1]
+
+    def ended(self, kind: str, name: str, arm: str | None = None) -> list[tuple[Node, Change]]:
+        """Leaves of a kind that succeeded with an object or arm, in the order of their ends.
+
+        Args:
+            kind: Kind of the leaves.
+            name: Name that one of their ports has, as the file writes it or by a parameter.
+            arm: Arm whose leaves are meant; None for all.
+        """
+        found = [
+            (node, change)
+            for node in self.leaves()
+            if node.kind == kind and name in map(str, node.ports.values())
+            if arm in (None, node.arm)
+            for change in node.changes
+            if change.new == "SUCCESS"
+        ]
+        return sorted(found, key=lambda pair: pair[1].index)
+
     def nodes(self) -> Iterator[Node]:
         """Every node, arm by arm."""
         return iter(self._nodes.values())

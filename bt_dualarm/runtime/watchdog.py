@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import Final, Protocol
 
 from bt_dualarm.errors import Overrun
@@ -38,7 +39,14 @@ that one which comes late is harmless."""
 
 
 class LastResort(Protocol):
-    """What becomes of a run whose code nothing can interrupt; of a command, it ends the process."""
+    """What becomes of a run whose code nothing can interrupt; of a command, it ends the process.
+
+    Attributes:
+        held_up: Function to be called, with the frame that stands still, where code holds Python's
+            own lock and never gives it back: no thread looks on any more.
+    """
+
+    held_up: Callable[[FrameType | None], None]
 
     def postpone(self, seconds: float) -> None:
         """Say that Python runs: if it does not for so many seconds of computing, it is over."""
@@ -96,6 +104,8 @@ class Watchdog:
         if self._budget is None or self._is_over.is_set():
             yield
             return
+        if self.last_resort is not None:
+            self.last_resort.held_up = self._held_up
         self._postpone()
         self._thread = threading.get_ident()
         if self._looking is None:
@@ -136,6 +146,15 @@ class Watchdog:
             if spent > self._patience() + strikes * again_s + (_SHELTER_S if sheltered else 0.0):
                 strikes += 1
                 self._act(section, strikes, where, spent)
+
+    def _held_up(self, frame: FrameType | None) -> None:
+        """End a run whose code holds Python's own lock; this very thread runs that code."""
+        self._is_over.set()  # the thread that looks on is not to interrupt what follows
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), None)
+        sentence = f"{Whereabouts.of_frame(frame, self._of)} does not return, nor lets Python go on"
+        self.overrun = self.overrun or sentence
+        if self.last_resort is not None:
+            self.last_resort.end(sentence, self.keep)
 
     def _postpone(self) -> None:
         """Give the last resort, which is for Python itself being held up, its time anew."""

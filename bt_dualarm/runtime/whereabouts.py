@@ -60,8 +60,13 @@ class Whereabouts:
             thread: Identity of the thread.
             otherwise: What code is said to be that is no arm's.
         """
+        return cls.of_frame(sys._current_frames().get(thread), otherwise)
+
+    @classmethod
+    def of_frame(cls, innermost: FrameType | None, otherwise: str = "the run") -> Whereabouts:
+        """Of a thread whose innermost frame is given; ``otherwise`` as in `of`."""
         frames, arm, leaf = [], None, None
-        for frame in _outwards(sys._current_frames().get(thread)):
+        for frame in _outwards(innermost):
             owner = frame.f_locals.get("self") if _is_of_a_run(frame) else None
             if _is_a(owner, _ARM):
                 arm = owner

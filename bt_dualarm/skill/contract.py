@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from numbers import Real
 from typing import Final, TypeGuard
@@ -15,6 +16,8 @@ from bt_dualarm.skill.skill import Skill
 _LONGEST: Final = 60
 """Characters of a value that a sentence shows."""
 
+_LARGEST: Final = int(sys.float_info.max)
+
 
 def progress_of(skill: Skill, value: object) -> float | None:
     """Share done that a skill has yielded or noted, from 0 to 1; None where it does not say.
@@ -26,12 +29,19 @@ def progress_of(skill: Skill, value: object) -> float | None:
         return None
     if type(value) is float and 0.0 <= value <= 1.0:  # nearly always; the rest is slow to tell
         return value
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, Real) or not _is_finite(value):
         raise SkillError(
             f"{_name(skill)} yields {_shown(value)}: yield nothing, or the share done as a number "
             "from 0 to 1"
         )
     return min(1.0, max(0.0, float(value)))
+
+
+def _is_finite(value: Real) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number that no float can hold
+        return False
 
 
 def refuse_return(skill: Skill, value: object) -> None:
@@ -86,7 +96,7 @@ def wrong_metrics(skill: Skill, metrics: object) -> Iterator[str]:
         if not _is_metric(name, value):
             yield (
                 f"metric {_shown(name)} of {_name(skill)} is {_shown(value)}: a metric is a "
-                "number, true or false, or text"
+                "number that a float can hold, true or false, or text"
             )
 
 
@@ -103,8 +113,10 @@ def _is_metric(name: object, value: object) -> bool:
 
 
 def _is_number(value: object) -> TypeGuard[Number]:
-    """Whether JSON knows it, or can: NaN is the one number that says nothing."""
+    """Whether JSON knows it, or can: NaN says nothing, and what no float holds nobody reads."""
     if not isinstance(value, bool | int | float | str):
+        return False
+    if isinstance(value, int) and abs(value) > _LARGEST:
         return False
     return not (isinstance(value, float) and math.isnan(value))
 

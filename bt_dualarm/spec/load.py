@@ -49,7 +49,7 @@ class Loaded:
         problems: Every error in the file's order, else every warning: these wait for the errors
             to be mended, as some of them only follow from those.
         name: Name of the file in messages.
-        sound: Of a file with errors, what could be read all the same, so that what it names
+        sound: Part of a file with errors that could be read all the same, so that what it names
             outside of itself can be looked up, too.
         left_out: Paths of the fields that are not in ``sound`` because they have errors.
         source: Source of the file, None where that cannot be read.

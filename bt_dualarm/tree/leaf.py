@@ -209,7 +209,11 @@ class Leaf(Forgetful):
 
 
 def _one_line(error: BaseException) -> str:
-    name, text = type(error).__name__, one_line(str(error))
+    try:
+        text = one_line(str(error))
+    except Exception:  # noqa: BLE001 - of a skill's own, or with a number too long to be written
+        text = "its text cannot be made"
+    name = type(error).__name__
     sentence = f"{name}: {text}" if text else name
     if isinstance(error, _OF_OTHERS):
         sentence += ' (a skill ends no program: it returns, or raises Failure("CODE", "why"))'

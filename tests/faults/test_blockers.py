@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm import cli
+from bt_dualarm.replay.record import Record
 from bt_dualarm.runtime import watchdog
 from tests.commands import Ran
 
@@ -32,6 +33,10 @@ arms:
     base: {{xyz: [0, 2, 0]}}
     tree: {{wait: 10}}
 """
+
+NEEDS_PROC = pytest.mark.skipif(
+    not Path("/proc/self/stat").exists(), reason="who sleeps is told by /proc"
+)
 
 BUDGET_S = 0.8
 """What does return takes a few hundredths of it, in a process that has everything imported."""
@@ -155,15 +160,28 @@ def test_what_cannot_be_interrupted_ends_with_the_record_so_far(
 
 
 @pytest.mark.slow
-def test_what_holds_python_s_own_lock_is_ended_by_the_system(tmp_path: Path) -> None:
-    """No thread of Python runs any more: events are on the disk, the line is told.
-
-    A shell says 154 of a process that this signal has ended.
-    """
-    ran = run_apart(tmp_path, BUDGET_APART_S, deed="hold the lock of Python")
-    assert ran.code == -signal.SIGVTALRM
+@pytest.mark.parametrize(
+    "deed",
+    [
+        "hold the lock of Python",
+        "a huge power",
+        "a huge regular expression",
+        pytest.param("a foreign call", marks=NEEDS_PROC),
+    ],
+)
+def test_what_holds_python_s_own_lock_ends_with_the_record_so_far(
+    deed: str, tmp_path: Path
+) -> None:
+    """No thread of Python runs any more, whether that code computes or sleeps."""
+    ran = run_apart(tmp_path, BUDGET_APART_S, deed=deed)
+    assert ran.code == 154, ran.err
     assert 'blocker.py", line' in ran.err
-    assert [event["new"] for event in ran.events if event["path"] == "timeout/blocker"]
+    assert "bt-run: error: arm1: timeout/blocker at blocker.py:" in ran.err
+    check_whole(ran)
+    assert ran.summary["ending"] == "code of a skill did not return in time"
+    assert ran.summary["arms"]["arm1"]["leaves"][0]["status"] == "RUNNING"
+    history = Record.read(ran.folder)
+    assert history.until == pytest.approx(ran.summary["sim_time_s"], abs=0.021), "no second is lost"
 
 
 def test_a_skill_cannot_end_the_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.why import first_cause, is_named
+from benchmarks.why_interactions import interactions
 from benchmarks.why_mistake import Mistake
 from benchmarks.why_mistakes import mistakes
 from benchmarks.why_mistakes_unseen import unseen
@@ -27,6 +28,10 @@ QUICK = (
     "two leaves move one arm",
     "a pose in centimetres",
     "nobody took the cube with fingers",
+    "an arm is removed while it waits",
+    "home and fail after a far target",
+    "fail of a subtree after a wall",
+    "an offset that adds up in a loop",
 )
 BACK = 'reach_to_pose: {offset: "{goal}"}'
 FAILING = SHORT.replace(BACK, "reach_to_pose: {offset: {xyz: [3, 0, 0]}}")
@@ -37,7 +42,7 @@ MISTAKES = [
         id=mistake.name.replace(" ", "_"),
         marks=[] if mistake.name in QUICK else [pytest.mark.slow],
     )
-    for mistake in (*mistakes(), *unseen())
+    for mistake in (*mistakes(), *unseen(), *interactions())
 ]
 
 
@@ -48,8 +53,8 @@ def test_it_is_named_first(mistake: Mistake, tmp_path: Path) -> None:
 
 
 def test_there_are_enough_of_them() -> None:
-    names = [mistake.name for mistake in (*mistakes(), *unseen())]
-    assert len(names) >= 60
+    names = [mistake.name for mistake in (*mistakes(), *unseen(), *interactions())]
+    assert len(names) >= 90
     assert len(set(names)) == len(names)
     assert set(QUICK) <= set(names)
 

@@ -157,8 +157,10 @@ class CollisionChecker:
             return None
         found = self.data.contact
         first, second = sorted(found.geom[worst].tolist(), key=lambda geom: not self.moving[geom])
-        depth = float(-found.dist[worst])
-        return Contact(name_of_geom(self.model, first), name_of_geom(self.model, second), depth)
+        names = name_of_geom(self.model, first), name_of_geom(self.model, second)
+        if self.moving[second] and "/" not in names[1]:  # what it holds is no obstacle to itself
+            names = names[::-1]
+        return Contact(*names, float(-found.dist[worst]))
 
     def free(self, q: Vector) -> bool:
         """Whether the arm touches nothing at ``q``, of shape (dof,)."""

@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import itertools
 import os
+import re
 import signal
 import threading
 import time
@@ -43,6 +44,9 @@ DEEDS: dict[str, Callable[[], object]] = {
     "swallow": swallow,
     "deadlock": deadlock,
     "hold the lock of Python": lambda: sum(itertools.repeat(0)),
+    "a huge power": lambda: 7 ** (10**9),
+    "a huge regular expression": lambda: re.match("(a+)+$", "a" * 60 + "b"),
+    "a foreign call": lambda: ctypes.PyDLL(None).sleep(1000),  # which keeps the lock
     "leave": lambda: os._exit(0),
 }
 
