@@ -77,6 +77,7 @@ def _of_removed() -> Iterator[Mistake]:
     first[0], first[1] = first[1], first[0]
     first.insert(1, _wait(2))
     first.insert(0, _wait(0.5))
+    del tree["arms"]["arm2"]
     yield Mistake("its stand is removed first", tree, "FELL", ("cube", "stand"), 30.0)
 
 
@@ -161,7 +162,7 @@ def _of_held() -> Iterator[Mistake]:
     tree = _cell(take, _LIFT, carry, objects=things)
     yield Mistake("carried into a wall", tree, "IN_THE_WAY", ("wall", "rod"), 40.0)
     long = {**rod, "size": [0.03, 0.03, 0.36], "pose": {"xyz": [0.55, -0.3, 0.33]}}
-    fold = {"move_joints": {"by": {"wrist_1_joint": -150}}}
+    fold = {"move_joints": {"by": {"wrist_1_joint": 120}}}
     rise = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}}}
     tree = _cell(take, rise, fold, objects={"rod": long, "stand": stand})
     yield Mistake("a held rod folded into its arm", tree, "SELF_COLLISION", ("rod",), 40.0)
