@@ -85,7 +85,7 @@ clean: ## Remove everything that make made
 $(STAMP): pyproject.toml requirements.lock
 	@test -n "$(PYTHON)" || { \
 		echo "No Python 3.11 or newer found. Name one: make PYTHON=/path/to/python" >&2; exit 1; }
-	@echo "Setting up $(VENV) with $(PYTHON): once, about a minute"
+	@echo "Setting up $(VENV) with $(PYTHON): once, a minute or two, by your connection"
 	@$(PYTHON) -m venv $(VENV) || { \
 		echo "Could not create $(VENV); on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install \
@@ -95,6 +95,7 @@ $(STAMP): pyproject.toml requirements.lock
 		|| { cat $(VENV)/install.log >&2; exit 1; }
 	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet \
 		--no-deps --no-build-isolation --editable .
-	@echo "Compiling what has to be fast: about a minute"
-	@$(BIN)/python -c 'from bt_dualarm.runtime.compiling import compile_kernels; compile_kernels()'
+	@echo "Compiling what has to be fast: one to three minutes on two cores"
+	@$(BIN)/python -c 'import logging; logging.basicConfig(level="INFO", format="%(message)s"); \
+		from bt_dualarm.runtime.compiling import compile_kernels; compile_kernels()'
 	@touch $(STAMP)
