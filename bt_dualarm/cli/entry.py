@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gc
 import os
+import resource
 import signal
 import sys
 import threading
@@ -35,6 +36,9 @@ took a tenth of the start, after every 100,000 still 0.09 s."""
 
 _READERS: Final = frozenset({"bt-why", "bt-replay", "bt-record"})
 """Programs that print what stands in a record, which may come from a stranger."""
+
+_ADDRESS_SPACE: Final = 1_500_000_000
+"""Bytes of address space below which libraries may not be mapped: an arm takes 1.0 to 1.2 GB."""
 
 _LEAVING_S: Final = 1.0
 """Seconds that threads get which somebody has started and which keep Python from ending."""
@@ -92,6 +96,17 @@ def _ended(program: str, argv: Sequence[str] | None) -> int:
     except Overrun as overrun:
         print(f"{program}: error: {overrun}", file=sys.stderr)
         return OVERRUN
+    except Exception as error:  # libraries call it ImportError, OSError, ValueError …
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit == resource.RLIM_INFINITY or limit >= _ADDRESS_SPACE:
+            raise
+        print(
+            f"{program}: error: the address space is limited to {limit / 1e6:.0f} MB "
+            f"(ulimit -v), and {_ADDRESS_SPACE / 1e6:.0f} MB are needed: "
+            f"{' '.join(f'{type(error).__name__}: {error}'.split())[:200]}",
+            file=sys.stderr,
+        )
+        return UNUSABLE
 
 
 def _leave_threads(program: str, code: int) -> None:

@@ -63,3 +63,16 @@ def test_a_command_leaves_nothing_behind(name: str) -> None:
     assert (before["processes"], after["processes"]) == (0, 0)
     assert (before["threads"], after["threads"]) == (1, 1)
     assert after["mb"] - before["mb"] < MOST_MB
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("megabytes", [300, 600])
+def test_too_little_address_space_is_told_in_a_line(megabytes: int) -> None:
+    """Libraries that cannot be mapped raise errors of many kinds, or find no memory later."""
+    limit = f"resource.setrlimit(resource.RLIMIT_AS, ({megabytes * 10**6}, -1))"
+    run = "import bt_dualarm.cli as cli, sys; sys.exit(cli.run(['circle', '--duration', '0.1']))"
+    command = [sys.executable, "-c", f"import resource; {limit}; {run}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert f"error: the address space is limited to {megabytes} MB (ulimit -v)" in done.stderr
+    assert "Traceback" not in done.stderr
