@@ -97,6 +97,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.taking import Taking as Taking
     from bt_dualarm.skill.taking import refuse_too_frail as refuse_too_frail
     from bt_dualarm.skill.taking import thing_at as thing_at
+    from bt_dualarm.skill.taking import twin_at as twin_at
     from bt_dualarm.skill.taking_ports import TakingPorts as TakingPorts
     from bt_dualarm.skill.touch_sense import TouchSense as TouchSense
     from bt_dualarm.skill.tracking_reference import TrackingGains as TrackingGains
@@ -218,6 +219,7 @@ _CONTENTS: Final = {
     "TakingPorts": "skill.taking_ports:TakingPorts",
     "refuse_too_frail": "skill.taking:refuse_too_frail",
     "thing_at": "skill.taking:thing_at",
+    "twin_at": "skill.taking:twin_at",
     "TouchSense": "skill.touch_sense:TouchSense",
     "MarkView": "vision.hand_eye:MarkView",
     "MarkViews": "skill.mark_views:MarkViews",

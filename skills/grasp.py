@@ -20,6 +20,7 @@ from bt_dualarm import (
     port,
     refuse_too_frail,
     thing_at,
+    twin_at,
 )
 
 _UNKNOWN_FRICTION = 0.5
@@ -69,16 +70,25 @@ class Grasp(Skill):
         """Choose before moving; go, close with the force that is needed, lift, look."""
         name, gripper = self.ports.object, self.arm.gripper
         yield from gripper.until_decided()
+        if name is not None and self.ports.at is not None:
+            name = next((held for held in gripper.held if self._alike(held, name)), name)
         gripper.refuse_full(name)
         if gripper.held:  # it is this one
             if gripper.holding:
                 return
             yield from Taking.open(self.arm)
         lies = None if self.ports.at is None else self.ports.at.pose
+        if name is not None and lies is not None:
+            name = self.metrics["taken"] = twin_at(self.arm.world, name, lies.position)
         wanted = WantedGrasp.named(self.arm, name, self.ports, lies) if name else self._unnamed()
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
         taking = Taking(self.arm, self.ports, wanted, self.ports.at is not None, self.metrics)
         yield from taking.through(grasps_on(self.arm, wanted))
+
+    def _alike(self, one: str, other: str) -> bool:
+        """Whether two objects are of one form: nobody can tell them apart where one was seen."""
+        first, second = (self.arm.world.declared_objects[name] for name in (one, other))
+        return (first.shape, first.size) == (second.shape, second.size)
 
     def _unnamed(self) -> WantedGrasp:
         """What lies at a pose, a box of the extent that was told."""

@@ -19,6 +19,7 @@ FIRMER: Final = 3.0
 
 _PAUSE_S: Final = 0.05  # from one response to the next
 _LIFT_S: Final = 0.3  # of motion after a grasp, in which what lay on something presses on the pads
+_SURE: Final = 2.0  # deviations by which a weight has to be beyond what may be carried
 _PRESSES: Final = 0.3  # share of the force that was asked for; less is friction of the drive
 _NO_VACUUM: Final = 0.01
 _SHAKE: Final = 8.0  # m/s²; that the grip on what was weighed is to bear, as that of `grasp`
@@ -53,6 +54,8 @@ class SlipResponse:
         self._taken: Attachment | None = None
         self._taken_width = 0.0
         self._left_since: float | None = None
+        self._weighed = arm.payload
+        self._refused: frozenset[str] = frozenset()
         self.may_touch = False
         self.felt, self.felt_at = 0, -math.inf
 
@@ -84,6 +87,7 @@ class SlipResponse:
 
     def look(self) -> None:
         """Look at what is sensed, and answer it; to be called once a control period."""
+        self._refuse_weighed()
         hardware = self._arm.world.grippers.get(self._arm.name)
         if hardware is None:
             return
@@ -130,6 +134,31 @@ class SlipResponse:
         self._sensed_at = self._arm.time
         self._pads.forget()
         self._too_heavy, self._lift_s = None, _LIFT_S
+
+    def _refuse_weighed(self) -> None:
+        """Note once that what was weighed is more than arm or gripper may carry, beyond doubt."""
+        loads = self._nominal.loads
+        if loads is self._weighed:
+            return
+        self._weighed = loads
+        names = frozenset(load.object for load in loads)
+        if not names <= self._refused:
+            self._refused = frozenset()
+        if not names:
+            self._too_heavy = None
+        known = [load for load in loads if load.mass is not None]
+        if names == self._refused or all(load.is_told for load in known):
+            return
+        mass = sum(load.mass or 0.0 for load in known)
+        doubt = math.sqrt(sum(load.mass_doubt**2 for load in known))
+        hardware, robot = self._arm.world.grippers.get(self._arm.name), self._arm.robot
+        limits = [(robot.payload, robot.name)]
+        if hardware is not None and self._gripped() is not None:
+            limits.append((hardware.gripper.payload, hardware.gripper.name))
+        for most, name in limits:
+            if most is not None and mass - _SURE * doubt > most:
+                self._refused, self._too_heavy = names, _overload(loads, mass, doubt, most, name)
+                return
 
     def _hold_what_it_weighs(self, held: Attachment, hardware: GripperHardware) -> None:
         """Press more firmly if what nobody told the mass of is heavier than was reckoned with."""
@@ -188,4 +217,17 @@ def _too_heavy(load: NominalLoad, most: float) -> Failure:
         "do not hold it",
         mass_kg=mass,
         most_force_n=most,
+    )
+
+
+def _overload(
+    loads: tuple[NominalLoad, ...], mass: float, doubt: float, most: float, name: str
+) -> Failure:
+    names = ", ".join(repr(load.object) for load in loads)
+    return Failure(
+        "OVERLOADED",
+        f"{names}: {mass:.2f} kg, known to {doubt:.2f} kg; the payload of {name} is {most:g} kg",
+        mass_kg=mass,
+        mass_doubt_kg=doubt,
+        payload_kg=most,
     )

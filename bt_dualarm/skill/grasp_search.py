@@ -131,7 +131,11 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
             all of them; each with its numbers.
     """
     page, solid, rubs = arm.gripper.page, wanted.solid(arm.world), wanted.friction(arm.world)
-    gravity = wanted.lies.rotation_matrix.T @ np.array([0.0, 0.0, -GRAVITY])
+    # Of something round no turn about its axis is better than another: grasps are looked for from
+    # where the arm stands, so that they are the same however it was declared to be turned.
+    alike = _turned_to(arm.kinematics.base.position, wanted.lies, solid)
+    lies = wanted.lies @ alike
+    gravity = lies.rotation_matrix.T @ np.array([0.0, 0.0, -GRAVITY])
     load = Load(wanted.margin * wanted.mass, gravity, wanted.shake, np.zeros(3))
     _refuse_weight(arm, wanted)
     jaw: JawMeasures | None = None
@@ -146,6 +150,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         found = cup_grasps(solid, cup, load)
     if not found:
         raise _too_much(solid, jaw, arm, wanted)
+    found = tuple(replace(one, tool=alike @ one.tool) for one in found)
     found = tuple(one for one in found if wanted.allows(one))
     here = arm.tool_pose
     order = ranked(
@@ -160,6 +165,32 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
             grasps=len(found),
         )
     return order
+
+
+def _turned_to(base: Vector, lies: Pose, solid: Solid) -> Pose:
+    """A turn of a solid into itself after which its x axis points away from an arm's base.
+
+    Args:
+        base: Place of the base in the world, of shape (3,), m.
+        lies: Pose of the solid in the world.
+        solid: The solid; of one that is not round the turn is none.
+    """
+    still = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    if not isinstance(solid, Cylinder | Capsule):
+        return still
+    z = np.array((0.0, 0.0, 1.0))
+    if not (isinstance(solid, Capsule) and solid.half_length == 0.0):
+        z = lies.rotation_matrix[:, 2]
+    away = lies.position - base
+    for way in (away, np.eye(3)[0], np.eye(3)[2]):
+        x = way - (way @ z) * z
+        if np.linalg.norm(x) > 0.1 * np.linalg.norm(way):
+            break
+    x /= np.linalg.norm(x)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.column_stack((x, np.cross(z, x), z))
+    turned = Pose.from_matrix(matrix)
+    return Pose(np.zeros(3), lies.inverse.quaternion) @ turned
 
 
 def obstacles_around(arm: Arm, wanted: WantedGrasp) -> list[Obstacle]:

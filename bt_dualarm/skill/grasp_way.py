@@ -15,6 +15,9 @@ from bt_dualarm.skill.grasp_search import WantedGrasp
 TRIES = 16
 """Grasps whose way is looked for, until the object counts as out of reach."""
 
+_NEAR_M, _NEAR_RAD = 0.02, 0.2
+"""Differences of two poses of a tool that hardly matter to whether an arm reaches them."""
+
 
 @dataclass(frozen=True, eq=False)
 class WayToGrasp:
@@ -69,8 +72,13 @@ def first_way(
     Raises:
         Failure: ``OUT_OF_REACH`` of the best grasp, caused by all; ``OVERLOADED`` or ``BUSY``.
     """
-    reasons, touched = [], frozenset({wanted.name} if wanted.name else ())
-    for ranked in order[:TRIES]:
+    reasons, touched = list[Failure](), frozenset({wanted.name} if wanted.name else ())
+    left, beyond = list(order), list[Pose]()
+    while left and len(reasons) < TRIES:
+        # Next to one that cannot be reached the others cannot, either: those come last.
+        other = (one for one in left if not any(_is_near(one.tool, pose) for pose in beyond))
+        ranked = next(other, left[0])
+        left.remove(ranked)
         out = ranked.tool @ Pose.from_rpy((0.0, 0.0, -standoff))
         try:
             rows = arm.line(out, ranked.tool)
@@ -85,6 +93,8 @@ def first_way(
             if failure.code in ("BUSY", "OVERLOADED"):
                 raise
             reasons.append(failure.with_traceback(None))  # that refers to this frame
+            if failure.code == "UNREACHABLE":
+                beyond.append(ranked.tool)
         yield
     first = reasons[0]
     raise Failure(
@@ -93,3 +103,7 @@ def first_way(
         ways_tried=len(reasons),
         **first.numbers,
     ) from ExceptionGroup("no way", reasons)
+
+
+def _is_near(one: Pose, other: Pose) -> bool:
+    return one.distance(other) < _NEAR_M and one.angle(other) < _NEAR_RAD

@@ -87,8 +87,12 @@ class Taking:
         arm.gripper.refuse_full()
         yield from self.open(arm)
         way = yield from self._go_before(order)
-        yield from self._approach(way)
-        name = yield from self._close(way)
+        try:
+            yield from self._approach(way)
+            name = yield from self._close(way)
+        except Failure:
+            yield from self._leave(way)
+            raise
         grip, low = Grip(arm, name), arm.commanded_tool_pose
         try:
             yield from self._lift(name, grip)
@@ -112,6 +116,20 @@ class Taking:
                 break
             yield
         gripper.forget_released()
+
+    def _leave(self, way: WayToGrasp) -> Iterator[float]:
+        """Open, and go back out, so that another try begins where this one did.
+
+        Whatever it was that the gripper ran into: there the next plan could not even begin.
+        """
+        arm = self._arm
+        try:
+            for _ in arm.halt():
+                yield 1.0
+            arm.gripper.command(arm.gripper.page.stroke if arm.gripper.page.fingers else 1.0)
+            yield from way.back_out(arm, self._ports.approach_speed)
+        except Failure:
+            return  # why it was not taken is what counts
 
     def _put_back(self, way: WayToGrasp, low: Pose) -> Iterator[float]:
         """Lower what could not be lifted to where it was taken, let go of it, and go back out."""
@@ -165,7 +183,6 @@ class Taking:
         left = float((way.ranked.tool.position - arm.tool_pose.position) @ along)
         self._metrics["approach_force_n"] = sense.most
         if left > _EARLY_M:
-            yield from way.back_out(arm, self._ports.approach_speed)
             raise Failure(
                 "NOT_GRASPED",
                 f"the gripper touched something {1e3 * left:.0f} mm before it was there",
@@ -213,8 +230,6 @@ class Taking:
             why_not = _NOT_IT if elsewhere else gripper.why_not(name, arm.world.object_pose(name))
         if name is None or why_not is not None:
             numbers = {"width_m": gripper.width, "expected_m": grasp.width}
-            gripper.command(page.stroke if page.fingers else 1.0)
-            yield from way.back_out(arm, self._ports.approach_speed)
             raise Failure("NOT_GRASPED", why_not or _NOT_IT, **numbers)
         lies = gripper.between_the_pads(self._wanted.lies, way.ranked.grasp.tool)
         gripper.hold(name, lies, self._wanted.most_force, told=self._wanted.edges is None)
@@ -266,6 +281,27 @@ def _nearest(world: World, place: Vector) -> str | None:
         if not thing.fixed
     }
     return min(away, key=lambda name: away[name], default=None)
+
+
+def twin_at(world: World, name: str, place: Vector) -> str:
+    """Which object of a form lies at a place: the one that is named, or another one like it.
+
+    Args:
+        world: World as the arm's plans know it.
+        name: Name of an object.
+        place: Place in the world at which such a thing was seen, of shape (3,), m.
+
+    Returns:
+        The name of the nearest one, if that is there; else the one given.
+    """
+    wanted = world.declared_objects[name]
+    away = {
+        other: float(np.linalg.norm(world.object_pose(other).position - place))
+        for other, thing in world.objects.items()
+        if not thing.fixed and (thing.shape, thing.size) == (wanted.shape, wanted.size)
+    }
+    nearest = min(away, key=lambda other: (away[other], other != name), default=name)
+    return nearest if away.get(nearest, math.inf) < 0.5 * min(wanted.size) else name
 
 
 def refuse_too_frail(arm: Arm, what: str, bears: float | None) -> None:

@@ -23,6 +23,7 @@ from bt_dualarm.world.cameras.guarded_camera import GuardedCamera
 from bt_dualarm.world.cameras.look import Look
 
 _FORESEEN_S = 0.5  # a target that was lost is looked for where it should be after this long
+_AWAY_M = 0.2  # from where it should be by then, or was seen before, at which it may appear again
 _RELOCATED, _RELOCATED_S = 60, 1.0  # most sightings, and oldest, that make an estimate anew
 _RESIZED = 0.01  # by less, what is known of its size still fits
 _FORGOTTEN_S = 1.0  # and after this long one of another size is taken for it, too
@@ -188,12 +189,21 @@ class TargetTracker:
         return best
 
     def _returning(self, found: list[Seen], lost: TargetEstimate, stamp: float) -> Seen | None:
-        """The one of the right size that is nearest to where a lost target should be."""
+        """The one of the right size that is nearest to where a lost target should be, if near."""
         if stamp - lost.stamp > _FORGOTTEN_S:
             self._outline.forget()
+        if not found:
+            return None
         expected = lost.predict(min(stamp, lost.stamp + _FORESEEN_S)).position
+        # Where it can have gone, or has been: what looks like it anywhere else is something else.
+        been = np.array([expected, *(one.point for one in self.sightings.newest())])
+        alike = (seen for seen in found if self._outline.alike(seen.sighting))
         return min(
-            (seen for seen in found if self._outline.alike(seen.sighting)),
+            (
+                seen
+                for seen in alike
+                if float(np.linalg.norm(been - seen.sighting.point, axis=1).min()) <= _AWAY_M
+            ),
             key=lambda seen: float(np.linalg.norm(seen.sighting.point - expected)),
             default=None,
         )

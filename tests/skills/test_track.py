@@ -287,6 +287,17 @@ def moved_once(size: float, begin: float, length: float) -> Callable[[float], Ve
     return place
 
 
+def test_what_appears_elsewhere_is_not_the_target(stage: Stage) -> None:
+    """Swapped for a decoy 0.3 m away: no target is there in a moment, so this one is lost."""
+
+    def decoy(time: float) -> Vector:
+        return np.array((0.0, 0.3 if time > 1.5 else 0.0, 0.0))
+
+    node: Tree = {"track": {"duration": 4.0, "lost_timeout": 2.0, "score": "cube"}}
+    leaf = follow(stage, node, scenario({"fov": 90}), decoy).leaf("track")
+    assert leaf.code == "LOST", leaf
+
+
 @pytest.mark.parametrize(
     ("camera", "size"),
     [

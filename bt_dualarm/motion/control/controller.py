@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from bt_dualarm.errors import RAISED_BY_SKILLS, Failure, Number
+from bt_dualarm.motion.collision.checker import CollisionChecker
 from bt_dualarm.motion.control.computed_torque import ComputedTorque
 from bt_dualarm.motion.control.force_limit import ForceLimit
 from bt_dualarm.motion.control.trouble import hit, left_behind, too_fast
@@ -57,6 +58,7 @@ class JointController:
         self._world, self._robot = world, world.robots[name]
         self._hardware, self._nominal = world.hardware[name], world.nominal[name]
         self._limiter = SetPointLimiter(self._robot.limits, period, world.hardware[name].q)
+        self._name = name
         self._motion: SetPointSource | None = None
         self._followed: SetPointSource | None = None
         self._may_touch = False
@@ -188,7 +190,12 @@ class JointController:
         if motion is None or not isinstance(refusal, CONTACTS):
             self.stop()
         else:
-            self._give_in(way_back(motion, refusal, self._hardware.q, self.setpoint.v))
+            here, v = self._hardware.q, self.setpoint.v
+            self._give_in(way_back(motion, refusal, here, v, self._is_free))
+
+    def _is_free(self, q: Vector) -> bool:
+        """Whether the arm touches nothing in a configuration, by what is known of the world."""
+        return CollisionChecker(self._world, self._name).contact(q) is None
 
     def _wanted(self, time: float) -> SetPoint:
         motion = self._motion

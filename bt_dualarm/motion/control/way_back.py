@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from bt_dualarm.errors import Failure, ForceFailure, HitFailure, TouchFailure
@@ -20,7 +22,13 @@ RECOIL_RAD = 0.02
 set-point is back, its observer makes up for what pushes it, and it presses on."""
 
 
-def way_back(motion: SetPointSource, refusal: Failure, q: Vector, v: Vector) -> Vector:
+def way_back(
+    motion: SetPointSource,
+    refusal: Failure,
+    q: Vector,
+    v: Vector,
+    is_free: Callable[[Vector], bool],
+) -> Vector:
     """Configuration of shape (dof,), rad, on the way that an arm came.
 
     Args:
@@ -28,14 +36,18 @@ def way_back(motion: SetPointSource, refusal: Failure, q: Vector, v: Vector) -> 
         refusal: Why it goes back.
         q: Where its joints are, of shape (dof,), rad.
         v: Velocities of the last set-point, of shape (dof,), rad/s: they tell the way of a stream.
+        is_free: Whether an arm touches nothing in a configuration of shape (dof,), rad. One that
+            has pressed too hard goes back until then: no plan could begin before.
     """
     if not isinstance(motion, TrajectorySource):
         return q - BACK_OFF_S * v
-    least = RECOIL_RAD if isinstance(refusal, ForceFailure) else 0.0
+    presses = isinstance(refusal, ForceFailure)
+    least = RECOIL_RAD if presses else 0.0
     now, ago = motion.parameter.s, BACK_OFF_S
     here = motion.configuration(now)
     while True:
         there = motion.configuration(max(now - ago, 0.0))
-        if ago >= now or float(np.abs(there - here).max()) >= least:
+        enough = float(np.abs(there - here).max()) >= least
+        if ago >= now or (enough and (not presses or is_free(there))):
             return there
         ago *= 2.0
