@@ -293,7 +293,7 @@ def test_what_appears_elsewhere_is_not_the_target(stage: Stage) -> None:
     def decoy(time: float) -> Vector:
         return np.array((0.0, 0.3 if time > 1.5 else 0.0, 0.0))
 
-    node: Tree = {"track": {"duration": 4.0, "lost_timeout": 2.0, "score": "cube"}}
+    node: Tree = {"track": {"duration": 4.0, "lost_timeout": 2.0, "reach": 0.5}}
     leaf = follow(stage, node, scenario({"fov": 90}), decoy).leaf("track")
     assert leaf.code == "LOST", leaf
 
