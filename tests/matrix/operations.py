@@ -198,12 +198,23 @@ def run(cell: Cell) -> None:
 
 
 def frames(cell: Cell) -> None:
-    """Keeping pictures changes nothing; every picture that was taken is kept, and is a picture."""
+    """Keeping pictures changes nothing; every one is kept, shown by the page, and exported."""
     folder = cell.folder / "record"
     result = run_of(cell.column, cell.tree, record=folder, frames=True, renderer="ray")
     cell.is_the_same_run(result)
     kept = Counter(picture.arm for picture in kept_pictures(Record.read(folder)))
     assert kept == cell.recording.pictures
+    page = RecordView(folder)
+    lasts = {picture.arm: picture for picture in kept_pictures(Record.read(folder))}
+    for arm, last in lasts.items():
+        shown = page.questions["eye"]({"arm": arm, "t": f"{last.time + 1e-4:.4f}"}).content
+        assert shown == last.whole, arm
+    target = cell.folder / "run.mcap"
+    assert said_by("bt-record", "export", folder, "--mcap", target).code == 0
+    with target.open("rb") as file:
+        schemas = [schema for schema, _, _ in make_reader(file).iter_messages()]
+    images = [schema for schema in schemas if schema and schema.name == "foxglove.CompressedImage"]
+    assert len(images) == sum(kept.values())
     for picture in kept_pictures(Record.read(folder)):
         camera = cell.recording.record.arms[picture.arm]["camera"]
         assert picture.image.shape == (*camera["resolution"][::-1], 3)
@@ -467,11 +478,15 @@ def resume_third(cell: Cell) -> None:
 
 
 def resume_two_thirds(cell: Cell) -> None:
-    """A run that goes on from two thirds of its record is the same run."""
-    _resumed(cell, 2 / 3)
+    """A run that goes on from two thirds of its record is the same run; so its own record says."""
+    folder = _resumed(cell, 2 / 3)
+    said = said_by("bt-replay", folder, "--check", "--json", *cell.skills)
+    assert json.loads(said.out)["agrees"], said.out
+    assert said.code == 0
 
 
-def _resumed(cell: Cell, share: float) -> None:
+def _resumed(cell: Cell, share: float) -> Path:
+    """Folder of the record of the run that went on."""
     of, column = cell.recording, cell.column
     place = f"{of.folder}@{share * of.record.until:.3f}"
     given = list(column.arguments)
@@ -489,6 +504,7 @@ def _resumed(cell: Cell, share: float) -> None:
     else:
         steps = round(column.stop_at / float(of.record.start["timestep"]))
         np.testing.assert_array_equal(again.checksums()[:steps], of.record.checksums()[:steps])
+    return folder
 
 
 def why(cell: Cell) -> None:
