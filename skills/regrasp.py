@@ -88,5 +88,7 @@ class Regrasp(Skill):
         unlike = None if ports.approach is not None else in_tool.inverse
         grasps_on(arm, WantedGrasp.named(arm, name, ports, goal, unlike))  # before anything moves
         how = SettingDownPorts(speed=ports.speed, tolerance=_TOLERANCE_M)
-        lies = yield from SettingDown(arm, how, held, self.metrics).through(goal, _WITHIN_M)
+        setting_down = SettingDown(arm, how, held, self.metrics)
+        lies = yield from setting_down.through(goal)
+        yield from setting_down.stays_at(goal, _WITHIN_M)
         return WantedGrasp.named(arm, name, ports, lies, unlike)

@@ -82,22 +82,18 @@ class SettingDown:
         self._thing = held.object
         self._in_tool = arm.robot.tool.inverse @ held.relative
 
-    def through(
-        self, goal: Pose, within_m: float | None = None
-    ) -> Generator[float | None, None, Pose]:
-        """Lower it to a pose in the world, until it touches; open; go back; see that it stays.
+    def through(self, goal: Pose) -> Generator[float | None, None, Pose]:
+        """Lower it to a pose in the world, until it touches; open; go back.
 
         Yields the progress once a tick; returns the pose in the world at which it was let go, by
         what the arm believes.
 
         Args:
             goal: Pose of the object in the world.
-            within_m: Largest distance of the object from there at the end, m; by default the
-                tolerance of the ports.
 
         Raises:
             Failure: ``NOT_SUPPORTED`` before it moves, ``NO_CONTACT``, ``NOT_REACHED``,
-                ``NOT_OPEN``, ``SLIPPED``, ``DROPPED``, ``NOT_PLACED``; what motions raise.
+                ``NOT_OPEN``, ``SLIPPED``, ``DROPPED``; what motions raise.
         """
         arm, tool, grip = self._arm, goal @ self._in_tool.inverse, Grip(self._arm, self._thing)
         grip.look()
@@ -113,17 +109,27 @@ class SettingDown:
         lies = arm.tool_pose @ self._in_tool
         self._metrics["believed_error_m"] = lies.distance(goal)
         yield from self._release()
-        yield from self._left.until_rest(self._ports.settle)
-        self._score(goal)
-        within = self._ports.tolerance if within_m is None else within_m
-        self._left.refuse_unless_at(goal, within, self._ports.angle_tolerance)
         return lies
 
-    def _score(self, goal: Pose) -> None:
-        """Where it truly stands, beside what the arm believes."""
+    def stays_at(self, goal: Pose, within_m: float | None = None) -> Iterator[float]:
+        """Wait until what `through` has left rests, and see that it stands there, as a referee.
+
+        Yields the progress once a tick.
+
+        Args:
+            goal: Pose of the object in the world.
+            within_m: Largest distance of the object from there, m; by default the tolerance of the
+                ports.
+
+        Raises:
+            Failure: ``NOT_PLACED``, see `LeftStanding`.
+        """
+        yield from self._left.until_rest(self._ports.settle)
         if self._left.is_there:
             away, turned = self._left.away_from(goal)
             self._metrics |= {"placed_error_m": away, "placed_turned_rad": turned}
+        within = self._ports.tolerance if within_m is None else within_m
+        self._left.refuse_unless_at(goal, within, self._ports.angle_tolerance)
 
     def _refuse_unsupported(self, goal: Pose) -> None:
         """Look whether it would stand there, by the shapes that plans know."""

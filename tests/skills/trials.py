@@ -150,6 +150,14 @@ def cube_that(**fields: Any) -> Tree:
 PLACE: Tree = {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.425]}}}
 
 
+SEEING = {"mount": "wrist", "resolution": [320, 240], "fov": 50, "fps": 30}
+
+
+def placed_seen() -> Tree:
+    """Place the cube, and look at it then."""
+    return {"place": {**PLACE["place"], "look": True}}
+
+
 def inserted(xyz: list[float], **fields: Any) -> Tree:
     """Insert the cube where there may be a hole."""
     pose = {"xyz": xyz, "rpy": [0, 0, 0]}
@@ -406,6 +414,15 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("place", "NOT_REACHED"): Trial(
         {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.4205]}, "tolerance": 0.001}},
         moves=True,
+    ),
+    ("place", "NO_CAMERA"): Trial(placed_seen(), moves=True),
+    ("place", "INVALID_TARGET"): Trial(
+        placed_seen(),
+        {"arm": GRIPPING | {"camera": SEEING}, "objects": cube_that(color="grey")},
+        moves=True,
+    ),
+    ("place", "NOT_SEEN"): Trial(
+        placed_seen(), {"arm": GRIPPING | {"camera": SEEING}}, ((10.6, hides("cube")),), moves=True
     ),
     ("place", "NOT_SUPPORTED"): Trial(
         {"place": {"object": "cube", "at": {"xyz": [0.35, -0.249, 0.425]}}}, moves=True
