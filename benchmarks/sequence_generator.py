@@ -21,6 +21,9 @@ ROBOTS: Final[Mapping[str, tuple[float, float, float, float]]] = {
 }
 """Middle of the workspace (x, y), height of free motions, and half width of it; m, by the base."""
 
+_HOME_HEIGHT: Final = {"ur3": 0.31, "ur5": 0.43, "ur10": 0.64, "panda": 0.49, "xarm7": 0.43}
+"""Height of the tool in the home posture without a gripper, m, by the base."""
+
 GRIPPERS: Final = ("panda_hand", "robotiq_2f85", "suction_cup", None)
 REALITIES: Final = ("ideal", "lab", "rough")
 
@@ -264,7 +267,9 @@ class _Author:
         if self.gripper is not None:
             arm["gripper"] = self.gripper
         if self.looks:
-            arm["camera"] = {"mount": "wrist", "resolution": [160, 120], "fov": 60, "fps": 20}
+            fine = "locate" in skills  # the size of what is located is measured, too
+            pixels = [320, 240] if fine else [160, 120]
+            arm["camera"] = {"mount": "wrist", "resolution": pixels, "fov": 60, "fps": 20}
         leaves: list[Ports] = []
         for step in self.steps:
             if step.skill == "remove":  # in one tick with the end before, that could not be judged
@@ -358,7 +363,8 @@ class _Author:
             self._add("look_at")
 
     def _move_until_contact(self, _: str | None) -> Ports:
-        return {"direction": [0, 0, -1], "distance": 0.4, "speed": 0.02}
+        far = _HOME_HEIGHT[self.robot] - self.surface + 0.05
+        return {"direction": [0, 0, -1], "distance": round(far, 3), "speed": 0.02}
 
     def _rotate_tool(self, _: str | None) -> Ports:
         return {
@@ -453,7 +459,7 @@ class _Author:
 
     def _free_spot(self) -> np.ndarray:
         """A place on the surface where nothing else stands."""
-        others = [self.spots[name] for name in ("other", "spare")]
+        others = [self.spots[name] for name in ("cube", "other", "spare") if name != self._thing]
         others += [self.hole] if self.inserts else []
         while True:
             spot = self.middle + self._rng.uniform(-1, 1, 2) * (0.3 * self.half, 0.8 * self.half)
