@@ -60,6 +60,7 @@ _FALLING_S: Final = 1.5
 _IN_HAND_M: Final = 0.003
 _BELIEF_M: Final = 0.012
 _WELD_M: Final = 0.003
+_NEAR_M: Final = 0.002
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,7 @@ class Referee(IdleObserver):
         self._sent: Vector | None = None
         self._generation = -1
         self._steps_made = 0
+        self._closed_unnamed = False  # it may then hold what nobody has named
         self._touched: set[tuple[str, str]] = set()
         self._let_go: dict[str, float] = {}
         self._held_before: tuple[str, ...] = ()
@@ -167,11 +169,13 @@ class Referee(IdleObserver):
     def _begin(self, step: Step) -> None:
         world = self.run.world
         self._now = step
+        self._closed_unnamed |= step.skill == "close_gripper"
         sent = self._controller.setpoint.q
         tool = world.nominal[ARM].tool_pose_at(sent)
         poses = {name: world.object_pose(name) for name in world.objects}
         held = self._held_before
-        self._begun = Begun(tool, frozenset(self._pairs()), held, poses)
+        touching = frozenset((*self._pairs(), *self._near_what_is_held(held)))
+        self._begun = Begun(tool, touching, held, poses)
         self._touched = set()
         away = float(np.abs(sent - world.arms[ARM].q).max())
         if away > _AWAY_RAD:
@@ -260,6 +264,22 @@ class Referee(IdleObserver):
                 ):
                     yield mine, other
 
+    def _near_what_is_held(self, held: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+        """What is held, and what is so near that it hardly leaves without a touch: a hole."""
+        model, data = self.run.world.model, self.run.world.data
+        if self._generation != self.run.world.generation:
+            self._bind()
+        for thing in held:
+            if thing not in self.run.world.objects:
+                continue
+            geom = self.run.world.object_geom(thing)
+            for other, name in enumerate(self._names):
+                if name == thing or name.startswith("its ") or not model.geom_contype[other]:
+                    continue
+                gap = mujoco.mj_geomDistance(model, data, geom, other, 2.0 * _NEAR_M, None)
+                if gap < _NEAR_M:
+                    yield thing, name
+
     def _look_at_contacts(self, time: float) -> None:
         held = self.run.world.attachments.attached_to(ARM)
         for pair in self._pairs():
@@ -334,8 +354,19 @@ class Referee(IdleObserver):
             elif away > limit and change.new == "SUCCESS":
                 yield f"after {said} {held.object} is {1e3 * away:.1f} mm from where it is believed"
         gripped = [one.object for one in world.attachments.gripped_by(ARM)]
+        if not gripped and ARM in world.equipment.mounted and not self._closed_unnamed:
+            for thing, spec in world.objects.items():
+                welded = world.attachments.find(ARM, thing) is not None
+                if spec.fixed or welded or self._is_held(thing) or not self._is_in_hand(thing):
+                    continue
+                if not self._rests_on(thing) and self._speed_of(thing) < 0.1:
+                    yield f"after {said} {thing} hangs in the hand and is not believed held"
         if len(gripped) > 1:
             yield f"after {said} one gripper is believed to hold {gripped}"
+
+    def _speed_of(self, thing: str) -> float:
+        """Speed of a thing in m/s."""
+        return float(np.linalg.norm(self.run.world.object_velocity(thing)[3:]))
 
     # The truth of each skill's SUCCESS
 
@@ -467,7 +498,7 @@ class Referee(IdleObserver):
         world = self.run.world
         if thing in world.attachments.attached_to(ARM):
             yield f"{thing} is still held"
-        speed = float(np.linalg.norm(world.object_velocity(thing)[3:]))
+        speed = self._speed_of(thing)
         if speed > 0.02:
             yield f"{thing} still moves by {speed:.3f} m/s"
         if not self._rests_on(thing):

@@ -29,7 +29,7 @@ class Detach(Skill):
     failures = {
         "NOT_THERE": "the object is not in the world",
         "NOT_AT_REST": "the object fell, slid or still moves",
-        "STILL_HELD": "the object sticks to the tool: nothing else bears it",
+        "STILL_HELD": "a gripper holds the object, or it sticks to the tool: nothing else bears it",
     }
     example = "detach: {object: cube}"
     ports: Ports
@@ -39,6 +39,12 @@ class Detach(Skill):
         world, name = self.arm.world, self.ports.object
         if name not in world.objects:
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        held = world.attachments.find(self.arm.name, name)
+        if held is not None and held.by_gripper and self.arm.gripper.holding:
+            raise Failure(
+                "STILL_HELD",
+                f"the gripper holds {name!r}: `release`, `open_gripper` or `place` lets go of it",
+            )
         left_at = world.object_pose(name)
         self.arm.detach(name)
         left = LeftStanding(self.arm, name)

@@ -179,3 +179,13 @@ def test_taken_along_its_axis_a_tilted_cube_is_taken_as_a_straight_one(
     play.run()
     assert play.arm().runs[0].status == "SUCCESS", play.arm().runs[0].reason
     assert max(farthest) < np.radians(30)
+
+
+@pytest.mark.parametrize("gripper", ["robotiq_2f85", "suction_cup"])
+def test_what_a_gripper_holds_is_not_let_go_of_by_forgetting_it(gripper: str, stage: Stage) -> None:
+    """Fingers and cups do not open where a weld is taken away: it is held, and known to be."""
+    hand = {"robot": "ur5", "gripper": gripper, "base": {"xyz": [0, 0, 0.4]}}
+    grasp: Tree = {"grasp": {"object": "cube"}}
+    play = stage.run(Scenario(ON_TABLE, arm=hand, scene="table").file(grasp, LET_GO))
+    assert play.leaf("detach").code == "STILL_HELD"
+    assert play.world.attachments.attached_to("arm1") == ("cube",)
