@@ -166,8 +166,8 @@ async function look() {
     page.live = now;
     page.breakpoints = now.breakpoints.slice();
     page.until = Math.max(page.until, now.time);
-    if (now.over && now.recorded) ended(now);
     if (page.past === null) page.shown = now;
+    if (now.over && now.recorded) ended(now);
     show();
     if (page.kind === "live") setTimeout(look, 80);
   } catch (error) {
@@ -192,7 +192,6 @@ function ended(now) {
   page.kind = "record";
   page.past = page.past === null ? now.time : page.past;
   buttons(true);
-  page.shown = page.shown || now;
   get("facts").textContent = "the run is over; this is its record";
   setInterval(() => ask("now?page=" + NAME).catch(lost), 1000);
   follow();  // what came since it was last asked

@@ -124,9 +124,11 @@ class ViewServer:
         try:
             self._loop.run_until_complete(self._serve())
         finally:
-            for task in asyncio.all_tasks(self._loop):
+            left = asyncio.all_tasks(self._loop)
+            for task in left:
                 task.cancel()
-            self._loop.run_until_complete(asyncio.sleep(0))
+            self._loop.run_until_complete(asyncio.gather(*left, return_exceptions=True))
+            self._loop.run_until_complete(asyncio.sleep(0))  # in which connections are closed
             self._loop.close()
 
     def shutdown(self) -> None:
@@ -161,6 +163,9 @@ class ViewServer:
                 await _drop(reader)
         except (OSError, EOFError, TimeoutError):  # a browser that has gone is nothing to tell
             _log.debug("a request for the view was broken off", exc_info=True)
+        except asyncio.CancelledError:  # the server ends; asyncio would log a traceback of it
+            _log.debug("a request for the view came too late")
+            writer.transport.abort()
         finally:
             self._silent.pop(writer, None)
             self._open -= 1

@@ -44,7 +44,8 @@ class Snapshot(IdleObserver):
     def __init__(self, world: World, arms: Arms, views: Callable[[], tuple[ArmView, ...]]) -> None:
         self._world, self._arms, self._views = world, arms, views
         self.notes = NotesSeen()
-        self._lock = Lock()
+        self._lock, self._last_lock = Lock(), Lock()
+        self._is_last = False
         self._asked_at = self._taken_at = -np.inf
         self._generation = -1
         self._model: mujoco.MjModel = world.model
@@ -107,6 +108,13 @@ class Snapshot(IdleObserver):
             self._now, self._generation, self._model = now, generation, model
             self._looks = None if is_new else self._looks
             self._taken_at = _clock()
+
+    def take_last(self) -> None:
+        """Copy, once, a run that is over: from then on any thread may, as nobody advances it."""
+        with self._last_lock:
+            if not self._is_last:
+                self.take()
+                self._is_last = True
 
     def _arm(self, view: ArmView, controller: Controller | None) -> Json:
         said: Json = {

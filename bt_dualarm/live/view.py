@@ -146,7 +146,10 @@ class LiveView:
         """The run as it stands, and whether it is held."""
         self._viewers.asked(query.get("page", ""))
         told = {"kind": "live", "name": self._run.name, "recorded": self._past is not None}
-        facts = {"over": self._run.done, "timestep": self._run.world.timestep}
+        over = self._run.done
+        if over:
+            self._snapshot.take_last()
+        facts = {"over": over, "timestep": self._run.world.timestep}
         return Answer.of({**told, **facts, **self._snapshot.now, **self.gate.state})
 
     def _scene(self, query: Query) -> Answer:

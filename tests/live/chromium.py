@@ -44,15 +44,21 @@ class Tab:
         assert "exceptionDetails" not in said, said
         return said["result"].get("value")
 
-    def wait(self, script: str) -> Any:
-        """The value of an expression once it is true."""
-        until = time.monotonic() + _PATIENCE_S
+    def wait(self, script: str, patience: float = _PATIENCE_S) -> Any:
+        """The value of an expression once it is true; for so many seconds at most."""
+        until = time.monotonic() + patience
         while time.monotonic() < until:
             found = self.value(script)
             if found:
                 return found
             time.sleep(0.05)  # a browser is another process
         raise AssertionError(f"{script} never came true; {self.value('document.body.innerText')}")
+
+    def hover(self, what: str) -> None:
+        """Move the mouse to the middle of the first element that a selector finds."""
+        box = f"document.querySelector({what!r}).getBoundingClientRect()"
+        place = self.value(f"(b => [b.x + b.width / 2, b.y + b.height / 2])({box})")
+        self._call("Input.dispatchMouseEvent", type="mouseMoved", x=place[0], y=place[1])
 
     def picture(self, path: Path) -> None:
         """Write what is seen of the page, as PNG."""

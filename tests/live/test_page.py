@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 
 import pytest
 
 import bt_dualarm
+from bt_dualarm.live.page_file import html_of
 from bt_dualarm.live.past_answers import RecordView
 from bt_dualarm.live.served import Served
 from bt_dualarm.live.view import LiveView
+from bt_dualarm.replay.record import Record
 from bt_dualarm.runtime.signals import StopRequest
 from tests.live.chromium import Tab, chromium
 from tests.replay.runs import recorded
@@ -44,6 +47,39 @@ arms:
         - wait: {seconds: 30}
 """
 
+# The shipped job as far as the camera has seen what the fingers hold.
+PICKED = """\
+bt_dualarm: 1
+name: picked
+world: {scene: table, reality: lab, time_limit: 60}
+objects:
+  cube:
+    shape: box
+    size: [0.05, 0.05, 0.05]
+    mass: 0.1
+    color: yellow
+    pose: {xyz: [0.4, -0.45, 0.425]}
+arms:
+  arm1:
+    robot: ur5
+    gripper: robotiq_2f85
+    base: {xyz: [0, 0, 0.40]}
+    tree:
+      sequence:
+        - grasp: {object: cube}
+        - transport: {object: cube, to: {xyz: [0.68, 0.11, 0.70], rpy: [0, -90, 0]}}
+        - wait: {seconds: 0.5}
+        - fail: {reason: enough for a test}
+  arm2:
+    robot: panda
+    base: {xyz: [1.60, 0.11, 0.28], rpy: [0, 0, 180]}
+    camera: {mount: wrist, resolution: [320, 240], fov: 50, fps: 30}
+    tree:
+      sequence:
+        - reach_to_pose: {posture: look_out}
+        - track: {color: yellow, plane: yz, controller: predictive, duration: 5.0}
+"""
+
 SHOWN = "document.querySelectorAll('.node').length"
 PIXELS = """(() => { show(); const canvas = document.getElementById('canvas');
   const copy = document.createElement('canvas');
@@ -58,14 +94,11 @@ def click(tab: Tab, what: str) -> None:
     tab.value(f"document.querySelector({what!r}).click()")
 
 
-@pytest.fixture
-def live(tmp_path: Path) -> Iterator[LiveView]:
-    """A run of two arms that is held, and advanced in a thread."""
+@contextmanager
+def viewed(tree: str, folder: Path) -> Iterator[LiveView]:
+    """A run that is held, and advanced in a thread."""
     stop = StopRequest()
-    with (
-        bt_dualarm.open(TWO, stop=stop, record=tmp_path / "out") as run,
-        LiveView(run, stop) as view,
-    ):
+    with bt_dualarm.open(tree, stop=stop, record=folder) as run, LiveView(run, stop) as view:
 
         def finish() -> None:
             view.gate.hold()
@@ -78,6 +111,13 @@ def live(tmp_path: Path) -> Iterator[LiveView]:
         thread.join(60)
         assert run.kept is not None
         run.kept.recorder.close()
+
+
+@pytest.fixture
+def live(tmp_path: Path) -> Iterator[LiveView]:
+    """A run of two arms."""
+    with viewed(TWO, tmp_path / "out") as view:
+        yield view
 
 
 def test_a_run_is_shown_held_looked_back_at_and_explained(live: LiveView, tmp_path: Path) -> None:
@@ -109,6 +149,87 @@ def test_a_run_is_shown_held_looked_back_at_and_explained(live: LiveView, tmp_pa
         assert tab.value("document.getElementById('chip').textContent") == "HELD"
         assert tab.errors == []
         assert [url for url in tab.requests if not url.startswith((live.url, "data:"))] == []
+
+
+GRIPPER = "document.querySelector('.gripper').textContent"
+CAPTIONS = "#signals figure:not([hidden]) figcaption span:first-child"
+SIGNALS = f"[...document.querySelectorAll('{CAPTIONS}')].map(x => x.textContent)"
+ROWS = "page.tracks.get('arm1').length"
+BRIGHT = """(() => { const image = document.querySelector('.eye img');
+  if (!image.complete || !image.naturalWidth) return 0;
+  const copy = document.createElement('canvas');
+  copy.width = image.naturalWidth; copy.height = image.naturalHeight;
+  const pen = copy.getContext('2d'); pen.drawImage(image, 0, 0);
+  const all = pen.getImageData(0, 0, copy.width, copy.height).data;
+  let lit = 0;
+  for (let i = 0; i < all.length; i += 4) lit += all[i] + all[i + 1] + all[i + 2] > 60;
+  return lit / (all.length / 4); })()"""
+
+
+def look_at_fingers(tab: Tab, time: float) -> None:
+    """What every form of the page shows once the run has failed, holding the cube."""
+    tab.wait(f"document.querySelector('.gripper') && {GRIPPER}.includes('holds cube')")
+    assert "mm open" in tab.value(GRIPPER)
+    assert tab.wait(SIGNALS)[-2:] == ["gripper opening (mm)", "gripper force (N)"]
+    assert tab.value(ROWS) >= 24 * time
+    tab.wait("document.querySelector('#marks button')")
+    assert "enough for a test" in tab.value("document.querySelector('#marks button').title")
+    tab.wait(f"{BRIGHT} > 0.95")
+    tab.wait("document.querySelector('.eye path[fill-rule=evenodd]') !== null")
+    assert tab.value(PIXELS) > 50, "a scene, not one colour"
+    click(tab, "#help")
+    legend = "document.getElementById('legend')"
+    assert tab.value(f"{legend}.open && {legend}.innerText.includes('success, failure')")
+    tab.value(f"{legend}.close()")
+    click(tab, ".node.FAILURE:not(:first-child)")
+    tab.wait("document.querySelector('#why .cause')?.textContent.includes('enough for a test')")
+
+
+def test_a_job_with_fingers_is_shown_live_from_its_record_and_as_a_file(tmp_path: Path) -> None:
+    """One page: the same scene, gripper, signals, failures, pictures and reasons in each form."""
+    folder = tmp_path / "out"
+    with chromium(tmp_path / "profile") as tab:
+        with viewed(PICKED, folder) as view:
+            tab.open(view.url)
+            tab.wait(SHOWN)
+            tab.wait("document.getElementById('chip').textContent === 'HELD'")
+            tab.hover("#go")
+            paint = "getComputedStyle(document.getElementById('go'))"
+            assert tab.value(f"{paint}.color") == "rgb(255, 255, 255)"
+            assert tab.value(f"{paint}.backgroundColor") not in (
+                "rgb(255, 255, 255)",
+                "rgb(238, 242, 246)",
+            )
+            assert "physics" in tab.value("document.getElementById('step').title")
+            assert "trees" in tab.value("document.getElementById('tick').title")
+            tab.value("press('speed', null)")
+            click(tab, "#go")
+            tab.wait("page.kind === 'record' || page.live.over", 200.0)
+            until = tab.wait("page.until")
+            look_at_fingers(tab, until)
+            own = (view.url, "data:")
+        assert [url for url in tab.requests if not url.startswith(own)] == []
+        record = Record.read(folder)
+        served = Served(RecordView(folder))
+        served.begin()
+        try:
+            tab.open(served.url)
+            tab.wait(f"location.href.startsWith({served.url!r}) && {SHOWN}")
+            tab.value(f"goTo({record.until})")
+            look_at_fingers(tab, record.until)
+        finally:
+            served.end()
+        assert tab.errors == []
+        asked = len(tab.requests)
+        file = tmp_path / "page.html"
+        file.write_text(html_of(record), encoding="utf-8")
+        tab.open(file.as_uri())
+        tab.wait(f"location.protocol === 'file:' && {SHOWN}")
+        tab.value(f"goTo({record.until})")
+        look_at_fingers(tab, record.until)
+        assert tab.errors == []
+        loaded = {url for url in tab.requests[asked:] if not url.startswith("data:")}
+        assert loaded == {file.as_uri()}
 
 
 def test_a_record_is_played(tmp_path: Path) -> None:

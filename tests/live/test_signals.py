@@ -81,7 +81,6 @@ def grasped(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any, Any, A
     ):
         view.gate.set_speed(None)
         run.finish()
-        view.linger()
         said = tuple(asked(view, what) for what in ("series", "now", "log"))
     return (folder, *said)
 
@@ -104,6 +103,8 @@ def test_the_gripper_is_shown(grasped: tuple[Path, Any, Any, Any]) -> None:
     assert rows[-1, 6] == pytest.approx(0.05, abs=0.002)
     assert rows[-1, 7] > 1.0
     [arm] = now["arms"]
+    assert now["over"]
+    assert [node["status"] for node in arm["nodes"]] == ["FAILURE", "SUCCESS", "FAILURE"]
     assert arm["gripper"]["holds"] == ["cube"]
     assert arm["gripper"]["opening_m"] == pytest.approx(0.05, abs=0.002)
     assert arm["gripper"]["force_n"] > 1.0
