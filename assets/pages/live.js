@@ -175,7 +175,10 @@ async function look() {
     if (page.kind !== null) setTimeout(look, 1000);
   }
 }
+let following = false;
 async function follow() {
+  if (following) { setTimeout(follow, 100); return; }
+  following = true;
   try {
     const said = await ask("log?after=" + page.lines);
     page.lines = said.next;
@@ -184,7 +187,7 @@ async function follow() {
     dimLog.at = null;
     await readTracks();
     show();
-  } catch { /* `look` says so */ }
+  } catch { /* `look` says so */ } finally { following = false; }
   if (page.kind !== "record") setTimeout(follow, 250);
 }
 // The run is over: its record is left to be looked at, as long as the page asks now and then.

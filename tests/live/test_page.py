@@ -168,11 +168,11 @@ BRIGHT = """(() => { const image = document.querySelector('.eye img');
 
 def look_at_fingers(tab: Tab, time: float) -> None:
     """What every form of the page shows once the run has failed, holding the cube."""
-    tab.wait(f"document.querySelector('.gripper') && {GRIPPER}.includes('holds cube')")
+    tab.wait(f"document.querySelector('.gripper') !== null && {GRIPPER}.includes('holds cube')")
     assert "mm open" in tab.value(GRIPPER)
     assert tab.wait(SIGNALS)[-2:] == ["gripper opening (mm)", "gripper force (N)"]
     assert tab.value(ROWS) >= 24 * time
-    tab.wait("document.querySelector('#marks button')")
+    tab.wait("document.querySelector('#marks button') !== null")
     assert "enough for a test" in tab.value("document.querySelector('#marks button').title")
     tab.wait(f"{BRIGHT} > 0.95")
     tab.wait("document.querySelector('.eye path[fill-rule=evenodd]') !== null")
