@@ -117,7 +117,7 @@ const SIGNALS = [
     const passed = before ? row[0] - before[0] : 0;
     return passed > 0 ? Math.hypot(row[1] - before[1], row[2] - before[2], row[3] - before[3]) / passed : 0;
   } },
-  { name: "farthest joint from its set-point", unit: "°", of: row => row[4] },
+  { name: "joint error", unit: "°", of: row => row[4] },
   { name: "most used motor", unit: "%", of: row => 100 * row[5] },
   { name: "gripper opening", unit: "mm", of: row => 1000 * row[6], known: row => Number.isFinite(row[6]) },
   { name: "gripper force", unit: "N", of: row => Math.abs(row[7]), known: row => Number.isFinite(row[7]) },
