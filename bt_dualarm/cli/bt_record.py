@@ -125,26 +125,22 @@ def _mp4(record: Record, target: Path) -> None:
 
 
 def _lerobot(arguments: argparse.Namespace) -> None:
-    """Export all records as one data set; tell how far it has come, where somebody looks."""
+    """Export all records as one data set; tell how far it has come."""
     from bt_dualarm.replay.lerobot_export import write_dataset
 
     folders, target = arguments.folders, arguments.lerobot
 
     def progress(number: int, folder: Path) -> None:
-        if len(folders) > 1 and sys.stderr.isatty():
-            print(f"\r\x1b[K{number + 1} of {len(folders)}: {folder}", end="", file=sys.stderr)
+        if len(folders) > 1:  # a line each: what comes from records may not move the cursor
+            print(f"{number + 1} of {len(folders)}: {folder}", file=sys.stderr)
 
-    try:
-        done = write_dataset(
-            folders,
-            target,
-            only_successes=arguments.only_successes,
-            append=arguments.append,
-            progress=progress,
-        )
-    finally:
-        if len(folders) > 1 and sys.stderr.isatty():
-            print("\r\x1b[K", end="", file=sys.stderr)
+    done = write_dataset(
+        folders,
+        target,
+        only_successes=arguments.only_successes,
+        append=arguments.append,
+        progress=progress,
+    )
     print(f"written: {target} ({_counted(done)})")
 
 
