@@ -150,6 +150,7 @@ class ApproachAndAttach(Skill):
 
     def _way_to(self, surface: Pose) -> Generator[None, None, Approach]:
         arm, ports = self.arm, self.ports
+        surface = surface @ Pose.from_rpy((0, 0, -self._tips_beyond()))
         standoff = surface @ Pose.from_rpy((0, 0, -ports.standoff))
         q_line = arm.line(standoff, surface @ Pose.from_rpy((0, 0, self._depth())))
         arm.refuse_load(ports.object, q_line[-1], self._seen)
@@ -158,6 +159,22 @@ class ApproachAndAttach(Skill):
         to_standoff = yield from arm.plan([q_line[0]], ports.speed, self._unseen)
         self._keep_off(to_standoff)
         return Approach(to_standoff, arm.time_path(q_line, ports.approach_speed))
+
+    def _tips_beyond(self) -> float:
+        """Metres by which fingertips reach beyond the tool frame, which lies between the pads.
+
+        They are to meet the object at the end of the way, where the arm is slow: in the middle of
+        it a UR10 pressed with 290 N.
+        """
+        arm = self.arm
+        if arm.name not in arm.world.grippers:
+            return 0.0
+        page, farthest = arm.gripper.page, 0.0
+        for finger in page.fingers:
+            pad = page.tool.inverse @ finger.pose @ finger.pad.pose
+            reach = 0.5 * float(np.abs(pad.rotation_matrix[2]) @ np.array(finger.pad.size))
+            farthest = max(farthest, float(pad.position[2]) + reach)
+        return farthest
 
     @property
     def _seen(self) -> Pose | None:
