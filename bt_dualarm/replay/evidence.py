@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Final
 
 from bt_dualarm.replay.decisive import Verdict
@@ -16,6 +16,9 @@ from bt_dualarm.spec.ports import REFERENCE
 
 LOOK_BACK_S: Final = 1.0
 """Seconds before the end of a leaf that are told about."""
+
+_MOST_SCENES: Final = 64
+"""Moments that are kept for the causes that look at them again."""
 
 _WITH_UNIT: Final = re.compile(r"_(m|mm|rad|deg|n|nm|kg|s|hz|px|px2|share|rad_s|m_s)$")
 """The end of a name of a number, as `bt_dualarm.errors.Failure` has them."""
@@ -140,7 +143,12 @@ class Evidence:
 
     def scene(self, time: float) -> Scene:
         """The world at a time in s."""
-        return _scene(self.record, round(time, 3))
+        when, scenes = round(time, 3), self.timeline.scenes
+        if when not in scenes:
+            while len(scenes) >= _MOST_SCENES:
+                del scenes[next(iter(scenes))]
+            scenes[when] = Scene(self.record, when)
+        return scenes[when]
 
     def moments(self, count: int = 12, since: float | None = None) -> Iterator[Scene]:
         """The world at a few times of its run, the last one first.
@@ -174,8 +182,3 @@ class Evidence:
 
 def _only(facts: Facts, *names: str) -> Facts:
     return {name: facts[name] for name in names}
-
-
-@lru_cache(maxsize=64)
-def _scene(record: Record, time: float) -> Scene:
-    return Scene(record, time)

@@ -99,7 +99,7 @@ def _picture(block: Block, record: Record) -> KeptPicture:
     try:
         with PIL.Image.open(io.BytesIO(jpeg.tobytes()), formats=("JPEG",)) as image:
             size = image.size
-    except (OSError, SyntaxError, ValueError) as error:
+    except (OSError, SyntaxError, ValueError, PIL.Image.DecompressionBombError) as error:
         raise ValueError(f"its bytes are no JPEG: {error}") from error
     if size != expected:
         raise ValueError(f"is of {size[0]} by {size[1]} pixels; expected {expected}")

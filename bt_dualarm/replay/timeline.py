@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from bt_dualarm.replay.record import Facts, Record, ReplayError
+from bt_dualarm.replay.scene import Scene
 from bt_dualarm.spec.problems import suggestion
 
 
@@ -128,6 +129,7 @@ class Timeline:
 
     Attributes:
         roots: Root of each arm's tree, by the arm's name.
+        scenes: The world at some times, kept by whoever looks for causes.
     """
 
     def __init__(self, record: Record, time: float | None = None) -> None:
@@ -135,6 +137,7 @@ class Timeline:
         for note in record.notes:
             if note["kind"] == "edited" and (time is None or note["time_s"] <= time + 1e-9):
                 trees[note["arm"]] = note["tree"]
+        self.scenes: dict[float, Scene] = {}
         self.roots = {name: node_of(name, tree, tree["name"]) for name, tree in trees.items()}
         self._nodes = {
             (node.arm, node.path): node for root in self.roots.values() for node in root.walk()
