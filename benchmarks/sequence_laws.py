@@ -354,7 +354,10 @@ class Referee(IdleObserver):
             elif away > limit and change.new == "SUCCESS":
                 yield f"after {said} {held.object} is {1e3 * away:.1f} mm from where it is believed"
         gripped = [one.object for one in world.attachments.gripped_by(ARM)]
-        if not gripped and ARM in world.equipment.mounted and not self._closed_unnamed:
+        # What has just been let go of has not fallen yet.
+        opened = self._now is not None and self._now.skill in ("open_gripper", "release")
+        unnamed = self._closed_unnamed or opened
+        if not gripped and ARM in world.equipment.mounted and not unnamed:
             for thing, spec in world.objects.items():
                 welded = world.attachments.find(ARM, thing) is not None
                 if spec.fixed or welded or self._is_held(thing) or not self._is_in_hand(thing):
