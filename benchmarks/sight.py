@@ -14,6 +14,11 @@ those with a marker, 98 % of the picks, no false success.
 
 ``--sizes N`` looks at N things that are as large as the file declares, and at N for each of six
 factors by which they are larger or smaller; every one of the latter has to be refused as such.
+
+``--counts N`` counts each of `SETTINGS`, none to three things apart, touching, stacked, or of
+another size, N times with other boxes and cylinders; a wrong number is a lie, in any reality. What
+goes beyond the picture, by what `count` says itself, is no part of the truth, which is of whole
+things.
 """
 
 from __future__ import annotations
@@ -166,6 +171,77 @@ def report_sizes(count: int, reality: str, seed: int) -> bool:
     return good
 
 
+COUNTING = ("ur5", "panda", "xarm7")
+SETTINGS: dict[str, tuple[tuple[float, float, float, float], ...]] = {
+    "none": (),
+    "one": ((0.0, 0.0, 0.0, 1.0),),
+    "two": ((-1.3, 0.0, 0.0, 1.0), (1.3, 0.3, 0.0, 1.0)),
+    "three": ((-1.3, 0.0, 0.0, 1.0), (1.3, 0.3, 0.0, 1.0), (0.0, -1.6, 0.0, 1.0)),
+    "two touch": ((0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0)),
+    "two touch, one apart": ((0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0), (-1.8, 0.0, 0.0, 1.0)),
+    "two stacked": ((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0)),
+    "two stacked aside": ((1.5, 0.8, 0.0, 1.0), (1.5, 0.8, 1.0, 1.0)),
+    "one smaller": ((0.0, 0.0, 0.0, 0.8),),
+    "one larger": ((0.0, 0.0, 0.0, 1.25),),
+    "one larger, one not": ((-1.4, 0.0, 0.0, 1.0), (1.4, 0.3, 0.0, 1.25)),
+}
+"""Things to count: place from the middle along and across, in their width, that above the table, in
+their height, and their size as a multiple of the declared one."""
+
+
+def counted(setting: str, number: int, reality: str, seed: int) -> str:
+    """What `count` says of some things: right, wrong, or the code of its failure."""
+    rng = np.random.default_rng((seed, number, 11))
+    robot, kind = COUNTING[number % len(COUNTING)], thing(rng, ("box", "cylinder"))
+    x, y = (middle + float(rng.uniform(-0.08, 0.08)) for middle in MIDDLE)
+    angle = float(rng.uniform(-90, 90))
+    along = np.array((np.cos(np.radians(angle)), np.sin(np.radians(angle))))
+    across = np.array((-along[1], along[0]))
+    sizes = kind["size"]
+    width = sizes[0] if kind["shape"] == "box" else 2.0 * sizes[0]
+    far = max(sizes[1], width) if kind["shape"] == "box" else width
+    objects = {"kind": kind | {"pose": {"xyz": [5, 5, 5]}, "spawned": False}}
+    for index, (a, b, up, ratio) in enumerate(SETTINGS[setting]):
+        step = width if abs(a) == 1.0 else far
+        place = np.array((x, y)) + a * step * along + b * far * across
+        size = [ratio * edge for edge in sizes]
+        pose = {"xyz": [*place.tolist(), TOP + up * sizes[-1] + size[-1] / 2], "rpy": [0, 0, angle]}
+        objects[f"thing{index}"] = kind | {"size": size, "pose": pose, "fixed": True}
+    look = {"look_at": {"at": {"xyz": [x + 0.02, y - 0.01, TOP]}, "distance": 0.4}}
+    base = {"xyz": [0.35, 0.0, TOP], "rpy": [0, 0, -90]}
+    tree = {"sequence": [look, {"count": {"object": "kind"}}]}
+    file = {
+        "bt_dualarm": 1,
+        "name": "counts",
+        "world": {"scene": "table", "time_limit": 60, "reality": reality},
+        "objects": objects,
+        "arms": {"arm1": {"robot": robot, "base": base, "camera": {}, "tree": tree}},
+    }
+    leaves = bt.run(file, seed=seed + number, renderer="ray").arms["arm1"].leaves
+    leaf = leaves.get("sequence/count")
+    if leaf is None:
+        return f"look_at {leaves['sequence/look_at'].code}"
+    if leaf.status != "SUCCESS":
+        return f"{leaf.code}"
+    truth = sum(ratio == 1.0 for *_, ratio in SETTINGS[setting])
+    if leaf.metrics["found"] == truth:
+        return "right"
+    if float(leaf.metrics["found"]) < truth and float(leaf.metrics["beyond_share"]) > 0.0:
+        return "beyond the picture"
+    print(f"   {setting}, {number}: {kind} by {robot}: {leaf.metrics['found']} of {truth}")
+    return "wrong"
+
+
+def report_counts(count: int, reality: str, seed: int) -> bool:
+    """Print how often each setting was counted right; whether no number was wrong."""
+    good = True
+    for setting in SETTINGS:
+        verdicts = Counter(counted(setting, number, reality, seed) for number in range(count))
+        good &= not verdicts["wrong"]
+        print(f"{reality}: {setting}: {dict(verdicts)} of {count}", flush=True)
+    return good
+
+
 def pick(number: int, reality: str, seed: int, text: str) -> tuple[str, str]:
     """One pick: placed, picked, lied or failed, and why."""
     rng = np.random.default_rng((seed, number, 1))
@@ -230,6 +306,7 @@ def main() -> int:
     parser.add_argument("--marker", type=int, default=30, help="likewise, by markers")
     parser.add_argument("--pick", type=int, default=100, help="picks in each reality")
     parser.add_argument("--sizes", type=int, default=0, help="things of each other size")
+    parser.add_argument("--counts", type=int, default=0, help="times each setting is counted")
     parser.add_argument("--seed", type=int, default=0, help="seed of places, things and robots")
     parser.add_argument("--sets", nargs="+", default=["lab", "rough"], help="realities")
     arguments = parser.parse_args()
@@ -246,6 +323,8 @@ def main() -> int:
             good &= report_located(seen, f"{reality}, markers", 1.0, 0.5) or not counted
         if arguments.sizes:
             good &= report_sizes(arguments.sizes, reality, arguments.seed)
+        if arguments.counts:
+            good &= report_counts(arguments.counts, reality, arguments.seed)
         verdicts = Counter[str]()
         for number in range(arguments.pick):
             verdict, why = pick(number, reality, arguments.seed, text)

@@ -92,6 +92,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.skill import Skill as Skill
     from bt_dualarm.skill.skill import SkillContext as SkillContext
     from bt_dualarm.skill.skill import Ticks as Ticks
+    from bt_dualarm.skill.standing_size import other_size_standing as other_size_standing
     from bt_dualarm.skill.still_pictures import own_camera as own_camera
     from bt_dualarm.skill.still_pictures import still_picture as still_picture
     from bt_dualarm.skill.taking import Taking as Taking
@@ -231,6 +232,7 @@ _CONTENTS: Final = {
     "camera_now": "skill.looking_around:camera_now",
     "gazes": "skill.looking_around:gazes",
     "SightPorts": "skill.sight_ports:SightPorts",
+    "other_size_standing": "skill.standing_size:other_size_standing",
     "own_camera": "skill.still_pictures:own_camera",
     "still_picture": "skill.still_pictures:still_picture",
     "KnownShape": "vision.known_shape:KnownShape",

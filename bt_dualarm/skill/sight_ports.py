@@ -52,6 +52,11 @@ class SightPorts(PortModel):
         True, "whether they lie flat on something level: one of their axes is upright"
     )
 
+    @property
+    def is_by_marker(self) -> bool:
+        """Whether what is looked for is a marker."""
+        return self.marker is not None or (self.object is not None and self.by == "marker")
+
     def sighted(self, arm: Arm) -> SightedThings:
         """What takes pictures in and finds such things in them.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -70,10 +70,13 @@ class SightedThings:
         middle: Middle of a thing in the frame of what is fitted, of shape (3,), m; by default its
             origin.
         nothing: Words for a picture in which nothing is that could be one of them.
+        color: Colour that they have, if they are found by that.
 
     Attributes:
         things: Things that were found, in no particular order.
         unlike: Number of patches of the colour, in the last picture, that are of another shape.
+        others_whole: How many of these are certainly none of the things, whole or not: balls where
+            boxes are looked for, which no boxes together look like.
         beyond: Share of the last picture covered by patches that go beyond its edge.
     """
 
@@ -83,10 +86,12 @@ class SightedThings:
         fitter: ShapeFitter,
         middle: Vector | None = None,
         nothing: str = "nothing has that colour",
+        color: ColorFilter | None = None,
     ) -> None:
+        self._color = color
         self._nothing = nothing
         self.things: list[SightedThing] = []
-        self.unlike, self.beyond = 0, 0.0
+        self.unlike, self.others_whole, self.beyond = 0, 0, 0.0
         self._find = find
         self._fitter = fitter
         self._middle: Vector = np.zeros(3) if middle is None else middle
@@ -95,7 +100,8 @@ class SightedThings:
     def of_color(cls, color: Color, shape: KnownShape, *, flat: bool = True) -> SightedThings:
         """Things of a colour and a shape, which may lie flat on something level."""
         seen = ColorFilter(color)
-        return cls(lambda frame: outlines(frame, seen, LEAST_AREA_PX), ShapeFitter(shape, flat))
+        fitter = ShapeFitter(shape, flat)
+        return cls(lambda frame: outlines(frame, seen, LEAST_AREA_PX), fitter, color=seen)
 
     @classmethod
     def of_marker(
@@ -112,6 +118,11 @@ class SightedThings:
         """Shape that is fitted."""
         return self._fitter.shape
 
+    def has_color(self, rgba: Sequence[float]) -> bool:
+        """Whether that colour (red, green, blue, 0..1, more ignored) is the one looked for."""
+        pixel = np.rint(255.0 * np.array(rgba[:3])).astype(np.uint8).reshape(1, 1, 3)
+        return self._color is not None and bool(self._color.mask(pixel).any())
+
     def take(self, frame: Frame) -> None:
         """Take one picture in: better poses of known things, and new ones."""
         found = self._find(frame)
@@ -125,11 +136,12 @@ class SightedThings:
                 patches.remove(patch)
                 self._look_again(thing, patch)
                 seen.append(thing)
-        self.unlike = 0
+        self.unlike, self.others_whole = 0, 0
         for patch in patches:
             fits = self._fitter.first(patch)
             if not fits or fits[0].residual_px > UNLIKE_PX:
                 self.unlike += 1
+                self.others_whole += self._is_other(patch)
                 continue
             known = self._known_at(fits[0].scene.position, seen)
             if known is None:
@@ -140,13 +152,18 @@ class SightedThings:
             seen.append(known)
 
     @property
+    def is_ground(self) -> bool:
+        """Whether so much of the last picture has the colour that things may lie before it."""
+        return self.beyond > _BEHIND
+
+    @property
     def others(self) -> str:
         """What else has the colour in the last picture, in words."""
         said = []
         if self.unlike:
             are = "patch is" if self.unlike == 1 else "patches are"
             said.append(f"{self.unlike} {are} of another shape, covered in part, or moving")
-        if self.beyond > _BEHIND:
+        if self.is_ground:
             behind = "what is behind may have that colour, too: tell it apart by `color`"
             share = f"{100 * self.beyond:.0f} %"
             said.append(f"{share} of the picture have it, up to its edge; {behind}")
@@ -185,6 +202,13 @@ class SightedThings:
     def sigma_rad(self, thing: SightedThing) -> float:
         """Standard deviation of its turn about the worst axis, as far as one can be seen, rad."""
         return thing.best.sigma_rad(self._fitter.shape)
+
+    def _is_other(self, patch: OutlineView) -> bool:
+        """Whether a patch of another outline has the outline of a ball, as boxes never have."""
+        if self.shape.kind != "box":
+            return False
+        balls = ShapeFitter(KnownShape("sphere", (self.shape.extent,))).first(patch)
+        return bool(balls) and balls[0].residual_px <= UNLIKE_PX
 
     def _of(self, thing: SightedThing, patches: list[OutlineView]) -> OutlineView | None:
         """The patch that is where a thing should be seen, if there is one."""

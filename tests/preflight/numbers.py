@@ -166,7 +166,8 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
     "close_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),
     "release": ({"width": 0.02, "speed": 0.05},),
     "look_at": ({"at": {"xyz": [0.68, 0.11, 0.70]}, "direction": [-1, 0, 0]},),
-    **dict.fromkeys(("scan", "locate", "count", "wait_for"), LOOKED_FOR),
+    **dict.fromkeys(("scan", "locate", "wait_for"), LOOKED_FOR),
+    "count": tuple(form | {"height": 0.4} for form in LOOKED_FOR),
     "track": (
         {
             "color": {

@@ -227,6 +227,7 @@ LOCATE: Tree = {"locate": {"object": "cube"}}
 LARGER = {
     "larger": TARGET["cube"] | {"size": [0.06] * 3, "pose": {"xyz": [5, 5, 5]}, "spawned": False}
 }
+TOUCHING = {"beside": TARGET["cube"] | {"pose": {"xyz": [0.68, 0.16, 0.70]}}}
 GREY = TARGET["cube"] | {"color": "grey"}
 
 
@@ -544,6 +545,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"count": {"object": "cube", "frames": 1}},
         {"arm": BLINDED, "before": (after(2.7, {"wait_for": {"object": "cube", "confirm": 99}}),)},
     ),
+    ("count", "AMBIGUOUS"): Trial(COUNT, {"objects": TARGET | TOUCHING}),
     ("look_at", "NO_CAMERA"): Trial(LOOK, {"arm": BLIND}),
     ("look_at", "INVALID_TARGET"): Trial(
         {"look_at": {"at": {"xyz": [0.68, 0.11, 0.7]}, "direction": [0, 0, 0]}}

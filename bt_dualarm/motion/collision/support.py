@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -29,6 +29,7 @@ _NEAR_M: Final = 0.005  # around the lowest point of what rolls
 _LEVEL: Final = math.tan(math.radians(0.3))  # slope on which a ball stays by its rolling friction
 _BULGE_M: Final = 5e-5  # in that distance: a ball of 0.25 m radius
 _UPRIGHT: Final = 0.5  # cosine, of a cylinder that stands
+_FLAT: Final = math.radians(5.0)  # slope of what something flat may lie on
 _STEEPEST: Final = 0.8  # share of the slope that friction bears
 
 
@@ -120,9 +121,31 @@ def support_below(
     return Support(nearest, tilt, slope, friction, rolls=tilt > math.radians(1.0))
 
 
+def bearing_ahead(
+    world: World, start: Vector, toward: Vector, passes: Collection[str]
+) -> float | None:
+    """How far away what could bear something is along a line of sight, by the shapes of plans.
+
+    Arms and what they hold bear nothing.
+
+    Args:
+        world: World that is looked at now, and never changed.
+        start: Where the line begins, of shape (3,), m.
+        toward: Its direction, of shape (3,) and length 1.
+        passes: Names of objects that are looked through.
+
+    Returns:
+        Distance in m; None where the line meets nothing, or nothing that faces upward there.
+    """
+    solid = (world.model.geom_contype != 0) | (world.model.geom_conaffinity != 0)
+    left_out = _borne(world) | {world.object_geom(name) for name in passes if name in world.objects}
+    hit = _first_hit(world, set(np.flatnonzero(solid).tolist()) - left_out, start, toward)
+    return hit.length if math.isfinite(hit.length) and hit.slope <= _FLAT else None
+
+
 @dataclass(frozen=True)
 class _Hit:
-    """Where a ray downwards ends.
+    """Where a ray ends.
 
     Attributes:
         length: Way in m; infinite where nothing is below.
@@ -145,43 +168,20 @@ class _Rays:
     """
 
     def __init__(self, world: World, thing: str, lower: Matrix) -> None:
-        model, self._data, self._model = world.model, world.sensed, world.model
+        model, sensed = world.model, world.sensed
+        self._world = world
         middle = lower[:, :2].mean(axis=0)
         wide = float(np.linalg.norm(lower[:, :2] - middle, axis=1).max()) + 2.0 * _NEAR_M
-        aside = np.linalg.norm(self._data.geom_xpos[:, :2] - middle, axis=1)
+        aside = np.linalg.norm(sensed.geom_xpos[:, :2] - middle, axis=1)
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         near = plane | (aside <= wide + model.geom_rbound)
-        left_out = {world.object_geom(thing)}
-        for name, body in world.arms.items():
-            left_out |= set(body.geom_ids)
-            left_out |= {world.object_geom(held) for held in world.attachments.attached_to(name)}
+        left_out = {world.object_geom(thing)} | _borne(world)
         solid = near & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
         self._geoms = [geom for geom in np.flatnonzero(solid).tolist() if geom not in left_out]
 
     def down(self, point: Vector) -> _Hit:
         """Where a ray downwards from a point of the world, of shape (3,), ends."""
-        model, data = self._model, self._data
-        best = _Hit(math.inf, -1, 0.0)
-        vertical = np.array((0.0, 0.0, -1.0))
-        for geom in self._geoms:
-            center, kind = data.geom_xpos[geom], int(model.geom_type[geom])
-            normal = np.zeros(3)
-            if kind == mujoco.mjtGeom.mjGEOM_MESH:
-                length = mujoco.mj_rayMesh(model, data, geom, point, vertical, normal)
-            else:
-                length = mujoco.mju_rayGeom(
-                    center,
-                    data.geom_xmat[geom],
-                    model.geom_size[geom],
-                    point,
-                    vertical,
-                    kind,
-                    normal,
-                )
-            if 0.0 <= length < best.length:
-                upward = min(abs(float(normal[2])), 1.0) or 1.0
-                best = _Hit(float(length), geom, math.acos(upward))
-        return best
+        return _first_hit(self._world, self._geoms, point, np.array((0.0, 0.0, -1.0)))
 
     def is_level(self, point: Vector, way: Vector) -> bool:
         """Whether what is below a point neither slopes nor bulges along a way of shape (2,)."""
@@ -191,6 +191,33 @@ class _Rays:
             return False
         slope = abs(on - back) / (2.0 * _NEAR_M)
         return slope <= _LEVEL and 0.5 * (back + on) - here <= _BULGE_M
+
+
+def _borne(world: World) -> set[int]:
+    """Shapes of the arms and of what they hold."""
+    found = set[int]()
+    for name, body in world.arms.items():
+        found |= set(body.geom_ids)
+        found |= {world.object_geom(held) for held in world.attachments.attached_to(name)}
+    return found
+
+
+def _first_hit(world: World, geoms: Collection[int], point: Vector, toward: Vector) -> _Hit:
+    """Where a ray from a point of the world, of shape (3,), first meets one of some shapes."""
+    model, data = world.model, world.sensed
+    best = _Hit(math.inf, -1, 0.0)
+    normal = np.zeros(3)
+    for geom in geoms:
+        center, kind = data.geom_xpos[geom], int(model.geom_type[geom])
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            length = mujoco.mj_rayMesh(model, data, geom, point, toward, normal)
+        else:
+            axes, size = data.geom_xmat[geom], model.geom_size[geom]
+            length = mujoco.mju_rayGeom(center, axes, size, point, toward, kind, normal)
+        if 0.0 <= length < best.length:
+            upward = min(abs(float(normal[2])), 1.0) or 1.0
+            best = _Hit(float(length), geom, math.acos(upward))
+    return best
 
 
 class _LowerHull:
@@ -231,7 +258,7 @@ def _lower_side(world: World, thing: str, pose: Pose) -> Matrix:
     """Points on the lower side of an object at a pose, of shape (n, 3), in the world, m."""
     spec, geom = world.objects[thing], world.object_geom(thing)
     turn = pose.rotation_matrix
-    half = _half_extents(spec.shape, spec.size, turn) - (_INSET, _INSET, 0.0)
+    half = half_extents(spec.shape, spec.size, turn) - (_INSET, _INSET, 0.0)
     shares = np.linspace(-1.0, 1.0, _RAYS)
     upward, deep = np.array((0.0, 0.0, 1.0)), pose.position[2] - half[2] - 1.0
     size, kind = world.model.geom_size[geom], int(world.model.geom_type[geom])
@@ -247,7 +274,7 @@ def _lower_side(world: World, thing: str, pose: Pose) -> Matrix:
     return np.array(found)
 
 
-def _half_extents(shape: str, size: Sequence[float], turn: Matrix) -> Vector:
+def half_extents(shape: str, size: Sequence[float], turn: Matrix) -> Vector:
     """Half of what a shape measures along the axes of the world, of shape (3,), m.
 
     Args:

@@ -1,0 +1,133 @@
+"""What is counted is there, so many times; where a picture cannot tell, it is said."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import pytest
+
+from bt_dualarm.tree.report import LeafReport
+from tests.plays import Stage
+
+Things: TypeAlias = dict[str, dict[str, Any]]
+CUBE = {"shape": "box", "size": [0.04, 0.04, 0.04]}
+CAN = {"shape": "cylinder", "size": [0.02, 0.05]}
+TOP = 0.4
+
+
+def count(
+    stage: Stage,
+    kind: dict[str, Any],
+    things: Things,
+    reality: str = "lab",
+    **ports: Any,
+) -> LeafReport:
+    """What `count` says of red things of a kind, each but for what is said of it, on a table.
+
+    Their places are by x and y from the middle of the picture, and by what is below them.
+    """
+    objects: dict[str, Any] = {
+        "kind": {**kind, "mass": 0.1, "color": "red", "spawned": False}
+        | {"pose": {"xyz": [5, 5, 5]}}
+    }
+    for name, thing in things.items():
+        x, y, below = thing["at"]
+        spec = {**kind, "mass": 0.1, "color": "red", "fixed": True}
+        spec |= {key: value for key, value in thing.items() if key != "at"}
+        half = spec["size"][0] if spec["shape"] == "sphere" else spec["size"][-1] / 2
+        pose = {"xyz": [0.38 + x, -0.45 + y, TOP + below + half], "rpy": [0, 0, 15]}
+        objects[name] = spec | {"pose": pose}
+    look = {"look_at": {"at": {"xyz": [0.38, -0.45, TOP]}, "distance": 0.4}}
+    tree = {"sequence": [look, {"count": {"object": "kind"} | ports}]}
+    arm = {"robot": "ur5", "base": {"xyz": [0, 0, TOP]}, "camera": {}, "tree": tree}
+    file = {
+        "world": {"scene": "table", "reality": reality},
+        "objects": objects,
+        "arms": {
+            "arm1": arm | {"tree": {"sequence": [look, {"count": {"object": "kind"} | ports}]}}
+        },
+    }
+    return stage.run(file, seed=2).leaf("count")
+
+
+def beside(kind: dict[str, Any]) -> float:
+    """Distance in m of the middles of two that touch, turned by 15° as they are: side by side."""
+    return float(kind["size"][0] * (1 if kind["shape"] == "box" else 2))
+
+
+C15, S15 = 0.9659258, 0.2588190
+
+
+@pytest.mark.parametrize("kind", [CUBE, CAN], ids=["cubes", "cans"])
+class TestEachKind:
+    """Boxes and cylinders alike."""
+
+    @pytest.mark.parametrize("number", [0, 1, 2])
+    def test_those_apart_are_counted(self, kind: dict[str, Any], number: int, stage: Stage) -> None:
+        places: Things = {"a": {"at": (0.05, 0.02, 0)}, "b": {"at": (-0.05, -0.02, 0)}}
+        leaf = count(stage, kind, dict(list(places.items())[:number]))
+        assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", number), leaf.reason
+
+    @pytest.mark.parametrize("reality", ["lab", "rough"])
+    def test_two_that_touch_are_not_counted_as_none(
+        self, kind: dict[str, Any], reality: str, stage: Stage
+    ) -> None:
+        """They make one patch; another one, apart, is certain."""
+        far = beside(kind)
+        things: Things = {"a": {"at": (0, 0, 0)}, "b": {"at": (far * C15, far * S15, 0)}}
+        leaf = count(stage, kind, things | {"c": {"at": (-0.08, -0.03, 0)}}, reality)
+        assert (leaf.code, leaf.metrics["found"], leaf.metrics["unlike"]) == ("AMBIGUOUS", 1, 1)
+
+    @pytest.mark.parametrize("reality", ["lab", "rough"])
+    @pytest.mark.parametrize("aside", [0.0, 0.08])
+    def test_one_on_another_is_not_counted_as_one(
+        self, kind: dict[str, Any], aside: float, reality: str, stage: Stage
+    ) -> None:
+        """From above they look like one that is nearer; from aside, like nothing known."""
+        things: Things = {
+            name: {"at": (aside, 0, z * kind["size"][-1])} for z, name in enumerate("ab")
+        }
+        leaf = count(stage, kind, things, reality)
+        assert (leaf.code, leaf.metrics["found"]) == ("AMBIGUOUS", 0), leaf.reason
+
+    @pytest.mark.parametrize("reality", ["lab", "rough"])
+    @pytest.mark.parametrize("ratio", [0.75, 1.3])
+    def test_another_size_is_not_counted(
+        self, kind: dict[str, Any], ratio: float, reality: str, stage: Stage
+    ) -> None:
+        """One picture tells it by the table on which it stands; with `others` it is left out."""
+        size = [ratio * edge for edge in kind["size"]]
+        things: Things = {
+            "a": {"at": (0.05, 0.02, 0)},
+            "other": {"at": (-0.05, -0.02, 0), "size": size},
+        }
+        leaf = count(stage, kind, things, reality)
+        assert (leaf.code, leaf.metrics["other_size"]) == ("AMBIGUOUS", 1), leaf.reason
+        leaf = count(stage, kind, things, reality, others=True)
+        assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1)
+
+
+def test_what_is_half_covered_is_in_doubt(stage: Stage) -> None:
+    cover = {"size": [0.06, 0.06, 0.01], "color": "blue", "at": (0.045, 0, 0.041)}
+    leaf = count(stage, CUBE, {"a": {"at": (0, 0, 0)}, "cover": cover})
+    assert (leaf.code, leaf.metrics["found"]) == ("AMBIGUOUS", 0)
+
+
+def test_a_ball_is_no_cube_nor_several(stage: Stage) -> None:
+    ball = {"shape": "sphere", "size": [0.03], "at": (0.06, 0, 0)}
+    leaf = count(stage, CUBE, {"a": {"at": (-0.04, 0, 0)}, "ball": ball})
+    assert (leaf.status, leaf.metrics["found"], leaf.metrics["unlike"]) == ("SUCCESS", 1, 1)
+
+
+@pytest.mark.parametrize("height", [None, 0.43])
+def test_what_stands_on_something_declared_is_counted(height: float | None, stage: Stage) -> None:
+    """A cube on a blue block 30 mm high."""
+    block = {"size": [0.1, 0.1, 0.03], "color": "blue", "at": (0, 0, 0)}
+    leaf = count(stage, CUBE, {"block": block, "a": {"at": (0, 0, 0.03)}}, height=height)
+    assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1), leaf.reason
+
+
+def test_a_wrong_height_makes_doubt(stage: Stage) -> None:
+    """The height that is given counts, not that of the table."""
+    leaf = count(stage, CUBE, {"a": {"at": (0, 0, 0)}}, height=0.34)
+    assert (leaf.code, leaf.metrics["other_size"]) == ("AMBIGUOUS", 1)
