@@ -66,7 +66,7 @@ def size_of(packed: object) -> int:
     """
     if not isinstance(packed, dict):
         raise ValueError("expected an object with dtype, shape and size")
-    if packed.get("dtype") not in _KINDS:
+    if not isinstance(packed.get("dtype"), str) or packed["dtype"] not in _KINDS:
         kinds = ", ".join(sorted(_KINDS))
         raise ValueError(f"dtype is {str(packed.get('dtype'))[:40]!r}; expected one of {kinds}")
     shape, size = packed.get("shape"), packed.get("size")

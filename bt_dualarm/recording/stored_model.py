@@ -20,7 +20,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import mujoco
 import numpy as np
@@ -180,7 +180,7 @@ _UNUSED: Final = (
 """Sizes of what no model of this project has."""
 
 
-def _sizes(model: Any) -> str:  # Any: fields are asked for by name
+def _sizes(model: mujoco.MjModel) -> str:
     for name in _UNUSED:
         if getattr(model, name):
             return f"{name} is {getattr(model, name)}; expected 0"
@@ -209,7 +209,7 @@ def _sizes(model: Any) -> str:  # Any: fields are asked for by name
     return ""
 
 
-def _numbers(model: Any) -> str:
+def _numbers(model: mujoco.MjModel) -> str:
     for name in _fields(model):
         value = getattr(model, name)
         if value.dtype.kind == "f" and not (np.abs(value) <= mujoco.mjMAXVAL).all():
@@ -228,7 +228,7 @@ _OPTIONS: Final = {
 """Least and largest value of each option that matters to time and memory."""
 
 
-def _options(model: Any) -> str:
+def _options(model: mujoco.MjModel) -> str:
     for name, (least, most) in _OPTIONS.items():
         value = getattr(model.opt, name)
         if not least <= value <= most:
@@ -267,7 +267,7 @@ _INDICES: Final = {
 """What each index counts; with a question mark -1 is none."""
 
 
-def _indices(model: Any) -> str:
+def _indices(model: mujoco.MjModel) -> str:
     for name, counted in _INDICES.items():
         least, size = -(counted[0] == "?"), getattr(model, counted.lstrip("?"))
         values = getattr(model, name)
@@ -296,7 +296,7 @@ _RANGES: Final = (
 """First, count, and of how many."""
 
 
-def _ranges(model: Any) -> str:
+def _ranges(model: mujoco.MjModel) -> str:
     pairs = [(names, getattr(model, names[0]), getattr(model, names[1])) for names in _RANGES]
     kinds = model.jnt_type
     if kinds.size and not (kinds.min() >= 0 and kinds.max() <= 3):
@@ -353,7 +353,7 @@ _KINDS: Final[dict[str, tuple[int, ...]]] = {
 """Kinds that models of this project have; what a kind needs is checked for these alone."""
 
 
-def _kinds(model: Any) -> str:
+def _kinds(model: mujoco.MjModel) -> str:
     for name, known in _KINDS.items():
         values = getattr(model, name)
         others = values[~np.isin(values, known)]
@@ -399,7 +399,7 @@ def _kinds(model: Any) -> str:
     return ""
 
 
-def _tree(model: Any) -> str:
+def _tree(model: mujoco.MjModel) -> str:
     """Bodies and degrees of freedom follow their parents, and the mass matrix is theirs."""
     bodies, dofs = np.arange(model.nbody), np.arange(model.nv)
     for name in ("body_parentid", "body_rootid", "body_weldid"):
@@ -460,7 +460,7 @@ _STORED_IN_ORDER: Final = (
 )
 
 
-def _meshes(model: Any) -> str:
+def _meshes(model: mujoco.MjModel) -> str:
     """What is in a mesh is numbered within that mesh; trees of boxes come to an end."""
     for first, count, total in _STORED_IN_ORDER:
         counts = getattr(model, count)
@@ -530,7 +530,7 @@ def _pieces(
     return values[np.cumsum(chosen)[:-1] > 0]
 
 
-def _boxes(model: Any, first: int, count: int, leaves: int) -> str:
+def _boxes(model: mujoco.MjModel, first: int, count: int, leaves: int) -> str:
     """A tree of boxes: each node comes after its parent, each leaf is of something."""
     if not count:
         return ""
@@ -547,7 +547,7 @@ def _boxes(model: Any, first: int, count: int, leaves: int) -> str:
     return ""
 
 
-def _hull(model: Any, mesh: int) -> str:
+def _hull(model: mujoco.MjModel, mesh: int) -> str:
     """The graph of a convex hull, laid out as MuJoCo's `mjModel.mesh_graph` says."""
     at = int(model.mesh_graphadr[mesh])
     if at < 0:
@@ -578,7 +578,7 @@ _NAMED: Final = (
 """What has names, in the order of MuJoCo's table of them, which has two places for each."""
 
 
-def _names(model: Any) -> str:
+def _names(model: mujoco.MjModel) -> str:
     if model.nnames < 1 or model.names[-1:] != b"\0":
         return "names do not end"
     at = 0
@@ -597,7 +597,7 @@ def _names(model: Any) -> str:
     return "" if plain.replace("\0", "").isprintable() else "names have control characters"
 
 
-def _fields(model: Any) -> list[str]:
+def _fields(model: mujoco.MjModel) -> list[str]:
     """Names of the arrays of a model."""
     return [
         name

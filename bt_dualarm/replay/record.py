@@ -434,7 +434,9 @@ def _rows_of_arms(block: Block) -> Iterator[tuple[str, str, npt.NDArray[np.gener
             yield kind, arm, rows
 
 
-def _array(block: Block, name: str, kind: type[np.generic], dimensions: int) -> npt.NDArray[Any]:
+def _array(
+    block: Block, name: str, kind: type[np.generic], dimensions: int
+) -> npt.NDArray[Any]:  # Any: of the kind that is asked for
     if name not in block.arrays:
         raise ValueError(f"array {name!r} is missing")
     array = block.arrays[name]
@@ -446,7 +448,7 @@ def _array(block: Block, name: str, kind: type[np.generic], dimensions: int) -> 
     return array
 
 
-def _refuse_infinite(array: npt.NDArray[Any], name: str) -> None:
+def _refuse_infinite(array: npt.NDArray[Any], name: str) -> None:  # Any: of any numbers
     # Beyond MuJoCo's mjMAXVAL a simulation has diverged: no state is kept then.
     if not (np.abs(array) <= mujoco.mjMAXVAL).all():
         raise ValueError(f"array {name!r} has numbers that are not finite, or beyond 1e10")

@@ -392,7 +392,11 @@ def _check_arm(name: str, arms: Mapping[str, Facts], where: str) -> None:
         raise ValueError(f"{where}: there is no arm {name!r}; expected {', '.join(arms)}"[:500])
 
 
-def _check(adapter: TypeAdapter[Any], facts: object, where: str) -> None:
+def _check(
+    adapter: TypeAdapter[Any],  # Any: of any model
+    facts: object,
+    where: str,
+) -> None:
     try:
         adapter.validate_python(facts, strict=True)
     except ValidationError as error:

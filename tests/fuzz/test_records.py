@@ -43,12 +43,13 @@ def test_the_record_itself_is_read_by_all(files: Files, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", MALICIOUS)
 def test_a_malicious_record_does_no_harm(name: str, files: Files, tmp_path: Path) -> None:
+    """Read by one reader each, in turns; by all that take little time in ``make fuzz``."""
     changed = files.copy()
     MALICIOUS[name](changed)
     readers = [*QUICK]
-    first = sum(map(ord, name)) % len(readers)
-    chosen = ["bt-why", readers[first], readers[(first + 3) % len(readers)]]
-    assert [fault for _, _, fault in read_by(changed, chosen, tmp_path / "s")] == [""] * 3
+    chosen = readers if TIMES > 1 else [readers[[*MALICIOUS].index(name) % len(readers)]]
+    found = read_by(changed, chosen, tmp_path / "s")
+    assert [(reader, fault) for reader, _, fault in found if fault] == []
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
@@ -71,9 +72,10 @@ def test_no_bomb_takes_a_gigabyte(name: str, files: Files, tmp_path: Path) -> No
     MALICIOUS[name](changed)
     changed.write(tmp_path / "record")
     program = f"import bt_dualarm.cli as cli; cli.why([{str(tmp_path / 'record')!r}])"
-    said = "import resource; print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    # Not `ru_maxrss`: a process inherits that of the one that has started it.
+    said = "print(next(line for line in open('/proc/self/status') if line.startswith('VmHWM')))"
     done = subprocess.run(
         [sys.executable, "-c", f"{program}; {said}"], capture_output=True, text=True, check=True
     )
     assert "Traceback" not in done.stderr
-    assert int(done.stdout.split()[-1]) < MOST_MB * 1024
+    assert int(done.stdout.split()[-2]) < MOST_MB * 1024
