@@ -40,7 +40,7 @@ test: $(STAMP) ## Run the whole test suite
 matrix: export BT_DUALARM_MATRIX := all
 matrix: $(STAMP) ## Do everything that can be done with a file to every kind of file: an hour of CPU
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
-		tests/matrix
+		tests/matrix tests/replay/test_why.py
 
 fuzz: export BT_DUALARM_FUZZ_FILES ?= 200000
 fuzz: export BT_DUALARM_FUZZ_TIMES ?= 10
