@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 import bt_dualarm as bt
 from bt_dualarm.tree.report import LeafReport
 
@@ -29,7 +31,8 @@ def board(x: float, y: float, z: float) -> dict[str, Any]:
     return {"shape": "box", "size": [0.25, 0.25, 0.02], "mass": 5, "fixed": True, "pose": pose}
 
 
-def test_a_panda_places_sideways_into_a_shelf_after_carrying() -> None:
+@pytest.mark.parametrize("yaw", [45, 105])
+def test_a_panda_places_sideways_into_a_shelf_after_carrying(yaw: float) -> None:
     """It failed: the line down began 13.7° from where the arm was, in another posture."""
     can = {"shape": "cylinder", "size": [0.025, 0.10], "mass": 0.3}
     leaf = placed(
@@ -42,7 +45,7 @@ def test_a_panda_places_sideways_into_a_shelf_after_carrying() -> None:
         },
         {"grasp": {"object": "can", "approach": [0, -1, 0]}},
         {"transport": {"object": "can", "to": {"xyz": [0.40, -0.2, 0.70]}}},
-        {"place": {"object": "can", "at": {"xyz": [0.55, 0.1, 0.61], "rpy": [0, 0, 90]}}},
+        {"place": {"object": "can", "at": {"xyz": [0.55, 0.1, 0.61], "rpy": [0, 0, yaw]}}},
     )
     assert (leaf.skill, leaf.status) == ("place", "SUCCESS"), leaf.reason
     assert float(leaf.metrics["placed_error_m"]) < 2e-3
