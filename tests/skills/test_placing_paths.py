@@ -31,7 +31,10 @@ def board(x: float, y: float, z: float) -> dict[str, Any]:
     return {"shape": "box", "size": [0.25, 0.25, 0.02], "mass": 5, "fixed": True, "pose": pose}
 
 
-@pytest.mark.parametrize("yaw", [45, 105])
+NO_WAY_DOWN = pytest.mark.xfail(reason="the arm finds no way down: cans are taken otherwise now")
+
+
+@pytest.mark.parametrize("yaw", [45, 105, pytest.param(90, marks=NO_WAY_DOWN)])
 def test_a_panda_places_sideways_into_a_shelf_after_carrying(yaw: float) -> None:
     """It failed: the line down began 13.7° from where the arm was, in another posture."""
     can = {"shape": "cylinder", "size": [0.025, 0.10], "mass": 0.3}
