@@ -23,10 +23,10 @@ LOCKED := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),\
 # As many test processes as cores, but never more than eight: each of them loads every robot.
 WORKERS ?= logical
 
-.PHONY: help setup demo test matrix fuzz lint format check docs constraints clean
+.PHONY: help setup demo test matrix fuzz lint format check docs docs-html constraints clean
 
 help: ## List the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' Makefile
 
 setup: $(STAMP) ## Create .venv and install the project with its tools (done once)
 
@@ -38,21 +38,22 @@ test: $(STAMP) ## Run the whole test suite
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet
 
 matrix: export BT_DUALARM_MATRIX := all
-matrix: $(STAMP) ## Do everything that can be done with a file to every kind of file: an hour of CPU
+matrix: $(STAMP) ## Test whole families of like cases, as everything that can be done with every kind of file: an hour of CPU
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
-		tests/matrix tests/replay/test_why.py
+		$$(grep --recursive --files-with-matches --include='test_*.py' tests.families tests)
 
 fuzz: export BT_DUALARM_FUZZ_FILES ?= 200000
-fuzz: export BT_DUALARM_FUZZ_TIMES ?= 10
+fuzz: export BT_DUALARM_FUZZ_TIMES ?= 40
 fuzz: export BT_DUALARM_FUZZ_SEED ?= $(shell date +%s)
-fuzz: $(STAMP) ## Mutate ten times as many trees, robots and meshes as the tests do, and others
+fuzz: $(STAMP) ## Mutate 40 times as many trees, robots and meshes as the tests do, and others
 	@echo "BT_DUALARM_FUZZ_SEED=$$BT_DUALARM_FUZZ_SEED repeats this run"
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
 		tests/fuzz tests/spec/test_fuzz.py
 
-lint: $(STAMP) ## Check style and types
+lint: $(STAMP) ## Check style, layers and types
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
+	@$(BIN)/lint-imports --no-cache --no-logo
 	@$(BIN)/mypy
 
 format: $(STAMP) ## Format the code and apply the safe fixes
@@ -68,6 +69,12 @@ docs: $(STAMP) ## Renew what the pages in docs/ take from the code
 	@$(BIN)/python docs/limits.py
 	@$(BIN)/python docs/members.py
 
+docs-html: $(STAMP) ## Build the documentation as a site, site/index.html; a broken link fails it
+	@$(BIN)/python -m pip install --quiet --constraint constraints.txt \
+		--no-build-isolation --editable '.[docs]'
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html -d build/doctrees docs site
+	@echo "Open site/index.html"
+
 constraints: ## Resolve the ranges of pyproject.toml anew: constraints.txt, requirements.lock
 	@scratch=$$(mktemp -d) && trap 'rm -rf "$$scratch"' EXIT \
 		&& $(PYTHON) -m venv "$$scratch" \
@@ -78,7 +85,7 @@ constraints: ## Resolve the ranges of pyproject.toml anew: constraints.txt, requ
 		&& "$$scratch/bin/python" docs/lock.py
 
 clean: ## Remove everything that make made
-	@rm -rf $(VENV) build dist out .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	@rm -rf $(VENV) build dist out site .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A dot a package, so that a slow connection does not look like a hang.
@@ -97,5 +104,5 @@ $(STAMP): pyproject.toml requirements.lock
 		--no-deps --no-build-isolation --editable .
 	@echo "Compiling what has to be fast: one to three minutes on two cores"
 	@$(BIN)/python -c 'import logging; logging.basicConfig(level="INFO", format="%(message)s"); \
-		from bt_dualarm.runtime.compiling import compile_kernels; compile_kernels()'
+		from bt_dualarm.runtime.prepared import compile_kernels; compile_kernels()'
 	@touch $(STAMP)

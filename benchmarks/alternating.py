@@ -92,7 +92,8 @@ def checkout_of(state: str) -> Iterator[Path]:
         yield Path(state).resolve()
         return
     with tempfile.TemporaryDirectory() as folder:
-        place, git = Path(folder) / "before", ["git", "-C", str(ROOT), "worktree"]
+        place = Path(folder) / "before"
+        git = ["git", "-C", str(ROOT), "worktree"]
         subprocess.run([*git, "add", "--quiet", "--detach", str(place), state], check=True)
         try:
             yield place
@@ -108,7 +109,8 @@ def main() -> None:
     parser.add_argument("--param", action="append", default=[], metavar="NAME=VALUE")
     parser.add_argument("--pairs", type=int, default=6)
     arguments = parser.parse_args()
-    tree, params = arguments.tree, arguments.param
+    tree = arguments.tree
+    params = arguments.param
     with checkout_of(arguments.before) as before, tempfile.TemporaryDirectory() as compiled:
         for state in (before, ROOT):
             cost(state, tree, compiled, params)

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.runtime.api import registry_of
-from bt_dualarm.spec.language import LANGUAGE
 from tests.skills.scenarios import ABOVE, SCENARIOS, Scenario, node_of
 
 ROOT = Path(__file__).resolve().parent.parent

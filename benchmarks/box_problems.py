@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from bt_dualarm.errors import Failure, WorldError
-from bt_dualarm.motion.collision.checker import CollisionChecker
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.planning.problem import PlanningProblem
-from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.core.errors import Failure, WorldError
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.problem import PlanningProblem
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile, WorldSpec
-from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.world import World
 
 MARGIN_M = 0.045
 DT = 0.004

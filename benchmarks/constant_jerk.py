@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.vision.motion_model import Stack, at_rest, carried, chain_noise
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.perception.target_filter import Stack, at_rest, carried, chain_noise
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from bt_dualarm.motion.control.controller import JointController
-from bt_dualarm.motion.safety.reservation import Reservations
-from bt_dualarm.motion.setpoints.set_point import SetPoint
-from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.world.world import World
-from tests.world.worlds import arm, box, file_of
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.world import World
+from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.point_to_point import point_to_point
+from tests.sim.worlds import arm, box, file_of
 
 CALLS = 500
 ROUNDS = 30
@@ -47,7 +47,8 @@ def cost_of_guard(x: float, kind: str) -> tuple[float, float]:
     world = World(file_of(arms))
     period = 2 * world.timestep
     controller = JointController(world, "arm1", period, Reservations())
-    start, limits = controller.setpoint.q, world.robots["arm1"].limits.scaled(0.3)
+    start = controller.setpoint.q
+    limits = world.robots["arm1"].limits.scaled(0.3)
     motion = point_to_point(
         start, start + np.array((0.5, -0.1, 0.1, 0.0, 0.0, 0.5)), limits, period
     )
@@ -99,10 +100,12 @@ def main() -> None:
         world.step()
 
     everything()
-    model, data = world.model, world.data
+    model = world.model
+    data = world.data
     print(f"mj_step                  {microseconds(lambda: mujoco.mj_step(model, data)):6.1f} µs")
     for name, controller in controllers.items():
-        limiter, rest = controller._limiter, controller.setpoint
+        limiter = controller._limiter
+        rest = controller.setpoint
         hold = SetPoint(rest.q, rest.v, rest.a)
         update = microseconds(lambda c=controller: c.update(world.time))  # type: ignore[misc]
         print(f"{name} update, holding     {update:6.1f} µs")
@@ -111,7 +114,8 @@ def main() -> None:
         dynamics = controller._torque
         torque = microseconds(lambda d=dynamics, r=hold: d.command(r, 0.0))  # type: ignore[misc]
         print(f"  of it the torques      {torque:6.1f} µs")
-    step, whole = microseconds(world.step), microseconds(everything)
+    step = microseconds(world.step)
+    whole = microseconds(everything)
     print(f"World.step               {step:6.1f} µs")
     print(f"both updates and a step  {whole:6.1f} µs")
     for name, x in (("3 m away", 4.0), ("0.3 m away", 1.3), ("0.1 m away", 1.08)):

@@ -14,27 +14,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.crowd_members import Member, file_text, looking, tasks_of
-from bt_dualarm.errors import DualArmError
-from bt_dualarm.motion.collision.arm_distance import ArmDistance
-from bt_dualarm.motion.collision.bounding_spheres import BoundingSpheres, apart
-from bt_dualarm.pose import Matrix
-from bt_dualarm.runtime.outcome import Outcome
-from bt_dualarm.runtime.parts import IdleObserver
-from bt_dualarm.runtime.result import ArmResult
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.behaviors.report import StatusChange
+from bt_dualarm.collision.distance import ArmDistance, BoundingSpheres, apart
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.pose import Matrix
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.runtime.outcome import ArmResult, Outcome
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.tree.report import StatusChange
-from bt_dualarm.world.robots.catalogue import robot_names
-from bt_dualarm.world.world import World
 
 ROOM_M = 0.2
 """Arms whose paths, as each goes its own alone, are that far apart at any two times cannot meet."""
 
 REST_M = 0.06
-"""Distance in metres between any two configurations in which two arms rest."""
+"""Distance in meters between any two configurations in which two arms rest."""
 
-_BASES_M = 0.4  # metres between two bases
+_BASES_M = 0.4  # meters between two bases
 _TRIES = 20  # arms drawn for one place in a cell
 _SAMPLE_S = 0.05
 
@@ -61,7 +59,8 @@ class Diary(IdleObserver):
 
     def __init__(self, world: World) -> None:
         (self._body,) = world.arms.values()
-        self.path, self.rests = [self._body.q], [self._body.q]
+        self.path = [self._body.q]
+        self.rests = [self._body.q]
 
     def on_event(self, change: StatusChange) -> None:
         """Note where a leaf has ended."""
@@ -96,7 +95,8 @@ def cannot_meet(first: Solo, second: Solo) -> bool:
     world = _pair(first, second)
     spheres = []
     for solo in (first, second):
-        hull, body = BoundingSpheres(world, solo.member.name), world.arms[solo.member.name]
+        hull = BoundingSpheres(world, solo.member.name)
+        body = world.arms[solo.member.name]
         rows = solo.path[:: max(len(solo.path) // 60, 1)]
         around = []
         for q in (*rows, *solo.rests):
@@ -153,7 +153,7 @@ def _rests_are_free(first: Solo, second: Solo) -> bool:
     world = _pair(first, second)
     separation = ArmDistance(world, first.member.name)
     return all(
-        separation.gap({first.member.name: a, second.member.name: b}, 2 * REST_M).metres > REST_M
+        separation.gap({first.member.name: a, second.member.name: b}, 2 * REST_M).meters > REST_M
         for a, b in itertools.product(first.rests, second.rests)
     )
 

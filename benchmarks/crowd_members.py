@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.pose import Pose
-from bt_dualarm.world.robots.catalogue import load_robot
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot
 
 _HEAD = """bt_dualarm: 1
 name: crowd
@@ -35,7 +35,7 @@ class Member:
 
     Attributes:
         name: Name of the arm.
-        robot: Name of the robot in the catalogue.
+        robot: Name of the robot in the catalog.
         xyz: Place of the base in m.
         yaw: Turn of the base in degrees.
         share: Share of the robot's limits that the arm may use.
@@ -81,8 +81,10 @@ def file_text(members: Sequence[Member], cubes: Sequence[Member]) -> str:
 
 def tasks_of(member: Member, rng: np.random.Generator) -> tuple[tuple[str, ...], str]:
     """Two to four tasks; an arm that need not wait also draws curves and turns its joints."""
-    kinematics, robot = member.kinematics, load_robot(member.robot)
-    home, limits = robot.postures["home"], robot.limits
+    kinematics = member.kinematics
+    robot = load_robot(member.robot)
+    home = robot.postures["home"]
+    limits = robot.limits
     tasks = []
     for _ in range(int(rng.integers(2, 5))):
         turn = rng.uniform(-1.0, 1.0, len(home)) * np.linspace(1.5, 0.5, len(home))

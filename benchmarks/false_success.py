@@ -20,18 +20,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.runtime.options import RunOptions
-from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.behaviors.report import StatusChange
+from bt_dualarm.core.pose import Pose, Vector, camera_pose
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.runtime.options import RunOptions, find_tree
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.runtime.shipped import find_tree
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.spec.reality import REALITY_NAMES, RealityName
-from bt_dualarm.tree.report import StatusChange
-from bt_dualarm.world.nominal.camera_pose import camera_pose
-from bt_dualarm.world.world import World
 
 TREES = ("pick_and_transport", "pick_and_track")
 THING = "cube"
@@ -120,7 +118,8 @@ class Judge(IdleObserver):
         rms = float(change.metrics["yz_rms_m"])
         if not rms <= FOLLOWED_M:
             yield f"it was followed to {1e3 * rms:.1f} mm RMS"
-        world, body = self.world, self.world.arms[change.arm]
+        world = self.world
+        body = self.world.arms[change.arm]
         camera = camera_pose(world.data, body.camera_id)
         x, y, z = camera.inverse.apply(self._place).tolist()
         half = math.tan(math.radians(float(world.model.cam_fovy[body.camera_id])) / 2)
@@ -172,14 +171,16 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     arguments = parser.parse_args()
-    registry, missed = Registry.load(), False
+    registry = Registry.load()
+    missed = False
     for tree in arguments.trees:
         file = load_tree_file(find_tree(tree), registry.kinds)
         for reality in arguments.sets:
             succeeded = false = 0
             for seed in range(arguments.first, arguments.first + arguments.seeds):
                 one = play(file, registry, reality, seed)
-                succeeded, false = succeeded + one.succeeded, false + bool(one.lies)
+                succeeded = succeeded + one.succeeded
+                false = false + bool(one.lies)
                 for line in (*one.lies, *((one.reason,) if one.reason else ())):
                     print(f"    {tree} {reality} seed {seed}: {line}", flush=True)
             good = succeeded >= ASKED[reality] * arguments.seeds and not false

@@ -20,10 +20,10 @@ from typing import Any, Final
 import numpy as np
 
 import bt_dualarm as bt
-from bt_dualarm.pose import Pose
-from bt_dualarm.runtime.parts import IdleObserver
-from bt_dualarm.tree.report import LeafReport, StatusChange
-from bt_dualarm.world.world import World
+from bt_dualarm.behaviors.report import LeafReport, StatusChange
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.sim.world import World
 
 Deed = Callable[[World], None]
 """What a hand does to the world."""
@@ -122,7 +122,8 @@ def turned(degrees: float, axis: int = 1) -> Callable[[World], bool]:
         about = world.arms["arm1"].tool_pose.rotation_matrix[:, axis] * np.radians(degrees)
         angle = float(np.linalg.norm(about))
         half = np.array((np.cos(angle / 2), *(np.sin(angle / 2) * about / angle)))
-        pose, start = world.object_pose(THING), world.pose_address(THING)
+        pose = world.object_pose(THING)
+        start = world.pose_address(THING)
         new = Pose(np.zeros(3), half) @ Pose(np.zeros(3), pose.quaternion)
         world.data.qpos[start + 3 : start + 7] = new.quaternion
 
@@ -143,16 +144,19 @@ def kicked(
     return once(kick)
 
 
-def stuck(seconds: float) -> Callable[[World], bool]:
-    """Let the object go with the tool for so long, as if it stuck to a finger."""
+def stuck(seconds: float, pressed: float = 0.0) -> Callable[[World], bool]:
+    """Let the object go with the tool for so long, as if it stuck to it, so many m into it."""
     began: list[tuple[float, Pose]] = []
 
     def stick(world: World) -> bool:
         tool = world.arms["arm1"].tool_pose
         if not began:
-            began.append((world.time, tool.inverse @ world.object_pose(THING)))
+            in_tool = tool.inverse @ world.object_pose(THING)
+            into = Pose.from_rpy((0.0, 0.0, -pressed), (0.0, 0.0, 0.0))
+            began.append((world.time, into @ in_tool))
         since, in_tool = began[0]
-        pose, start = tool @ in_tool, world.pose_address(THING)
+        pose = tool @ in_tool
+        start = world.pose_address(THING)
         world.data.qpos[start : start + 7] = (*pose.position, *pose.quaternion)
         joint = world.model.body_jntadr[world.object_body(THING)]
         first = world.model.jnt_dofadr[joint]
@@ -260,6 +264,10 @@ def place_ways() -> Iterator[Way]:
     for seconds in (0.4, 2.5, 60.0):
         name = f"sticks to a finger for {seconds:g} s"
         yield placing(name, CUBE, goal, deed=stuck(seconds))
+    for seconds in (2.5, 60.0):
+        deed = stuck(seconds, 5e-4)
+        name = f"sticks to the cup for {seconds:g} s"
+        yield placing(name, CUBE, goal, deed=deed, gripper="suction_cup")
     yield placing("taken away", CUBE, goal, deed=gone, begins=("released", 0.6))
     for off in (0.012, 0.02):
         at = {"xyz": [START[0] + off, START[1], TABLE + 0.06], "rpy": [0, 0, 0]}
@@ -368,7 +376,8 @@ class Hand(IdleObserver):
     """
 
     def __init__(self, world: World, way: Way) -> None:
-        self._world, self._way = world, way
+        self._world = world
+        self._way = way
         self._since: float | None = None
         self._held = self._done = False
         self._began_s = 0.0
@@ -394,12 +403,14 @@ class Hand(IdleObserver):
             self._done = True
 
     def _act(self, time: float) -> None:
-        way, world = self._way, self._world
+        way = self._way
+        world = self._world
         if way.deed is None or self._done:
             return
         holds = any(one.arm == "arm1" for one in world.attachments)
         if holds and not self._held:
-            self._held, self._began_s = True, time
+            self._held = True
+            self._began_s = time
         event, delay = way.begins
         if self._since is None and self._held:
             if event == "held" and time - self._began_s >= delay + 0.5:
@@ -410,7 +421,8 @@ class Hand(IdleObserver):
             self._done = way.deed(world)
 
     def _judge(self, when: str) -> None:
-        way, world = self._way, self._world
+        way = self._way
+        world = self._world
         if THING not in world.objects:
             self.lies.append(f"{when}: it is not there")
             return

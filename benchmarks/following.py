@@ -1,4 +1,4 @@
-"""Every arm of the catalogue before a cube, in figures: does it come to rest, does it swing?
+"""Every arm of the catalog before a cube, in figures: does it come to rest, does it swing?
 
     python -m benchmarks.following [--robot NAME ...] [--fps N ...] [--motion rest|circle]
                                    [--reality ideal|lab|rough] [--sized] [--seeds N] [--part I/N]
@@ -22,10 +22,12 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from benchmarks.following_trial import LOOKS, Outcome, Spot, follow
+from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.world.robots.catalogue import robot_names
 
-FPS, SHARES, LATENCIES = (10.0, 30.0, 60.0, 120.0), (0.1, 0.3, 1.0), (0.0, 0.017, 0.06)
+FPS = (10.0, 30.0, 60.0, 120.0)
+SHARES = (0.1, 0.3, 1.0)
+LATENCIES = (0.0, 0.017, 0.06)
 
 
 def spots(asked: argparse.Namespace) -> Iterator[Spot]:
@@ -61,7 +63,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--part", default="1/1")
     asked = parser.parse_args(arguments)
     first, every = (int(number) for number in asked.part.split("/"))
-    registry, failed = Registry.load(), 0
+    registry = Registry.load()
+    failed = 0
     of_group: dict[tuple[str, float], list[Outcome]] = defaultdict(list)
     for spot in list(spots(asked))[first - 1 :: every]:
         found = follow(spot, registry)
@@ -70,7 +73,8 @@ def main(arguments: list[str]) -> int:
         failed += bool(wrong)
         print(f"{spot}: {found} {'; '.join(wrong)}".rstrip(), flush=True)
     for (robot, fps), all_found in of_group.items():
-        rms, peak = max(one.rms for one in all_found), max(one.peak for one in all_found)
+        rms = max(one.rms for one in all_found)
+        peak = max(one.peak for one in all_found)
         print(
             f"{robot}, {fps:g} Hz: {len(all_found)} runs, RMS at most {1e3 * rms:.3f} mm, "
             f"highest peak {1e3 * peak:.3f} mm"

@@ -1,4 +1,4 @@
-"""An arm of the catalogue that follows a cube: how far it is off, and whether it swings."""
+"""An arm of the catalog that follows a cube: how far it is off, and whether it swings."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ import numpy as np
 import scipy
 
 from benchmarks.vantage import BASE, POSTURE, vantage
-from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.options import RunOptions
-from bt_dualarm.runtime.parts import IdleObserver
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.spec.plane import Plane
-from bt_dualarm.spec.source import Data
-from bt_dualarm.tree.report import LeafReport
-from bt_dualarm.world.world import World
+from bt_dualarm.spec.values import Plane
+from bt_dualarm.spec.yaml_reader import Data
 
 LOOKS: Final = {"yz": (1.0, 0.0, 0.0), "xz": (0.0, 1.0, 0.0), "xy": (0.0, 0.0, -1.0)}
 """Direction in which the camera looks, by the plane."""
 
 DISTANCE_M = 0.35
-RADIUS_M, SPEED = 0.1, 0.1
+RADIUS_M = 0.1
+SPEED = 0.1
 """Of the slow circle, m and m/s."""
 
 _WIND_UP_S = 3.0
@@ -45,7 +46,7 @@ class Spot:
     """What is followed, by whom, and by which camera.
 
     Attributes:
-        robot: Name of the robot in the catalogue.
+        robot: Name of the robot in the catalog.
         plane: A named plane of the world.
         fps: Frames a second.
         share: Share of the arm's limits.

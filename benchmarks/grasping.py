@@ -22,9 +22,9 @@ import numpy as np
 
 import bt_dualarm as bt
 from benchmarks.grip_arguments import grip_parser
-from bt_dualarm.runtime.parts import IdleObserver
-from bt_dualarm.tree.report import StatusChange
-from bt_dualarm.world.world import World
+from bt_dualarm.behaviors.report import StatusChange
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.sim.world import World
 
 SHAPES = ["box", "cylinder", "capsule", "sphere"]
 STROKE = 0.08
@@ -69,7 +69,8 @@ class Shaking(IdleObserver):
     """
 
     def __init__(self, world: World) -> None:
-        self._world, self._places = world, deque[np.ndarray](maxlen=2 * _SPAN + 1)
+        self._world = world
+        self._places = deque[np.ndarray](maxlen=2 * _SPAN + 1)
         self._shaken = False
         self.most = np.zeros(3)
 
@@ -91,7 +92,7 @@ class Shaking(IdleObserver):
 
 
 def thing(rng: np.random.Generator, cup: bool) -> tuple[dict[str, Any], float]:
-    """A thing as the file declares it, and the height of its centre when it stands, m."""
+    """A thing as the file declares it, and the height of its center when it stands, m."""
     shape = str(rng.choice(["box", "cylinder"] if cup else SHAPES))
     edges = [float(edge) for edge in rng.uniform(0.045 if cup else 0.02, 0.07, 3)]
     size, height = {
@@ -168,7 +169,8 @@ def judge(result: bt.RunResult, shaken: list[float], tally: Tally) -> str:
 def main() -> int:
     """Run all of it and print the figures; 1 if there was a false success."""
     parser = grip_parser(__doc__, 20)
-    options, tally = parser.parse_args(), Tally()
+    options = parser.parse_args()
+    tally = Tally()
     for seed in range(options.seed, options.seed + options.runs):
         verdict = judge(*attempt(task(options, seed)), tally)
         tally.verdicts[verdict] += 1
@@ -179,7 +181,8 @@ def main() -> int:
         if metric in tally.worst:
             print(f"  worst {metric}: {tally.worst[metric]:.3g}")
     if tally.shaken:
-        middle, least = np.median(tally.shaken, axis=0), np.min(tally.shaken, axis=0)
+        middle = np.median(tally.shaken, axis=0)
+        least = np.min(tally.shaken, axis=0)
         print(f"  shaken, m/s², x y z: median {middle.round(1)}, least {least.round(1)}")
     return 1 if tally.verdicts["lied"] else 0
 

@@ -24,14 +24,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from bt_dualarm.pose import Pose
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.robots.gripper import gripper_names, load_gripper
 from bt_dualarm.runtime.api import open as open_run
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, TreeFile
-from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.grippers.named import gripper_names, load_gripper
-from bt_dualarm.world.world import World
 
 SHAPES: Final[dict[str, tuple[str, list[float], float]]] = {
     "cube": ("box", [0.05, 0.05, 0.05], 0.025),
@@ -42,8 +42,12 @@ SHAPES: Final[dict[str, tuple[str, list[float], float]]] = {
 
 WAYS: Final = ("rest", "carried", "shaken")
 _BASE: Final = [0.0, 0.0, 0.4]
-_SHAKE, _RATE = 8.0, 2.0  # m/s², Hz
-_STIFF, _HEAVY = 0.25, 5.0  # of the springs at the joints, and kg m² that are added to them
+# m/s², Hz
+_SHAKE = 8.0
+_RATE = 2.0
+# of the springs at the joints, and kg m² that are added to them
+_STIFF = 0.25
+_HEAVY = 5.0
 
 
 def tool_at_home(robot: str, gripper: str | None) -> Pose:
@@ -117,9 +121,13 @@ def lifted(run: Run) -> str:
 
 def shaken(world: World, seconds: float) -> None:
     """Swing gravity along the axes of the tool, the joints held by springs."""
-    model, data, step = world.model, world.data, world.timestep
+    model = world.model
+    data = world.data
+    step = world.timestep
     body = world.arms["arm1"]
-    dofs, at, gravity = body.dof_ids, body.q.copy(), model.opt.gravity.copy()
+    dofs = body.dof_ids
+    at = body.q.copy()
+    gravity = model.opt.gravity.copy()
     axes = body.tool_pose.rotation_matrix.T
     model.dof_armature[dofs] += _HEAVY
     data.ctrl[body.actuator_ids] = 0.0
@@ -142,7 +150,7 @@ def drift(
     seed: int,
     reality: str,
 ) -> str:
-    """Millimetres by which a thing has crept, and degrees by which it has turned."""
+    """Millimeters by which a thing has crept, and degrees by which it has turned."""
     then = to_and_fro(max(1, round(args.seconds / 1.6))) if way == "carried" else []
     then = [{"wait": args.seconds}] if way == "rest" else then
     file = tree(robot, gripper, thing, args.share, then)
@@ -150,7 +158,8 @@ def drift(
         refused = lifted(run)
         if refused:
             return f"refused: {refused}"
-        before, began = in_tool(run.world), run.time
+        before = in_tool(run.world)
+        began = run.time
         if way == "shaken":
             shaken(run.world, args.seconds)
         while not run.done and way != "shaken":
@@ -160,7 +169,7 @@ def drift(
 
 
 def crept(before: Pose, after: Pose) -> str:
-    """Millimetres and degrees from one pose to another."""
+    """Millimeters and degrees from one pose to another."""
     turned = np.degrees(after.angle(before))
     return f"{1e3 * after.distance(before):.4f} mm, {turned:.3f}°"
 
@@ -171,7 +180,8 @@ def cost(gripper: str | None, times: int) -> float:
         refused = lifted(run)
         if refused:
             raise RuntimeError(refused)
-        began, cpu = run.time, time.process_time()
+        began = run.time
+        cpu = time.process_time()
         while not run.done:
             run.step(0.5)
         return (time.process_time() - cpu) / (run.time - began)
@@ -205,7 +215,8 @@ def main() -> None:
                         print(robot, gripper, thing, way, reality, seed, told, flush=True)
     ratios = []
     for _ in range(args.pairs):
-        bare, held = cost(None, 20), cost("robotiq_2f85", 20)
+        bare = cost(None, 20)
+        held = cost("robotiq_2f85", 20)
         ratios.append(bare / held)
         print(f"real-time factor {1 / bare:.1f} by a weld, {1 / held:.1f} in fingers", flush=True)
     if ratios:

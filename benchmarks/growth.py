@@ -4,7 +4,7 @@
                                 [--picture docs/images/growth.svg]
 
 Each row is a run in a process of its own, without a record: UR5s that draw circles without an end,
-three metres apart; or Pandas, likewise, whose wrist cameras keep a cube in view at 30 Hz. It is
+three meters apart; or Pandas, likewise, whose wrist cameras keep a cube in view at 30 Hz. It is
 advanced by a simulated minute at a time. CPU is that of the last minute before the moment, memory
 is what the process holds then. Rows of several end after the first length unless ``--whole``.
 """
@@ -136,7 +136,8 @@ def picture(costs: Sequence[Cost], target: Path) -> None:
             by_count.plot([one.count for one in first], line, ":", color="grey")
         for count in sorted({one.count for one in costs if one.what == what}):
             row = [one for one in costs if (one.what, one.count) == (what, count)]
-            times, label = [one.minutes for one in row], f"{count} {what}"
+            times = [one.minutes for one in row]
+            label = f"{count} {what}"
             cpu.semilogx(times, [one.cpu_ms for one in row], "o-", label=label)
             memory.semilogx(times, [one.memory_mb for one in row], "o-", label=label)
     by_count.set(xlabel="arms (blue), cameras (orange)", ylabel="CPU ms per simulated second")

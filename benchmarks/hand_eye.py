@@ -16,9 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import bt_dualarm as bt
-from bt_dualarm.pose import Pose
-from bt_dualarm.world.nominal.camera_pose import camera_pose
-from bt_dualarm.world.world import World
+from bt_dualarm.core.pose import Pose, camera_pose
+from bt_dualarm.sim.world import World
 
 AWAY_M = 0.35
 POSTURES = {"panda": "look_out"}

@@ -19,28 +19,31 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.errors import CollisionFailure, HitFailure, OverlapError
-from bt_dualarm.motion.collision.checker import CollisionChecker
-from bt_dualarm.motion.control.controller import JointController
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.safety.reservation import Reservations
-from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.core.errors import CollisionFailure, HitFailure, OverlapError
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.kind import Kind
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
-from bt_dualarm.world.world import World
+from bt_dualarm.spec.node_types import NodeType
+from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.trajectory import Trajectory
 
 PERIOD = 0.004
-SLOWEST, FASTEST = 0.1, 0.5
+SLOWEST = 0.1
+FASTEST = 0.5
 """Speeds of the tool in m/s."""
 
 REACTS: Final = {"stop": True}
 
 _RADIUS = 0.05
-_AROUND, _STEP = 0.3, 0.5  # rad: the postures of the motions
+# rad: the postures of the motions
+_AROUND = 0.3
+_STEP = 0.5
 _FREE = 0.4
 _FREE_ROBOTS = 10
 
@@ -79,7 +82,7 @@ class Bench:
         name: str,
         reality: str,
         seed: int,
-        kinds: Mapping[str, Kind],
+        kinds: Mapping[str, NodeType],
         ball: Vector | None = None,
         collision: Mapping[str, float | bool] = REACTS,
     ) -> None:
@@ -119,17 +122,19 @@ def hit(
     name: str,
     reality: str,
     seed: int,
-    kinds: Mapping[str, Kind],
+    kinds: Mapping[str, NodeType],
     collision: Mapping[str, float | bool] = REACTS,
 ) -> Hit:
     """Let one robot of the batch run into a ball."""
-    robot, rng = load_robot(name), np.random.default_rng([seed, 3])
+    robot = load_robot(name)
+    rng = np.random.default_rng([seed, 3])
     kinematics = Kinematics(robot, Pose.identity())
     wanted = float(rng.uniform(SLOWEST, FASTEST))
     while True:
         start = robot.postures["home"] + rng.uniform(-_AROUND, _AROUND, robot.dof)
         goal = start + rng.uniform(-_STEP, _STEP, robot.dof)
-        share, speed = 1.0, np.inf
+        share = 1.0
+        speed = np.inf
         while speed > wanted and share > 0.02:
             share *= min(1.0, max(0.5, wanted / speed)) if np.isfinite(speed) else 1.0
             motion = point_to_point(start, goal, robot.limits.scaled(share), PERIOD)
@@ -155,7 +160,8 @@ def hit(
 
 def _run_into(bench: Bench, motion: Trajectory, speed: float) -> Hit | None:
     """Follow a motion until the hit is felt or over; None where nothing was touched."""
-    began, ball = None, bench.world.object_geom("ball")
+    began = None
+    ball = bench.world.object_geom("ball")
     for _ in range(round(0.3 / PERIOD)):  # at rest before it begins
         bench.controller.update(bench.world.time)
         for _ in range(round(PERIOD / bench.world.timestep)):
@@ -176,11 +182,13 @@ def _run_into(bench: Bench, motion: Trajectory, speed: float) -> Hit | None:
     return None if began is None else Hit(speed, None, "")
 
 
-def free(name: str, reality: str, seed: int, seconds: float, kinds: Mapping[str, Kind]) -> int:
+def free(name: str, reality: str, seed: int, seconds: float, kinds: Mapping[str, NodeType]) -> int:
     """Number of hits that an arm feels where nothing is, in so many simulated seconds."""
     bench = Bench(name, reality, seed, kinds)
-    robot, rng = load_robot(name), np.random.default_rng([seed, 4])
-    alarms, limits = 0, robot.limits
+    robot = load_robot(name)
+    rng = np.random.default_rng([seed, 4])
+    alarms = 0
+    limits = robot.limits
     while bench.world.time < seconds:
         goal = robot.postures["home"] + rng.uniform(-_FREE, _FREE, robot.dof)
         goal = np.clip(goal, limits.lower, limits.upper)
@@ -216,7 +224,8 @@ def main() -> None:
             felt = [one.felt_s for one in hits if one.felt_s is not None]
             soon = sum(late <= 0.02 + 1e-9 for late in felt)
             slowest = min((one.speed for one in hits), default=0.0)
-            switched, times = sum(one.by_link for one in hits), 1e3 * np.array(felt or [np.nan])
+            switched = sum(one.by_link for one in hits)
+            times = 1e3 * np.array(felt or [np.nan])
             print(
                 f"{name:6} {reality:6} {soon} of {len(hits)} felt within 20 ms, {len(felt)} at all "
                 f"({switched} by a switch on a link), median {np.median(times):.0f} ms, "

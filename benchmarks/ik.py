@@ -18,16 +18,16 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.kinematics.multistart import STEP
-from bt_dualarm.motion.kinematics.target import Tolerance
-from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
-from bt_dualarm.world.robots.robot import Robot
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.kinematics.solver import STEP, Tolerance
+from bt_dualarm.robots.robot import Robot
+from bt_dualarm.robots.robot_description import load_robot, robot_names
 
 TOLERANCE = Tolerance(1e-4, 1e-3)
-RESTARTS, ITERATIONS = 40, 40
+RESTARTS = 40
+ITERATIONS = 40
 CONVERGED = 1e-5
 """Residual in m and rad at which mink has converged: what ours asks of an answer."""
 
@@ -67,7 +67,8 @@ class Judge:
 
     def solved(self, q: Vector, target: Pose) -> bool:
         """Whether an answer is within the tolerance and the position limits."""
-        tool, limits = self.tool(q), self._robot.limits
+        tool = self.tool(q)
+        limits = self._robot.limits
         inside = bool(np.all(q >= limits.lower) and np.all(q <= limits.upper))
         near = tool.distance(target) <= TOLERANCE.position and tool.angle(target) <= TOLERANCE.angle
         return inside and near
@@ -103,7 +104,8 @@ def timed(
     solve: Callable[[Pose], Vector | None], targets: list[Pose], judge: Judge
 ) -> tuple[float, Vector]:
     """Share of the targets that are solved, and milliseconds of CPU time for each."""
-    good, took = 0, []
+    good = 0
+    took = []
     for target in targets:
         began = time.thread_time()
         q = solve(target)
@@ -140,9 +142,12 @@ def minks(robot: Robot, judge: Judge) -> Callable[[Pose], Vector | None]:
         mink.ConfigurationLimit(model),
         mink.VelocityLimit(model, dict.fromkeys(robot.joints, STEP)),
     ]
-    home, lower, upper = robot.postures["home"], robot.limits.lower, robot.limits.upper
+    home = robot.postures["home"]
+    lower = robot.limits.lower
+    upper = robot.limits.upper
     shares = np.random.default_rng(0).uniform(0.0, 1.0, (RESTARTS, len(home)))
-    low, high = np.maximum(lower, home - np.pi), np.minimum(upper, home + np.pi)
+    low = np.maximum(lower, home - np.pi)
+    high = np.minimum(upper, home + np.pi)
     starts = [home, *(low + shares * (high - low))]
 
     def solve(target: Pose) -> Vector | None:
@@ -166,7 +171,9 @@ def minks(robot: Robot, judge: Judge) -> Callable[[Pose], Vector | None]:
 def audit(robot: Robot, judge: Judge, count: int) -> tuple[int, int]:
     """Count of awkward targets that are said to be solved, and of those that are not."""
     rng = np.random.default_rng(1)
-    solve, said, wrong = ours(robot), 0, 0
+    solve = ours(robot)
+    said = 0
+    wrong = 0
     for _ in range(count):
         target = awkward(robot, judge, rng)
         q = solve(target)

@@ -16,12 +16,14 @@ import numpy as np
 
 import bt_dualarm as bt
 from benchmarks.grip_arguments import grip_parser
-from bt_dualarm.pose import Vector
+from bt_dualarm.core.pose import Vector
 
 TABLE = 0.40
 """Height of the table's top, m."""
 
-WIDE, HIGH, THICK = 0.0205, 0.02, 0.03
+WIDE = 0.0205
+HIGH = 0.02
+THICK = 0.03
 """Width of the hole, height and thickness of the walls around it, m."""
 
 OFF_M = 0.0015
@@ -34,7 +36,8 @@ DEEP_M = 0.001
 def walls(middle: Vector) -> dict[str, Any]:
     """Four fixed blocks around a hole whose middle, of shape (2,), m, is given."""
     x, y = (float(value) for value in middle)
-    beside, length = (WIDE + THICK) / 2, WIDE + 2 * THICK
+    beside = (WIDE + THICK) / 2
+    length = WIDE + 2 * THICK
     blocks = {
         "right": ([x + beside, y], [THICK, length]),
         "left": ([x - beside, y], [THICK, length]),
@@ -56,7 +59,8 @@ def walls(middle: Vector) -> dict[str, Any]:
 def task(options: argparse.Namespace, seed: int) -> tuple[dict[str, Any], float]:
     """The tree file of one run, and how far the hole is off, m."""
     rng = np.random.default_rng(seed)
-    off, turn = OFF_M * float(np.sqrt(rng.uniform())), float(rng.uniform(0.0, 2.0 * np.pi))
+    off = OFF_M * float(np.sqrt(rng.uniform()))
+    turn = float(rng.uniform(0.0, 2.0 * np.pi))
     told = np.array((0.30, -0.48))
     hole = told + off * np.array((np.cos(turn), np.sin(turn)))
     size = [0.01, 0.08] if options.shape == "cylinder" else [0.02, 0.02, 0.08]
@@ -80,7 +84,8 @@ def main() -> int:
     parser = grip_parser(__doc__, 10)
     parser.add_argument("--shape", default="cylinder", choices=["cylinder", "box"])
     options = parser.parse_args()
-    seconds, lied = [], 0
+    seconds = []
+    lied = 0
     for seed in range(options.seed, options.seed + options.runs):
         file, off = task(options, seed)
         with bt.open(file) as run:

@@ -25,9 +25,9 @@ from subprocess import PIPE
 
 import numpy as np
 
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.planning.process import PlanningProcess
-from tests.motion.walls import LEFT, RIGHT, problem_in, walled_world
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.planning.process import PlanningProcess
+from tests.control.walls import LEFT, RIGHT, problem_in, walled_world
 
 SKILLS = Path(__file__).parents[1] / "tests" / "faults" / "skills"
 PROGRAM = (
@@ -75,7 +75,8 @@ def ended(
 
 def signalled(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, list[str]]:
     """One signal at a random moment: what was done, and everything that is not as it should be."""
-    kind, moment = KINDS[number % len(KINDS)], rng.uniform(0.0, LATEST)
+    kind = KINDS[number % len(KINDS)]
+    moment = rng.uniform(0.0, LATEST)
     arguments = ["pick_and_track", "--display", "quiet", "--record", str(folder)]
     code, complaints, _ = ended(arguments, kind, moment)
     faults = [] if code == 128 + kind else [f"exit code {code} instead of {128 + kind}"]
@@ -88,7 +89,8 @@ def signalled(rng: np.random.Generator, number: int, folder: Path) -> tuple[str,
 
 def blocked(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, list[str]]:
     """One blocker."""
-    phase, deed = PHASES[number % len(PHASES)], str(rng.choice(DEEDS))
+    phase = PHASES[number % len(PHASES)]
+    deed = str(rng.choice(DEEDS))
     names = [KINDS[index].name for index in rng.integers(len(KINDS), size=rng.integers(3))]
     ports = {"phase": phase, "deed": deed, "signals": " ".join(names)}
     folder.mkdir()
@@ -109,8 +111,10 @@ def blocked(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, l
 
 def planned(rng: np.random.Generator, number: int, _folder: Path) -> tuple[str, list[str]]:
     """One planning process that is killed or stopped after some milliseconds."""
-    kind, moment = (signal.SIGKILL, signal.SIGSTOP)[number % 2], rng.uniform(0.0, 0.5)
-    planning, problem = PlanningProcess(), problem_in(walled_world(), RIGHT, LEFT)
+    kind = (signal.SIGKILL, signal.SIGSTOP)[number % 2]
+    moment = rng.uniform(0.0, 0.5)
+    planning = PlanningProcess()
+    problem = problem_in(walled_world(), RIGHT, LEFT)
     try:
         pending = planning.solve(problem)
         time.sleep(moment)

@@ -21,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bt_dualarm.replay.check import check_record
 from bt_dualarm.replay.record import Record
-from bt_dualarm.runtime.record_folder import EVENTS, HISTORY
+from bt_dualarm.replay.rerun import check_record
+from bt_dualarm.runtime.recorder import EVENTS, HISTORY
 from bt_dualarm.skill.registry import Registry
 
 PROGRAM = "import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
@@ -70,12 +70,17 @@ def main() -> None:
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--disk", type=Path)
     arguments = parser.parse_args()
-    rng, registry = np.random.default_rng(arguments.seed), Registry.load()
-    missing, agree, begun = [], 0, 0
+    rng = np.random.default_rng(arguments.seed)
+    registry = Registry.load()
+    missing = []
+    agree = 0
+    begun = 0
     with tempfile.TemporaryDirectory() as name:
         for number in range(arguments.kills):
-            lines, seconds = int(rng.integers(1, MOST_LINES)), float(rng.uniform(0.0, 0.4))
-            folder, tree = Path(name) / str(number), TREES[number % len(TREES)]
+            lines = int(rng.integers(1, MOST_LINES))
+            seconds = float(rng.uniform(0.0, 0.4))
+            folder = Path(name) / str(number)
+            tree = TREES[number % len(TREES)]
             record = killed(folder, tree, lines, seconds)
             begun += record is not None
             missing.append(missing_of(folder, record))

@@ -1,4 +1,4 @@
-"""Loads of every kind at every robot of the catalogue: is each carried, or refused before it moves?
+"""Loads of every kind at every robot of the catalog: is each carried, or refused before it moves?
 
     python -m benchmarks.loads [--count 200] [--seed 1]
 
@@ -19,20 +19,20 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from bt_dualarm.arm.carrying import Carrying
-from bt_dualarm.arm.execution import SETTLED_RAD
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.collision.checker import CollisionChecker
-from bt_dualarm.motion.control.controller import OVERSPEED, JointController
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.safety.reservation import Reservations
-from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Pose
+from bt_dualarm.arm.arm import SETTLED_RAD
+from bt_dualarm.arm.payload import PayloadCheck
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.control.controller import OVERSPEED, JointController
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
-from bt_dualarm.world.world import World
+from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.trajectory import Trajectory
 
 KINDS = ("plate", "rod", "cube", "aside")
 PERIOD = 0.004
@@ -47,11 +47,11 @@ class Case:
     """A box at a robot's tool.
 
     Attributes:
-        robot: Name in the catalogue.
+        robot: Name in the catalog.
         kind: One of `KINDS`.
         mass: kg.
         size: Edges in m.
-        place: Its centre in the tool frame, m.
+        place: Its center in the tool frame, m.
         seed: Seed of the goal.
     """
 
@@ -65,11 +65,14 @@ class Case:
 
 def cases(count: int, seed: int) -> Iterator[Case]:
     """Loads over robots and kinds in turn, as the seed draws them."""
-    rng, robots = np.random.default_rng(seed), robot_names()
+    rng = np.random.default_rng(seed)
+    robots = robot_names()
     for number in range(count):
-        robot, kind = robots[number % len(robots)], KINDS[number // len(robots) % len(KINDS)]
+        robot = robots[number % len(robots)]
+        kind = KINDS[number // len(robots) % len(KINDS)]
         mass = float(np.exp(rng.uniform(np.log(0.1), np.log(load_robot(robot).payload or 1.0))))
-        wide, away = float(rng.uniform(0.1, _WIDEST)), float(rng.uniform(-_WIDEST, _WIDEST))
+        wide = float(rng.uniform(0.1, _WIDEST))
+        away = float(rng.uniform(-_WIDEST, _WIDEST))
         along = bool(rng.integers(2))
         size, place = {
             "plate": ((wide, wide, 0.01), (0.0, 0.0, 0.005)),
@@ -107,8 +110,10 @@ def attached(case: Case, registry: Registry) -> World:
 
 def free_motion(world: World, controller: JointController, seed: int) -> Trajectory:
     """A motion to a configuration nearby, on the way to which the arm does not touch itself."""
-    rng, limits = np.random.default_rng(seed), world.robots["arm1"].limits
-    here, checker = controller.setpoint.q, CollisionChecker(world, "arm1")
+    rng = np.random.default_rng(seed)
+    limits = world.robots["arm1"].limits
+    here = controller.setpoint.q
+    checker = CollisionChecker(world, "arm1")
     while True:
         goal = np.clip(here + rng.uniform(-0.6, 0.6, len(here)), limits.lower, limits.upper)
         motion = point_to_point(here, goal, limits, PERIOD)
@@ -123,16 +128,21 @@ def carry(case: Case, registry: Registry) -> tuple[str, float]:
     """
     world = attached(case, registry)
     controller = JointController(world, "arm1", PERIOD, Reservations())
-    body, limits = world.arms["arm1"], world.robots["arm1"].limits
+    body = world.arms["arm1"]
+    limits = world.robots["arm1"].limits
     motion = free_motion(world, controller, case.seed)
     try:
-        motion = Carrying(world, "arm1").within_efforts(motion)
+        motion = PayloadCheck(world, "arm1").within_efforts(motion)
     except Failure as refusal:
         return ("refused" if refusal.code == "OVERLOADED" else str(refusal)), 0.0
     controller.follow(motion)
-    every, fastest, left, step = round(PERIOD / world.timestep), 0.0, _AFTER_S, 0
+    every = round(PERIOD / world.timestep)
+    fastest = 0.0
+    left = _AFTER_S
+    step = 0
     while left > 0.0 and world.time < _SLOWEST * motion.duration + 1.0:
-        step, left = step + 1, left - world.timestep * (controller.motion is None)
+        step = step + 1
+        left = left - world.timestep * (controller.motion is None)
         if step % every == 1:
             controller.update(world.time)
         world.step()
@@ -150,7 +160,9 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    registry, counts, most = Registry.load(), Counter[str](), 0.0
+    registry = Registry.load()
+    counts = Counter[str]()
+    most = 0.0
     for case in cases(arguments.count, arguments.seed):
         outcome, fastest = carry(case, registry)
         most = max(most, fastest)

@@ -21,14 +21,13 @@ from pathlib import Path
 import numpy as np
 
 import bt_dualarm as bt
-from bt_dualarm.runtime.outcome import Ending, Outcome
-from bt_dualarm.runtime.record import Recorder
-from bt_dualarm.runtime.result import ArmResult, RunResult
+from bt_dualarm.behaviors.report import StatusChange
+from bt_dualarm.runtime.observations import StateLog
+from bt_dualarm.runtime.outcome import ArmResult, Ending, Outcome, RunResult
+from bt_dualarm.runtime.recorder import Recorder
 from bt_dualarm.runtime.series import SeriesLog
 from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.runtime.state_log import StateLog
-from bt_dualarm.tree.report import StatusChange
-from bt_dualarm.world.world import World
+from bt_dualarm.sim.world import World
 
 TREE = """
 bt_dualarm: 1
@@ -127,15 +126,18 @@ def run(minutes: float, seed: int, folder: Path) -> Cost:
 def record(minutes: float, seed: int, folder: Path) -> Cost:
     """The record alone: samples at 100 Hz, 250 series values a second, an attachment in 8 s."""
     with bt.open(TREE.replace("SEED", str(seed))) as opened:
-        scene, rng = Scene(opened.world), np.random.default_rng(seed)
+        scene = Scene(opened.world)
+        rng = np.random.default_rng(seed)
         folder.mkdir(parents=True)
         recorder = Recorder(folder, scene, StateLog(opened.world), list)  # type: ignore[arg-type]  # by __getattr__
-        series, held = SeriesLog(), 0
+        series = SeriesLog()
+        held = 0
         step = opened.world.timestep
         for tick in range(round(60 * minutes * 25)):
             begin = tick / 25
             if tick % 200 == 0:
-                scene.attachments, held = [Held("arm1", "cube", begin)], held + 1
+                scene.attachments = [Held("arm1", "cube", begin)]
+                held = held + 1
             elif tick % 200 == 150:
                 scene.attachments = []
                 times = begin + step * np.arange(1000)

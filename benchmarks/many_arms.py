@@ -1,6 +1,6 @@
 """Two to six arms in a cell: python -m benchmarks.many_arms [FILES [SEED]].
 
-Each file is generated (`benchmarks.crowd`): robots of the catalogue, places and tasks by seed, none
+Each file is generated (`benchmarks.crowd`): robots of the catalog, places and tasks by seed, none
 that cannot be done. It is run once for each arm alone and once with all of them. Printed is a line
 for each file and for whatever is not as it should be:
 
@@ -21,18 +21,19 @@ from dataclasses import dataclass, field
 from benchmarks.crowd import Solo, cannot_meet, crowd
 from benchmarks.crowd_members import file_text
 from benchmarks.two_arms import Contacts
-from bt_dualarm.motion.collision.arm_distance import HORIZON, ArmDistance
-from bt_dualarm.runtime.result import ArmResult
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.collision.distance import HORIZON, ArmDistance
+from bt_dualarm.runtime.outcome import ArmResult
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.tree.report import LeafReport
-from bt_dualarm.world.world import World
 
-FILES, SEED = 200, 0
+FILES = 200
+SEED = 0
 
 CLEAR_M = 0.05
-"""True distance in metres above which no other arm can be the reason of a refusal."""
+"""True distance in meters above which no other arm can be the reason of a refusal."""
 
 TICKS_S = 0.05
 """Seconds by which an arm with room may end earlier or later than alone."""
@@ -58,12 +59,12 @@ class Distances(Contacts):
             return
         self._looked.append(time)
         for name, separation in self._separations.items():
-            self._metres[name].append(separation.gap({}, HORIZON).metres)
+            self._metres[name].append(separation.gap({}, HORIZON).meters)
 
     def nearest(self, arm: str, start: float = 0.0, end: float = float("inf")) -> float:
         """The smallest distance of an arm from any other in some time, infinite above 0.1 m."""
         times = zip(self._looked, self._metres[arm], strict=True)
-        return min((metres for time, metres in times if start <= time <= end), default=float("inf"))
+        return min((meters for time, meters in times if start <= time <= end), default=float("inf"))
 
 
 @dataclass
@@ -149,14 +150,18 @@ def _named(solo: Solo) -> str:
 def main(files: int, seed: int) -> int:
     """Print what came of all files; the exit code."""
     registry = Registry.load()
-    began, outcomes, wrong = time.perf_counter(), Counter[str](), 0
+    began = time.perf_counter()
+    outcomes = Counter[str]()
+    wrong = 0
     arms = apart = contacts = 0
     nearest = float("inf")
     for number in range(files):
         finding = judged(seed + number, registry)
-        arms, apart = arms + finding.arms, apart + finding.apart
+        arms = arms + finding.arms
+        apart = apart + finding.apart
         outcomes.update(finding.outcomes)
-        wrong, contacts = wrong + len(finding.wrong), contacts + finding.contacts
+        wrong = wrong + len(finding.wrong)
+        contacts = contacts + finding.contacts
         nearest = min(nearest, finding.nearest)
         ended = ", ".join(f"{count} {name}" for name, count in finding.outcomes.items())
         print(

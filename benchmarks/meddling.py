@@ -10,15 +10,15 @@ from unittest.mock import patch
 
 import numpy as np
 
+from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.experiments.cases import Cell
-from bt_dualarm.experiments.trial import Trial, run_trial
-from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.experiments.trials import Trial, run_trial
+from bt_dualarm.perception.tracker import TargetTracker
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.vision.tracker import TargetTracker
-from bt_dualarm.world.world import World
 
 AWAY = PoseSpec(xyz=(3.0, 3.0, 0.5))
 SCREEN = ObjectSpec(
@@ -38,11 +38,14 @@ class Mover(IdleObserver):
     """
 
     def __init__(self, world: World, name: str, place: Callable[[float], Vector]) -> None:
-        self._world, self._name, self._place = world, name, place
+        self._world = world
+        self._name = name
+        self._place = place
 
     def after_step(self, now: float) -> None:
         """Put it in its place, for the next step."""
-        model, body = self._world.model, self._world.object_body(self._name)
+        model = self._world.model
+        body = self._world.object_body(self._name)
         geom = self._world.object_geom(self._name)
         model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
         model.body_pos[body] = self._place(now)
@@ -119,7 +122,7 @@ def crossed(registry: Registry, seed: int, height: float, depth: float) -> Trial
     Args:
         registry: Installed skills.
         seed: Seed of the trial.
-        height: Height above the curve's centre, in m.
+        height: Height above the curve's center, in m.
         depth: Position along x, in m.
 
     Raises:
@@ -153,7 +156,8 @@ class Ages:
 @contextmanager
 def ages_of_data() -> Iterator[Ages]:
     """Watch every prediction that a follower moves by, meanwhile."""
-    ages, plain = Ages(), TargetTracker.predict_in
+    ages = Ages()
+    plain = TargetTracker.predict_in
 
     def watched(tracker: TargetTracker, axes: Matrix, origin: Vector, time: float) -> Matrix:
         ages.asked += 1

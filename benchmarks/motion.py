@@ -20,17 +20,16 @@ import toppra
 import toppra.algorithm
 import toppra.constraint
 
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.paths.cartesian_path import Axes, CartesianPath, line
-from bt_dualarm.motion.paths.curves import circle, lissajous
-from bt_dualarm.motion.planning.tool_path import joint_path
-from bt_dualarm.pose import Matrix, Pose
-from bt_dualarm.runtime.result import ArmResult
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.pose import Matrix, Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.problem import joint_path
+from bt_dualarm.robots.robot import JointLimits, Robot
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.runtime.outcome import ArmResult
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
-from bt_dualarm.world.robots.robot import JointLimits, Robot
+from bt_dualarm.trajectory.paths import Axes, CartesianPath, circle, line, lissajous
 
 YZ: Axes = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))
 BASE = Pose.from_rpy((0.0, 0.0, 0.4))

@@ -18,19 +18,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.motion import BASE, PAYLOAD_KG, POSTURES, cases
-from bt_dualarm.arm.execution import SETTLE_S, SETTLED_RAD
-from bt_dualarm.motion.control.controller import JointController
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.planning.tool_path import trace
-from bt_dualarm.motion.safety.reservation import Reservations
-from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Matrix, Pose, Vector
+from bt_dualarm.arm.arm import SETTLE_S, SETTLED_RAD
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.problem import trace
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.kind import Kind
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
-from bt_dualarm.world.world import World
+from bt_dualarm.spec.node_types import NodeType
+from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.trajectory import Trajectory
 
 PERIOD = 0.004
 LOADS = ("none", "known", "unknown")
@@ -60,7 +60,8 @@ def measured(world: World, motion: Trajectory, planned: Matrix) -> Figures:
         planned: Tool positions at the motion's set-points, of shape (n, 3), m.
     """
     controller = JointController(world, "arm1", PERIOD, Reservations())
-    body, every = world.arms["arm1"], round(PERIOD / world.timestep)
+    body = world.arms["arm1"]
+    every = round(PERIOD / world.timestep)
 
     def advance() -> None:
         controller.update(world.time)
@@ -84,7 +85,8 @@ def measured(world: World, motion: Trajectory, planned: Matrix) -> Figures:
             break
         advance()
     distance = 1e3 * np.linalg.norm(np.array(true) - planned, axis=1)
-    rest, fault = world.time - began, "" if controller.fault is None else str(controller.fault)
+    rest = world.time - began
+    fault = "" if controller.fault is None else str(controller.fault)
     if not fault and rest >= SETTLE_S:
         fault = "does not come to rest"
     thirds = tuple(_rms(part) for part in np.array_split(distance, 3))
@@ -101,7 +103,7 @@ def world_of(
     reality: str | Mapping[str, object],
     load: str,
     seed: int,
-    kinds: Mapping[str, Kind],
+    kinds: Mapping[str, NodeType],
 ) -> World:
     """The robot at the curve's start in a world of that reality, with the load at its tool.
 
@@ -153,7 +155,7 @@ def curves(name: str) -> Iterator[tuple[Pose, Trajectory, Matrix]]:
         yield tool, motion, np.array([kinematics.matrix(q)[:3, 3] for q in motion.q])
 
 
-def row(name: str, reality: str, load: str, seeds: int, kinds: Mapping[str, Kind]) -> str:
+def row(name: str, reality: str, load: str, seeds: int, kinds: Mapping[str, NodeType]) -> str:
     """The line of a robot in a reality with a load, over its curves and seeds."""
     batch = range(1) if reality == "ideal" else range(seeds)
     found = [
@@ -161,7 +163,8 @@ def row(name: str, reality: str, load: str, seeds: int, kinds: Mapping[str, Kind
         for tool, motion, planned in curves(name)
         for seed in batch
     ]
-    rms, faults = [one.rms for one in found], [one.fault for one in found if one.fault]
+    rms = [one.rms for one in found]
+    faults = [one.fault for one in found if one.fault]
     return (
         f"{name:6} {reality:6} load {load:8} rms {np.mean(rms):.4f} (worst {max(rms):.4f}), "
         f"max {max(one.worst for one in found):.4f} mm, "

@@ -21,21 +21,25 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.runtime.parts import IdleObserver
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.behaviors.report import LeafReport, StatusChange
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.tree.report import LeafReport, StatusChange
-from bt_dualarm.world.world import World
 
 TABLE = ((0.05, 0.65), (-0.75, -0.25))
 """Edges in x and y of the top of the scene ``table``, m."""
 
-EDGE, TOP = 0.05, 0.40  # of the cube; height of the table, m
-STANDOFF, LIFT = 0.10, 0.20  # m
+# of the cube; height of the table, m
+EDGE = 0.05
+TOP = 0.40
+# m
+STANDOFF = 0.10
+LIFT = 0.20
 SCENE = """\
 bt_dualarm: 1
 world: {{scene: table, time_limit: 60}}
@@ -60,7 +64,7 @@ Verdict: TypeAlias = Literal["picked", "refused", "failed", "lied"]
 
 @dataclass(frozen=True)
 class Place:
-    """Where a cube stands: metres, degrees."""
+    """Where a cube stands: meters, degrees."""
 
     x: float
     y: float
@@ -91,7 +95,8 @@ def places(count: int, seed: int) -> list[Place]:
     rng = np.random.default_rng(seed)
     margin = EDGE / np.sqrt(2)
     (left, right), (front, back) = TABLE
-    low, high = (left + margin, front + margin, -45.0), (right - margin, back - margin, 45.0)
+    low = (left + margin, front + margin, -45.0)
+    high = (right - margin, back - margin, 45.0)
     return [Place(*row) for row in rng.uniform(low, high, size=(count, 3)).tolist()]
 
 
@@ -130,7 +135,7 @@ class Onlooker(IdleObserver):
 
 
 def attempt(place: Place, registry: Registry, folder: Path, back: float = 0.0) -> Attempt:
-    """Run one place, with the arm so many metres farther from the table."""
+    """Run one place, with the arm so many meters farther from the table."""
     path = folder / "pick.yaml"
     path.write_text(SCENE.format(x=place.x, y=place.y, yaw=place.yaw, back=back), encoding="utf-8")
     with Run(load_tree_file(path, registry.kinds), registry) as opened:

@@ -21,24 +21,24 @@ import mujoco
 import numpy as np
 
 from benchmarks.box_problems import problems
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.collision.sweep import interpolated
-from bt_dualarm.motion.planning.joint_motion import motion_around
-from bt_dualarm.motion.planning.planners import Planner
-from bt_dualarm.motion.planning.problem import (
+from bt_dualarm.collision.checker import interpolated
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.planning.ompl_planner import Planner
+from bt_dualarm.planning.problem import (
     PlanningProblem,
     admitted,
     is_free,
+    motion_around,
+    path_around,
 )
-from bt_dualarm.motion.planning.way import way_around
-from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.world.world import World
+from bt_dualarm.sim.world import World
 
 PROBLEMS = 100
 QUICK = 10
 REPLAY_M = 0.001
 OVERLAP_M = 5e-4
-"""Depth of things that touch and do not collide, as in `bt_dualarm.motion.collision.checker`."""
+"""Depth of things that touch and do not collide, as in `bt_dualarm.collision.checker`."""
 
 
 @dataclass
@@ -67,13 +67,15 @@ class Outcome:
 def solve(world: World, name: str, problem: PlanningProblem) -> Outcome:
     """Plan, time, replay."""
     outcome = Outcome()
-    wall, cpu = time.perf_counter(), time.process_time()
+    wall = time.perf_counter()
+    cpu = time.process_time()
     corners = None
     with contextlib.suppress(Failure):
         problem = admitted(problem)
         outcome.straight = is_free(problem.checker, problem.straight)
-        corners = problem.straight if outcome.straight else way_around(problem).corners
-    outcome.plan_s, outcome.cpu_s = time.perf_counter() - wall, time.process_time() - cpu
+        corners = problem.straight if outcome.straight else path_around(problem).corners
+    outcome.plan_s = time.perf_counter() - wall
+    outcome.cpu_s = time.process_time() - cpu
     if corners is None:
         return outcome
     rows = corners
@@ -94,10 +96,14 @@ def replayed(world: World, name: str, rows: Matrix, radii: Vector) -> tuple[floa
 
     In the world's own model, with the pairs that its physics looks at, every ``REPLAY_M``.
     """
-    model, data, body = world.model, world.data, world.arms[name]
+    model = world.model
+    data = world.data
+    body = world.arms[name]
     mine = np.zeros(model.ngeom, dtype=bool)
     mine[list(body.geom_ids)] = True
-    before, deepest, count = data.qpos.copy(), 0.0, 0
+    before = data.qpos.copy()
+    deepest = 0.0
+    count = 0
     for here, there in itertools.pairwise(rows):
         for q in interpolated(here, there, radii, REPLAY_M):
             data.qpos[body.qpos_ids] = q
@@ -118,7 +124,7 @@ def is_solvable(world: World, name: str, problem: PlanningProblem) -> bool:
     for planner, seed in others:
         harder = replace(problem, planner=planner, seed=seed, checks=10 * problem.checks)
         try:
-            corners = way_around(harder).corners
+            corners = path_around(harder).corners
         except Failure:
             continue
         return replayed(world, name, corners, radii)[0] <= OVERLAP_M

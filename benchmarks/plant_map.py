@@ -23,9 +23,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from benchmarks.path_reality import Figures, curves, measured, world_of
+from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.kind import Kind
-from bt_dualarm.world.robots.catalogue import robot_names
+from bt_dualarm.spec.node_types import NodeType
 
 _GROWTH = 2.0
 _GROWTH_MM = 0.3
@@ -105,7 +105,9 @@ def instability(one: Figures) -> str:
     return ""
 
 
-def survey(name: str, scales: Scales, seeds: int, kinds: Mapping[str, Kind]) -> list[list[Place]]:
+def survey(
+    name: str, scales: Scales, seeds: int, kinds: Mapping[str, NodeType]
+) -> list[list[Place]]:
     """Every place of a map for one robot: rows as the vertical axis, from the lowest."""
     tool, motion, planned = next(curves(name))
 
@@ -171,7 +173,8 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("out"))
     arguments = parser.parse_args()
-    kinds, unstable = Registry.load().kinds, 0
+    kinds = Registry.load().kinds
+    unstable = 0
     grids: dict[str, list[list[list[Place]]]] = {}
     for name in arguments.robots:
         grids[name] = []

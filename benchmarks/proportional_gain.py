@@ -19,8 +19,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.experiments.cases import CASES, Cell, gain_params
-from bt_dualarm.experiments.trial import Trial
-from bt_dualarm.experiments.trials import run_trials, usable_cores
+from bt_dualarm.experiments.trials import Trial, run_trials, usable_cores
 from bt_dualarm.skill.registry import Registry
 
 GRID: Final = tuple(0.5 * number for number in range(2, 10))
@@ -38,7 +37,8 @@ class Sweep:
     """
 
     def __init__(self, seeds: int, jobs: int) -> None:
-        self._seeds, self._jobs = seeds, jobs
+        self._seeds = seeds
+        self._jobs = jobs
         self._registry = Registry.load()
         self._rms: dict[tuple[str, float, float], float] = {}
 

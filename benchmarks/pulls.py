@@ -27,16 +27,16 @@ from unittest.mock import patch
 import numpy as np
 import yaml
 
-from bt_dualarm.arm.measured_gripper import cup_measures
+from bt_dualarm.arm.payload import cup_measures
 from bt_dualarm.arm.slip_response import SlipResponse
-from bt_dualarm.motion.grasping.holding_force import suction_forces
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.grasping.grasp import suction_forces
+from bt_dualarm.robots.gripper import load_gripper
+from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.options import RunOptions
-from bt_dualarm.runtime.parts import IdleObserver
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.world.grippers.named import load_gripper
-from bt_dualarm.world.world import World
 
 PULL_S = 0.1
 """Seconds for which a pull lasts."""
@@ -109,12 +109,15 @@ class Puller(IdleObserver):
 
 def holding_force(world: World, way: np.ndarray) -> float:
     """Force in N that the gripper of the arm holds on to the box with, in a direction, (3,)."""
-    hardware, thing = world.grippers["arm1"], world.objects["box"]
-    page, asked = hardware.gripper, hardware.commanded.force
+    hardware = world.grippers["arm1"]
+    thing = world.objects["box"]
+    page = hardware.gripper
+    asked = hardware.commanded.force
     if page.fingers:
         return 2.0 * max(page.friction, thing.friction) * asked
     forces = (world.arms["arm1"].tool_pose.rotation_matrix.T @ way)[None]
-    cup, back = cup_measures(page, thing.friction), np.array((0.0, 0.0, -1.0))
+    cup = cup_measures(page, thing.friction)
+    back = np.array((0.0, 0.0, -1.0))
     return asked / float(suction_forces(forces, np.zeros(3), back, cup)[0])
 
 
@@ -184,8 +187,10 @@ def main() -> int:
     parser.add_argument("--gripper", default="robotiq_2f85")
     parser.add_argument("--reality", default="lab")
     parser.add_argument("--times", type=float, default=1.2)
-    options, registry = parser.parse_args(), Registry.load()
-    delays, ends = [], []
+    options = parser.parse_args()
+    registry = Registry.load()
+    delays = []
+    ends = []
     for seed in range(options.seed, options.seed + options.pulls):
         puller, end = played(options, seed, registry, pulls=True, carries=8)
         if puller.pulled is None:
@@ -196,10 +201,14 @@ def main() -> int:
         delays.append(delay)
         ends.append(end)
         print(f"seed {seed}: felt after {1e3 * delay:.0f} ms, {end}", flush=True)
-    quiet_s, alarms, seed = 0.0, 0, options.seed + options.pulls
+    quiet_s = 0.0
+    alarms = 0
+    seed = options.seed + options.pulls
     while quiet_s < options.quiet:
         puller, end = played(options, seed, registry, pulls=False, carries=24)
-        quiet_s, alarms, seed = quiet_s + puller.held_s, alarms + len(puller.answered), seed + 1
+        quiet_s = quiet_s + puller.held_s
+        alarms = alarms + len(puller.answered)
+        seed = seed + 1
         if puller.answered or end != "kept":
             print(f"seed {seed - 1}, no pull: {len(puller.answered)} alarms, {end}", flush=True)
         if not puller.held_s:

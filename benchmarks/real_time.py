@@ -22,14 +22,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from bt_dualarm.pose import Vector
-from bt_dualarm.runtime.options import RunOptions
-from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.runtime.options import RunOptions, find_tree
+from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.runtime.shipped import find_tree
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.world.world import World
 
 
 @dataclass
@@ -102,7 +101,8 @@ class Stopwatch:
 
     def __init__(self, opened: Run) -> None:
         self.spent: dict[str, float] = {}
-        arms, world = opened.assembly.arms, opened.assembly.world
+        arms = opened.assembly.arms
+        world = opened.assembly.world
         for part, owner, names in (
             ("physics", world, ("step",)),
             ("control", arms, ("control",)),
@@ -175,7 +175,9 @@ def main() -> int:
         scripts.append(Script(opened))
 
     again(write_down)
-    (script,), (render,), (watch,) = scripts, renderers, watches
+    (script,) = scripts
+    (render,) = renderers
+    (watch,) = watches
     physics = min(script.replay(None) for _ in range(arguments.repeats))
     floor = min(script.replay(render) for _ in range(arguments.repeats))
     frames = sum(len(segment.frames) for segment in script.segments)
@@ -194,7 +196,8 @@ def report(run: RunResult, spent: float, bare: tuple[float, int], drawn: tuple[f
         bare: Seconds and number of the steps of physics alone.
         drawn: Seconds of both, and number of frames.
     """
-    (physics, steps), (floor, frames) = bare, drawn
+    (physics, steps) = bare
+    (floor, frames) = drawn
     print(f"{run.outcome}: {run.sim_time_s:.2f} s simulated in {run.wall_time_s:.2f} s")
     print(f"real-time factor  {run.real_time_factor:6.2f}")
     print(f"run               {spent:6.2f} s of CPU: {run.sim_time_s / spent:.2f} simulated s a s")

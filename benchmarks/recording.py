@@ -18,7 +18,7 @@ from pathlib import Path
 
 import bt_dualarm
 from bt_dualarm.recording.history_file import read_history
-from bt_dualarm.runtime.record_folder import HISTORY
+from bt_dualarm.runtime.recorder import HISTORY
 
 
 @dataclass(frozen=True)

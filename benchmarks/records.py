@@ -53,12 +53,15 @@ def _work(
     place: Path, files: Files, mutants: int, malicious: list[str], seed: int, slow: int
 ) -> tuple[Counter[str], list[str], int]:
     """Counts, faults, and the peak of memory in kB, of one process's share."""
-    dice, count, faults = random.Random(seed), Counter[str](), list[str]()  # noqa: S311 - no secret
+    dice = random.Random(seed)  # noqa: S311 - no secret
+    count = Counter[str]()
+    faults = list[str]()
     for number in range(mutants + len(malicious)):
         if number < mutants:
             what, changed = mutated(files, dice)
         else:
-            what, changed = malicious[number - mutants], files.copy()
+            what = malicious[number - mutants]
+            changed = files.copy()
             MALICIOUS[what](changed)
         count["records"] += 1
         everything = number >= mutants

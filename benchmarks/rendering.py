@@ -17,22 +17,20 @@ import mujoco
 import numpy as np
 
 from benchmarks.constant_jerk import ConstantJerk
-from bt_dualarm.errors import RendererError
-from bt_dualarm.share import share_dir
-from bt_dualarm.spec.camera import CameraSpec
-from bt_dualarm.spec.color import Color
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.vision.colors import ColorFilter
-from bt_dualarm.vision.detect import detect
-from bt_dualarm.vision.estimate import TargetEstimate
-from bt_dualarm.vision.motion_model import Oscillator
-from bt_dualarm.world.cameras.camera import Camera
-from bt_dualarm.world.cameras.frame import Window
-from bt_dualarm.world.rendering.choose import choose_renderer
-from bt_dualarm.world.rendering.raycast import camera_rays
-from bt_dualarm.world.rendering.renderer import RendererKind
-from bt_dualarm.world.robots.geom_groups import LOOP_GROUPS
-from bt_dualarm.world.world import World
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.errors import RendererError
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.perception.detection import ColorFilter, detect
+from bt_dualarm.perception.target_filter import Oscillator, TargetEstimate
+from bt_dualarm.robots.robot import LOOP_GROUPS
+from bt_dualarm.sim.camera import Camera
+from bt_dualarm.sim.frame import Window
+from bt_dualarm.sim.gl_renderer import choose_renderer
+from bt_dualarm.sim.ray_renderer import camera_rays
+from bt_dualarm.sim.renderer import RendererKind
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import CameraSpec
+from bt_dualarm.spec.values import Color
 
 CARRYING = np.array([0.0015, -0.9451, 1.5663, 2.5204, -1.5723, 3.1416])
 """The UR5 with its tool at (0.655, 0.11, 0.70), pointing along x."""
@@ -99,14 +97,16 @@ def _always(window: Window, *_: object) -> Window:
 def estimation() -> Iterator[tuple[str, float]]:
     """Cost of an update and of a prediction, by each model."""
     for model in (ConstantJerk(), Oscillator()):
-        name, estimate = type(model).__name__, TargetEstimate(model)
+        name = type(model).__name__
+        estimate = TargetEstimate(model)
         yield f"{name}: update", best_ms(updates(estimate))
         yield f"{name}: prediction", best_ms(partial(estimate.predict, 2.0))
 
 
 def updates(estimate: TargetEstimate) -> Callable[[], None]:
     """An action that takes in the next measurement of a target at rest, at 60 Hz."""
-    stamps, place = itertools.count(0.0, 1.0 / 60.0), np.array([0.7, 0.1, 0.7])
+    stamps = itertools.count(0.0, 1.0 / 60.0)
+    place = np.array([0.7, 0.1, 0.7])
     return lambda: estimate.update(next(stamps), place, 1e-4)
 
 

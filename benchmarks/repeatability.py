@@ -36,7 +36,8 @@ def main() -> int:
         for number, seed in enumerate(seeds):
             hashes.append(state_hash(arguments.tree, seed, Path(scratch) / str(number)))
             print(f"seed {seed}: {hashes[-1]}", flush=True)
-    same, other = set(hashes[:-1]), hashes[-1]
+    same = set(hashes[:-1])
+    other = hashes[-1]
     print(f"same seed: {'equal' if len(same) == 1 else 'DIFFERENT'}")
     print(f"other seed: {'EQUAL' if other in same else 'different'}")
     return 0 if len(same) == 1 and other not in same else 1

@@ -20,8 +20,7 @@ import numpy as np
 
 import bt_dualarm
 from bt_dualarm.replay.record import Record
-from bt_dualarm.replay.rerun import Changed
-from bt_dualarm.replay.resume import resumed
+from bt_dualarm.replay.rerun import Changed, resumed
 from bt_dualarm.skill.registry import Registry
 
 MARKED = """\
@@ -70,7 +69,8 @@ def main() -> None:
     parser.add_argument("--times", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    rng, registry = np.random.default_rng(arguments.seed), Registry.load()
+    rng = np.random.default_rng(arguments.seed)
+    registry = Registry.load()
     same = tried = 0
     with tempfile.TemporaryDirectory() as name:
         for number, (case, (tree, options)) in enumerate(CASES.items()):

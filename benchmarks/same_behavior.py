@@ -150,7 +150,8 @@ def differences(before: Behavior, after: Behavior) -> dict[str, str]:
     """Cases that differ, each with the first few differing lines."""
     found = {}
     for name in sorted(before.keys() | after.keys()):
-        old, new = before.get(name, "no such case"), after.get(name, "no such case")
+        old = before.get(name, "no such case")
+        new = after.get(name, "no such case")
         if isinstance(old, dict) and "error" in old and old == new:
             found[name] = f"cannot be run in either state: {old['error']}"
         elif old != new:

@@ -34,8 +34,8 @@ POSES = ("geom_xpos", "geom_xmat", "light_xpos", "light_xdir", "cam_xpos", "cam_
 _DRAW = """
 import pickle, sys, time
 import mujoco, numpy as np
-from bt_dualarm.world.rendering.raycast import RayRenderer
-from bt_dualarm.world.rendering.renderer import Exposure
+from bt_dualarm.sim.ray_renderer import RayRenderer
+from bt_dualarm.sim.renderer import Exposure
 models, requests = pickle.load(open(sys.argv[1], "rb"))
 renderer, pictures, spent, latest = RayRenderer(), [], [], None
 for number, poses, asked in requests:
@@ -97,14 +97,16 @@ def _request(number: int, data: Any, exposure: Any) -> Request:
 
 def at_random(count: int) -> tuple[list[Any], list[Request]]:
     """Models and requests of random scenes."""
-    models, requests = [], []
+    models = []
+    requests = []
     for seed in range(count):
         rng = np.random.default_rng(seed)
         models.append(_scene(rng))
         data = mujoco.MjData(models[-1])
         mujoco.mj_forward(models[-1], data)
         left, top = rng.integers(-20, 150, 2)
-        right, bottom = left + rng.integers(1, 180), top + rng.integers(1, 140)
+        right = left + rng.integers(1, 180)
+        bottom = top + rng.integers(1, 140)
         region = None if seed % 3 == 0 else (int(left), int(top), int(right), int(bottom))
         poses = {name: getattr(data, name).copy() for name in POSES}
         requests.append(Request(seed, poses, (0, 160, 120, region, int(rng.integers(1, 5)))))
@@ -129,10 +131,12 @@ def _scene(rng: np.random.Generator) -> Any:
             rgba=(*rng.random(3), 1.0), **geom,
         )  # fmt: skip
     floor = (0, 0, 0.1) if rng.random() < 0.5 else (*rng.uniform(0.2, 2.0, 2), 0.1)
-    plane, turn = mujoco.mjtGeom.mjGEOM_PLANE, (1.0, *rng.normal(0.0, 0.2, 3))
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    turn = (1.0, *rng.normal(0.0, 0.2, 3))
     spec.worldbody.add_geom(type=plane, size=floor, pos=(0, 0, -0.5), quat=turn)
     for kind in (mujoco.mjtLightType.mjLIGHT_SPOT, mujoco.mjtLightType.mjLIGHT_DIRECTIONAL):
-        place, along = rng.normal(0.0, 2.0, 3), rng.normal(size=3)
+        place = rng.normal(0.0, 2.0, 3)
+        along = rng.normal(size=3)
         spec.worldbody.add_light(type=kind, pos=place, dir=along, diffuse=rng.random(3))
     spec.worldbody.add_camera(
         pos=rng.normal(0.0, away, 3), quat=rng.normal(size=4), fovy=rng.uniform(20.0, 90.0)
@@ -144,7 +148,8 @@ def _faces(vertices: Any) -> Any:
     """Outward triangles of the convex hull of vertices of shape (n, 3)."""
     from scipy.spatial import ConvexHull
 
-    hull, faces = ConvexHull(vertices), []
+    hull = ConvexHull(vertices)
+    faces = []
     for simplex, plane in zip(hull.simplices, hull.equations, strict=True):
         a, b, c = vertices[simplex]
         faces.append(simplex if np.cross(b - a, c - a) @ plane[:3] > 0 else simplex[::-1])
@@ -154,7 +159,8 @@ def _faces(vertices: Any) -> Any:
 def drawn(checkouts: Sequence[Path], models: Any, requests: Any) -> Iterator[tuple[Any, Any]]:
     """Pictures and CPU times, in ns, of each checkout."""
     with tempfile.TemporaryDirectory() as folder:
-        asked, answer = Path(folder) / "asked", Path(folder) / "answer"
+        asked = Path(folder) / "asked"
+        answer = Path(folder) / "answer"
         asked.write_bytes(pickle.dumps((models, [tuple(request) for request in requests])))
         for checkout in checkouts:
             subprocess.run(

@@ -1,4 +1,4 @@
-"""Planning problems of the kinds of MotionBenchMaker, over every arm of the catalogue.
+"""Planning problems of the kinds of MotionBenchMaker, over every arm of the catalog.
 
 Chamzas et al., MotionBenchMaker: a tool to generate and benchmark motion planning datasets, RA-L
 2022: bookshelves, a box, a cage, things on a table and under it. The same ingredients, in sizes
@@ -14,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from bt_dualarm.errors import Failure, WorldError
-from bt_dualarm.motion.collision.checker import CollisionChecker
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.planning.problem import PlanningProblem
-from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.core.errors import Failure, WorldError
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.problem import PlanningProblem
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile, WorldSpec
-from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
-from bt_dualarm.world.world import World
 
 MARGIN_M = 0.045
 DT = 0.004
@@ -39,7 +39,7 @@ AHEAD = (0.0, np.pi / 2)
 
 @dataclass(frozen=True)
 class Scene:
-    """Boxes in the base's frame, as centre and size, and places for the tool with its direction."""
+    """Boxes in the base's frame, as center and size, and places for the tool with its direction."""
 
     boxes: list[tuple[Place, Place]]
     places: list[tuple[Place, tuple[float, float]]]
@@ -47,8 +47,11 @@ class Scene:
 
 def bookshelf(draw: Draw) -> Scene:
     """Boards between two sides and a back; the tool reaches in between two boards."""
-    x, width, deep = draw.uniform(0.5, 0.62), draw.uniform(0.6, 0.9), draw.uniform(0.22, 0.3)
-    rise, boards = draw.uniform(0.26, 0.34), int(draw.integers(3, 5))
+    x = draw.uniform(0.5, 0.62)
+    width = draw.uniform(0.6, 0.9)
+    deep = draw.uniform(0.22, 0.3)
+    rise = draw.uniform(0.26, 0.34)
+    boards = int(draw.integers(3, 5))
     height = rise * (boards - 1)
     y = draw.uniform(-0.1, 0.1)
     boxes: list[tuple[Place, Place]] = [((x + deep, y, height / 2), (0.02, width, height))]
@@ -67,8 +70,10 @@ def bookshelf(draw: Draw) -> Scene:
 
 def box(draw: Draw) -> Scene:
     """Open at its top; the tool reaches in from above."""
-    x, y = draw.uniform(0.4, 0.55), draw.uniform(-0.25, 0.25)
-    width, height = draw.uniform(0.26, 0.36), draw.uniform(0.2, 0.3)
+    x = draw.uniform(0.4, 0.55)
+    y = draw.uniform(-0.25, 0.25)
+    width = draw.uniform(0.26, 0.36)
+    height = draw.uniform(0.2, 0.3)
     boxes: list[tuple[Place, Place]] = [((x, y, 0.01), (width, width, 0.02))]
     for side in (-1, 1):
         boxes.append(((x + side * width / 2, y, height / 2), (0.02, width, height)))
@@ -80,8 +85,11 @@ def box(draw: Draw) -> Scene:
 
 def cage(draw: Draw) -> Scene:
     """Bars along the edges of a box, and some across; the tool is in it, and beside it."""
-    x, y, edge = draw.uniform(0.45, 0.55), draw.uniform(-0.2, 0.2), draw.uniform(0.36, 0.46)
-    bar, half = 0.025, edge / 2
+    x = draw.uniform(0.45, 0.55)
+    y = draw.uniform(-0.2, 0.2)
+    edge = draw.uniform(0.36, 0.46)
+    bar = 0.025
+    half = edge / 2
     boxes: list[tuple[Place, Place]] = []
     for one in (-half, half):
         for other in (-half, half):
@@ -105,7 +113,9 @@ def table(draw: Draw) -> Scene:
     boxes: list[tuple[Place, Place]] = [((0.6, 0.0, top - 0.015), (0.6, 1.0, 0.03))]
     places: list[tuple[Place, tuple[float, float]]] = []
     for i in range(int(draw.integers(5, 9))):
-        x, y, tall = draw.uniform(0.38, 0.75), -0.4 + 0.1 * i, draw.uniform(0.06, 0.25)
+        x = draw.uniform(0.38, 0.75)
+        y = -0.4 + 0.1 * i
+        tall = draw.uniform(0.06, 0.25)
         boxes.append(((x, y, top + tall / 2), (draw.uniform(0.04, 0.09), 0.06, tall)))
         places.append(((x, y, top + tall + draw.uniform(0.01, 0.05)), DOWN))
     places.append(((0.32, draw.uniform(-0.4, 0.4), top + draw.uniform(0.04, 0.1)), DOWN))
@@ -114,7 +124,9 @@ def table(draw: Draw) -> Scene:
 
 def under_table(draw: Draw) -> Scene:
     """The tool is under a table on four legs, and above it."""
-    x, y, top = draw.uniform(0.55, 0.65), draw.uniform(-0.1, 0.1), draw.uniform(0.36, 0.5)
+    x = draw.uniform(0.55, 0.65)
+    y = draw.uniform(-0.1, 0.1)
+    top = draw.uniform(0.36, 0.5)
     boxes: list[tuple[Place, Place]] = [((x, y, top), (0.5, 0.8, 0.03))]
     feet = [(x + one, y + other) for one in (-0.23, 0.23) for other in (-0.38, 0.38)]
     boxes += [((*foot, top / 2), (0.04, 0.04, top)) for foot in feet]
@@ -206,7 +218,8 @@ def scene_problems(seed: int) -> Iterator[tuple[str, World, PlanningProblem]]:
         for name, robot in robots.items():
             scale = Kinematics(robot, Pose.identity()).bounding_ball[1] / REACH_M
             for kind, make in KINDS.items():
-                scene, turn = make(draw), draw.uniform(-0.8, 0.8)
+                scene = make(draw)
+                turn = draw.uniform(-0.8, 0.8)
                 try:
                     world = world_of(scene, name, scale, turn, draw.random() < 1 / 3)
                     world.refuse_overlaps()

@@ -1,6 +1,6 @@
 """Planning among shelves, boxes, cages and tables: python -m benchmarks.scenes [--problems N].
 
-Problems of `scene_problems`, every arm of the catalogue. Printed, of CPU time: what finding a way
+Problems of `scene_problems`, every arm of the catalog. Printed, of CPU time: what finding a way
 takes, and all from a request to a timed trajectory; how many are solved, and how many of these not
 by the compiled search but by OMPL; how long the ways are, against the shortest of so many others
 (``--best``); and what MuJoCo says of contacts when the motions are replayed.
@@ -20,12 +20,16 @@ import numpy as np
 
 from benchmarks.planning import OVERLAP_M, REPLAY_M, is_solvable, replayed
 from benchmarks.scene_problems import scene_problems
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.planning.joint_motion import motion_around, straight_motion
-from bt_dualarm.motion.planning.problem import PlanningProblem, admitted
-from bt_dualarm.motion.planning.way import way_around
-from bt_dualarm.pose import Matrix
-from bt_dualarm.world.world import World
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix
+from bt_dualarm.planning.problem import (
+    PlanningProblem,
+    admitted,
+    motion_around,
+    path_around,
+    straight_motion,
+)
+from bt_dualarm.sim.world import World
 
 
 @dataclass
@@ -65,7 +69,7 @@ def solve(kind: str, world: World, problem: PlanningProblem, best: int) -> Outco
         outcome.request_s = outcome.plan_s = time.process_time() - began
         if not outcome.straight:
             began = time.process_time()
-            way = way_around(ready)
+            way = path_around(ready)
             outcome.plan_s = time.process_time() - began
             outcome.quick = way.quick is not None
             outcome.ratio = _ratio(ready, way.corners, best)
@@ -79,13 +83,13 @@ def _ratio(problem: PlanningProblem, corners: Matrix, best: int) -> float:
     shortest = mine = _length(problem, corners)
     for seed in range(1, best + 1):
         with contextlib.suppress(Failure):
-            other = way_around(replace(problem, seed=1000 * seed))
+            other = path_around(replace(problem, seed=1000 * seed))
             shortest = min(shortest, _length(problem, other.corners))
     return mine / shortest
 
 
 def _length(problem: PlanningProblem, corners: Matrix) -> float:
-    """In metres that the arm moves."""
+    """In meters that the arm moves."""
     return float(np.linalg.norm(np.diff(corners, axis=0) * problem.checker.radii, axis=1).sum())
 
 

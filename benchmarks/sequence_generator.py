@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from bt_dualarm.pose import Pose
+from bt_dualarm.core.pose import Pose
 
 Ports = dict[str, Any]
 
@@ -56,6 +56,9 @@ FREE_SKILLS: Final = (
     "spawn",
     "remove",
 )
+SPOTS_TRIED: Final = 2000
+"""Places that are drawn until one counts as free."""
+
 NEEDS_HELD: Final = ("place", "insert", "regrasp", "transport", "release", "holding", "detach")
 """Skills that make no sense with an empty hand; asked of one now and then all the same."""
 
@@ -110,7 +113,8 @@ class _Author:
     """Writes one sequence; what is expected to be held decides what can be asked for next."""
 
     def __init__(self, rng: np.random.Generator, seed: int) -> None:
-        self._rng, self._seed = rng, seed
+        self._rng = rng
+        self._seed = seed
 
     def write(self, count: int, reality: str | None) -> SkillSequence:
         rng = self._rng
@@ -173,7 +177,8 @@ class _Author:
         self.inserts = "insert" in skills
         box = self.inserts or rng.uniform() < 0.6
         if self.inserts:
-            size, self.half_height = [0.05, 0.05, 0.05], 0.025
+            size = [0.05, 0.05, 0.05]
+            self.half_height = 0.025
         elif box:
             size = [float(edge) for edge in rng.uniform(0.042, 0.06, 3)]
             self.half_height = size[2] / 2
@@ -422,7 +427,8 @@ class _Author:
         return self.other_half if self._thing == "other" else self.half_height
 
     def _detach(self, _: str | None) -> Ports:
-        thing, self.held = self._thing, None
+        thing = self._thing
+        self.held = None
         return {"object": thing}
 
     def _transport(self, following: str | None) -> Ports:
@@ -458,13 +464,20 @@ class _Author:
         return {"object": thing, "speed": 1.0}
 
     def _free_spot(self) -> np.ndarray:
-        """A place on the surface where nothing else stands."""
+        """A place on the surface where nothing else stands, or as far from all as was found."""
         others = [self.spots[name] for name in ("cube", "other", "spare") if name != self._thing]
         others += [self.hole] if self.inserts else []
-        while True:
+        best = self.middle
+        farthest = -1.0
+        for _ in range(SPOTS_TRIED):  # within a UR3's reach there may be no place at all
             spot = self.middle + self._rng.uniform(-1, 1, 2) * (0.3 * self.half, 0.8 * self.half)
-            if min(float(np.linalg.norm(spot - other)) for other in others) > 0.11:
-                return spot
+            away = min(float(np.linalg.norm(spot - other)) for other in others)
+            if away > farthest:
+                best = spot
+                farthest = away
+            if away > 0.11:
+                break
+        return best
 
     def _standing(self) -> Ports:
         """A pose in which the thing stands on the surface."""
@@ -472,7 +485,8 @@ class _Author:
         return self._pose((*self._free_spot(), self.surface + self._thing_half), turn)
 
     def _place(self, _: str | None) -> Ports:
-        goal, self.held = self._standing(), None
+        goal = self._standing()
+        self.held = None
         return {"at": goal, "speed": 1.0}
 
     def _regrasp(self, _: str | None) -> Ports:

@@ -17,17 +17,16 @@ import mujoco
 import numpy as np
 
 from benchmarks.sequence_generator import Ports, SkillSequence, Step
-from bt_dualarm.errors import Number
-from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.runtime.parts import IdleObserver
-from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.behaviors.report import StatusChange
+from bt_dualarm.core.errors import Number
+from bt_dualarm.core.pose import Pose, Vector, camera_pose
+from bt_dualarm.perception.known_shape import KnownShape
+from bt_dualarm.robots.gripper import FINGERS
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.composition import name_of_geom
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.tree.report import StatusChange
-from bt_dualarm.vision.known_shape import KnownShape
-from bt_dualarm.world.grippers.gripper import FINGERS
-from bt_dualarm.world.names import name_of_geom
-from bt_dualarm.world.nominal.camera_pose import camera_pose
 
 ARM: Final = "arm1"
 KINDS: Final = ("false success", "bookkeeping", "traceback", "contact", "set-point")
@@ -257,7 +256,8 @@ class Referee(IdleObserver):
         for first, second in contact.geom[contact.dist <= 0.0].tolist():
             if first < 0 or second < 0:
                 continue
-            one, two = self._names[first], self._names[second]
+            one = self._names[first]
+            two = self._names[second]
             for mine, other in ((one, two), (two, one)):
                 if (mine.startswith("its ") and mine != "its pedestal") or (
                     mine in held and not other.startswith("its hand")
@@ -266,7 +266,8 @@ class Referee(IdleObserver):
 
     def _near_what_is_held(self, held: tuple[str, ...]) -> Iterator[tuple[str, str]]:
         """What is held, and what is so near that it hardly leaves without a touch: a hole."""
-        model, data = self.run.world.model, self.run.world.data
+        model = self.run.world.model
+        data = self.run.world.data
         if self._generation != self.run.world.generation:
             self._bind()
         for thing in held:
@@ -321,7 +322,8 @@ class Referee(IdleObserver):
         gripper = world.equipment.mounted.get(ARM)
         if gripper is None or not gripper.fingers:
             return [world.tool_gap(ARM, thing)]
-        geom, model = world.object_geom(thing), world.model
+        geom = world.object_geom(thing)
+        model = world.model
         gaps = []
         for finger in FINGERS:
             body = model.body(f"{ARM}/{finger}").id
@@ -376,10 +378,11 @@ class Referee(IdleObserver):
     def _tool(self) -> Pose:
         return self.run.world.arms[ARM].tool_pose
 
-    def _off(self, goal: Pose, metres: float, degrees: float) -> Iterator[str]:
+    def _off(self, goal: Pose, meters: float, degrees: float) -> Iterator[str]:
         tool = self._tool()
-        away, turn = tool.distance(goal), math.degrees(tool.angle(goal))
-        if away > metres or turn > degrees:
+        away = tool.distance(goal)
+        turn = math.degrees(tool.angle(goal))
+        if away > meters or turn > degrees:
             yield f"the tool is {1e3 * away:.1f} mm and {turn:.1f}° from its goal"
 
     def _goal_of(self, ports: Ports, start: Pose) -> Pose:
@@ -477,7 +480,8 @@ class Referee(IdleObserver):
         world = self.run.world
         if self._generation != world.generation:
             self._bind()
-        geom, found = world.object_geom(thing), []
+        geom = world.object_geom(thing)
+        found = []
         contact = world.data.contact
         for first, second in contact.geom[contact.dist <= 0.0].tolist():
             if geom in (first, second):
@@ -516,7 +520,7 @@ class Referee(IdleObserver):
         yield from self._lies_at(leaf, thing, leaf.step.ports["at"], 0.012, 6.0)
 
     def _lies_at(
-        self, leaf: Ended, thing: str, at: Ports, metres: float, degrees: float
+        self, leaf: Ended, thing: str, at: Ports, meters: float, degrees: float
     ) -> Iterator[str]:
         world = self.run.world
         pose = world.object_pose(thing)
@@ -531,7 +535,7 @@ class Referee(IdleObserver):
             turn = math.acos(
                 min(1.0, abs(float(pose.rotation_matrix[:, 2] @ goal.rotation_matrix[:, 2])))
             )
-        if away > metres or math.degrees(turn) > degrees:
+        if away > meters or math.degrees(turn) > degrees:
             yield f"{thing} is {1e3 * away:.1f} mm and {math.degrees(turn):.1f}° from its goal"
         for name in ("placed_error_m", "object_error_m", "inserted_error_m"):
             told = leaf.metrics.get(name)
@@ -635,7 +639,8 @@ class Referee(IdleObserver):
         body = world.arms[ARM]
         told = world.nominal[ARM].camera_pose_at(body.q)
         true = camera_pose(world.data, body.camera_id)
-        away, turn = told.distance(true), math.degrees(told.angle(true))
+        away = told.distance(true)
+        turn = math.degrees(told.angle(true))
         if away > 0.01 or turn > 2.0:
             yield f"the camera is {1e3 * away:.1f} mm and {turn:.2f}° from where it is believed"
 

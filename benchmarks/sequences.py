@@ -24,11 +24,11 @@ from functools import cache
 
 from benchmarks.sequence_generator import REALITIES, SkillSequence, generate
 from benchmarks.sequence_laws import ARM, KINDS, Breach, Referee, verdicts_at_the_end
+from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.runtime.options import RunOptions
-from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
 
 MOST = 10
 """Kinds of honest failures that are printed."""
@@ -116,9 +116,13 @@ def main() -> int:
     options = parser.parse_args()
     logging.disable(logging.CRITICAL)  # a traceback is told as a breach
     sequences = successes = leaves = 0
-    failures, broken, spent = Counter[str](), Counter[str](), 0.0
+    failures = Counter[str]()
+    broken = Counter[str]()
+    spent = 0.0
     for one in _played(options):
-        sequences, leaves, spent = sequences + 1, leaves + len(one.leaves), spent + one.cpu_s
+        sequences = sequences + 1
+        leaves = leaves + len(one.leaves)
+        spent = spent + one.cpu_s
         successes += all(status == "SUCCESS" for _, status, _, _ in one.leaves)
         failures.update(f"{skill} {code}" for skill, status, code, _ in one.leaves if code)
         broken.update({breach.kind for breach in one.breaches})

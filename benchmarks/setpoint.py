@@ -19,21 +19,23 @@ from typing import TypeAlias
 
 import numpy as np
 
-from bt_dualarm.motion.control.controller import JointController
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.safety.reservation import Reservations
-from bt_dualarm.motion.setpoints.planar_servo import PlanarServo, PlaneTarget
-from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.pose import Vector
-from bt_dualarm.world.world import World
-from tests.world.worlds import arm, file_of
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.world import World
+from bt_dualarm.trajectory.point_to_point import point_to_point
+from tests.sim.worlds import arm, file_of
 
 _SECONDS = 1.5
 _APART_M = 4.0
 _POSTURES = {"ur5": "present", "panda": "look_out"}
 _ROBOTS = tuple(_POSTURES)
 _PLANE = np.array(((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-_RADIUS, _SPIN = 0.02, 3.0  # m, rad/s
+# m, rad/s
+_RADIUS = 0.02
+_SPIN = 3.0
 
 Begin: TypeAlias = Callable[[World, str, JointController], None]
 """Begins a motion of an arm."""
@@ -50,7 +52,8 @@ def world_of(robots: tuple[str, ...], reality: str) -> World:
 
 def swing(world: World, name: str, controller: JointController) -> None:
     """There and back along a trajectory."""
-    here, limits = controller.setpoint.q, world.robots[name].limits.scaled(0.5)
+    here = controller.setpoint.q
+    limits = world.robots[name].limits.scaled(0.5)
     there = here + 0.2 * np.cos(np.arange(len(here)))
     way = point_to_point(here, there, limits, controller.period)
     back = point_to_point(there, here, limits, controller.period)
@@ -61,12 +64,14 @@ def follow(world: World, name: str, controller: JointController) -> None:
     """A stream of set-points, from a servo whose target circles."""
     kinematics = Kinematics(world.robots[name], world.arms[name].base)
     limits = world.robots[name].limits
-    start, period = controller.setpoint, controller.period
+    start = controller.setpoint
+    period = controller.period
     controller.stream(PlanarServo(kinematics, limits, period, start, _PLANE, _circling, 60.0))
 
 
 def _circling(time: float, displacement: Vector) -> PlaneTarget:  # noqa: ARG001 # it is known
-    sine, cosine = _RADIUS * math.sin(_SPIN * time), _RADIUS * math.cos(_SPIN * time)
+    sine = _RADIUS * math.sin(_SPIN * time)
+    cosine = _RADIUS * math.cos(_SPIN * time)
     return PlaneTarget(
         np.array((sine, _RADIUS - cosine)),
         np.array((_SPIN * cosine, _SPIN * sine)),
@@ -77,18 +82,21 @@ def _circling(time: float, displacement: Vector) -> PlaneTarget:  # noqa: ARG001
 def cost(robots: tuple[str, ...], reality: str, begin: Begin) -> float:
     """Microseconds of CPU for the set-points of a period, on average over a motion."""
     world = world_of(robots, reality)
-    reservations, period = Reservations(), 2 * world.timestep
+    reservations = Reservations()
+    period = 2 * world.timestep
     arms = {name: JointController(world, name, period, reservations) for name in world.arms}
     for controller in arms.values():
         controller.update(world.time)
         controller.stop()  # the guard looks at the world's shapes once
     for name, controller in arms.items():
         begin(world, name, controller)
-    spent, count = 0.0, round(_SECONDS / period)
+    spent = 0.0
+    count = round(_SECONDS / period)
     for _ in range(count):
         world.step()
         world.step()
-        now, began = world.time, time.thread_time()
+        now = world.time
+        began = time.thread_time()
         for controller in arms.values():
             controller.update(now)
         spent += time.thread_time() - began

@@ -1,6 +1,6 @@
 """How well the shapes of contacts stand for the meshes: python -m benchmarks.shapes [--count N].
 
-Every arm of the catalogue in random configurations: does it touch itself? The judge is coal, which
+Every arm of the catalog in random configurations: does it touch itself? The judge is coal, which
 comes with PlaCo: triangles against triangles of the URDF's own meshes. A false alarm is a
 configuration that is free and is refused; missed is one that touches and is not refused, as a mesh
 may stand out of its hulls by 2 mm. Printed besides: how many parts the meshes have, their volume
@@ -18,16 +18,15 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from bt_dualarm.motion.collision.checker import TOUCH, CollisionChecker
-from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.collision.checker import TOUCH, CollisionChecker
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.robots.meshes import as_stl, mesh_shapes, stl_triangles
+from bt_dualarm.robots.robot import Robot
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, TreeFile, WorldSpec
-from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.robots.catalogue import robot_names
-from bt_dualarm.world.robots.mesh_shapes import mesh_shapes
-from bt_dualarm.world.robots.meshes import as_stl, stl_triangles
-from bt_dualarm.world.robots.robot import Robot
-from bt_dualarm.world.world import World
 
 COUNT = 2000
 NEAR_RAD = 0.25
@@ -60,7 +59,8 @@ class Judge:
     """
 
     def __init__(self, world: World) -> None:
-        model, robot = world.model, world.robots["arm1"]
+        model = world.model
+        robot = world.robots["arm1"]
         excluded = {(int(pair) >> 16, int(pair) & 0xFFFF) for pair in model.exclude_signature}
         excluded |= {(second, first) for first, second in excluded}
         self._meshes = {
@@ -135,12 +135,14 @@ def main() -> None:
     count = parser.parse_args().count
     for name in robot_names():
         world = world_of(name)
-        robot, rng = world.robots["arm1"], np.random.default_rng(0)
+        robot = world.robots["arm1"]
+        rng = np.random.default_rng(0)
         lower = np.maximum(robot.limits.lower, -np.pi)
         upper = np.minimum(robot.limits.upper, np.pi)
         anywhere = rng.uniform(lower, upper, (count, robot.dof))
         near = np.clip(world.arms["arm1"].q + rng.normal(0, NEAR_RAD, anywhere.shape), lower, upper)
-        checker, judge = CollisionChecker(world, "arm1"), Judge(world)
+        checker = CollisionChecker(world, "arm1")
+        judge = Judge(world)
         ours, true = np.zeros((2, count), dtype=bool)
         for row, q in enumerate(anywhere):
             ours[row] = not touches_itself(checker, q)

@@ -2,8 +2,8 @@
 
     python -m benchmarks.sight [--locate 60] [--marker 30] [--pick 100] [--seed 0] [--sets lab]
 
-Locating: boxes, cylinders and balls of 20 to 70 mm in several colours, somewhere on the table,
-looked at from 0.35 m above by each robot of the catalogue in turn; the error is against the
+Locating: boxes, cylinders and balls of 20 to 70 mm in several colors, somewhere on the table,
+looked at from 0.35 m above by each robot of the catalog in turn; the error is against the
 simulator, which no skill reads. Markers of 30 to 45 mm likewise, on a grey block. Picking: the
 shipped tree ``pick_by_sight`` with a Panda or a UR5 and a box or cylinder anywhere within reach.
 The thing is picked if it was lifted and stands where it was carried, in truth; it is placed if the
@@ -33,8 +33,8 @@ from typing import Any
 import numpy as np
 
 import bt_dualarm as bt
-from bt_dualarm.pose import Vector
-from bt_dualarm.spec.marker import BITS
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.spec.values import BITS
 
 ROBOTS = ("panda", "ur3", "ur5", "ur10", "xarm7")
 COLORS = ("red", "orange", "yellow", "green", "blue")
@@ -90,7 +90,8 @@ def height(one: dict[str, Any]) -> float:
 def locate(number: int, reality: str, seed: int, *, by_marker: bool = False) -> Located:
     """One robot, one thing."""
     rng = np.random.default_rng((seed, number))
-    robot, one = ROBOTS[number % len(ROBOTS)], thing(rng, ("box", "box", "cylinder", "sphere"))
+    robot = ROBOTS[number % len(ROBOTS)]
+    one = thing(rng, ("box", "box", "cylinder", "sphere"))
     reach = 0.08 if robot == "ur3" else 0.15
     x, y = (middle + float(rng.uniform(-reach, reach)) for middle in MIDDLE)
     if robot == "ur3":
@@ -137,7 +138,8 @@ SIZES = (1.0, 0.7, 0.86, 0.92, 1.08, 1.14, 1.3)
 def sized(number: int, ratio: float, reality: str, seed: int) -> str:
     """What `locate` says of a thing that is larger than declared by a factor: its code."""
     rng = np.random.default_rng((seed, number, 7))
-    robot, declared = ROBOTS[number % len(ROBOTS)], thing(rng, ("box", "box", "cylinder", "sphere"))
+    robot = ROBOTS[number % len(ROBOTS)]
+    declared = thing(rng, ("box", "box", "cylinder", "sphere"))
     real = declared | {"size": [ratio * edge for edge in declared["size"]], "fixed": True}
     reach = 0.08 if robot == "ur3" else 0.15
     x, y = (middle + float(rng.uniform(-reach, reach)) for middle in MIDDLE)
@@ -192,7 +194,8 @@ their height, and their size as a multiple of the declared one."""
 def counted(setting: str, number: int, reality: str, seed: int) -> str:
     """What `count` says of some things: right, wrong, or the code of its failure."""
     rng = np.random.default_rng((seed, number, 11))
-    robot, kind = COUNTING[number % len(COUNTING)], thing(rng, ("box", "cylinder"))
+    robot = COUNTING[number % len(COUNTING)]
+    kind = thing(rng, ("box", "cylinder"))
     x, y = (middle + float(rng.uniform(-0.08, 0.08)) for middle in MIDDLE)
     angle = float(rng.uniform(-90, 90))
     along = np.array((np.cos(np.radians(angle)), np.sin(np.radians(angle))))
@@ -246,10 +249,12 @@ def pick(number: int, reality: str, seed: int, text: str) -> tuple[str, str]:
     """One pick: placed, picked, lied or failed, and why."""
     rng = np.random.default_rng((seed, number, 1))
     one = thing(rng, ("box", "box", "cylinder"))
-    x, y = MIDDLE[0] + float(rng.uniform(-0.22, 0.22)), -0.48 + float(rng.uniform(-0.18, 0.18))
+    x = MIDDLE[0] + float(rng.uniform(-0.22, 0.22))
+    y = -0.48 + float(rng.uniform(-0.18, 0.18))
     turn = float(rng.uniform(-90, 90))
     old = text[text.index("  cube:\n") : text.index("arms:\n")]
-    size, color = one["size"], one["color"]
+    size = one["size"]
+    color = one["color"]
     new = (
         f"  cube: {{shape: {one['shape']}, size: {size}, mass: 0.1, color: {color}, "
         f"pose: {{xyz: [{x:.5f}, {y:.5f}, {height(one):.5f}], rpy: [0, 0, {turn:.3f}]}}}}\n\n"
@@ -310,7 +315,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="seed of places, things and robots")
     parser.add_argument("--sets", nargs="+", default=["lab", "rough"], help="realities")
     arguments = parser.parse_args()
-    text, good = TREE.read_text(encoding="utf-8"), True
+    text = TREE.read_text(encoding="utf-8")
+    good = True
     for reality in arguments.sets:
         counted = reality == "lab"
         if arguments.locate:

@@ -30,9 +30,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import bt_dualarm
-from bt_dualarm.live.view import LiveView
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.viewer.live_view import LiveView
 
 STRANGERS = r"""
 import http.client, json, random, socket, sys
@@ -137,7 +137,8 @@ def soak(view: LiveView, rounds: int) -> None:
             sizes.append(size())
             print(f"{counts}  {sizes[-1][0]:.0f} MB, {sizes[-1][1]} threads, {sizes[-1][2]} files")
     time.sleep(1.0)
-    after, early = size(), sizes[1]
+    after = size()
+    early = sizes[1]
     print(
         f"grown by {after[0] - early[0]:.1f} MB, {after[1] - early[1]} threads, "
         f"{after[2] - early[2]} files since a tenth of it"
@@ -177,8 +178,8 @@ def watched(run: Run, stop: StopRequest, trouble: Callable[[LiveView], None]) ->
         thread.start()
         sha256 = run.finish().state_sha256
         thread.join()
-    if run.kept is not None:
-        run.kept.recorder.close()
+    if run.open_record is not None:
+        run.open_record.recorder.close()
     return sha256
 
 

@@ -1,6 +1,6 @@
 """The main job beside a third arm: python -m benchmarks.third_arm [PLACES [SEED]].
 
-`pick_and_track` is run with one more arm of the catalogue, 1.2 to 3 m from the nearer of the two,
+`pick_and_track` is run with one more arm of the catalog, 1.2 to 3 m from the nearer of the two,
 that swings to and fro all the time as fast as it can. Printed for each place is how the two arms
 end, and how that differs from what they do without it. The exit code is 1 if one of them fails.
 """
@@ -12,17 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.runtime.options import RunOptions
-from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.share import share_dir
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
 
-PLACES, SEED = 10, 0
+PLACES = 10
+SEED = 0
 
-NEAREST_M, FARTHEST_M = 1.2, 3.0
+NEAREST_M = 1.2
+FARTHEST_M = 3.0
 
 LONGEST_S = 60.0
 """Simulated seconds after which a run ends: the job takes a third of that."""
@@ -48,7 +50,7 @@ class Place:
     """Where the third arm stands.
 
     Attributes:
-        robot: Name of the robot in the catalogue.
+        robot: Name of the robot in the catalog.
         x: Place of its base in m.
         y: Place of its base in m.
         yaw: Turn of its base in degrees.
@@ -71,12 +73,13 @@ class Place:
 
 
 def places(count: int, seed: int) -> list[Place]:
-    """Places all around the two arms, robot after robot of the catalogue."""
+    """Places all around the two arms, robot after robot of the catalog."""
     rng = np.random.default_rng(seed)
     found: list[Place] = []
     while len(found) < count:
         base = np.array(_BASES[int(rng.integers(2))])
-        angle, away = rng.uniform(-np.pi, np.pi), rng.uniform(NEAREST_M, FARTHEST_M)
+        angle = rng.uniform(-np.pi, np.pi)
+        away = rng.uniform(NEAREST_M, FARTHEST_M)
         x, y = base + away * np.array((np.cos(angle), np.sin(angle)))
         if min(np.hypot(x - at[0], y - at[1]) for at in _BASES) < NEAREST_M:
             continue
@@ -112,7 +115,8 @@ def _end(result: RunResult, name: str) -> float:
 def main(count: int, seed: int) -> int:
     """Print a line for each place; the exit code."""
     registry = Registry.load()
-    alone, failed = run_beside(None, registry), 0
+    alone = run_beside(None, registry)
+    failed = 0
     for number, place in enumerate(places(count, seed), 1):
         result = run_beside(place, registry)
         wrong = failures(result)

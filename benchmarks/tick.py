@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import py_trees
 
+from bt_dualarm.behaviors.build import build_tree
 from bt_dualarm.skill.skill import Skill, SkillContext
-from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.tree.build import build_tree
+from bt_dualarm.spec.node_types import NodeSpec
 
 LEAVES = 100
 TICKS = 200
@@ -56,7 +56,7 @@ def ours() -> Callable[[], Any]:
 
 
 def bare() -> Callable[[], Any]:
-    """A parallel of py_trees' own behaviours that stay RUNNING."""
+    """A parallel of py_trees' own behaviors that stay RUNNING."""
     root = py_trees.composites.Parallel("parallel", py_trees.common.ParallelPolicy.SuccessOnAll())
     root.add_children([py_trees.behaviours.Running(f"leaf {i}") for i in range(LEAVES)])
     return root.tick_once

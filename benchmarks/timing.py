@@ -12,16 +12,14 @@ import time
 
 import numpy as np
 
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.paths.cartesian_path import Axes, CartesianPath
-from bt_dualarm.motion.paths.curves import circle, lissajous
-from bt_dualarm.motion.planning.tool_path import joint_path
-from bt_dualarm.motion.timing.limit_use import shares_of_limits
-from bt_dualarm.motion.timing.path_timing import spline_through
-from bt_dualarm.motion.timing.point_to_point import time_path
-from bt_dualarm.motion.timing.time_optimal import TimeOptimal
-from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.world.robots.catalogue import load_robot
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.problem import joint_path
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.trajectory.path_timing import TimeOptimal, spline_through
+from bt_dualarm.trajectory.paths import Axes, CartesianPath, circle, lissajous
+from bt_dualarm.trajectory.point_to_point import time_path
+from bt_dualarm.trajectory.trajectory import shares_of_limits
 
 DT = 0.004
 YZ: Axes = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))

@@ -12,7 +12,7 @@ asked for, the others in ``lab``. ``--quick`` takes one seed and thins the other
     3  measured error against the bound of the estimator at its measured noise
     4  a map over latency, lost frames and shake of the camera (``tracking_map.png``)
     5  a screen before the target for 0.05 to 2 s
-    6  a twin that crosses; other colours
+    6  a twin that crosses; other colors
     7  what it costs
 """
 
@@ -39,11 +39,11 @@ from benchmarks.meddling import (
     was_stolen,
 )
 from benchmarks.tracking_bench import Bench
+from bt_dualarm.control.planar_servo import PlanarServo
 from bt_dualarm.experiments.cases import CASES, UNTUNED, Cell
-from bt_dualarm.experiments.trial import TrialError, run_trial
-from bt_dualarm.motion.setpoints.planar_servo import PlanarServo
+from bt_dualarm.experiments.trials import TrialError, run_trial
+from bt_dualarm.sim.camera import Camera
 from bt_dualarm.spec.reality import REALITY_NAMES, RealityName
-from bt_dualarm.world.cameras.camera import Camera
 
 GOALS: Final[Mapping[RealityName, Mapping[float, tuple[float, float]]]] = {
     "ideal": {60.0: (1.0, 3.0), 30.0: (2.5, 7.0)},
@@ -112,7 +112,8 @@ def figure_4(bench: Bench) -> None:
 def figure_5(bench: Bench) -> None:
     """Covered: regained, and no motion on old data."""
     rng = np.random.default_rng(0)
-    times, old = 3 if bench.quick else 20, 0
+    times = 3 if bench.quick else 20
+    old = 0
     with ages_of_data() as ages:
         for length in (0.05, 0.1, 0.5, 2.0):
             regained = 0
@@ -133,16 +134,17 @@ def figure_5(bench: Bench) -> None:
             bench.say(f"covered for {length} s: not regained of {times}", times - regained, 0, "")
     print(f"  {ages.asked} set-points by prediction")
     bench.say("oldest data that a set-point was made of", 1e3 * ages.oldest, 100, "ms")
-    bench.say("control steps that moved towards older data", old, 0, "")
+    bench.say("control steps that moved toward older data", old, 0, "")
 
 
 def figure_6(bench: Bench) -> None:
-    """A twin crosses; cubes of other colours."""
+    """A twin crosses; cubes of other colors."""
     times = 4 if bench.quick else 20
     rng = np.random.default_rng(1)
     thefts = 0
     for seed in range(times):
-        height, depth = float(rng.uniform(-0.05, 0.05)), TWIN_X_M[seed % 2]
+        height = float(rng.uniform(-0.05, 0.05))
+        depth = TWIN_X_M[seed % 2]
         trial = crossed(bench.registry, seed, height, depth)
         stolen = trial.outcome != "SUCCESS" or was_stolen(trial, height)
         if stolen or trial.error.max() > 0.01:

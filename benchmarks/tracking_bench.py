@@ -8,9 +8,8 @@ from itertools import islice
 from pathlib import Path
 
 from bt_dualarm.experiments.cases import Cell
-from bt_dualarm.experiments.results import Result
-from bt_dualarm.experiments.trial import Trial, TrialError
-from bt_dualarm.experiments.trials import run_trials
+from bt_dualarm.experiments.report import Result
+from bt_dualarm.experiments.trials import Trial, TrialError, run_trials
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.reality import RealityName
 

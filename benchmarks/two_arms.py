@@ -13,17 +13,17 @@ from collections import Counter
 
 import numpy as np
 
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.pose import Pose
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.options import RunOptions
-from bt_dualarm.runtime.parts import IdleObserver
-from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.world.robots.catalogue import load_robot
-from bt_dualarm.world.world import World
 
 REACHES = 200
 PER_RUN = 20
@@ -62,7 +62,8 @@ class Contacts(IdleObserver):
     """Counts the physics steps in which the arms touch."""
 
     def __init__(self, world: World) -> None:
-        self.steps, self.first_s = 0, float("inf")
+        self.steps = 0
+        self.first_s = float("inf")
         self._world = world
         self._of = np.full(world.model.ngeom, -1)
         for number, body in enumerate(world.arms.values()):
@@ -123,13 +124,17 @@ def main(reaches: int, seed: int) -> None:
     registry = Registry.load()
     rng = np.random.default_rng(seed)
     codes: Counter[str] = Counter()
-    touched, nearest, sim, wall = 0, float("inf"), 0.0, 0.0
+    touched = 0
+    nearest = float("inf")
+    sim = 0.0
+    wall = 0.0
     for number in range(-(-reaches // PER_RUN)):
         result, contacts = run(tree(rng, PER_RUN), number, registry)
         touched += contacts.steps
         if contacts.steps:
             print(f"run {number}: the arms touch at {contacts.first_s:.2f} s")
-        sim, wall = sim + result.sim_time_s, wall + result.wall_time_s
+        sim = sim + result.sim_time_s
+        wall = wall + result.wall_time_s
         for arm in result.arms.values():
             nearest = min(nearest, float(arm.guard.get("nearest_arm_m", "inf")))
             leaves = [leaf for leaf in arm.runs if leaf.skill == "reach_to_pose"][: PER_RUN // 2]

@@ -22,7 +22,9 @@ from bt_dualarm.runtime.outcome import Outcome
 CENTER = np.array((0.68, 0.11, 0.70))  # in the middle of the image, 0.35 m before the camera
 MOVED_M = 0.015
 FAILED = "it failed"
-MOVES_S, LASTS_S, GIVEN_S = 4.0, 0.3, 12.0
+MOVES_S = 4.0
+LASTS_S = 0.3
+GIVEN_S = 12.0
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,8 @@ def ends_well(case: Case) -> str:
 def main(runs: int = 40, seed: int = 0) -> None:
     """Print how many of each half ended as they should, and each that did not."""
     rng = np.random.default_rng(seed)
-    wrong, failed = {False: 0, True: 0}, {False: 0, True: 0}
+    wrong = {False: 0, True: 0}
+    failed = {False: 0, True: 0}
     for number in range(runs):
         case = draw(rng, moves=bool(number % 2))
         if said := ends_well(case):

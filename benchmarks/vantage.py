@@ -10,16 +10,16 @@ import mujoco
 import numpy as np
 import yaml
 
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.collision.checker import CollisionChecker
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.pose import Matrix, Pose, Vector
-from bt_dualarm.share import share_dir
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, TreeFile, WorldSpec
-from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.robots.catalogue import load_robot
-from bt_dualarm.world.world import World
 
 BASE = ((0.0, 0.0, 1.5), (0.0, 10.0, 0.0))
 """Of the arm, xyz in m and rpy in degrees: above the floor, and leaning, so without a pedestal."""
@@ -33,7 +33,8 @@ _REACH = (0.35, 0.75)  # shares of the largest distance from the first joint
 _AROUND_M = 0.12  # to every side of it nothing is in the way, either
 _CLEAR_M = 0.5  # ahead of the camera there is nothing
 _VIEW = tuple((x, y) for x in (-0.08, 0.0, 0.08) for y in (-0.08, 0.0, 0.08))  # m, at that depth
-_ARM, _MOUNT = "arm1", "wrist"
+_ARM = "arm1"
+_MOUNT = "wrist"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class Vantage:
     """A posture in which an arm's wrist camera looks along a direction.
 
     Attributes:
-        robot: Name of the robot in the catalogue.
+        robot: Name of the robot in the catalog.
         q: Joint angles, of shape (dof,), rad.
         camera: Pose of the camera in the world.
         condition: Largest condition number of the Jacobian there and to every side of it.
@@ -108,10 +109,10 @@ class _Stand:
 
     def try_one(self, normal: Vector, rng: np.random.Generator) -> Vantage | None:
         """A random place and turn of the camera; None where the arm cannot work around it."""
-        centre, reach = self.kinematics.bounding_ball
+        center, reach = self.kinematics.bounding_ball
         away = rng.normal(size=3)
         away *= rng.uniform(*_REACH) * reach / np.linalg.norm(away)
-        camera = _looking(centre + away, normal, rng.uniform(-np.pi, np.pi))
+        camera = _looking(center + away, normal, rng.uniform(-np.pi, np.pi))
         q = self._configuration(camera, self.home)
         if q is None:
             return None

@@ -18,9 +18,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import bt_dualarm
-from bt_dualarm.live.view import LiveView
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.viewer.live_view import LiveView
 
 BROWSER = """
 import sys, time, urllib.request
@@ -50,8 +50,8 @@ def cost(tree: str, *, viewed: bool) -> float:
         bt_dualarm.open(tree, stop=stop, record=Path(folder) / "out") as run,
     ):
         took = watched(run, stop) if viewed else finished(run)
-        if run.kept is not None:
-            run.kept.recorder.close()
+        if run.open_record is not None:
+            run.open_record.recorder.close()
         return took
 
 

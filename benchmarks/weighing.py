@@ -3,7 +3,7 @@
     python -m benchmarks.weighing [--robots ur5 panda ...] [--set lab] [--seeds 3] [--loads 8]
                                   [--gripper robotiq_2f85]
 
-Every robot of the catalogue stands in a posture drawn around its own in which nothing touches,
+Every robot of the catalog stands in a posture drawn around its own in which nothing touches,
 swings a little with nothing in its hand, is given a cube of 0.1 to 3 kg, its payload at most, and
 swings again. A seed is another robot of the batch and another posture. The mass that the arm then
 believes in is held against the simulator's. Asked for in `lab`: within 3 % or 20 g. One that sags
@@ -19,24 +19,25 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.control.controller import JointController
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.safety.reservation import Reservations
-from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.pose import Pose, Vector
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.gripper import load_gripper
+from bt_dualarm.robots.gripper_mjspec import with_gripper
+from bt_dualarm.robots.robot import JointLimits, Robot
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.kind import Kind
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.testing.scenario import Tree
-from bt_dualarm.world.grippers.mounting import with_gripper
-from bt_dualarm.world.grippers.named import load_gripper
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
-from bt_dualarm.world.robots.robot import JointLimits, Robot
-from bt_dualarm.world.world import World
+from bt_dualarm.spec.node_types import NodeType
+from bt_dualarm.testing.laws import Tree
+from bt_dualarm.trajectory.point_to_point import point_to_point
 
 PERIOD = 0.004
-LIGHTEST_KG, HEAVIEST_KG = 0.1, 3.0
+LIGHTEST_KG = 0.1
+HEAVIEST_KG = 3.0
 _AROUND = 0.25  # rad by which a posture is drawn around the robot's own
 _SWING = np.deg2rad(10.0)
 _EDGE = 0.06  # m; of the cube, which hangs 20 mm before the tool
@@ -46,7 +47,7 @@ _SIGNS = ((1, 1), (-1, 1), (1, -1), (-1, -1), (0, 0))  # of even and odd joints
 
 @dataclass(frozen=True)
 class Weight:
-    """What an arm has found out: kg, and mm of the centre."""
+    """What an arm has found out: kg, and mm of the center."""
 
     true: float
     told: float
@@ -64,7 +65,7 @@ def weighed(
     reality: str,
     seed: int,
     mass: float,
-    kinds: Mapping[str, Kind],
+    kinds: Mapping[str, NodeType],
     gripper: str | None = None,
 ) -> Weight:
     """Let one robot of the batch weigh a cube, with a gripper on its flange or without."""
@@ -109,14 +110,15 @@ def _tree(reality: str, seed: int, mass: float, fields: Tree) -> Tree:
 
 
 def _clear_posture(
-    tree: Tree, robot: Robot, rng: np.random.Generator, kinds: Mapping[str, Kind]
+    tree: Tree, robot: Robot, rng: np.random.Generator, kinds: Mapping[str, NodeType]
 ) -> Vector:
     """A posture in whose swings neither arm nor load touch anything: what leans weighs less.
 
     With a gripper the tool is farther out, and some arms at home are folded.
     """
     world = World(load_tree_file(tree, kinds))
-    home, around = robot.postures["home"], _AROUND
+    home = robot.postures["home"]
+    around = _AROUND
     while True:
         posture = home + rng.uniform(-around, around, robot.dof)
         goals = [_swung(posture, even, odd, robot.limits) for even, odd in _SIGNS]
@@ -126,7 +128,8 @@ def _clear_posture(
 
 
 def _touches(world: World, q: Vector) -> bool:
-    data, arm = mujoco.MjData(world.model), world.arms["arm1"]
+    data = mujoco.MjData(world.model)
+    arm = world.arms["arm1"]
     data.qpos[:] = world.data.qpos
     data.qpos[arm.qpos_ids] = q
     at = world.nominal["arm1"].tool_pose_at(q) @ _IN_TOOL
@@ -180,12 +183,13 @@ def line(
     reality: str,
     seeds: int,
     loads: int,
-    kinds: Mapping[str, Kind],
+    kinds: Mapping[str, NodeType],
     gripper: str | None = None,
 ) -> str:
     """What one robot's batch makes of so many masses."""
     most = min(HEAVIEST_KG, load_robot(name).payload or HEAVIEST_KG)
-    found, failed = [], []
+    found = []
+    failed = []
     for seed in range(seeds):
         for mass in np.geomspace(LIGHTEST_KG, most, loads):
             try:
@@ -200,7 +204,7 @@ def line(
         f"within 3 % or 20 g; at most {1e3 * np.abs(errors).max():.0f} g, "
         f"{100 * shares.max():.1f} %; {np.mean(z < 1):.2f} within one of its deviations, "
         f"{np.mean(z < 2):.2f} within two, at most {z.max():.1f}; "
-        f"centre within {max(one.center_mm for one in found):.1f} mm" + "".join(failed)
+        f"center within {max(one.center_mm for one in found):.1f} mm" + "".join(failed)
     )
 
 

@@ -20,10 +20,10 @@ from benchmarks.why_interactions import interactions
 from benchmarks.why_mistake import Mistake
 from benchmarks.why_mistakes import mistakes
 from benchmarks.why_mistakes_unseen import unseen
-from bt_dualarm.errors import DualArmError
-from bt_dualarm.replay.evidence import Cause
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.diagnosis.evidence import Cause
+from bt_dualarm.diagnosis.story import stories
 from bt_dualarm.replay.record import Record
-from bt_dualarm.replay.story import stories
 
 
 def first_cause(mistake: Mistake, folder: Path) -> Cause | None:

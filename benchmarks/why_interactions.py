@@ -32,7 +32,7 @@ def interactions() -> list[Mistake]:
 
 
 def _cell(*leaves: Tree, objects: Tree | None = None, **others: list[Tree]) -> Tree:
-    """A UR5 that does something beside a stand with a cube; others face it, half a metre beyond."""
+    """A UR5 that does something beside a stand with a cube; others face it, half a meter beyond."""
     arms = {"arm1": {"robot": "ur5", "tree": {"sequence": [*leaves]}}}
     for name, sequence in others.items():
         base = {"xyz": [1.1, 0.1, 0], "rpy": [0, 0, 180]}

@@ -78,10 +78,10 @@ def _sight() -> Iterator[Mistake]:
         tracker = tree["arms"]["arm2"]["tree"]
         track = tracker["track"] if "track" in tracker else tracker["sequence"][1]["track"]
         track["color"] = "green"
-        yield Mistake(f"another colour asked for in {name}", tree, "WRONG_COLOR", ("cube",))
+        yield Mistake(f"another color asked for in {name}", tree, "WRONG_COLOR", ("cube",))
     tree = shipped("visual_tracking")
     tree["objects"]["cube"]["color"] = "blue"
-    yield Mistake("a cube of another colour", tree, "WRONG_COLOR", ("cube",))
+    yield Mistake("a cube of another color", tree, "WRONG_COLOR", ("cube",))
     tree = shipped("visual_tracking")
     tree["objects"]["screen"] = box((0.01, 0.5, 0.5), (0.86, 0.11, 0.75), "white")
     yield Mistake("a screen before the camera", tree, "OCCLUDED", ("screen",))

@@ -29,13 +29,13 @@ def _real(name: str, reality: str = "lab") -> Tree:
 
 
 def _of_units() -> Iterator[Mistake]:
-    """Centimetres for metres, and a value that comes in through a subtree."""
+    """Centimeters for meters, and a value that comes in through a subtree."""
     pose = {"xyz": [45, 25, 35], "rpy": [180, 0, 0]}
     tree = _reaching("xarm7", {"reach_to_pose": {"to": pose}})
-    yield Mistake("a pose in centimetres", tree, "OUT_OF_REACH", ("centimetres",))
+    yield Mistake("a pose in centimeters", tree, "OUT_OF_REACH", ("centimeters",))
     tree = _real("pick_and_transport")
     steps(tree)[1]["transport"]["to"]["xyz"] = [30, -45, 65]
-    yield Mistake("carried to centimetres", tree, "OUT_OF_REACH", ("centimetres",))
+    yield Mistake("carried to centimeters", tree, "OUT_OF_REACH", ("centimeters",))
     tree = _reaching("ur10", {"subtree": {"use": "aside", "params": {"by": [0, 2.4, 0]}}})
     aside = {"reach_to_pose": {"offset": {"xyz": "{by}"}}}
     tree["subtrees"] = {"aside": {"params": {"by": {"type": "vector"}}, "tree": aside}}
@@ -61,7 +61,7 @@ def _of_sight() -> Iterator[Mistake]:
     yield Mistake("a look at the wrong place", tree, "OUT_OF_VIEW", ("cube",), 40.0)
     tree = _real("pick_by_sight")
     other = {"marker": {"id": 6, "size": 0.03}, "pose": "{cube}"}
-    steps(tree)[1:3] = [{"locate": other}]  # its marker hides the colour that `scan` looks for
+    steps(tree)[1:3] = [{"locate": other}]  # its marker hides the color that `scan` looks for
     steps(tree)[0]["look_at"]["at"] = {"xyz": [0.35, -0.48, 0.40]}
     tree["objects"]["cube"]["noise"] = {}
     tree["objects"]["cube"]["marker"] = {"id": 5, "size": 0.03}
@@ -80,7 +80,7 @@ def _of_sight() -> Iterator[Mistake]:
 
 
 def _of_cameras() -> Iterator[Mistake]:
-    """Cameras that are late or lose pictures, and a range of another colour."""
+    """Cameras that are late or lose pictures, and a range of another color."""
     tree = _real("visual_tracking")
     tree["arms"]["arm2"]["camera"]["latency"] = 5.0
     yield Mistake("pictures that come 5 s late", tree, "LATE_PICTURES", ("latency", "5"), 20.0)

@@ -1,4 +1,4 @@
-"""bt_dualarm: behaviour trees in YAML that make several robot arms do a task together.
+"""bt_dualarm: behavior trees in YAML that make several robot arms do a task together.
 
 A tree file declares a world, the arms in it and one tree per arm. It is run whole or in steps::
 
@@ -42,95 +42,96 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm as Arm
     from bt_dualarm.arm.gripper import ArmGripper as ArmGripper
-    from bt_dualarm.errors import DualArmError as DualArmError
-    from bt_dualarm.errors import Failure as Failure
-    from bt_dualarm.errors import WorldError as WorldError
-    from bt_dualarm.motion.grasping.ranking import RankedGrasp as RankedGrasp
-    from bt_dualarm.motion.paths.blending import blended as _blended
-    from bt_dualarm.motion.paths.cartesian_path import line as _line
-    from bt_dualarm.motion.paths.curves import circle as _circle
-    from bt_dualarm.motion.paths.curves import lissajous as _lissajous
-    from bt_dualarm.motion.paths.rotation import turned_about as _turned_about
-    from bt_dualarm.motion.paths.spline import drawn as _drawn
-    from bt_dualarm.motion.planning.planners import Planner as Planner
-    from bt_dualarm.motion.timing.trajectory import Trajectory as Trajectory
-    from bt_dualarm.pose import Matrix as Matrix
-    from bt_dualarm.pose import Pose as Pose
-    from bt_dualarm.pose import Vector as Vector
+    from bt_dualarm.core.errors import DualArmError as DualArmError
+    from bt_dualarm.core.errors import Failure as Failure
+    from bt_dualarm.core.errors import WorldError as WorldError
+    from bt_dualarm.core.pose import Matrix as Matrix
+    from bt_dualarm.core.pose import Pose as Pose
+    from bt_dualarm.core.pose import Vector as Vector
+    from bt_dualarm.grasping.ranking import RankedGrasp as RankedGrasp
+    from bt_dualarm.perception.known_shape import KnownShape as KnownShape
+    from bt_dualarm.perception.markers import MarkView as MarkView
+    from bt_dualarm.perception.markers import hand_eye as hand_eye
+    from bt_dualarm.perception.scan import SightedThing as SightedThing
+    from bt_dualarm.perception.scan import SightedThings as SightedThings
+    from bt_dualarm.planning.ompl_planner import Planner as Planner
+    from bt_dualarm.robots.gripper import Gripper as Gripper
     from bt_dualarm.runtime.api import check as check
     from bt_dualarm.runtime.api import open as open  # noqa: A004 - read as bt.open
     from bt_dualarm.runtime.api import run as run
+    from bt_dualarm.runtime.outcome import ArmResult as ArmResult
     from bt_dualarm.runtime.outcome import Ending as Ending
+    from bt_dualarm.runtime.outcome import LeafResult as LeafResult
     from bt_dualarm.runtime.outcome import Outcome as Outcome
-    from bt_dualarm.runtime.result import ArmResult as ArmResult
-    from bt_dualarm.runtime.result import LeafResult as LeafResult
-    from bt_dualarm.runtime.result import RunResult as RunResult
+    from bt_dualarm.runtime.outcome import RunResult as RunResult
     from bt_dualarm.runtime.run import Run as Run
     from bt_dualarm.runtime.series import Series as Series
-    from bt_dualarm.skill.arrival import check_arrival as check_arrival
-    from bt_dualarm.skill.directions import unit_vector as unit_vector
-    from bt_dualarm.skill.following_error import FollowingError as FollowingError
+    from bt_dualarm.sim.world import World as World
+    from bt_dualarm.skill.grasp_search import TakingPorts as TakingPorts
     from bt_dualarm.skill.grasp_search import WantedGrasp as WantedGrasp
     from bt_dualarm.skill.grasp_search import grasps_on as grasps_on
     from bt_dualarm.skill.grip import Grip as Grip
-    from bt_dualarm.skill.guarded_descent import guarded_descent as guarded_descent
-    from bt_dualarm.skill.held_through import held_through as held_through
-    from bt_dualarm.skill.left_standing import LeftStanding as LeftStanding
-    from bt_dualarm.skill.left_standing import stands_without as stands_without
-    from bt_dualarm.skill.looking_around import SIDES as SIDES
-    from bt_dualarm.skill.looking_around import camera_now as camera_now
-    from bt_dualarm.skill.looking_around import gazes as gazes
-    from bt_dualarm.skill.looking_around import go_to_camera as go_to_camera
-    from bt_dualarm.skill.looking_around import look_at as look_at
-    from bt_dualarm.skill.mark_views import MarkViews as MarkViews
+    from bt_dualarm.skill.grip import TouchSense as TouchSense
+    from bt_dualarm.skill.grip import held_through as held_through
+    from bt_dualarm.skill.looking import SIDES as SIDES
+    from bt_dualarm.skill.looking import MarkViews as MarkViews
+    from bt_dualarm.skill.looking import SightPorts as SightPorts
+    from bt_dualarm.skill.looking import camera_now as camera_now
+    from bt_dualarm.skill.looking import gazes as gazes
+    from bt_dualarm.skill.looking import go_to_camera as go_to_camera
+    from bt_dualarm.skill.looking import look_at as look_at
+    from bt_dualarm.skill.looking import own_camera as own_camera
+    from bt_dualarm.skill.looking import standing_of as standing_of
+    from bt_dualarm.skill.looking import still_picture as still_picture
+    from bt_dualarm.skill.path_following import PathSkill as PathSkill
+    from bt_dualarm.skill.path_following import check_arrival as check_arrival
     from bt_dualarm.skill.path_following import follow_curve as follow_curve
-    from bt_dualarm.skill.path_skill import PathSkill as PathSkill
+    from bt_dualarm.skill.picking import Taking as Taking
+    from bt_dualarm.skill.picking import refuse_too_frail as refuse_too_frail
+    from bt_dualarm.skill.picking import thing_at as thing_at
+    from bt_dualarm.skill.picking import twin_at as twin_at
+    from bt_dualarm.skill.placing import LeftStanding as LeftStanding
+    from bt_dualarm.skill.placing import SettingDown as SettingDown
+    from bt_dualarm.skill.placing import SettingDownPorts as SettingDownPorts
+    from bt_dualarm.skill.placing import guarded_descent as guarded_descent
+    from bt_dualarm.skill.placing import is_tied_to as is_tied_to
+    from bt_dualarm.skill.placing import stands_without as stands_without
     from bt_dualarm.skill.scoring import TrackingScore as TrackingScore
-    from bt_dualarm.skill.setting_down import SettingDown as SettingDown
-    from bt_dualarm.skill.setting_down import SettingDownPorts as SettingDownPorts
-    from bt_dualarm.skill.sight_ports import SightPorts as SightPorts
     from bt_dualarm.skill.skill import Skill as Skill
     from bt_dualarm.skill.skill import SkillContext as SkillContext
     from bt_dualarm.skill.skill import Ticks as Ticks
-    from bt_dualarm.skill.standing_size import other_size_standing as other_size_standing
-    from bt_dualarm.skill.still_pictures import own_camera as own_camera
-    from bt_dualarm.skill.still_pictures import still_picture as still_picture
-    from bt_dualarm.skill.taking import Taking as Taking
-    from bt_dualarm.skill.taking import refuse_too_frail as refuse_too_frail
-    from bt_dualarm.skill.taking import thing_at as thing_at
-    from bt_dualarm.skill.taking import twin_at as twin_at
-    from bt_dualarm.skill.taking_ports import TakingPorts as TakingPorts
-    from bt_dualarm.skill.touch_sense import TouchSense as TouchSense
-    from bt_dualarm.skill.tracking_reference import TrackingGains as TrackingGains
-    from bt_dualarm.skill.visual_servoing import PlaneTracking as PlaneTracking
-    from bt_dualarm.spec.color import Color as Color
-    from bt_dualarm.spec.goals import CarriedPose as CarriedPose
-    from bt_dualarm.spec.goals import GripForce as GripForce
-    from bt_dualarm.spec.goals import GripSpeed as GripSpeed
-    from bt_dualarm.spec.goals import GripWidth as GripWidth
-    from bt_dualarm.spec.goals import JointAngles as JointAngles
-    from bt_dualarm.spec.goals import PostureName as PostureName
-    from bt_dualarm.spec.goals import ToolPose as ToolPose
-    from bt_dualarm.spec.offset import Offset as Offset
-    from bt_dualarm.spec.plane import Plane as Plane
+    from bt_dualarm.skill.skill import unit_vector as unit_vector
+    from bt_dualarm.skill.tracking import FollowingError as FollowingError
+    from bt_dualarm.skill.tracking import PlaneTracking as PlaneTracking
+    from bt_dualarm.skill.tracking import TrackingGains as TrackingGains
     from bt_dualarm.spec.ports import PortModel as PortModel
     from bt_dualarm.spec.ports import port as port
     from bt_dualarm.spec.problems import Problem as Problem
     from bt_dualarm.spec.problems import SpecError as SpecError
     from bt_dualarm.spec.values import Angle as Angle
     from bt_dualarm.spec.values import ArmName as ArmName
+    from bt_dualarm.spec.values import CarriedPose as CarriedPose
+    from bt_dualarm.spec.values import Color as Color
     from bt_dualarm.spec.values import Duration as Duration
+    from bt_dualarm.spec.values import GripForce as GripForce
+    from bt_dualarm.spec.values import GripSpeed as GripSpeed
+    from bt_dualarm.spec.values import GripWidth as GripWidth
+    from bt_dualarm.spec.values import JointAngles as JointAngles
     from bt_dualarm.spec.values import ObjectName as ObjectName
+    from bt_dualarm.spec.values import Offset as Offset
+    from bt_dualarm.spec.values import Plane as Plane
     from bt_dualarm.spec.values import PoseSpec as PoseSpec
+    from bt_dualarm.spec.values import PostureName as PostureName
     from bt_dualarm.spec.values import Speed as Speed
+    from bt_dualarm.spec.values import ToolPose as ToolPose
     from bt_dualarm.spec.values import Vector3 as Vector3
-    from bt_dualarm.vision.hand_eye import MarkView as MarkView
-    from bt_dualarm.vision.hand_eye import hand_eye as hand_eye
-    from bt_dualarm.vision.known_shape import KnownShape as KnownShape
-    from bt_dualarm.vision.sighted import SightedThing as SightedThing
-    from bt_dualarm.vision.sighted import SightedThings as SightedThings
-    from bt_dualarm.world.grippers.gripper import Gripper as Gripper
-    from bt_dualarm.world.world import World as World
+    from bt_dualarm.trajectory.paths import blended as _blended
+    from bt_dualarm.trajectory.paths import circle as _circle
+    from bt_dualarm.trajectory.paths import drawn as _drawn
+    from bt_dualarm.trajectory.paths import line as _line
+    from bt_dualarm.trajectory.paths import lissajous as _lissajous
+    from bt_dualarm.trajectory.paths import turned_about as _turned_about
+    from bt_dualarm.trajectory.trajectory import Trajectory as Trajectory
 
     blended_path = _blended
     line_path = _line
@@ -148,9 +149,9 @@ _CONTENTS: Final = {
     "open": "runtime.api:open",
     "check": "runtime.api:check",
     "Run": "runtime.run:Run",
-    "RunResult": "runtime.result:RunResult",
-    "ArmResult": "runtime.result:ArmResult",
-    "LeafResult": "runtime.result:LeafResult",
+    "RunResult": "runtime.outcome:RunResult",
+    "ArmResult": "runtime.outcome:ArmResult",
+    "LeafResult": "runtime.outcome:LeafResult",
     "Outcome": "runtime.outcome:Outcome",
     "Ending": "runtime.outcome:Ending",
     "Series": "runtime.series:Series",
@@ -160,84 +161,85 @@ _CONTENTS: Final = {
     "Skill": "skill.skill:Skill",
     "SkillContext": "skill.skill:SkillContext",
     "Ticks": "skill.skill:Ticks",
-    "PathSkill": "skill.path_skill:PathSkill",
+    "PathSkill": "skill.path_following:PathSkill",
     "PortModel": "spec.ports:PortModel",
     "port": "spec.ports:port",
-    "Failure": "errors:Failure",
-    "DualArmError": "errors:DualArmError",
-    "WorldError": "errors:WorldError",
+    "Failure": "core.errors:Failure",
+    "DualArmError": "core.errors:DualArmError",
+    "WorldError": "core.errors:WorldError",
     # Types of ports
     "Angle": "spec.values:Angle",
     "ArmName": "spec.values:ArmName",
-    "CarriedPose": "spec.goals:CarriedPose",
-    "Color": "spec.color:Color",
+    "CarriedPose": "spec.values:CarriedPose",
+    "Color": "spec.values:Color",
     "Duration": "spec.values:Duration",
-    "GripForce": "spec.goals:GripForce",
-    "GripSpeed": "spec.goals:GripSpeed",
-    "GripWidth": "spec.goals:GripWidth",
-    "JointAngles": "spec.goals:JointAngles",
+    "GripForce": "spec.values:GripForce",
+    "GripSpeed": "spec.values:GripSpeed",
+    "GripWidth": "spec.values:GripWidth",
+    "JointAngles": "spec.values:JointAngles",
     "ObjectName": "spec.values:ObjectName",
-    "Offset": "spec.offset:Offset",
-    "Plane": "spec.plane:Plane",
-    "Planner": "motion.planning.planners:Planner",
+    "Offset": "spec.values:Offset",
+    "Plane": "spec.values:Plane",
+    "Planner": "planning.ompl_planner:Planner",
     "PoseSpec": "spec.values:PoseSpec",
-    "PostureName": "spec.goals:PostureName",
+    "PostureName": "spec.values:PostureName",
     "Speed": "spec.values:Speed",
-    "ToolPose": "spec.goals:ToolPose",
+    "ToolPose": "spec.values:ToolPose",
     "Vector3": "spec.values:Vector3",
     # What a skill works with
     "Arm": "arm.arm:Arm",
     "ArmGripper": "arm.gripper:ArmGripper",
-    "Gripper": "world.grippers.gripper:Gripper",
-    "World": "world.world:World",
-    "Pose": "pose:Pose",
-    "Vector": "pose:Vector",
-    "Matrix": "pose:Matrix",
-    "Trajectory": "motion.timing.trajectory:Trajectory",
-    "circle_path": "motion.paths.curves:circle",
-    "line_path": "motion.paths.cartesian_path:line",
-    "lissajous_path": "motion.paths.curves:lissajous",
-    "blended_path": "motion.paths.blending:blended",
-    "drawn_path": "motion.paths.spline:drawn",
-    "turned_path": "motion.paths.rotation:turned_about",
+    "Gripper": "robots.gripper:Gripper",
+    "World": "sim.world:World",
+    "Pose": "core.pose:Pose",
+    "Vector": "core.pose:Vector",
+    "Matrix": "core.pose:Matrix",
+    "Trajectory": "trajectory.trajectory:Trajectory",
+    "circle_path": "trajectory.paths:circle",
+    "line_path": "trajectory.paths:line",
+    "lissajous_path": "trajectory.paths:lissajous",
+    "blended_path": "trajectory.paths:blended",
+    "drawn_path": "trajectory.paths:drawn",
+    "turned_path": "trajectory.paths:turned_about",
     "follow_curve": "skill.path_following:follow_curve",
-    "check_arrival": "skill.arrival:check_arrival",
-    "FollowingError": "skill.following_error:FollowingError",
-    "PlaneTracking": "skill.visual_servoing:PlaneTracking",
-    "TrackingGains": "skill.tracking_reference:TrackingGains",
+    "check_arrival": "skill.path_following:check_arrival",
+    "FollowingError": "skill.tracking:FollowingError",
+    "PlaneTracking": "skill.tracking:PlaneTracking",
+    "TrackingGains": "skill.tracking:TrackingGains",
     "TrackingScore": "skill.scoring:TrackingScore",
     "WantedGrasp": "skill.grasp_search:WantedGrasp",
     "grasps_on": "skill.grasp_search:grasps_on",
-    "RankedGrasp": "motion.grasping.ranking:RankedGrasp",
+    "RankedGrasp": "grasping.ranking:RankedGrasp",
     "Grip": "skill.grip:Grip",
-    "held_through": "skill.held_through:held_through",
-    "LeftStanding": "skill.left_standing:LeftStanding",
-    "stands_without": "skill.left_standing:stands_without",
-    "guarded_descent": "skill.guarded_descent:guarded_descent",
-    "SettingDown": "skill.setting_down:SettingDown",
-    "SettingDownPorts": "skill.setting_down:SettingDownPorts",
-    "Taking": "skill.taking:Taking",
-    "TakingPorts": "skill.taking_ports:TakingPorts",
-    "refuse_too_frail": "skill.taking:refuse_too_frail",
-    "thing_at": "skill.taking:thing_at",
-    "twin_at": "skill.taking:twin_at",
-    "TouchSense": "skill.touch_sense:TouchSense",
-    "MarkView": "vision.hand_eye:MarkView",
-    "MarkViews": "skill.mark_views:MarkViews",
-    "hand_eye": "vision.hand_eye:hand_eye",
-    "unit_vector": "skill.directions:unit_vector",
-    "SIDES": "skill.looking_around:SIDES",
-    "go_to_camera": "skill.looking_around:go_to_camera",
-    "look_at": "skill.looking_around:look_at",
-    "camera_now": "skill.looking_around:camera_now",
-    "gazes": "skill.looking_around:gazes",
-    "SightPorts": "skill.sight_ports:SightPorts",
-    "other_size_standing": "skill.standing_size:other_size_standing",
-    "own_camera": "skill.still_pictures:own_camera",
-    "still_picture": "skill.still_pictures:still_picture",
-    "KnownShape": "vision.known_shape:KnownShape",
-    "SightedThing": "vision.sighted:SightedThing",
-    "SightedThings": "vision.sighted:SightedThings",
+    "held_through": "skill.grip:held_through",
+    "LeftStanding": "skill.placing:LeftStanding",
+    "is_tied_to": "skill.placing:is_tied_to",
+    "stands_without": "skill.placing:stands_without",
+    "guarded_descent": "skill.placing:guarded_descent",
+    "SettingDown": "skill.placing:SettingDown",
+    "SettingDownPorts": "skill.placing:SettingDownPorts",
+    "Taking": "skill.picking:Taking",
+    "TakingPorts": "skill.grasp_search:TakingPorts",
+    "refuse_too_frail": "skill.picking:refuse_too_frail",
+    "thing_at": "skill.picking:thing_at",
+    "twin_at": "skill.picking:twin_at",
+    "TouchSense": "skill.grip:TouchSense",
+    "MarkView": "perception.markers:MarkView",
+    "MarkViews": "skill.looking:MarkViews",
+    "hand_eye": "perception.markers:hand_eye",
+    "unit_vector": "skill.skill:unit_vector",
+    "SIDES": "skill.looking:SIDES",
+    "go_to_camera": "skill.looking:go_to_camera",
+    "look_at": "skill.looking:look_at",
+    "camera_now": "skill.looking:camera_now",
+    "gazes": "skill.looking:gazes",
+    "SightPorts": "skill.looking:SightPorts",
+    "standing_of": "skill.looking:standing_of",
+    "own_camera": "skill.looking:own_camera",
+    "still_picture": "skill.looking:still_picture",
+    "KnownShape": "perception.known_shape:KnownShape",
+    "SightedThing": "perception.scan:SightedThing",
+    "SightedThings": "perception.scan:SightedThings",
 }
 
 __all__ = ["__version__", *_CONTENTS]

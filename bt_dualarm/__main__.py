@@ -1,5 +1,7 @@
 """``python -m bt_dualarm``: ``bt-run``, where its folder is not on the path."""
 
+from __future__ import annotations
+
 import sys
 
 from bt_dualarm.cli import run

@@ -1,4 +1,4 @@
-"""Write the table of all grippers in ``grippers.md`` from the catalogue."""
+"""Write the table of all grippers in ``grippers.md`` from the catalog."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-from bt_dualarm.world.grippers.gripper import Gripper
-from bt_dualarm.world.grippers.named import gripper_names, load_gripper
+from bt_dualarm.robots.gripper import Gripper, gripper_names, load_gripper
 
 PAGE: Final = Path(__file__).with_suffix(".md")
 _TABLE: Final = re.compile(r"(?<=<!-- table -->\n).*?(?=<!-- end -->)", re.DOTALL)

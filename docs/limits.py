@@ -1,4 +1,4 @@
-"""Renew the table of limits and their sources in ``motion.md`` from the catalogue."""
+"""Renew the table of limits and their sources in ``motion.md`` from the catalog."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 import yaml
 
-from bt_dualarm.share import share_dir
+from bt_dualarm.core.share import share_dir
 
 PAGE: Final = Path(__file__).with_name("motion.md")
 UNITS: Final = {

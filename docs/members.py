@@ -10,9 +10,8 @@ from typing import Any, Final
 
 import bt_dualarm
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.runtime.handles import ArmHandle, TreeHandle
-from bt_dualarm.runtime.result import ArmResult, LeafResult, RunResult
-from bt_dualarm.runtime.run import Run
+from bt_dualarm.runtime.outcome import ArmResult, LeafResult, RunResult
+from bt_dualarm.runtime.run import ArmHandle, Run, TreeHandle
 from bt_dualarm.skill.skill import Skill, SkillContext
 
 DOCS: Final = Path(__file__).parent

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from bt_dualarm.share import share_dir
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import STANDARD_FAILURES
-from bt_dualarm.spec.reference_page import reference_page
+from bt_dualarm.spec.reference import reference_page
 
 PAGE: Final = Path(__file__).with_suffix(".md")
 
@@ -17,7 +18,7 @@ def shipped_reference() -> str:
     """The page for what is shipped here, whatever else is installed on this machine."""
     kinds = Registry.load().kinds
     shipped = {n: k for n, k in kinds.items() if Path(k.origin).parent == share_dir("skills")}
-    return reference_page(shipped, STANDARD_FAILURES)
+    return reference_page(LANGUAGE, shipped, STANDARD_FAILURES)
 
 
 def main() -> None:

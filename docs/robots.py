@@ -1,4 +1,4 @@
-"""Write the page of all robots and scenes, ``robots.md``, from the catalogue."""
+"""Write the page of all robots and scenes, ``robots.md``, from the catalog."""
 
 from __future__ import annotations
 
@@ -9,40 +9,40 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from bt_dualarm.motion.kinematics.robot_summary import (
-    RobotSummary,
-    direction,
-    numbers,
-    robot_summary,
-)
-from bt_dualarm.share import share_dir
-from bt_dualarm.world.composition import scene_names
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from bt_dualarm.cli.bt_skills import RobotSummary, direction, numbers, robot_summary
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.sim.composition import scene_names
 
 PAGE: Final = Path(__file__).with_suffix(".md")
 
 _HEAD: Final = """\
 # Robots and scenes
 
-What `robot`, `posture`, `mount` and `scene` of a tree file may be. Generated from the catalogue;
-`make docs` renews it. In a terminal `bt-skills robots` and `bt-skills ur5` say the same of robots,
-and `bt-skills z1.yaml` of a page of your own, of which `bt-robot my_arm.urdf` writes a first one.
+Values of `robot`, `posture`, `mount` and `scene` in a tree file. Generated from the catalog by
+`make docs`. `bt-skills robots` and `bt-skills ur5` print the same in a terminal, and
+`bt-skills z1.yaml` prints a description of your own ([how to write one](own_robot.md)).
 """
 
 _ROBOTS: Final = """\
-Positions and directions are seen from the base link, which `base` of the file places: with
-`base: {xyz: [0, 0, 0.4]}` add 0.4 m to every height. The tool points along its z axis. Reach is the
-largest distance of the tool from the first joint that the joint limits allow, found by climbing
-from several configurations: beyond it is nothing, but not every pose within has a configuration.
-`bt-check` warns of those that have none. Limits of acceleration and jerk, with their sources, are
-in [motion.md](motion.md).
+Positions and directions are relative to the base link, which `base` of the file positions: with
+`base: {xyz: [0, 0, 0.4]}`, add 0.4 m to every height. The tool points along its z axis. Reach is
+the largest distance of the tool from the first joint within the joint limits, found by local search
+from several configurations. Nothing beyond it is reachable, and not every pose within it is;
+`bt-check` warns of poses that are not. [Motion](motion.md#sources-of-the-limits) lists the limits
+of acceleration and jerk with their sources.
+"""
+
+_LOCKED: Final = """\
+Joints that are not part of the arm are locked during a run. `locked` of an arm in a tree file sets
+their positions by name; coupled joints follow:
 """
 
 _SCENES: Final = """\
 ## Scenes
 
-Metres in the world. A thing that lies on a part has its centre half its own height above the part's
-top: a cube of 0.05 m on a top at 0.4 m is at `z: 0.425`.
+Coordinates are meters in the world. The center of an object on a surface is half its height above
+it: a cube of 0.05 m on a top at 0.4 m is at `z: 0.425`.
 """
 
 
@@ -80,7 +80,7 @@ def _robot(summary: RobotSummary) -> Iterator[str]:
     yield f"## {summary.name}\n"
     yield (
         f"{summary.title}. Its tool reaches {summary.reach_m:.2f} m from the first joint, which is "
-        f"at ({numbers(summary.centre_m)}) m from the base link, `{summary.base_link}`. The tool "
+        f"at ({numbers(summary.center_m)}) m from the base link, `{summary.base_link}`. The tool "
         f"frame is at ({numbers(summary.tool_m)}) m in the link `{summary.tool_link}`."
         f"{payload}\n"
     )
@@ -105,6 +105,20 @@ def _robot(summary: RobotSummary) -> Iterator[str]:
             for c in summary.cameras
         ),
     )
+    if summary.locked:
+        yield _LOCKED
+        yield _table(
+            ("locked joint", "position", "range", "coupled to"),
+            (
+                (
+                    f"`{j.name}`",
+                    f"{j.at:g} {j.unit}",
+                    f"{j.lower:g} to {j.upper:g} {j.unit}",
+                    "" if j.follows is None else f"`{j.follows}`",
+                )
+                for j in summary.locked
+            ),
+        )
 
 
 def _parts(scene: str) -> Iterator[tuple[str, ...]]:

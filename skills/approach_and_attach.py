@@ -1,4 +1,4 @@
-"""Go to an object, touch it, and attach it to the tool."""
+"""Approach an object, touch it, and attach it to the tool."""
 
 from __future__ import annotations
 
@@ -22,40 +22,56 @@ from bt_dualarm import (
     unit_vector,
 )
 
-_ALONG = 0.7  # cosine
-_SEARCHED = 0.01  # m beyond where the surface was seen: it may lie lower
-_TURNS = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])
+_ALONG = 0.7  # cosine above which an axis of the object counts as parallel to the approach
+_SEARCH_M = 0.01  # beyond the estimated surface, which may lie deeper
+_TURNS = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])  # of the tool about its axis, in order
 
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """A way to the object: a motion to the standoff, then a straight one to the surface."""
+    """Planned approach of an object.
+
+    Attributes:
+        to_standoff: Collision-free motion to the standoff.
+        to_surface: Straight motion from there to the surface.
+        standoff: Pose of the tool in the world at the standoff.
+    """
 
     to_standoff: Trajectory
     to_surface: Trajectory
+    standoff: Pose
 
 
 class ApproachAndAttach(Skill):
-    """Go to an object, touch it, and attach it to the tool where it is."""
+    """Approach an object, touch it, and attach it to the tool where it is."""
 
     class Ports(PortModel):
         object: ObjectName = port(..., "object to attach")
         at: PoseSpec | None = port(
-            None, "pose of the object, as `locate` writes it; its true one is then not looked at"
+            None,
+            "estimated pose of the object, as `locate` writes it; its true pose is then not used",
         )
-        direction: Vector3 = port((0.0, 0.0, -1.0), "way of the straight approach, world axes")
-        standoff: float = port(0.10, "distance before the straight part", unit="m", ge=0.01, le=0.5)
-        proximity: float = port(0.005, "gap at which to attach", unit="m", ge=1e-4, le=0.1)
+        direction: Vector3 = port(
+            (0.0, 0.0, -1.0), "direction of the straight approach, world axes"
+        )
+        standoff: float = port(
+            0.10,
+            "distance from the surface at which the straight part begins",
+            unit="m",
+            ge=0.01,
+            le=0.5,
+        )
+        proximity: float = port(0.005, "largest gap at which to attach", unit="m", ge=1e-4, le=0.1)
         contact: bool = port(True, "also wait until tool and object touch")
-        speed: Speed = port(0.5, "share of the arm's limits on the way to the standoff")
+        speed: Speed = port(0.5, "share of the arm's limits up to the standoff")
         approach_speed: Speed = port(0.1, "share of the arm's limits on the straight part")
 
     failures = {
         "INVALID_TARGET": "the direction has no length, or the object is fixed",
         "GRIPPER_FULL": "the gripper of the arm holds something else",
-        "NOT_THERE": "the object is not in the world, or was taken away meanwhile",
-        "OUT_OF_REACH": "no way of the arm to the object: unreachable or in collision",
-        "PROXIMITY_NOT_REACHED": "the tool did not come near enough, or never touched",
+        "NOT_THERE": "the object is not in the world, or was removed meanwhile",
+        "OUT_OF_REACH": "no approach of the object is reachable and free of collisions",
+        "PROXIMITY_NOT_REACHED": "the tool did not come near enough, or did not touch the object",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -64,7 +80,7 @@ class ApproachAndAttach(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Plan the whole way before moving; attach only what is near and touched."""
+        """Plan the whole approach before moving; attach only what is near and touched."""
         name = self.ports.object
         if self.arm.name in self.arm.world.grippers:
             self.arm.gripper.refuse_other(name)
@@ -73,22 +89,23 @@ class ApproachAndAttach(Skill):
         self._refuse_if_gone()
         if self.arm.world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
-        yield from self._shut_empty_fingers()
-        for progress in self._go():
-            yield progress
+        yield from self._close_empty_fingers()
+        approach = yield from self._approach()
+        for progress in self.arm.follow(approach.to_standoff, self._unseen):
+            yield 0.7 * progress
             self._refuse_if_gone()
-        self._attach()
-        held = self.arm.world.attachments.find(self.arm.name, name)
         try:
-            yield from self.arm.relax()
-        except Failure:
-            self.arm.detach(name)  # what is not carried safely is not held at all
+            for going in self._touch(approach):
+                yield going
+                self._refuse_if_gone()
+            yield from self._attach()
+        except Failure as failure:
+            if failure.code != "INTERRUPTED":  # else something wants the arm to stand still
+                yield from self._retreat(approach)
             raise
-        if self.arm.world.attachments.find(self.arm.name, name) is not held:
-            raise Failure("NOT_THERE", f"object {name!r} was taken out of the tool")
 
-    def _shut_empty_fingers(self) -> Iterator[float]:
-        """Make a tip of open fingers: they would go down beside the object and never touch it."""
+    def _close_empty_fingers(self) -> Iterator[float]:
+        """Close empty fingers to a tip: open ones would pass the object on both sides."""
         arm = self.arm
         if arm.name not in arm.world.grippers:
             return
@@ -97,21 +114,18 @@ class ApproachAndAttach(Skill):
             return
         gripper.command(0.0, force=gripper.page.force.least)
         try:
-            for progress in gripper.until_open():  # until they stand where they were told to go
+            for progress in gripper.until_open():
                 yield 0.1 * progress
         except Failure as failure:
             if failure.code != "NOT_OPEN":
-                raise  # something is between them: that is what touches the object then
+                raise  # else something is between them, and that will touch the object
 
     def _refuse_if_gone(self) -> None:
         if self.ports.object not in self.arm.world.objects:
             raise Failure("NOT_THERE", f"object {self.ports.object!r} is not in the world")
 
-    def _go(self) -> Iterator[float | None]:
-        """Move until the object is near, and stop there."""
-        approach = yield from self._approach()
-        for progress in self.arm.follow(approach.to_standoff, self._unseen):
-            yield 0.7 * progress
+    def _touch(self, approach: Approach) -> Iterator[float | None]:
+        """Move straight until the object is near, and stop there."""
         motion = self.arm.begin(approach.to_surface, may_touch=True)
         while not motion.done and not self._near():
             yield 0.7 + 0.3 * motion.progress
@@ -119,57 +133,77 @@ class ApproachAndAttach(Skill):
         yield from self.arm.halt()
         yield from self._settle_on_contact()
 
+    def _retreat(self, approach: Approach) -> Iterator[float]:
+        """Retreat to the standoff: no later plan could begin where the tool touches something."""
+        arm = self.arm
+        try:
+            for _ in arm.halt():
+                yield 1.0
+            yield from arm.relax()
+            rows = arm.line_on(approach.standoff)
+            motion = arm.begin(arm.time_path(rows, self.ports.approach_speed), may_touch=True)
+            while not motion.done:
+                yield 1.0
+                arm.check()
+            yield from arm.settle()
+        except Failure:
+            return  # the leaf fails with the reason why nothing was attached
+
     def _approach(self) -> Generator[None, None, Approach]:
-        """The first way that is reachable and free, turning the tool about its axis."""
+        """First approach that is reachable and free, over turns of the tool about its axis."""
         reasons = []
         for target in self._targets():
             try:
-                return (yield from self._way_to(target))
+                return (yield from self._approach_of(target))
             except Failure as failure:
                 if failure.code in ("BUSY", "OVERLOADED"):
                     raise
-                reasons.append(failure.with_traceback(None))  # that refers to this frame
-        last = reasons[0]
+                reasons.append(
+                    failure.with_traceback(None)
+                )  # a traceback would keep this frame alive
+        first = reasons[0]
         raise Failure(
             "OUT_OF_REACH",
-            f"no way to {self.ports.object!r}: {last.reason}",
+            f"no way to {self.ports.object!r}: {first.reason}",
             ways_tried=len(reasons),
-            **last.numbers,
+            **first.numbers,
         )
 
     def _targets(self) -> list[Pose]:
-        """Tool poses on the object's surface, tool axis along the direction."""
+        """Poses of the tool on the object's surface, its z axis along the direction."""
         direction = unit_vector(self.ports.direction)
         center = self._seen or self.arm.world.object_pose(self.ports.object)
         surface = self.arm.world.surface_point(self.ports.object, -direction, center)
         x, y, _ = center.rotation_matrix.T
-        # Seen along its x axis, an object's own small tilt would be all that tells a side.
+        # Projected along its x axis, an object's small tilt alone would decide how the tool turns.
         side = y if abs(x @ direction) > _ALONG else x
         facing = _tool_axis_along(surface, direction, side)
         return [facing @ Pose.from_rpy((0, 0, 0), (0, 0, turn)) for turn in _TURNS]
 
-    def _way_to(self, surface: Pose) -> Generator[None, None, Approach]:
-        arm, ports = self.arm, self.ports
-        surface = surface @ Pose.from_rpy((0, 0, -self._tips_beyond()))
+    def _approach_of(self, surface: Pose) -> Generator[None, None, Approach]:
+        arm = self.arm
+        ports = self.ports
+        surface = surface @ Pose.from_rpy((0, 0, -self._fingertip_offset()))
         standoff = surface @ Pose.from_rpy((0, 0, -ports.standoff))
         q_line = arm.line(standoff, surface @ Pose.from_rpy((0, 0, self._depth())))
         arm.refuse_load(ports.object, q_line[-1], self._seen)
         touched = frozenset({ports.object})
         arm.refuse_collision_along(q_line, ignore=touched)
         to_standoff = yield from arm.plan([q_line[0]], ports.speed, self._unseen)
-        self._keep_off(to_standoff)
-        return Approach(to_standoff, arm.time_path(q_line, ports.approach_speed))
+        self._refuse_motion_through(to_standoff)
+        return Approach(to_standoff, arm.time_path(q_line, ports.approach_speed), standoff)
 
-    def _tips_beyond(self) -> float:
-        """Metres by which fingertips reach beyond the tool frame, which lies between the pads.
+    def _fingertip_offset(self) -> float:
+        """Distance, m, of the fingertips beyond the tool frame, which lies between the pads.
 
-        They are to meet the object at the end of the way, where the arm is slow: in the middle of
+        They must meet the object at the end of the motion, where the arm is slow: in the middle of
         it a UR10 pressed with 290 N.
         """
         arm = self.arm
         if arm.name not in arm.world.grippers:
             return 0.0
-        page, farthest = arm.gripper.page, 0.0
+        page = arm.gripper.page
+        farthest = 0.0
         for finger in page.fingers:
             pad = page.tool.inverse @ finger.pose @ finger.pad.pose
             reach = 0.5 * float(np.abs(pad.rotation_matrix[2]) @ np.array(finger.pad.size))
@@ -178,27 +212,28 @@ class ApproachAndAttach(Skill):
 
     @property
     def _seen(self) -> Pose | None:
-        """Where it lies by sight, where the port says so."""
+        """Estimated pose of the object in the world, if it is given."""
         return None if self.ports.at is None else self.ports.at.pose
 
     @property
     def _unseen(self) -> frozenset[str]:
-        """What a plan does not know the place of: by sight the object is where it was seen."""
+        """Objects that plans must ignore, since only their estimated pose may be used."""
         return frozenset() if self._seen is None else frozenset({self.ports.object})
 
-    def _keep_off(self, motion: Trajectory) -> None:
-        """Refuse a way of the tool through what was seen, which the plan does not know of."""
+    def _refuse_motion_through(self, motion: Trajectory) -> None:
+        """Refuse a motion of the tool through the estimated pose, which the plan has ignored."""
         if self._seen is None:
             return
-        away = np.linalg.norm(self.arm.planned_tool_positions(motion) - self._seen.position, axis=1)
-        nearest, end = float(away.min()), float(away[-1])
-        if nearest < min(float(away[0]), end) - self.ports.standoff:
+        positions = self.arm.planned_tool_positions(motion)
+        distances = np.linalg.norm(positions - self._seen.position, axis=1)
+        nearest = float(distances.min())
+        if nearest < min(float(distances[0]), float(distances[-1])) - self.ports.standoff:
             raise Failure("NO_PLAN", "the way to the object leads through it", nearest_m=nearest)
 
     def _depth(self) -> float:
-        """Metres by which the straight part leads beyond the surface; the tool stops before."""
+        """Distance, m, of the straight part's end beyond the surface; the tool stops before."""
         if self.ports.contact:
-            return 0.002 if self._seen is None else _SEARCHED  # so that it does touch
+            return 0.002 if self._seen is None else _SEARCH_M  # so that it does touch
         return -min(0.8 * self.ports.proximity, 0.5 * self.ports.standoff)
 
     def _gap(self) -> float:
@@ -211,13 +246,14 @@ class ApproachAndAttach(Skill):
         return self._touching() if self.ports.contact else self._gap() <= self.ports.proximity
 
     def _settle_on_contact(self) -> Iterator[None]:
-        """A light object may bounce at the touch: give it a moment to come to rest."""
+        """Give an object that bounces off a moment to come to rest."""
         began = self.arm.time
         while self.ports.contact and not self._touching() and self.arm.time - began < 0.2:
             yield
 
-    def _attach(self) -> None:
-        gap, touching = self._gap(), self._touching()
+    def _attach(self) -> Iterator[float]:
+        gap = self._gap()
+        touching = self._touching()
         if gap > self.ports.proximity or (self.ports.contact and not touching):
             raise Failure(
                 "PROXIMITY_NOT_REACHED",
@@ -226,16 +262,25 @@ class ApproachAndAttach(Skill):
                 gap_m=gap,
                 touching=touching,
             )
-        self.arm.attach(self.ports.object, self._seen)
+        name = self.ports.object
+        self.arm.attach(name, self._seen)
         self.metrics["gap_m"] = gap
+        held = self.arm.world.attachments.find(self.arm.name, name)
+        try:
+            yield from self.arm.relax()
+        except Failure:
+            self.arm.detach(name)  # after a failure nothing stays attached
+            raise
+        if self.arm.world.attachments.find(self.arm.name, name) is not held:
+            raise Failure("NOT_THERE", f"object {name!r} was taken out of the tool")
 
 
-def _tool_axis_along(place: Vector, direction: Vector, side: Vector) -> Pose:
-    """A pose at ``place``: z along ``direction``, x as near to ``side`` as that allows."""
+def _tool_axis_along(position: Vector, direction: Vector, side: Vector) -> Pose:
+    """Pose with its z axis along ``direction`` and its x axis as near to ``side`` as possible."""
     x = side - (side @ direction) * direction
     if np.linalg.norm(x) < 1e-3:
         x = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     x /= np.linalg.norm(x)
     matrix = np.eye(4)
-    matrix[:3] = np.column_stack((x, np.cross(direction, x), direction, place))
+    matrix[:3] = np.column_stack((x, np.cross(direction, x), direction, position))
     return Pose.from_matrix(matrix)

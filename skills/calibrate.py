@@ -1,4 +1,4 @@
-"""Find out where the wrist camera really sits, by a mark that stands still."""
+"""Calibrate the mount of the wrist camera by a mark that does not move (hand-eye calibration)."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from bt_dualarm import (
     port,
 )
 
-_FEWEST = 6
-_NO_WAY = {"UNREACHABLE", "JOINT_LIMIT", "IN_COLLISION", "NO_PLAN", "SINGULAR"}
+_FEWEST = 6  # views of the mark that determine the six numbers of the mount with some redundancy
+_UNREACHED = {"UNREACHABLE", "JOINT_LIMIT", "IN_COLLISION", "NO_PLAN", "SINGULAR"}
 
 
 def _radians(*degrees: float) -> list[float]:
@@ -30,10 +30,15 @@ def _radians(*degrees: float) -> list[float]:
 
 
 @dataclass(frozen=True)
-class _Place:
-    """A place of the camera: turns about the mark, a share of the distance, a look beside it.
+class _Viewpoint:
+    """Pose of the camera relative to the mark and the first view.
 
-    Turns are in degrees: across and along the image, and about the line of sight.
+    Attributes:
+        across: Rotation about the mark, about the image's horizontal axis, in degrees.
+        along: The same about the image's vertical axis.
+        roll: The same about the line of sight.
+        share: Distance as a share of the first one.
+        beside: Rotations of the camera in place, in degrees, which move the mark off the center.
     """
 
     across: float = 0.0
@@ -42,50 +47,50 @@ class _Place:
     share: float = 1.0
     beside: tuple[float, float] = (0.0, 0.0)
 
-    def scaled(self, share: float) -> _Place:
-        """The same with its turns multiplied: where that is out of reach, another may not be."""
+    def scaled(self, share: float) -> _Viewpoint:
+        """The same viewpoint with its rotations multiplied."""
         turns = (share * self.across, share * self.along, share * self.roll)
         beside = (share * self.beside[0], share * self.beside[1])
-        return _Place(*turns, self.share, beside)
+        return _Viewpoint(*turns, self.share, beside)
 
     def camera(self, mark: Vector, first: MarkView, distance: float) -> Pose:
-        """The pose of the camera in the world."""
+        """Pose of the camera in the world."""
         middle = Pose(mark, first.camera.quaternion)
         around = Pose.from_rpy((0, 0, 0), _radians(self.across, self.along, self.roll))
         away = Pose.from_rpy((0, 0, -self.share * distance), _radians(*self.beside, 0.0))
         return middle @ around @ away
 
 
-_PLACES = (
-    _Place(across=14),
-    _Place(along=14, beside=(12, 0)),
-    _Place(along=-14, share=1.2),
-    _Place(across=-14, beside=(0, 12)),
-    _Place(roll=28, share=0.75),
-    _Place(roll=-28, share=0.8),
-    _Place(across=10, along=10, share=1.25, beside=(-12, 0)),
-    _Place(across=-10, along=10, beside=(0, -12)),
-    _Place(share=1.2, beside=(10, 10)),
+_VIEWPOINTS = (
+    _Viewpoint(across=14),
+    _Viewpoint(along=14, beside=(12, 0)),
+    _Viewpoint(along=-14, share=1.2),
+    _Viewpoint(across=-14, beside=(0, 12)),
+    _Viewpoint(roll=28, share=0.75),
+    _Viewpoint(roll=-28, share=0.8),
+    _Viewpoint(across=10, along=10, share=1.25, beside=(-12, 0)),
+    _Viewpoint(across=-10, along=10, beside=(0, -12)),
+    _Viewpoint(share=1.2, beside=(10, 10)),
 )
 
 
 class Calibrate(Skill):
-    """Look at a still mark, best a ball, from around it, and correct the camera's mount by it."""
+    """View a still mark, best a ball, from several sides, and correct the camera's mount by it."""
 
     class Ports(PortModel):
-        color: Color = port("yellow", "what the mark looks like: a name or HSV ranges")
+        color: Color = port("yellow", "color of the mark: a name or HSV ranges")
         distance: float = port(
-            0.35, "roughly, of the mark from the camera", unit="m", gt=0.05, le=2
+            0.35, "rough distance of the mark from the camera", unit="m", gt=0.05, le=2
         )
         speed: Speed = port(0.5, "share of the arm's limits")
         max_residual: float = port(
-            1.0, "largest root mean square of what is left in the images", unit="px", gt=0, le=50
+            1.0, "largest root-mean-square reprojection error", unit="px", gt=0, le=50
         )
 
     failures = {
         "NO_CAMERA": "the arm has no camera of its own",
-        "NOT_SEEN": "the mark was not seen, or from too few places",
-        "NOT_STILL": "no mount explains the images: the mark moved, or there are several",
+        "NOT_SEEN": "the mark was not seen, or from too few viewpoints",
+        "NOT_STILL": "no mount explains the images: the mark moved, or there are several marks",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -95,23 +100,25 @@ class Calibrate(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Look from places that can be reached, solve, go back, believe it from now on."""
-        arm, looks = self.arm, MarkViews(self.arm, self.ports.color)
-        yield from arm.think()  # what was halted before may still be on its way
+        """View the mark from reachable viewpoints, solve, return, and correct the nominal model."""
+        arm = self.arm
+        mark_views = MarkViews(self.arm, self.ports.color)
+        yield from arm.think()  # the motion of a halted leaf may still be braking
         start = arm.setpoint.q
-        first = yield from looks.look()
+        first = yield from mark_views.look()
         if first is None:
             raise Failure("NOT_SEEN", "the mark is not in the picture")
         camera_in_tool = arm.tool_pose.inverse @ first.camera
         ray = np.array((*(first.pixel / first.focal_px), 1.0))
         mark = first.camera.apply(self.ports.distance * ray)
         views = [first]
-        for number, place in enumerate(_PLACES):
-            for instead in (place, place.scaled(-1.0), place.scaled(0.5)):
-                camera = instead.camera(mark, first, self.ports.distance)
+        for number, viewpoint in enumerate(_VIEWPOINTS):
+            # Where a viewpoint is out of reach, its mirror image or half the rotation may not be.
+            for variant in (viewpoint, viewpoint.scaled(-1.0), viewpoint.scaled(0.5)):
+                camera = variant.camera(mark, first, self.ports.distance)
                 tool = camera @ camera_in_tool.inverse
-                if (yield from self._reaches(tool, number / len(_PLACES))):
-                    seen = yield from looks.look()
+                if (yield from self._reaches(tool, number / len(_VIEWPOINTS))):
+                    seen = yield from mark_views.look()
                     if seen is not None:
                         views.append(seen)
                         break
@@ -119,13 +126,13 @@ class Calibrate(Skill):
         self._correct(views, mark)
 
     def _reaches(self, pose: Pose, progress: float) -> Generator[float | None, None, bool]:
-        """Go to a pose of the tool; returns whether there is a way."""
+        """Move the tool to a pose; returns whether that was possible."""
         try:
             goals = self.arm.kinematics.solutions(pose, self.arm.setpoint.q)
             for _ in self.arm.travel(goals, self.ports.speed):
                 yield progress
         except Failure as failure:
-            if failure.code not in _NO_WAY:
+            if failure.code not in _UNREACHED:
                 raise
             return False
         return True

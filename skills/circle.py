@@ -15,10 +15,10 @@ class Circle(PathSkill):
         plane: Plane = port("yz", "plane of the circle")
         radius: float = port(0.10, "radius", unit="m", ge=0.005, le=2.0)
         start: Literal["around", "from"] = port(
-            "around", "around: the tool is at the centre now; from: it is on the circle now"
+            "around", "around: the tool is at the center at the start; from: it is on the circle"
         )
-        waypoints: int = port(20, "points on a turn that the path goes through", ge=4, le=1000)
-        turns: float = port(1.0, "how often around; less than 1 is an arc", ge=0.01, le=100)
+        waypoints: int = port(20, "points on a turn through which the path passes", ge=4, le=1000)
+        turns: float = port(1.0, "number of turns; less than 1 is an arc", ge=0.01, le=100)
         begin: Angle = port(
             0.0, "angle of the first point, from the plane's first axis", ge=-360, le=360
         )
@@ -26,10 +26,13 @@ class Circle(PathSkill):
             "counterclockwise", "as seen against the plane's normal"
         )
         tilt: Angle = port(
-            0.0, "how far the tool leans towards the middle; 0 keeps its orientation", ge=-60, le=60
+            0.0,
+            "angle by which the tool leans toward the center; 0 keeps its orientation",
+            ge=-60,
+            le=60,
         )
         end: Literal["rim", "center"] = port(
-            "rim", "rim: the tool ends where the circle does; center: it goes on to the middle"
+            "rim", "rim: the tool ends on the circle; center: it moves on to the center"
         )
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
@@ -41,7 +44,7 @@ class Circle(PathSkill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Draw the path from where the tool is, follow it, measure."""
+        """Build the path from the present tool pose, follow it, measure the error."""
         ports = self.ports
         path = circle_path(
             self.arm.commanded_tool_pose,

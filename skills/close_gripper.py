@@ -1,4 +1,4 @@
-"""Close the gripper until it holds something, or is where it was told."""
+"""Close the gripper until it holds something or is at the commanded opening."""
 
 from __future__ import annotations
 
@@ -20,83 +20,88 @@ from bt_dualarm import (
 
 
 class CloseGripper(Skill):
-    """Close the gripper on what is between its fingers, or suck it, and hold it."""
+    """Close the fingers on what is between them, or suck it, and hold it."""
 
     class Ports(PortModel):
-        width: GripWidth = port(0.0, "opening to close to; 0 for all the way", unit="m", ge=0, le=1)
+        width: GripWidth = port(
+            0.0, "opening to close to; 0 to close completely", unit="m", ge=0, le=1
+        )
         speed: GripSpeed | None = port(
-            None, "speed of the fingers together; by default the fastest", unit="m/s", gt=0, le=2
+            None, "speed of the opening; by default the largest", unit="m/s", gt=0, le=2
         )
         force: GripForce | None = port(
-            None, "force of each pad, or of a cup; by default the most", unit="N", gt=0, le=5000
+            None, "force of each pad, or of a cup; by default the largest", unit="N", gt=0, le=5000
         )
         object: ObjectName | None = port(
-            None, "what is between the fingers: from then on it is believed to go with the tool"
+            None, "object between the fingers; the arm then assumes that it moves with the tool"
         )
-        at: PoseSpec | None = port(
-            None, "pose at which that was seen; by default where the world has it"
-        )
-        empty: bool = port(False, "whether it is as well if nothing is between the fingers")
-        settle: Duration = port(0.2, "how long the hold has to last", le=10)
+        at: PoseSpec | None = port(None, "estimated pose of that object; by default its true pose")
+        empty: bool = port(False, "whether it also succeeds with nothing between the fingers")
+        settle: Duration = port(0.2, "how long it has to hold before it succeeds", le=10)
 
     failures = {
         "EMPTY": "nothing is between the fingers, or the cup does not seal",
-        "INVALID_TARGET": "the gripper cannot do what it is asked for, or the object is fixed",
+        "INVALID_TARGET": "a value is beyond the gripper's range, or the object is fixed",
         "NOT_THERE": "the object is not in the world",
         "NOT_CLOSED": "the fingers did not come to rest",
-        "GRIPPER_FULL": "the gripper is believed to hold another object than the one named",
-        "WRONG_OBJECT": "the object named is elsewhere, or not as wide as what is held",
+        "GRIPPER_FULL": "the gripper holds another object than the one named",
+        "WRONG_OBJECT": "the named object is elsewhere, or not as wide as what is held",
     }
     example = "close_gripper: {force: 40}"
     needs_gripper = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Close, wait until the fingers stand, and see that they go on holding."""
-        gripper, ports = self.arm.gripper, self.ports
+        """Close, wait until the fingers stand still, and verify that they keep holding."""
+        gripper = self.arm.gripper
+        ports = self.ports
         if ports.object is not None:
             self._refuse_other_held(ports.object)
-        pose = self._seen()
+        pose = self._estimated_pose()
         gripper.command(ports.width, ports.speed, ports.force)
-        began, start = self.time, gripper.width
-        way = max(start - ports.width, 0.0)
-        latest = began + 1.0 + 2.0 * way / max(gripper.commanded.speed, 1e-3) + ports.settle
+        began = self.time
+        travel = max(gripper.width - ports.width, 0.0)
+        latest = began + 1.0 + 2.0 * travel / max(gripper.commanded.speed, 1e-3) + ports.settle
         held_since: float | None = None
         while True:
             yield min((self.time - began) / (latest - began), 1.0)
-            there = gripper.holding or (ports.empty and self._closed())
-            held_since = None if not there else self.time if held_since is None else held_since
+            done = gripper.holding or (ports.empty and self._closed())
+            held_since = None if not done else self.time if held_since is None else held_since
             if held_since is not None and self.time - held_since >= ports.settle:
                 break
             if self.time > latest:
                 self._refuse()
-        self.metrics["width_m"], self.metrics["force_n"] = gripper.width, gripper.force
+        self.metrics["width_m"] = gripper.width
+        self.metrics["force_n"] = gripper.force
         if not gripper.holding:
             gripper.forget_lost()
         elif ports.object is not None and pose is not None:
-            self._name(ports.object, pose)
+            self._attach(ports.object, pose)
 
     def _refuse_other_held(self, name: str) -> None:
-        """What is in the gripper already may get its name now, but not a second one."""
+        """An object that is held already may be named now, but not renamed."""
         gripper = self.arm.gripper
         gripper.forget_lost()
         if gripper.held and gripper.held != (name,):
             gripper.refuse_other(name)
 
-    def _name(self, name: str, before: Pose) -> None:
-        """Believe that it is this object, if it can be: that one is here, and as wide."""
-        gripper, ports, world = self.arm.gripper, self.ports, self.arm.world
+    def _attach(self, name: str, before: Pose) -> None:
+        """Attach the named object in the nominal model, if its pose and width fit what is held."""
+        gripper = self.arm.gripper
+        ports = self.ports
+        world = self.arm.world
         if name not in world.objects:
             raise Failure("NOT_THERE", f"object {name!r} was taken out of the world")
-        believed = before if ports.at is not None else world.object_pose(name)
-        why_not = gripper.why_not(name, believed)
+        estimate = before if ports.at is not None else world.object_pose(name)
+        why_not = gripper.why_not(name, estimate)
         if why_not is not None:
             raise Failure("WRONG_OBJECT", why_not, width_m=gripper.width)
         gripper.hold(name, gripper.between_the_pads(before))
 
-    def _seen(self) -> Pose | None:
-        """Where the object is believed to be before the fingers touch it."""
-        name, world = self.ports.object, self.arm.world
+    def _estimated_pose(self) -> Pose | None:
+        """Estimated pose of the named object before the fingers touch it."""
+        name = self.ports.object
+        world = self.arm.world
         if name is None:
             return None
         if name not in world.objects:

@@ -1,69 +1,70 @@
-"""Count what is in the wrist camera's view."""
+"""Count the objects in the wrist camera's view."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bt_dualarm import (
-    Failure,
-    PortModel,
-    SightPorts,
-    Skill,
-    other_size_standing,
-    port,
-    still_picture,
-)
+from bt_dualarm import Failure, PortModel, SightPorts, Skill, port, standing_of, still_picture
 
 
 class Count(Skill):
-    """Count the things of a kind that are whole in the arm's own camera's view; it may be none."""
+    """Count the objects of a kind that are fully in the wrist camera's view, possibly none."""
 
     class Ports(SightPorts):
-        frames: int = port(4, "pictures that are merged", ge=1, le=100)
+        frames: int = port(4, "images that are averaged", ge=1, le=100)
         height: float | None = port(
             None,
-            "height in the world of what they stand on; by default that of what is declared there",
+            "height in the world of their support; by default that of the declared object there",
             unit="m",
             ge=-100,
             le=100,
         )
         others: bool = port(
             False,
-            "whether things of another shape or size may be in view, none of which touches or "
-            "covers one that is to be counted: they are left out",
+            "whether objects of another shape or size may be in view, which are not counted; they "
+            "must neither touch nor occlude one that is",
+        )
+        stacked: bool = port(
+            True,
+            "whether they may be stacked; then one that may stand on another is ambiguous",
         )
 
     class Outputs(PortModel):
-        count: int = port(..., "How many there are")
+        count: int = port(..., "Number of objects")
 
     failures = {
         "NO_CAMERA": "the arm has no camera of its own",
-        "INVALID_TARGET": "the object has no colour that can be found, or no size is given",
-        "NOT_SEEN": "the camera gave no picture in time",
-        "AMBIGUOUS": "something of the colour may be several of them, a part of one, or none",
+        "INVALID_TARGET": "the object has no color that can be detected, or no size is given",
+        "NOT_SEEN": "the camera gave no image in time",
+        "AMBIGUOUS": "a region of the color may be several objects, a part of one, or none",
     }
     example = "count: {object: cube}"
     needs_camera = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Take one look from where the arm stands."""
+        """Evaluate one averaged image from where the arm stands."""
         ports = self.ports
         seen = ports.sighted(self.arm)
         picture = yield from still_picture(self.arm, ports.frames)
         if picture is None:
             raise Failure("NOT_SEEN", "the camera gave no picture in time")
         seen.take(picture)
-        ratios = [
-            other_size_standing(self.arm.world, seen, thing, ports.height)
+        standing = [
+            standing_of(self.arm.world, seen, thing, ports.height)
             if ports.flat and not ports.is_by_marker
             else None
             for thing in seen.things
         ]
+        ratios = [None if one is None else one.other_size for one in standing]
         other = [ratio for ratio in ratios if ratio is not None]
-        found = len(ratios) - len(other)
+        maybe = 0
+        if ports.stacked and not ports.others:
+            pairs = zip(standing, ratios, strict=True)
+            maybe = sum(r is None and one is not None and one.may_hide_another for one, r in pairs)
+        found = len(ratios) - len(other) - maybe
         self.metrics |= {"found": found, "unlike": seen.unlike, "beyond_share": seen.beyond}
-        self.metrics["other_size"] = len(other)
+        self.metrics |= {"other_size": len(other), "maybe_stacked": maybe}
         if not ports.others and not ports.is_by_marker:
             doubts = []
             if seen.unlike > seen.others_whole:
@@ -77,10 +78,15 @@ class Count(Skill):
                     f"{len(other)} of another size ({times} times the declared one), or not "
                     "standing on what is declared below"
                 )
+            if maybe:
+                doubts.append(
+                    f"{maybe} may stand on another one: so low, two are too much like one that is "
+                    "nearer (`stacked: false` if none stands on another)"
+                )
             if seen.is_ground:
                 doubts.append(
                     f"what covers {100 * seen.beyond:.0f} % of the picture up to its edge has the "
-                    "colour, too"
+                    "color, too"
                 )
             if doubts:
                 raise Failure(

@@ -1,4 +1,4 @@
-"""Let go of an attached object."""
+"""Release an attached object."""
 
 from __future__ import annotations
 
@@ -11,32 +11,34 @@ from bt_dualarm import (
     ObjectName,
     PortModel,
     Skill,
+    is_tied_to,
     port,
     stands_without,
 )
 
 
 class Detach(Skill):
-    """Let go of an object and see it come to rest where it was left."""
+    """Release an attached object and verify that it comes to rest there."""
 
     class Ports(PortModel):
-        object: ObjectName = port(..., "object to let go of; one that is not held is no failure")
+        object: ObjectName = port(..., "object to release; one that is not held is no failure")
         tolerance: float = port(
-            0.01, "farthest it may move while it comes to rest", unit="m", ge=1e-3, le=1.0
+            0.01, "largest motion while it comes to rest", unit="m", ge=1e-3, le=1.0
         )
-        settle: Duration = port(1.0, "longest that coming to rest may take", gt=0, le=30)
+        settle: Duration = port(1.0, "longest time to come to rest", gt=0, le=30)
 
     failures = {
         "NOT_THERE": "the object is not in the world",
         "NOT_AT_REST": "the object fell, slid or still moves",
-        "STILL_HELD": "a gripper holds the object, or it sticks to the tool: nothing else bears it",
+        "STILL_HELD": "a gripper holds the object, or it sticks to the tool and would move along",
     }
     example = "detach: {object: cube}"
     ports: Ports
 
     def run(self) -> Iterator[float]:
         """Release, then watch the object until it rests."""
-        world, name = self.arm.world, self.ports.object
+        world = self.arm.world
+        name = self.ports.object
         if name not in world.objects:
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
         held = world.attachments.find(self.arm.name, name)
@@ -64,3 +66,7 @@ class Detach(Skill):
             )
         if not stands_without(self.arm, name):
             raise Failure("STILL_HELD", f"{name!r} hangs on the tool still: nothing else bears it")
+        if is_tied_to(self.arm, name):
+            raise Failure(
+                "STILL_HELD", f"{name!r} stands, but sticks to the tool: it would go along"
+            )

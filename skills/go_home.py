@@ -10,15 +10,17 @@ from bt_dualarm import Planner, PortModel, Skill, Speed, port
 
 
 class GoHome(Skill):
-    """Move the arm to the home posture of its catalogue page, around what is in the way."""
+    """Move the arm to its home posture, on a collision-free path."""
 
     class Ports(PortModel):
         speed: Speed = port(0.5, "share of the arm's limits")
-        planner: Planner = port("RRTConnect", "searches where the straight way is not free")
+        planner: Planner = port(
+            "RRTConnect", "planner that searches where the straight path is blocked"
+        )
 
     failures = {
         "IN_COLLISION": "the arm would touch something at home",
-        "NO_PLAN": "no way home free of collisions was found",
+        "NO_PLAN": "no collision-free path home was found",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -26,7 +28,7 @@ class GoHome(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Plan, go, measure."""
+        """Plan, move, measure the error."""
         arm = self.arm
         home = arm.posture("home")
         yield from arm.travel([home], self.ports.speed, planner=self.ports.planner)

@@ -1,4 +1,4 @@
-"""Take an object with the gripper and see that it hangs in it."""
+"""Pick an object with the gripper and verify that it is held."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from bt_dualarm import (
     twin_at,
 )
 
-_UNKNOWN_FRICTION = 0.5
+_UNKNOWN_FRICTION = 0.5  # of an object that is not declared
 
 
-class _What(PortModel):
-    object: ObjectName | None = port(None, "object to take; the file says its shape")
+class _ObjectPorts(PortModel):
+    object: ObjectName | None = port(None, "object to pick; the file declares its shape")
     at: PoseSpec | None = port(
-        None, "pose of the object, as `locate` writes it; its true one is then not looked at"
+        None, "estimated pose of the object, as `locate` writes it; its true pose is then not used"
     )
     width: float | None = port(
         None,
-        "extent of what lies `at` that pose and has no name, along its y axis: there fingers close",
+        "extent of an undeclared object `at` that pose along its y axis, in which fingers close",
         unit="m",
         ge=1e-3,
         le=1,
@@ -46,7 +46,7 @@ class _What(PortModel):
     )
     friction: float | None = port(
         None,
-        "sliding friction of it; by default 0.5",
+        "its coefficient of sliding friction; by default 0.5",
         unit="times the pressure",
         gt=0,
         le=10,
@@ -54,26 +54,27 @@ class _What(PortModel):
 
 
 class Grasp(Skill):
-    """Take an object with the gripper, lift it a little and see that it hangs there."""
+    """Pick an object with the gripper, lift it a little and verify that it is held."""
 
-    class Ports(TakingPorts, _What):
+    class Ports(TakingPorts, _ObjectPorts):
         exactly_one_of = ("object", "width")
         goes_with = {"width": "at", "depth": "width", "height": "width", "friction": "width"}
 
     failures = Taking.failures
     example = "grasp: {object: cube}"
-    needs = ("scipy.interpolate", "bt_dualarm.skill.grasps_prepared")
+    needs = ("scipy.interpolate", "bt_dualarm.skill.preload_grasping")
     needs_gripper = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Choose before moving; go, close with the force that is needed, lift, look."""
-        name, gripper = self.ports.object, self.arm.gripper
+        """Select a grasp before moving; approach, close with the force needed, lift, verify."""
+        name = self.ports.object
+        gripper = self.arm.gripper
         yield from gripper.until_decided()
         if name is not None and self.ports.at is not None:
             name = next((held for held in gripper.held if self._alike(held, name)), name)
         gripper.refuse_full(name)
-        if gripper.held:  # it is this one
+        if gripper.held:  # this object, see `refuse_full`
             if gripper.holding:
                 return
             yield from Taking.open(self.arm)
@@ -86,20 +87,22 @@ class Grasp(Skill):
         yield from taking.through(grasps_on(self.arm, wanted))
 
     def _alike(self, one: str, other: str) -> bool:
-        """Whether two objects are of one form: nobody can tell them apart where one was seen."""
+        """Whether two objects have the same shape and size: no camera can tell them apart."""
         first, second = (self.arm.world.declared_objects[name] for name in (one, other))
         return (first.shape, first.size) == (second.shape, second.size)
 
     def _unnamed(self) -> WantedGrasp:
-        """What lies at a pose, a box of the extent that was told."""
+        """Wanted grasp of an undeclared object: a box of the given extent at the given pose."""
         ports = self.ports
         if ports.at is None or ports.width is None:
             raise Failure("INVALID_TARGET", "neither an object is named, nor `at` and `width`")
-        width, lies = ports.width, ports.at.pose
+        width = ports.width
+        lies = ports.at.pose
         edges = (ports.depth or width, width, ports.height or width)
         name = thing_at(self.arm.world, lies.position, 0.5 * float(np.linalg.norm(edges)))
-        mass, bears = ports.mass_of(None), ports.most_force or math.inf
-        rubs = ports.friction or _UNKNOWN_FRICTION
+        mass = ports.mass_of(None)
+        most_force = ports.most_force or math.inf
+        friction = ports.friction or _UNKNOWN_FRICTION
         return WantedGrasp(
-            name, lies, mass, ports.shake, ports.margin, bears, edges, rubs, ports.along
+            name, lies, mass, ports.shake, ports.margin, most_force, edges, friction, ports.along
         )

@@ -1,4 +1,4 @@
-"""Does the gripper hold something?"""
+"""Check whether the gripper holds something."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from bt_dualarm import Failure, ObjectName, PortModel, Skill, port
 
 
 class Holding(Skill):
-    """Whether the gripper holds something, by what it senses: a condition for ``guard``."""
+    """Check whether the gripper holds something, by its sensors: a condition for ``guard``."""
 
     class Ports(PortModel):
-        object: ObjectName | None = port(
-            None, "object that it has to be; by default any thing does"
-        )
+        object: ObjectName | None = port(None, "object that it has to hold; by default any")
 
     failures = {"NOT_HOLDING": "the gripper holds nothing, or not this object"}
     example = "holding"
@@ -21,9 +19,11 @@ class Holding(Skill):
     ports: Ports
 
     def run(self) -> Iterator[None]:
-        """Look at width and force, or at the vacuum; one look is all."""
-        gripper, wanted = self.arm.gripper, self.ports.object
-        self.metrics["width_m"], self.metrics["force_n"] = gripper.width, gripper.force
+        """Check width and force, or the vacuum, once."""
+        gripper = self.arm.gripper
+        wanted = self.ports.object
+        self.metrics["width_m"] = gripper.width
+        self.metrics["force_n"] = gripper.force
         if not gripper.holding:
             raise Failure(
                 "NOT_HOLDING",
@@ -35,7 +35,7 @@ class Holding(Skill):
             known = ", ".join(gripper.held) or "nothing that was named when it was taken"
             raise Failure("NOT_HOLDING", f"it is not {wanted!r} that it holds: {known}")
         return
-        yield  # a generator, as every skill
+        yield  # makes this a generator, as every skill is one
 
     def _sensed(self) -> str:
         gripper = self.arm.gripper

@@ -19,24 +19,27 @@ class Lissajous(PathSkill):
     class Ports(PortModel):
         plane: Plane = port("yz", "plane of the curve")
         amplitudes: tuple[Amplitude, Amplitude] = port(
-            (0.10, 0.10), "A and B: half the width and half the height", unit="m"
+            (0.10, 0.10), "A and B: half of the width and of the height", unit="m"
         )
-        frequencies: tuple[Frequency, Frequency] = port(
-            (1, 2), "a and b; only their ratio matters, the speed sets how fast"
-        )
+        frequencies: tuple[Frequency, Frequency] = port((1, 2), "a and b; only their ratio matters")
         phase: Angle = port(0.0, "phase of the first axis", ge=-360, le=360)
         start: Literal["around", "from"] = port(
-            "around", "around: the tool is at the centre now; from: it is on the curve now"
+            "around", "around: the tool is at the center at the start; from: it is on the curve"
         )
-        waypoints: int = port(40, "points on the curve that the path goes through", ge=4, le=1000)
+        waypoints: int = port(
+            40, "points on the curve through which the path passes", ge=4, le=1000
+        )
         repeats: float = port(
-            1.0, "how often the whole curve; less than 1 is a part of it", ge=0.01, le=100
+            1.0, "number of passes of the whole curve; less than 1 is a part of it", ge=0.01, le=100
         )
         tilt: Angle = port(
-            0.0, "how far the tool leans towards the middle; 0 keeps its orientation", ge=-60, le=60
+            0.0,
+            "angle by which the tool leans toward the center; 0 keeps its orientation",
+            ge=-60,
+            le=60,
         )
         end: Literal["curve", "center"] = port(
-            "curve", "curve: the tool ends where that does; center: it goes on to the middle"
+            "curve", "curve: the tool ends where the curve ends; center: it moves on to the center"
         )
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
@@ -49,7 +52,7 @@ class Lissajous(PathSkill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Draw the curve from where the tool is, follow it, measure."""
+        """Build the path from the present tool pose, follow it, measure the error."""
         ports = self.ports
         path = lissajous_path(
             self.arm.commanded_tool_pose,

@@ -1,4 +1,4 @@
-"""Find things of known colour and shape by the arm's own camera, and say where they are."""
+"""Estimate the poses of objects of known color and shape with the wrist camera."""
 
 from __future__ import annotations
 
@@ -29,43 +29,46 @@ _Row = tuple[float, float, float, float, float, float]
 
 
 class Locate(Skill):
-    """Find things of a known colour and shape by the arm's own camera, and say where they are.
+    """Estimate the poses of objects of a known color and shape with the wrist camera.
 
-    It looks from where the arm stands, then from around what it has seen until the place is known
-    well enough. Where things are in the file, or in truth, it does not know.
+    It takes images from where the arm stands, then from around the detected objects until their
+    poses are accurate enough. It uses neither the declared nor the true poses.
     """
 
     class Ports(SightPorts):
         accuracy: float = port(
-            0.001, "standard deviation of the place, at most", unit="m", ge=1e-4, le=0.1
+            0.001, "largest standard deviation of the position", unit="m", ge=1e-4, le=0.1
         )
         angle_accuracy: Angle = port(
-            1.0, "the same of the turn, as far as one can be seen", ge=0.05, le=90
+            1.0,
+            "largest standard deviation of the orientation, up to the object's symmetry",
+            ge=0.05,
+            le=90,
         )
-        views: int = port(8, "places to look from, at most", ge=1, le=12)
-        frames: int = port(6, "pictures that are merged at each place", ge=1, le=100)
-        distance: float = port(0.3, "distance from which it looks again", unit="m", ge=0.08, le=2)
+        views: int = port(8, "largest number of viewpoints", ge=1, le=12)
+        frames: int = port(6, "images that are averaged at each viewpoint", ge=1, le=100)
+        distance: float = port(0.3, "distance of the further viewpoints", unit="m", ge=0.08, le=2)
         speed: Speed = port(0.5, "share of the arm's limits")
         score: ObjectName | None = port(
-            None, "object whose true pose the metrics compare with; never used to find it"
+            None, "object whose true pose the metrics compare with; not used for the estimate"
         )
 
     class Outputs(PortModel):
         pose: PoseSpec = port(..., "Pose of the first of `poses`")
         covariance: tuple[_Row, _Row, _Row, _Row, _Row, _Row] = port(
-            ..., "Its covariance: place (m²), then turn about the world's axes (rad²)"
+            ..., "Its covariance: position (m²), then rotation about the world's axes (rad²)"
         )
         poses: tuple[PoseSpec, ...] = port(
-            ..., "Poses of all that were found, the nearest to the arm's base first"
+            ..., "Poses of all objects found, the nearest to the arm's base first"
         )
-        count: int = port(..., "How many were found")
+        count: int = port(..., "Number of objects found")
 
     failures = {
         "NO_CAMERA": "the arm has no camera of its own",
-        "INVALID_TARGET": "the object has no colour that can be found, or no size is given",
-        "NOT_SEEN": "nothing of this colour and shape is in the picture",
-        "WRONG_SIZE": "what has this colour and form is larger or smaller",
-        "INACCURATE": "what was seen is not known as well as asked for, or did not stand still",
+        "INVALID_TARGET": "the object has no color that can be detected, or no size is given",
+        "NOT_SEEN": "nothing of this color and shape is in the image",
+        "WRONG_SIZE": "what has this color and shape is larger or smaller",
+        "INACCURATE": "the estimate is less accurate than asked for, or the object moved",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -74,52 +77,53 @@ class Locate(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Look, go around until the places are known, write them on the blackboard."""
+        """View, move around until the poses are accurate, write them to the blackboard."""
         own_camera(self.arm)
         self._seen = self.ports.sighted(self.arm)
-        yield from self.arm.think()  # what was halted before may still be on its way
-        yield from self._look_from_here()
+        yield from self.arm.think()  # the motion of a halted leaf may still be braking
+        yield from self._take_image()
         if not self._seen.things:
             self._refuse_unseen()
-        yield from self._look_around()
+        yield from self._view_from_around()
         known = [one for one in self._seen.things if self._is_known(one)]
         found = sorted(filter(self._has_its_size, known), key=self._from_base)
         if not found:
             self._refuse_other_size(known or self._seen.things)
             self._refuse_inaccurate()
-        self._tell(found)
+        self._report(found)
 
-    def _look_from_here(self) -> Iterator[None]:
+    def _take_image(self) -> Iterator[None]:
         picture = yield from still_picture(self.arm, self.ports.frames)
         if picture is not None:
-            self._looking = picture.pose.quaternion
+            self._orientation = picture.pose.quaternion
             self._seen.take(picture)
 
-    def _look_around(self) -> Iterator[float | None]:
-        """From one side after the other, as long as something is not known well enough."""
-        looked, looking = 1, self._looking
+    def _view_from_around(self) -> Iterator[float | None]:
+        """View from one side after the other while an estimate is not accurate enough."""
+        viewpoints = 1
+        orientation = self._orientation
         for side in SIDES:
-            open_ = [one for one in self._seen.things if not self._is_known(one)]
-            if looked >= self.ports.views or not open_:
+            unknown = [one for one in self._seen.things if not self._is_known(one)]
+            if viewpoints >= self.ports.views or not unknown:
                 return
-            middle = np.mean([thing.position for thing in open_], axis=0)
-            camera = side.camera(middle, looking, self._distance(middle))
+            middle = np.mean([thing.position for thing in unknown], axis=0)
+            camera = side.camera(middle, orientation, self._viewing_distance(middle))
             if (yield from go_to_camera(self.arm, camera, self.ports.speed, self.ports.ignored)):
-                yield from self._look_from_here()
-                looked += 1
+                yield from self._take_image()
+                viewpoints += 1
 
-    def _distance(self, middle: Vector) -> float:
-        """As asked for, or farther where several things are to be in the picture."""
+    def _viewing_distance(self, middle: Vector) -> float:
+        """Distance of a viewpoint, m: larger than asked for to view several objects at once."""
         apart = max(float(np.linalg.norm(one.position - middle)) for one in self._seen.things)
         return max(self.ports.distance, 3.0 * apart, 5.0 * self._seen.shape.extent)
 
     def _is_known(self, thing: SightedThing) -> bool:
         ports = self.ports
-        turned = self._seen.sigma_rad(thing)
-        if thing.best.sigma_m > ports.accuracy or turned > ports.angle_accuracy:
+        sigma_rad = self._seen.sigma_rad(thing)
+        if thing.best.sigma_m > ports.accuracy or sigma_rad > ports.angle_accuracy:
             return False
-        # That all rests on its size: of what is larger than declared, pictures from one place show
-        # the same farther away.
+        # All of that assumes the declared size: from one viewpoint, a larger object looks the same
+        # as one that is nearer.
         return self._seen.size_of(thing).is_known
 
     def _has_its_size(self, thing: SightedThing) -> bool:
@@ -129,12 +133,12 @@ class Locate(Skill):
         base = self.arm.kinematics.base.position
         return float(np.linalg.norm(thing.position - base))
 
-    def _tell(self, found: list[SightedThing]) -> None:
+    def _report(self, found: list[SightedThing]) -> None:
         poses = [self._seen.pose(thing) for thing in found]
         best = found[0].best
-        self.output("pose", _written(poses[0]))
+        self.output("pose", _pose_spec(poses[0]))
         self.output("covariance", tuple(map(tuple, best.covariance.tolist())))
-        self.output("poses", tuple(map(_written, poses)))
+        self.output("poses", tuple(map(_pose_spec, poses)))
         self.output("count", len(poses))
         self.metrics |= {
             "found": len(poses),
@@ -147,7 +151,7 @@ class Locate(Skill):
         self._score(poses)
 
     def _score(self, poses: list[Pose]) -> None:
-        """How far the nearest one is from the truth, which nothing else reads."""
+        """Compare the nearest estimate with the true pose, for the metrics only."""
         name = self.ports.score or self.ports.object
         if name not in self.arm.world.objects:
             return
@@ -162,14 +166,18 @@ class Locate(Skill):
         seen = self._seen
         raise Failure(
             "NOT_SEEN",
-            f"nothing of this colour and shape in {self.ports.frames} pictures; {seen.others}",
+            f"nothing of this color and shape in {self.ports.frames} pictures; {seen.others}",
             frames=self.ports.frames,
             unlike=seen.unlike,
             beyond_share=seen.beyond,
         )
 
     def _refuse_other_size(self, things: list[SightedThing]) -> None:
-        """What is there is of that form and colour, and larger or smaller than it should be."""
+        """Fail if one of the objects has a size other than the declared one.
+
+        Raises:
+            Failure: ``WRONG_SIZE``.
+        """
         declared = " by ".join(f"{1e3 * edge:.1f}" for edge in self._seen.shape.size)
         for thing in things:
             size = self._seen.other_size(thing)
@@ -187,22 +195,23 @@ class Locate(Skill):
 
     def _refuse_inaccurate(self) -> None:
         best = min(self._seen.things, key=lambda one: one.best.sigma_m)
-        turned, size = self._seen.sigma_rad(best), self._seen.size_of(best)
+        sigma_rad = self._seen.sigma_rad(best)
+        size = self._seen.size_of(best)
         raise Failure(
             "INACCURATE",
             f"from {len(best.views)} places the thing is known to {1e3 * best.best.sigma_m:.1f} mm "
-            f"and {np.degrees(turned):.1f}°, its size to {100 * size.sigma:.1f} %"
+            f"and {np.degrees(sigma_rad):.1f}°, its size to {100 * size.sigma:.1f} %"
             + (f"; {len(best.astray)} pictures show it elsewhere" if best.astray else ""),
             views=len(best.views),
             rejected=len(best.astray),
             sigma_m=best.best.sigma_m,
-            sigma_rad=turned,
+            sigma_rad=sigma_rad,
             size_sigma=size.sigma,
         )
 
 
-def _written(pose: Pose) -> PoseSpec:
-    """A pose as a file would have it."""
+def _pose_spec(pose: Pose) -> PoseSpec:
+    """A pose in the form of a port value."""
     x, y, z = pose.position.tolist()
     a, b, c, d = pose.quaternion.tolist()
     return PoseSpec(xyz=(x, y, z), quat=(a, b, c, d))

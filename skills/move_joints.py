@@ -1,4 +1,4 @@
-"""Turn the joints to given angles, or by given angles."""
+"""Move the joints to given angles, or by given angles."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bt_dualarm import Failure, JointAngles, PortModel, Skill, Speed, Vector, po
 
 
 class MoveJoints(Skill):
-    """Turn the joints to or by angles, each evenly, so that all arrive together."""
+    """Move the joints to or by angles along a straight line in joint space."""
 
     class Ports(PortModel):
         exactly_one_of = ("to", "by")
@@ -18,11 +18,11 @@ class MoveJoints(Skill):
         to: JointAngles | None = port(
             None, "angles of all joints, base to tip, or {joint: angle} of some", unit="deg"
         )
-        by: JointAngles | None = port(None, "likewise, from where they are now", unit="deg")
+        by: JointAngles | None = port(None, "likewise, relative to the present angles", unit="deg")
         speed: Speed = port(0.5, "share of the arm's limits")
 
     failures = {
-        "INVALID_TARGET": "not one angle for each joint, or no such joint",
+        "INVALID_TARGET": "the number of angles is not that of the joints, or no such joint",
         "JOINT_LIMIT": "an angle is beyond the joint's limits",
         "IN_COLLISION": "the arm would touch something on the way",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
@@ -32,7 +32,7 @@ class MoveJoints(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Refuse what cannot be done, turn, measure."""
+        """Check the goal, move, measure the error."""
         arm = self.arm
         goal = self._goal(arm.setpoint.q)
         yield from arm.think()
@@ -42,7 +42,8 @@ class MoveJoints(Skill):
 
     def _goal(self, now: Vector) -> Vector:
         """Angles of all joints, of shape (dof,), rad."""
-        to, by = self.ports.to, self.ports.by
+        to = self.ports.to
+        by = self.ports.by
         goal = now.copy() if by is None else np.zeros_like(now)
         for joint, angle in self._by_index(by if to is None else to, len(now)).items():
             goal[joint] = angle

@@ -8,12 +8,14 @@ from bt_dualarm import Offset, PathSkill, PortModel, Pose, Speed, ToolPose, line
 
 
 class MoveLinear(PathSkill):
-    """Move the tool along a straight line to a pose or by an offset, turning evenly."""
+    """Move the tool along a straight line to a pose or by an offset, rotating uniformly."""
 
     class Ports(PortModel):
         exactly_one_of = ("to", "offset")
 
-        to: ToolPose | None = port(None, "tool pose in the world; turned as now if only xyz")
+        to: ToolPose | None = port(
+            None, "tool pose in the world; keeps the present orientation if only xyz"
+        )
         offset: Offset | None = port(None, "step from the current tool pose")
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
@@ -22,10 +24,11 @@ class MoveLinear(PathSkill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Draw the line from where the tool is, follow it, measure."""
+        """Build the line from the present tool pose, follow it, measure the error."""
         tool = self.arm.commanded_tool_pose
         yield from self.along(line_path(tool, self._goal(tool)))
 
     def _goal(self, tool: Pose) -> Pose:
-        to, offset = self.ports.to, self.ports.offset
+        to = self.ports.to
+        offset = self.ports.offset
         return to.pose_from(tool) if to else offset.applied_to(tool)  # type: ignore[union-attr]  # one is given

@@ -13,24 +13,28 @@ class MoveThrough(PathSkill):
     class Ports(PortModel):
         poses: tuple[PoseSpec, ...] = port(
             ...,
-            "tool poses in the world; turned as the one before if only xyz",
+            "tool poses in the world; with the orientation of the one before if only xyz",
             min_length=1,
             max_length=200,
         )
         blend: float = port(
-            0.02, "how near to a pose the tool may begin to round it", unit="m", ge=0.001, le=0.5
+            0.02,
+            "distance from a pose at which the rounded corner may begin",
+            unit="m",
+            ge=0.001,
+            le=0.5,
         )
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
 
     failures = PathSkill.failures | {
-        "INVALID_TARGET": "two poses in a row are alike",
+        "INVALID_TARGET": "two successive poses are equal",
     }
     example = "move_through: {poses: [{xyz: [0.4, 0.0, 0.5]}, {xyz: [0.4, 0.2, 0.5]}], blend: 0.03}"
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Draw the path from where the tool is, follow it, measure."""
+        """Build the path from the present tool pose, follow it, measure the error."""
         ports = self.ports
         poses = [self.arm.commanded_tool_pose]
         for pose in ports.poses:

@@ -8,31 +8,37 @@ from bt_dualarm import GripForce, GripSpeed, GripWidth, PortModel, Skill, port
 
 
 class OpenGripper(Skill):
-    """Open the gripper as wide as it was told, or let a cup's vacuum go."""
+    """Open the fingers to a width, or release a cup's vacuum."""
 
     class Ports(PortModel):
         width: GripWidth | None = port(
-            None, "opening to go to; by default all of it", unit="m", gt=0, le=1
+            None, "opening; by default the largest", unit="m", gt=0, le=1
         )
         speed: GripSpeed | None = port(
-            None, "speed of the fingers together; by default the fastest", unit="m/s", gt=0, le=2
+            None, "speed of the opening; by default the largest", unit="m/s", gt=0, le=2
         )
         force: GripForce | None = port(
-            None, "most force of each finger; by default the most", unit="N", gt=0, le=5000
+            None,
+            "largest force of each finger; by default that of the gripper",
+            unit="N",
+            gt=0,
+            le=5000,
         )
 
     failures = {
-        "INVALID_TARGET": "the gripper cannot do what it is asked for",
-        "NOT_OPEN": "the fingers did not get there: something is in their way",
+        "INVALID_TARGET": "a value is beyond the gripper's range",
+        "NOT_OPEN": "the fingers did not reach the opening: something blocks them",
     }
     example = "open_gripper: {width: 0.06}"
     needs_gripper = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Open, wait until the fingers are there; what they held they hold no more."""
-        gripper, ports = self.arm.gripper, self.ports
+        """Open, wait until the fingers stand there, detach what they held."""
+        gripper = self.arm.gripper
+        ports = self.ports
         page = gripper.page
+        # A cup releases at any width but 0.
         goal = ports.width if ports.width is not None else page.stroke if page.fingers else 1.0
         gripper.command(goal, ports.speed, ports.force)
         yield from gripper.until_open()

@@ -1,4 +1,4 @@
-"""Set down what the gripper holds, by touch, and let go of it."""
+"""Place what the gripper holds: lower it until contact and release it."""
 
 from __future__ import annotations
 
@@ -25,33 +25,34 @@ from bt_dualarm import (
     still_picture,
 )
 
+_LOOK_M = 0.3  # distance of the camera from the goal
+_LEAN = np.radians(45.0)  # largest rotation of the line of sight from that at the release
+_PICTURES = 6  # images that are averaged
+_SIGMAS = 3.0  # standard deviations of the estimate that are allowed in addition
 
-class _What(PortModel):
-    object: ObjectName | None = port(None, "object to set down; by default what the gripper holds")
-    at: CarriedPose = port(..., "pose of the object then; turned as now if only xyz")
+
+class _ObjectPorts(PortModel):
+    object: ObjectName | None = port(None, "object to place; by default what the gripper holds")
+    at: CarriedPose = port(
+        ..., "goal pose of the object; keeps the present orientation if only xyz"
+    )
     look: bool = port(
-        False, "whether the arm's own camera looks afterwards whether it stands there"
+        False, "whether the wrist camera checks afterwards that the object stands there"
     )
 
 
-_LOOK_M = 0.3  # from which it looks
-_LEAN = np.radians(45.0)  # by which it may look from another side than it does when it lets go
-_PICTURES = 6
-_SIGMAS = 3.0
-
-
 class Place(Skill):
-    """Set an object that the gripper holds down where it is to stand, let go, go away."""
+    """Place a held object: lower it until contact, release it, retreat, verify its pose."""
 
-    class Ports(SettingDownPorts, _What):
+    class Ports(SettingDownPorts, _ObjectPorts):
         pass
 
     failures = {
         "NOT_HELD": "the gripper does not hold the object",
         **SettingDown.failures,
-        "NO_CAMERA": "`look` is asked for, and the arm has no camera of its own",
-        "INVALID_TARGET": "`look` is asked for, and the object has no color that can be found",
-        "NOT_SEEN": "the camera does not see it at its goal",
+        "NO_CAMERA": "`look` is set, and the arm has no camera of its own",
+        "INVALID_TARGET": "`look` is set, and the object has no color that can be detected",
+        "NOT_SEEN": "the camera does not detect the object at its goal",
     }
     example = "place: {object: cube, at: {xyz: [0.35, -0.45, 0.425]}}"
     needs = ("scipy.interpolate", "scipy.spatial")
@@ -59,7 +60,7 @@ class Place(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Plan all of it before moving; lower until it touches; open; go back; see it stay."""
+        """Plan everything before moving; lower until contact; open; retreat; verify."""
         arm = self.arm
         name = self.ports.object or next(iter(arm.gripper.held), "")
         held = arm.world.attachments.find(arm.name, name)
@@ -76,38 +77,39 @@ class Place(Skill):
         yield from setting_down.stays_at(goal)
 
     def _looked_for(self, name: str) -> SightedThings | None:
-        """What the camera is to find, if it is to look; before anything moves."""
+        """Detector of the object, if the camera has to check; made before anything moves."""
         if not self.ports.look:
             return None
         own_camera(self.arm)
         return SightPorts(object=name).sighted(self.arm)
 
     def _look(self, looked_for: SightedThings, goal: Pose) -> Iterator[float | None]:
-        """Look at the goal by the arm's own camera, and find the object there.
+        """Check with the wrist camera that the object is at its goal.
 
         Raises:
-            Failure: ``NOT_SEEN``, or ``NOT_PLACED`` where it is seen elsewhere.
+            Failure: ``NOT_SEEN``, or ``NOT_PLACED`` where it is detected elsewhere.
         """
-        arm, camera = self.arm, camera_now(self.arm)
+        arm = self.arm
+        camera = camera_now(arm)
         distance = max(_LOOK_M, 5.0 * looked_for.shape.extent)
         sight = camera.rotation_matrix[:, 2]
-        places = gazes(goal.position, distance, sight, _LEAN, camera)
-        if (yield from look_at(arm, places, self.ports.speed)) is None:
+        poses = gazes(goal.position, distance, sight, _LEAN, camera)
+        if (yield from look_at(arm, poses, self.ports.speed)) is None:
             raise Failure("NOT_SEEN", "there is no way to a place that looks at the goal")
         picture = yield from still_picture(arm, _PICTURES)
         if picture is not None:
             looked_for.take(picture)
         if not looked_for.things:
             raise Failure("NOT_SEEN", f"it is not seen at its goal; {looked_for.others}")
-        away, sigma = min(
+        error, sigma = min(
             (float(np.linalg.norm(one.position - goal.position)), one.best.sigma_m)
             for one in looked_for.things
         )
-        self.metrics |= {"seen_error_m": away, "sigma_m": sigma}
-        if away > self.ports.tolerance + _SIGMAS * sigma:
+        self.metrics |= {"seen_error_m": error, "sigma_m": sigma}
+        if error > self.ports.tolerance + _SIGMAS * sigma:
             raise Failure(
                 "NOT_PLACED",
-                f"the camera sees it {1e3 * away:.1f} mm from its goal",
-                seen_error_m=away,
+                f"the camera sees it {1e3 * error:.1f} mm from its goal",
+                seen_error_m=error,
                 sigma_m=sigma,
             )

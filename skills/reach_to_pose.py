@@ -28,27 +28,33 @@ class ReachToPose(Skill):
     class Ports(PortModel):
         exactly_one_of = ("to", "offset", "posture")
 
-        to: ToolPose | None = port(None, "tool pose in the world; turned as now if only xyz")
+        to: ToolPose | None = port(
+            None, "tool pose in the world; keeps the present orientation if only xyz"
+        )
         offset: Offset | None = port(None, "step from the current tool pose")
-        posture: PostureName | None = port(None, "a posture of the robot, such as home")
+        posture: PostureName | None = port(None, "named posture of the robot, such as home")
         prefer: Literal["nearest", "conditioned"] = port(
             "nearest",
-            "of several configurations: the nearest, or the one farthest from singularities",
+            "which configuration: the nearest, or the one farthest from singularities",
         )
-        patience: Duration = port(5.0, "how long to wait for an arm that is in the way", le=600)
+        patience: Duration = port(5.0, "longest wait for another arm that is in the way", le=600)
         give_way: bool = port(
-            False, "wait out of the way while another arm is in the way, not where the arm is"
+            False, "move out of the way while waiting for another arm, instead of waiting in place"
         )
         speed: Speed = port(0.5, "share of the arm's limits")
-        planner: Planner = port("RRTConnect", "searches where the straight way is not free")
-        tolerance: float = port(0.001, "largest distance at the end", unit="m", ge=1e-4, le=0.1)
-        angle_tolerance: Angle = port(0.5, "largest turn at the end", ge=0.01, le=30)
+        planner: Planner = port(
+            "RRTConnect", "planner that searches where the straight path is blocked"
+        )
+        tolerance: float = port(
+            0.001, "largest position error at the end", unit="m", ge=1e-4, le=0.1
+        )
+        angle_tolerance: Angle = port(0.5, "largest angle error at the end", ge=0.01, le=30)
 
     failures = {
-        "INVALID_TARGET": "no such posture, or a target outside of the workspace",
+        "INVALID_TARGET": "no such posture, or a target outside the workspace",
         "UNREACHABLE": "no configuration of the arm puts the tool there",
         "IN_COLLISION": "the arm would touch something there",
-        "NO_PLAN": "no way there free of collisions was found",
+        "NO_PLAN": "no collision-free path was found",
         "NOT_REACHED": "the tool ended farther away than the tolerance",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
@@ -57,28 +63,15 @@ class ReachToPose(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Refuse what cannot be reached, go there, verify."""
-        goal, target = self._goal()
+        """Solve the inverse kinematics, move, verify the arrival."""
+        goals, target = self._goals()
         yield from self.arm.travel(
-            goal,
+            goals,
             self.ports.speed,
             give_way=self.ports.give_way,
             patience=self.ports.patience,
             planner=self.ports.planner,
         )
-        self._verify(target)
-
-    def _goal(self) -> tuple[list[Vector], Pose]:
-        """Configurations to choose from, nearest first, and the pose they put the tool at."""
-        ports, arm = self.ports, self.arm
-        if ports.posture is not None:
-            q = arm.posture(ports.posture)
-            return [q], arm.kinematics.forward(q)
-        tool = arm.commanded_tool_pose
-        target = ports.to.pose_from(tool) if ports.to else ports.offset.applied_to(tool)  # type: ignore[union-attr]  # one of the three is given
-        return arm.kinematics.solutions(target, arm.setpoint.q, prefer=ports.prefer), target
-
-    def _verify(self, target: Pose) -> None:
         self.metrics |= check_arrival(
             "the tool",
             self.arm.tool_pose,
@@ -86,3 +79,14 @@ class ReachToPose(Skill):
             self.ports.tolerance,
             self.ports.angle_tolerance,
         )
+
+    def _goals(self) -> tuple[list[Vector], Pose]:
+        """Goal configurations, the preferred one first, and their common tool pose."""
+        ports = self.ports
+        arm = self.arm
+        if ports.posture is not None:
+            q = arm.posture(ports.posture)
+            return [q], arm.kinematics.forward(q)
+        tool = arm.commanded_tool_pose
+        target = ports.to.pose_from(tool) if ports.to else ports.offset.applied_to(tool)  # type: ignore[union-attr]  # one of the three is given
+        return arm.kinematics.solutions(target, arm.setpoint.q, prefer=ports.prefer), target

@@ -1,4 +1,4 @@
-"""Take an object or another arm out of the running world."""
+"""Remove an object or another arm from the running world."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from bt_dualarm import ArmName, Failure, ObjectName, PortModel, Skill, WorldErro
 
 
 class Remove(Skill):
-    """Take an object or another arm out of the running world; what that arm held falls."""
+    """Remove an object or another arm from the running world; what that arm held falls."""
 
     class Ports(PortModel):
         exactly_one_of = ("object", "arm")
 
-        object: ObjectName | None = port(None, "object to take away, out of any arm's hold")
-        arm: ArmName | None = port(None, "arm to take away; its tree ends as removed")
+        object: ObjectName | None = port(None, "object to remove, even if an arm holds it")
+        arm: ArmName | None = port(None, "arm to remove; its tree ends as removed")
 
     failures = {
         "INVALID_TARGET": "an arm does not remove itself",
@@ -24,8 +24,9 @@ class Remove(Skill):
     ports: Ports
 
     def run(self) -> Iterator[None]:
-        """Take it away, and look whether it is gone a tick later."""
-        world, ports = self.arm.world, self.ports
+        """Remove it, and check a tick later that it is gone."""
+        world = self.arm.world
+        ports = self.ports
         if ports.arm == self.arm.name:
             raise Failure("INVALID_TARGET", f"{self.arm.name} cannot remove itself")
         try:

@@ -1,4 +1,4 @@
-"""Turn the tool about an axis."""
+"""Rotate the tool about an axis."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from bt_dualarm import (
 
 
 class RotateTool(PathSkill):
-    """Turn the tool about an axis of its own or of the world, through any point fixed to it."""
+    """Rotate the tool about an axis of its own or of the world, through a point fixed to it."""
 
     class Ports(PortModel):
-        angle: Angle = port(..., "how far, right-handed about the axis", ge=-720, le=720)
+        angle: Angle = port(..., "angle of rotation, right-handed about the axis", ge=-720, le=720)
         axis: Literal["x", "y", "z"] | Vector3 = port("z", "x, y, z, or a direction [x, y, z]")
-        frame: Literal["tool", "world"] = port("tool", "whose axis is meant")
-        point: Vector3 = port((0.0, 0.0, 0.0), "that stays in place, in the tool frame", unit="m")
+        frame: Literal["tool", "world"] = port("tool", "frame of the axis")
+        point: Vector3 = port((0.0, 0.0, 0.0), "point on the axis, in the tool frame", unit="m")
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
 
@@ -38,8 +38,9 @@ class RotateTool(PathSkill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Draw the turn from where the tool is, follow it, measure."""
-        tool, ports = self.arm.commanded_tool_pose, self.ports
+        """Build the path from the present tool pose, follow it, measure the error."""
+        tool = self.arm.commanded_tool_pose
+        ports = self.ports
         axis = self._axis()
         if ports.frame == "tool":
             axis = tool.turn(axis)

@@ -1,4 +1,4 @@
-"""Look over an area with the wrist camera until something is found."""
+"""Search an area with the wrist camera."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ from bt_dualarm import (
 
 
 class Scan(Skill):
-    """Look over an area with the arm's own camera until so many things are found.
+    """Search an area with the wrist camera until enough objects are detected.
 
-    Where they are it says roughly, as one picture tells; `locate` knows better.
+    The poses are rough estimates from one viewpoint; `locate` refines them.
     """
 
     class Ports(SightPorts):
-        center: Vector3 = port((0.35, -0.5, 0.4), "middle of the area", unit="m")
-        width: float = port(0.5, "of the area along x", unit="m", ge=0, le=5)
-        depth: float = port(0.4, "of the area along y", unit="m", ge=0, le=5)
-        distance: float = port(0.45, "of the camera from the area", unit="m", ge=0.1, le=5)
-        lean: Angle = port(30, "how far the line of sight may be off the vertical", ge=0, le=90)
-        least: int = port(1, "how many things are enough", ge=1, le=100)
-        frames: int = port(4, "pictures that are merged at each place", ge=1, le=100)
+        center: Vector3 = port((0.35, -0.5, 0.4), "center of the area", unit="m")
+        width: float = port(0.5, "extent of the area along x", unit="m", ge=0, le=5)
+        depth: float = port(0.4, "extent of the area along y", unit="m", ge=0, le=5)
+        distance: float = port(0.45, "distance of the camera from the area", unit="m", ge=0.1, le=5)
+        lean: Angle = port(30, "largest angle between line of sight and vertical", ge=0, le=90)
+        least: int = port(1, "number of objects at which the search ends", ge=1, le=100)
+        frames: int = port(4, "images that are averaged at each viewpoint", ge=1, le=100)
         speed: Speed = port(0.5, "share of the arm's limits")
 
     class Outputs(PortModel):
-        pose: PoseSpec = port(..., "Pose of the thing that was found first, roughly")
-        count: int = port(..., "How many were found")
+        pose: PoseSpec = port(..., "Rough pose of the object detected first")
+        count: int = port(..., "Number of objects detected")
 
     failures = {
         "NO_CAMERA": "the arm has no camera of its own",
-        "INVALID_TARGET": "the object has no colour that can be found, or no size is given",
-        "NOT_SEEN": "too few things of this colour and shape are in the area",
-        "OUT_OF_REACH": "there is no place from which the arm could look at the area",
+        "INVALID_TARGET": "the object has no color that can be detected, or no size is given",
+        "NOT_SEEN": "too few objects of this color and shape are in the area",
+        "OUT_OF_REACH": "no viewpoint above the area can be reached",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -59,41 +59,44 @@ class Scan(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Look from where the arm is, then from above one part of the area after the other."""
+        """View from where the arm is, then from above one part of the area after the other."""
         own_camera(self.arm)
         seen = self.ports.sighted(self.arm)
-        yield from self.arm.think()  # what was halted before may still be on its way
-        looked = 0
-        for number, point in enumerate((None, *self._points())):
+        yield from self.arm.think()  # the motion of a halted leaf may still be braking
+        viewpoints = 0
+        for number, point in enumerate((None, *self._centers())):
             if point is not None and not (yield from self._look_at(point)):
                 continue
-            looked += point is not None
+            viewpoints += point is not None
             picture = yield from still_picture(self.arm, self.ports.frames)
             if picture is not None:
                 seen.take(picture)
             if len(seen.things) >= self.ports.least:
-                self._tell(seen, number)
+                self._report(seen, number)
                 return
-        self._refuse(looked, seen)
+        self._refuse(viewpoints, seen)
 
-    def _points(self) -> list[Vector]:
-        """Middles of the parts of the area, each as large as half of what is in one picture."""
-        ports, step = self.ports, 0.6 * self.ports.distance
-        xs, ys = (_middles(size, step) for size in (ports.width, ports.depth))
-        middle = np.array(ports.center)
+    def _centers(self) -> list[Vector]:
+        """Centers of the parts of the area, row by row; a part covers about half of an image."""
+        ports = self.ports
+        step = 0.6 * self.ports.distance
+        xs = _centers(ports.width, step)
+        ys = _centers(ports.depth, step)
+        center = np.array(ports.center)
         return [
-            middle + np.array((x, y, 0.0))
+            center + np.array((x, y, 0.0))
             for row, y in enumerate(ys)
             for x in (xs if row % 2 == 0 else xs[::-1])
         ]
 
     def _look_at(self, point: Vector) -> Generator[float | None, None, bool]:
-        down, ports = np.array((0.0, 0.0, -1.0)), self.ports
-        places = gazes(point, ports.distance, down, ports.lean, camera_now(self.arm))
-        found = yield from look_at(self.arm, places, ports.speed, ports.ignored)
+        down = np.array((0.0, 0.0, -1.0))
+        ports = self.ports
+        poses = gazes(point, ports.distance, down, ports.lean, camera_now(self.arm))
+        found = yield from look_at(self.arm, poses, ports.speed, ports.ignored)
         return found is not None
 
-    def _tell(self, seen: SightedThings, places: int) -> None:
+    def _report(self, seen: SightedThings, places: int) -> None:
         first = seen.pose(seen.things[0])
         x, y, z = first.position.tolist()
         a, b, c, d = first.quaternion.tolist()
@@ -101,21 +104,21 @@ class Scan(Skill):
         self.output("count", len(seen.things))
         self.metrics |= {"found": len(seen.things), "places": places}
 
-    def _refuse(self, looked: int, seen: SightedThings) -> None:
+    def _refuse(self, viewpoints: int, seen: SightedThings) -> None:
         found = len(seen.things)
-        if not looked:
+        if not viewpoints:
             raise Failure("OUT_OF_REACH", "no place above the area can be reached")
         raise Failure(
             "NOT_SEEN",
-            f"{found} of {self.ports.least} things of this colour and shape from {looked} places; "
-            f"in the last picture {seen.others}",
+            f"{found} of {self.ports.least} things of this color and shape from {viewpoints} "
+            f"places; in the last picture {seen.others}",
             found=found,
-            places=looked,
+            places=viewpoints,
             beyond_share=seen.beyond,
         )
 
 
-def _middles(size: float, step: float) -> list[float]:
-    """Middles of equal parts of a length, none longer than a step, from the length's middle."""
+def _centers(size: float, step: float) -> list[float]:
+    """Centers of equal parts of a length, none longer than a step, relative to its center."""
     count = max(int(np.ceil(size / step)), 1)
     return [size * ((part + 0.5) / count - 0.5) for part in range(count)]

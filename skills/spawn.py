@@ -1,4 +1,4 @@
-"""Bring a declared object or arm into the running world."""
+"""Add a declared object or arm to the running world."""
 
 from __future__ import annotations
 
@@ -11,31 +11,32 @@ from bt_dualarm import ArmName, Failure, ObjectName, PortModel, PoseSpec, Skill,
 
 
 class Spawn(Skill):
-    """Bring a declared object or arm into the running world; an arm's tree then starts."""
+    """Add a declared object or arm to the running world; an arm's tree then starts."""
 
     class Ports(PortModel):
         exactly_one_of = ("object", "arm")
 
-        object: ObjectName | None = port(None, "object to bring, declared with spawned: false")
-        arm: ArmName | None = port(None, "arm to bring, declared with spawned: false")
-        at: PoseSpec | None = port(None, "where the object comes, instead of its declared pose")
+        object: ObjectName | None = port(None, "object to add, declared with spawned: false")
+        arm: ArmName | None = port(None, "arm to add, declared with spawned: false")
+        at: PoseSpec | None = port(None, "pose of the object, instead of its declared one")
 
         @model_validator(mode="after")
-        def _arms_have_their_place(self) -> Self:
+        def _arm_has_a_declared_pose(self) -> Self:
             if self.arm is not None and self.at is not None:
                 raise ValueError("an arm comes where its base is declared: leave out at")
             return self
 
     brings_in = ("object", "arm")
     failures = {
-        "NOT_SPAWNED": "the world cannot take it: it or another thing is there already",
+        "NOT_SPAWNED": "it is in the world already, or something occupies its pose",
     }
     example = "spawn: {object: cube}"
     ports: Ports
 
     def run(self) -> Iterator[None]:
-        """Place it, and look whether it is there a tick later."""
-        world, ports = self.arm.world, self.ports
+        """Add it, and check a tick later that it is there."""
+        world = self.arm.world
+        ports = self.ports
         try:
             if ports.object is not None:
                 world.spawn_object(ports.object, ports.at.pose if ports.at else None)

@@ -1,4 +1,4 @@
-"""Stop the arm, whoever moves it."""
+"""Stop the arm, whichever leaf moves it."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from bt_dualarm import Failure, PortModel, Skill, port
 
 
 class Stop(Skill):
-    """Brake with bounded jerk until the arm stands; a leaf that moves it fails as INTERRUPTED."""
+    """Stop the arm with bounded jerk; a leaf that moves it fails with INTERRUPTED."""
 
     class Ports(PortModel):
-        longest: float = port(5.0, "how long that may take", unit="s", gt=0, le=60)
+        longest: float = port(5.0, "longest time to come to rest", unit="s", gt=0, le=60)
 
     failures = {"TIMED_OUT": "the arm did not come to rest in time"}
     example = "stop: {}"
     ports: Ports
 
     def run(self) -> Iterator[None]:
-        """Brake, wait for rest, measure how long that took."""
+        """Brake, wait for rest, measure the time."""
         began = self.time
         for _ in self.arm.halt():
             took = self.time - began

@@ -1,4 +1,4 @@
-"""Follow a coloured target in a plane by the arm's own wrist camera alone."""
+"""Track a colored target in a plane with the wrist camera alone."""
 
 from __future__ import annotations
 
@@ -23,23 +23,29 @@ from bt_dualarm import (
 
 
 class Track(Skill):
-    """Keep a coloured target in the middle of the image by moving the camera in a plane.
+    """Keep a colored target at the image center by moving the camera in a plane.
 
-    The arm knows its camera and its own joints, nothing else. Without a target it holds still,
-    then searches within ``search_radius`` of where the target should be.
+    Only images and joint sensors are used. Without a target the arm stops, then searches within
+    ``search_radius`` of the predicted target position.
     """
 
     class Ports(PortModel):
-        color: Color = port("yellow", "what the target looks like: a name or HSV ranges")
-        plane: Plane = port("yz", "plane in which the tool moves; orientation and depth are held")
+        color: Color = port("yellow", "color of the target: a name or HSV ranges")
+        plane: Plane = port(
+            "yz", "plane in which the tool moves, at constant orientation and depth"
+        )
         controller: Literal["predictive", "proportional"] = port(
-            "predictive", "predict the target over the latency, or correct the image error"
+            "predictive", "predict the target over the latency, or control the image error"
         )
         distance: float = port(
             0.35, "depth of the target in front of the camera", unit="m", gt=0.02, le=5
         )
         target_size: float | None = port(
-            None, "edge of a cube facing the plane, to measure its depth", unit="m", gt=0.001, le=1
+            None,
+            "edge of a cubic target that faces the plane, to measure its depth",
+            unit="m",
+            gt=0.001,
+            le=1,
         )
         gain_u: float = port(
             0.05,
@@ -56,39 +62,48 @@ class Track(Skill):
             le=10,
         )
         dead_band: float = port(
-            0.01, "proportional: image error that counts as none (1: the edge)", ge=0, le=1
+            0.01, "proportional: image error that is ignored (1: the edge)", ge=0, le=1
         )
         speed: Speed = port(1.0, "share of the arm's limits")
         reach: float = port(
-            0.3, "farthest that the tool leaves its start", unit="m", ge=0.001, le=2
+            0.3, "largest distance of the tool from its start", unit="m", ge=0.001, le=2
         )
-        duration: Duration | None = port(None, "ends after this long with the target in view", gt=0)
+        duration: Duration | None = port(
+            None, "time with the target in view after which it succeeds", gt=0
+        )
         until_still: Duration | None = port(
-            None, "ends when the target, having moved by 1 cm, stays still this long", gt=0
+            None,
+            "time at rest of the target, after a motion of 1 cm, after which it succeeds",
+            gt=0,
         )
         wait: Duration = port(60.0, "longest wait for the target to come into view", gt=0)
         lost_timeout: Duration = port(3.0, "longest time without the target", gt=0)
         max_error: float = port(
             0.05,
-            "largest distance of the target from the middle of the image as the camera sees it, "
-            "root mean square over a second, once the tool has arrived",
+            "largest distance of the target from the image center by the camera, root mean square "
+            "over a second, once the tool has caught up",
             unit="m",
             ge=1e-4,
             le=2,
         )
         search_radius: float = port(
-            0.05, "how far the search goes from where the target should be", unit="m", ge=0, le=0.5
+            0.05,
+            "radius of the search around the predicted target position",
+            unit="m",
+            ge=0,
+            le=0.5,
         )
         score: ObjectName | None = port(
-            None, "object whose true path the metrics compare with; never used to move"
+            None, "object whose true path the metrics compare with; not used for control"
         )
 
     failures = {
         "NO_CAMERA": "the arm has no camera of its own, or it does not face the plane",
         "NOT_SEEN": "the target did not come into view in time",
-        "LOST": "the target was out of view for longer than lost_timeout",
-        "NOT_FOLLOWING": "the camera saw the target farther off its middle than max_error",
-        "UNREACHABLE": "the target stayed farther away than the arm may follow",
+        "LOST": "the target was out of view, or not recognized, for longer than lost_timeout",
+        "NOT_FOLLOWING": "the target was farther from the image center than max_error",
+        "UNREACHABLE": "the target stayed beyond `reach`",
+        "IN_COLLISION": "on its further path, what the arm holds would touch something",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -97,7 +112,7 @@ class Track(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Wait for the target, follow it until the end that the ports declare."""
+        """Wait for the target, track it until the end that the ports define."""
         ports = self.ports
         tracking = PlaneTracking(
             self.arm,
@@ -118,7 +133,7 @@ class Track(Skill):
             yield from self._wait_for_target(tracking)
             yield from self._follow(tracking, score)
             yield from self.arm.halt()
-            yield from self._see_it_again(tracking)
+            yield from self._confirm_at_rest(tracking)
         finally:
             tracking.close()
             self.metrics |= {**score.metrics(tracking), **tracking.metrics()}
@@ -136,14 +151,15 @@ class Track(Skill):
             yield
 
     def _follow(self, tracking: PlaneTracking, score: TrackingScore) -> Iterator[float | None]:
-        ports, began = self.ports, self.time
+        ports = self.ports
+        began = self.time
         tracking.begin()
         while True:
             yield None if ports.duration is None else min(1.0, (self.time - began) / ports.duration)
             self.arm.check()
             tracking.watch()
             score.sample(tracking)
-            self._must_not_be_lost(tracking)
+            self._refuse_lost(tracking)
             if tracking.beyond_for > ports.lost_timeout:
                 raise Failure(
                     "UNREACHABLE",
@@ -158,14 +174,17 @@ class Track(Skill):
             if ports.until_still is not None and tracking.still_for >= ports.until_still:
                 return
 
-    def _see_it_again(self, tracking: PlaneTracking) -> Iterator[None]:
-        """Success is not said of a target that went while the arm came to rest."""
-        rest = self.time
-        while tracking.seen_at < rest:
-            self._must_not_be_lost(tracking)
+    def _confirm_at_rest(self, tracking: PlaneTracking) -> Iterator[None]:
+        """Wait for an image after the stop: the target may have left while the arm braked."""
+        stopped_at = self.time
+        while tracking.seen_at < stopped_at:
+            self._refuse_lost(tracking)
             yield
 
-    def _must_not_be_lost(self, tracking: PlaneTracking) -> None:
+    def _refuse_lost(self, tracking: PlaneTracking) -> None:
         unseen = tracking.unseen_for
         if unseen > self.ports.lost_timeout:
-            raise Failure("LOST", f"the target was last seen {unseen:.1f} s ago", unseen_s=unseen)
+            reason = f"the target was last seen {unseen:.1f} s ago"
+            if tracking.refused:
+                reason += f"; something of its color in view is not it: {tracking.refused}"
+            raise Failure("LOST", reason, unseen_s=unseen)

@@ -1,4 +1,4 @@
-"""Carry the attached object to a pose."""
+"""Carry a held object to a pose."""
 
 from __future__ import annotations
 
@@ -22,33 +22,39 @@ from bt_dualarm import (
 
 
 class Transport(Skill):
-    """Carry an attached object to a pose, and check that it arrived and was not lost."""
+    """Carry a held object to a pose, and verify that it arrived."""
 
     class Ports(PortModel):
         object: ObjectName | None = port(
-            None, "object to carry; by default the one that is attached to this arm, or held"
+            None, "object to carry; by default the one that the arm holds"
         )
-        to: CarriedPose = port(..., "pose of the object in the world; turned as now if only xyz")
+        to: CarriedPose = port(
+            ..., "goal pose of the object in the world; keeps the present orientation if only xyz"
+        )
         speed: Speed = port(0.5, "share of the arm's limits")
-        planner: Planner = port("RRTConnect", "searches where the straight way is not free")
+        planner: Planner = port(
+            "RRTConnect", "planner that searches where the straight path is blocked"
+        )
         tolerance: float = port(
             0.005,
-            "largest distance of the object from its goal at the end",
+            "largest position error of the object at the end",
             unit="m",
             ge=1e-4,
             le=0.1,
         )
-        angle_tolerance: Angle = port(2.0, "largest turn of the object at the end", ge=0.01, le=30)
+        angle_tolerance: Angle = port(
+            2.0, "largest angle error of the object at the end", ge=0.01, le=30
+        )
 
     failures = {
-        "NOT_ATTACHED": "the object is not attached to this arm, or was lost on the way; or none "
-        "is named, and not one is held",
+        "NOT_ATTACHED": "the object is not held, or was lost on the path; or none is named, and "
+        "the arm does not hold exactly one",
         "SLIPPED": "the object slid between the fingers",
-        "DROPPED": "fingers or cup no longer hold the object",
+        "DROPPED": "the gripper no longer holds the object",
         "UNREACHABLE": "no configuration of the arm puts the object there",
         "IN_COLLISION": "the arm or the object would touch something there",
-        "NO_PLAN": "no way there free of collisions was found",
-        "NOT_REACHED": "the object is farther away than the tolerance, or moved in the hand",
+        "NO_PLAN": "no collision-free path was found",
+        "NOT_REACHED": "the object is beyond the tolerance, or moved in the gripper",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -56,8 +62,9 @@ class Transport(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Plan with the object as part of the arm, carry it, look where it is."""
-        arm, name = self.arm, self.ports.object or self._only_one()
+        """Plan with the object as part of the arm, carry it, verify its pose."""
+        arm = self.arm
+        name = self.ports.object or self._only_held()
         held = arm.world.attachments.find(arm.name, name)
         if held is None:
             raise Failure("NOT_ATTACHED", f"object {name!r} is not attached to {arm.name}")
@@ -65,23 +72,27 @@ class Transport(Skill):
         goal = self.ports.to.pose_from(arm.commanded_tool_pose @ object_in_tool)
         tool_goal = goal @ object_in_tool.inverse
         configurations = arm.kinematics.solutions(tool_goal, arm.setpoint.q)
-        going = arm.travel(configurations, self.ports.speed, planner=self.ports.planner)
-        self.metrics |= yield from held_through(arm, going)
+        motion = arm.travel(configurations, self.ports.speed, planner=self.ports.planner)
+        self.metrics |= yield from held_through(arm, motion)
         if held.by_gripper and arm.grip_pace < 1.0:
             self.metrics["grip_pace"] = arm.grip_pace
-        self._note_weight(name)
+        self._report_mass(name)
         self._verify(name, goal)
 
-    def _only_one(self) -> str:
-        """What the arm holds, where nobody says which thing is meant."""
+    def _only_held(self) -> str:
+        """The one object that the arm holds.
+
+        Raises:
+            Failure: ``NOT_ATTACHED``: it holds none, or several.
+        """
         held = self.arm.held
         if len(held) != 1:
             which = f"{', '.join(held)}: name one" if held else "nothing that it could carry"
             raise Failure("NOT_ATTACHED", f"{self.arm.name} holds {which}", held=len(held))
         return held[0]
 
-    def _note_weight(self, name: str) -> None:
-        """What the arm has found the object to weigh, where nobody has told it."""
+    def _report_mass(self, name: str) -> None:
+        """Report the estimated mass of an object whose mass is not declared to the arm."""
         for load in self.arm.payload:
             if load.object == name and load.mass is not None and not load.is_told:
                 self.metrics |= {"weighed_kg": load.mass, "weighed_doubt_kg": load.mass_doubt}
@@ -90,13 +101,15 @@ class Transport(Skill):
         if name not in self.arm.held:
             raise Failure("NOT_ATTACHED", f"object {name!r} was lost on the way")
         held = self.arm.world.attachments.find(self.arm.name, name)
-        spec, true = self.arm.world.objects[name], self.arm.world.object_pose(name)
+        spec = self.arm.world.objects[name]
+        true = self.arm.world.object_pose(name)
         if held is not None:
-            believed = self.arm.tool_pose @ self.arm.robot.tool.inverse @ held.relative
-            self.metrics["believed_error_m"] = believed.distance(goal)
-            self.metrics["believed_turned_rad"] = believed.angle(goal)
-        # By the truth, for the score: no sensor of the arm tells how far it moved in the hand.
-        away, turn = true.distance(goal), KnownShape(spec.shape, spec.size).angle(true, goal)
+            estimate = self.arm.tool_pose @ self.arm.robot.tool.inverse @ held.relative
+            self.metrics["believed_error_m"] = estimate.distance(goal)
+            self.metrics["believed_turned_rad"] = estimate.angle(goal)
+        # True pose, for the score only: no sensor measures how far the object moved in the gripper.
+        away = true.distance(goal)
+        turn = KnownShape(spec.shape, spec.size).angle(true, goal)
         self.metrics |= {"object_error_m": away, "object_turned_rad": turn}
         if away > self.ports.tolerance or turn > self.ports.angle_tolerance:
             raise Failure(

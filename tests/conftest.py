@@ -30,11 +30,12 @@ BYTE_CODE = "PYTHONPYCACHEPREFIX"
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Where Python may not write byte code beside the sources, keep it for as long as tests run.
+    """Watch the memory; where Python may not write byte code beside the sources, keep it.
 
-    A few hundred of them start a fresh process; compiling what it imports takes longer than all
-    else that most of these do.
+    A few hundred of the tests start a fresh process; compiling what it imports takes longer than
+    all else that most of these do.
     """
+    config.pluginmanager.register(Memory(), "memory of the tests")
     if sys.dont_write_bytecode and BYTE_CODE not in os.environ:
         folder = tempfile.TemporaryDirectory(prefix="byte_code_")
         link_byte_code(Path(sysconfig.get_path("purelib")), Path(folder.name))
@@ -71,16 +72,34 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(OBJECTS)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def memory_is_given_back() -> Iterator[None]:
-    """What the tests of a module have freed goes back to the system.
+GROWTH = 128 * 2**20
+"""Bytes by which a process may have grown when it is to give back what its tests have freed."""
 
-    The C library keeps most of it for later: of 689 MB after eleven runs that were recorded 276.
+
+class Memory:
+    """What a process of tests holds, and gives back: the C library keeps most of it for later.
+
+    Of 689 MB after eleven runs that were recorded it kept 276; of 1,700 MB after eighty cells of
+    the matrix, which are one module, 640.
     """
-    yield
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:  # glibc's
-        trim(0)
+
+    def __init__(self) -> None:
+        self._trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
+        self._after_trim = 0
+
+    def pytest_runtest_logfinish(self) -> None:
+        """Give back, where a test has made the process larger."""
+        if self._trim is not None and self._resident() > self._after_trim + GROWTH:
+            gc.collect()
+            self._trim(0)
+            self._after_trim = self._resident()
+
+    def _resident(self) -> int:
+        try:
+            pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
+        except OSError:  # only Linux has it
+            return 0
+        return int(pages) * os.sysconf("SC_PAGESIZE")
 
 
 @pytest.fixture(scope="session")
@@ -105,8 +124,8 @@ def stage(tmp_path: Path, registry: Registry) -> Stage:
 UNDRAWN = """
 import sys
 from bt_dualarm.cli import run
-from bt_dualarm.runtime import pictures
-pictures.files_of = lambda *_: iter(())
+from bt_dualarm.runtime import recorder
+recorder.files_of = lambda *_: iter(())
 sys.exit(run())
 """
 
@@ -137,7 +156,9 @@ def bt_run_here(tmp_path: Path) -> BtRun:
     folders = (tmp_path / f"record_here{count}" for count in itertools.count(1))
 
     def run(*arguments: str | Path) -> Ran:
-        folder, out, err = next(folders), io.StringIO(), io.StringIO()
+        folder = next(folders)
+        out = io.StringIO()
+        err = io.StringIO()
         code = in_this_process("bt-run", [*arguments, *recording_to(folder)], out, err)
         return Ran(code, out.getvalue(), err.getvalue(), folder)
 

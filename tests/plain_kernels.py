@@ -10,7 +10,7 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
-from bt_dualarm.kernels import kernel as compiling
+from bt_dualarm.core import kernel as compiling
 
 
 def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:

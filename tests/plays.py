@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from bt_dualarm.pose import Vector
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.behaviors.report import LeafReport, StatusChange
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.options import RunOptions
-from bt_dualarm.runtime.parts import IdleObserver
-from bt_dualarm.runtime.result import ArmResult, RunResult
+from bt_dualarm.runtime.outcome import ArmResult, RunResult
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.tree.report import LeafReport, StatusChange
-from bt_dualarm.world.world import World
 
 Deed = Callable[[World], None]
 """What somebody does to the running world."""

@@ -41,34 +41,6 @@ def imports_of(path: Path) -> Iterator[tuple[int, str]]:
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert not node.level, f"{path}:{node.lineno}: imports are absolute"
             for alias in node.names:
                 name = f"{node.module}.{alias.name}"
                 yield node.lineno, name if is_module(name) else str(node.module)
-
-
-def inner_imports(path: Path) -> set[str]:
-    """Dotted names of the package's modules that a file imports."""
-    return {name for _, name in imports_of(path) if name.split(".")[0] == PACKAGE.name}
-
-
-def circles(graph: dict[str, set[str]]) -> list[list[str]]:
-    """Groups of nodes that reach one another, each sorted: the strongly connected components."""
-    reach = {node: _reachable(graph, node) for node in graph}
-    groups = {
-        frozenset(other for other in reach[node] if node in reach.get(other, ()))
-        for node in graph
-        if node in reach[node]
-    }
-    return sorted(sorted(group) for group in groups)
-
-
-def _reachable(graph: dict[str, set[str]], start: str) -> set[str]:
-    found: set[str] = set()
-    left = list(graph[start])
-    while left:
-        node = left.pop()
-        if node in graph and node not in found:
-            found.add(node)
-            left.extend(graph[node])
-    return found

@@ -6,20 +6,16 @@ import os
 import re
 import subprocess
 import sys
+import tarfile
 import venv
 import zipfile
 from contextlib import suppress
-from importlib.metadata import (
-    Distribution,
-    PackageNotFoundError,
-    PathDistribution,
-    distribution,
-)
+from importlib.metadata import Distribution, PackageNotFoundError, PathDistribution, distribution
 from pathlib import Path
 
 import pytest
 
-from bt_dualarm.share import share_dir
+from bt_dualarm.core.share import share_dir
 
 ROOT = Path(__file__).parent.parent
 SHARED = ("assets", "skills", "trees")
@@ -138,3 +134,14 @@ def test_an_installed_wheel_runs_a_shipped_tree_from_an_empty_folder(
     assert job.returncode == 0, job.stdout + job.stderr
     assert (empty / "out" / "summary.json").is_file()
     assert {path.name for path in empty.iterdir()} == {"out"}
+
+
+def test_the_source_distribution_has_the_examples(tmp_path: Path) -> None:
+    built = run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", tmp_path, cwd=ROOT)
+    assert built.returncode == 0, built.stderr
+    (file,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(file) as archive:
+        inside = {Path(*Path(name).parts[1:]) for name in archive.getnames()}
+    examples = [path.relative_to(ROOT) for path in (ROOT / "examples").iterdir() if path.is_file()]
+    assert len(examples) > 12
+    assert [str(path) for path in examples if path not in inside] == []

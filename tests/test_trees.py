@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bt_dualarm.share import share_dir
+from bt_dualarm.core.share import share_dir
 from tests import glossary
 from tests.commands import BtRun, Ran
 

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
-from pathlib import Path
-
-import pytest
 
 from tests.source import MODULES, SKILLS, dotted_name, parsed
 
@@ -19,11 +16,11 @@ def types_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[ast.e
     yield from (annotation for annotation in [*declared, function.returns] if annotation)
 
 
-@pytest.mark.parametrize("path", [*MODULES, *SKILLS], ids=dotted_name)
-def test_any_value_has_its_reason_beside_it(path: Path) -> None:
-    lines = path.read_text(encoding="utf-8").splitlines()
+def test_any_value_has_its_reason_beside_it() -> None:
     bare = [
-        f"line {annotation.lineno}: {function.name}"
+        f"{dotted_name(path)}:{annotation.lineno}: {function.name}"
+        for path in (*MODULES, *SKILLS)
+        for lines in [path.read_text(encoding="utf-8").splitlines()]
         for function in ast.walk(parsed(path))
         if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
         for annotation in types_of(function)

@@ -12,7 +12,7 @@ function press(deed, value) {
 }
 
 // ---- the scene ------------------------------------------------------------------------------
-// A mesh as `packed` of live/meshes.py has it, as triangles with normals.
+// A mesh as `packed` of viewer/signals.py has it, as triangles with normals.
 function unpacked(buffer) {
   const [count, faces] = new Uint32Array(buffer, 0, 2), box = new Float32Array(buffer, 8, 6);
   const at = new Uint16Array(buffer, 32, 3 * count), after = 32 + 6 * count, wide = count > 65536 ? 4 : 2;

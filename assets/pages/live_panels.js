@@ -289,7 +289,7 @@ function showEyes(cameras, source, shown) {
 }
 
 // ---- lines in the scene ---------------------------------------------------------------------
-// A frustum: from the eye to the corners of what it sees half a metre off.
+// A frustum: from the eye to the corners of what it sees half a meter off.
 function frustum({ eye, axes, half }, far = 0.35) {
   const corner = (x, y) => [0, 1, 2].map(i => eye[i] + far * (axes[3 * i] * x * half[0] + axes[3 * i + 1] * y * half[1] - axes[3 * i + 2]));
   const four = [corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1)];

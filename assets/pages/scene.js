@@ -211,7 +211,7 @@ function sceneOn(canvas, meshes, middle, redraw, far = 2.5) {
     }
     for (const place of places) gl.disableVertexAttribArray(place);
   }
-  // Shapes of a generation, poses of its bodies (seven numbers each), ways as [colour, points,
+  // Shapes of a generation, poses of its bodies (seven numbers each), ways as [color, points,
   // pixels wide, whether points belong two and two].
   function draw(drawn, poses, ways) {
     const ratio = window.devicePixelRatio || 1;

@@ -1,4 +1,4 @@
-"""The gripper of an arm as its skills see it: what it can do, what it senses, what it is told."""
+"""The gripper of an arm as skills use it: its abilities, sensors and commands."""
 
 from __future__ import annotations
 
@@ -8,38 +8,51 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.arm.hold_signs import is_lost
-from bt_dualarm.arm.lease import Leaseholder
-from bt_dualarm.arm.measured_gripper import jaw_measures
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.grasping.jaw_grasps import least_width
-from bt_dualarm.motion.grasping.solids import solid_of
-from bt_dualarm.pose import Pose
-from bt_dualarm.world.grippers.drive import SPEED_S, GripperCommand, GripperHardware
-from bt_dualarm.world.grippers.gripper import Gripper
-from bt_dualarm.world.world import World
+from bt_dualarm.arm.payload import jaw_measures
+from bt_dualarm.arm.state import Leaseholder
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.grasping.candidates import least_width
+from bt_dualarm.grasping.solids import solid_of
+from bt_dualarm.robots.gripper import Gripper
+from bt_dualarm.sim.grippers import SPEED_S, GripperCommand, GripperHardware
+from bt_dualarm.sim.world import World
+
+LOST_S: Final = 0.04
+"""Seconds for which a sign of grasp loss has to last: a single reading may be wrong."""
 
 OTHER_WIDTH_M: Final = 0.006
-"""By how much the opening of fingers may differ from the width of an object: more is another."""
+"""Largest difference of the opening from the width of the object that is held."""
 
-_AWAY_M: Final = 0.015  # between pads or cup and an object that they are said to hold
-_PAD_POINTS: Final = 5  # along each edge of a pad, between which an object is looked for
-_CHORD_M: Final = 5e-4  # steps from one pad to the other
+# Signs of slip and grasp loss. Changes of the opening also have to exceed some encoder steps.
+_SLID_M: Final = 0.003  # change of the opening: another part of the object is between the pads
+_SLID_STEPS: Final = 3.0
+_GIVES_M: Final = 0.0015  # decrease of the opening just before the object is lost
+_GIVES_STEPS: Final = 1.5
+_LEAKS: Final = 0.9  # share of the largest vacuum so far, below which the cup leaks
+_SEALS: Final = 0.5  # share of the commanded vacuum, below which the cup does not seal
 
-_STILL: Final = 0.003
-"""m/s; of fingers that stand; or what some steps of the encoder are in its time for a speed."""
-
-_STEPS: Final = 2.5
-_OPEN_M: Final = 1e-3  # besides a step of the encoder
+# Rest, opening and contact
+_REST_MPS: Final = 0.003  # speed of fingers at rest; encoder noise is allowed for in addition:
+_REST_STEPS: Final = 2.5  # steps within the time over which the speed is measured
+_OPEN_M: Final = 1e-3  # tolerance of the opening, in addition to an encoder step
 _NO_VACUUM: Final = 0.01
-_PATIENCE_S: Final = 1.0  # besides twice the time that fingers take to open
-_DECIDED_S: Final = 1.0  # that fingers may take to open or to press
-_FELT: Final = 0.1  # share of the least force that it can be asked for; fingers alone need none
-_PRESSING: Final = 0.8  # share of the force that was asked for
+_TIMEOUT_S: Final = 1.0  # in addition to twice the nominal time to open
+_DECIDED_S: Final = 1.0  # in which fingers open or build up force
+_FELT: Final = 0.1  # share of the least commandable force; the fingers' own friction is less
+_PRESSING: Final = 0.8  # share of the commanded force
+
+# Identification of the object
+_AWAY_M: Final = 0.015  # largest distance of pads or cup from the object that they hold
+_PAD_POINTS: Final = 5  # samples along each edge of a pad
+_CHORD_M: Final = 5e-4  # sampling distance from one pad to the other
 
 
 class ArmGripper:
-    """A gripper with two fingers, or a suction cup.
+    """A gripper with two fingers or a suction cup, as one leaf uses it.
+
+    What it holds is a belief from commands and sensors: ``holding`` is what it senses now, ``held``
+    names the objects that the nominal model attaches to it.
 
     Args:
         world: World that the arm is in.
@@ -48,70 +61,72 @@ class ArmGripper:
     """
 
     def __init__(self, world: World, arm: str, lease: Leaseholder) -> None:
-        self._world, self._arm, self._lease = world, arm, lease
+        self._world = world
+        self._arm = arm
+        self._lease = lease
 
     @property
     def page(self) -> Gripper:
-        """Page of the catalogue: stroke, force, speed, tool frame."""
+        """Description of the gripper: stroke, force, speed, tool frame."""
         return self._hardware.gripper
 
     @property
     def width(self) -> float:
-        """Opening between the pads by the encoder, m; 0 of a cup."""
+        """Opening between the pads by the encoder, m; 0 for a cup."""
         return self._hardware.width
 
     @property
     def speed(self) -> float:
-        """Speed of the opening, positive where it opens, m/s."""
+        """Speed of the opening, m/s; positive while it opens."""
         return self._hardware.speed
 
     @property
     def force(self) -> float:
-        """Force of a pad as the motor tells, positive where it closes, or of a cup's vacuum, N."""
+        """Force of a pad by the motor, positive where it closes, or force of a cup's vacuum, N."""
         return self._hardware.force
 
     @property
     def vacuum(self) -> float:
-        """Share of the full vacuum that a cup senses, from 0 to 1; 0 of fingers."""
+        """Measured share of the full vacuum of a cup, from 0 to 1; 0 for fingers."""
         return self._hardware.vacuum
 
     @property
     def commanded(self) -> GripperCommand:
-        """What it was asked for last."""
+        """Last command."""
         return self._hardware.commanded
 
     @property
     def at_rest(self) -> bool:
-        """Whether its fingers stand, or its vacuum has built up or gone."""
-        return abs(self.speed) < max(_STILL, _STEPS * self.page.resolution / SPEED_S)
+        """Whether the fingers stand still; always true for a cup."""
+        return abs(self.speed) < max(_REST_MPS, _REST_STEPS * self.page.resolution / SPEED_S)
 
     @property
     def closed_width(self) -> float:
-        """Opening in m below which nothing is between the fingers."""
+        """Opening, m, below which nothing is between the fingers."""
         return self.page.closed_width
 
     @property
     def holding(self) -> bool:
-        """Whether it holds something, by what it senses.
+        """Whether it holds something, by its sensors.
 
-        Fingers: they are pressed together with the force that was asked for, stand, and are not
-        closed. A cup: it sucks and seals.
+        Fingers hold when they press with the commanded force, stand still and are not closed. A cup
+        holds when it is commanded to suck and has built up the commanded force.
         """
-        wanted = self.commanded.force
+        presses = self.force >= _PRESSING * self.commanded.force
         if not self.page.fingers:
-            return self.commanded.width <= 0.0 and self.force >= _PRESSING * wanted
-        return self.at_rest and self.force >= _PRESSING * wanted and self.width > self.closed_width
+            return self.commanded.width <= 0.0 and presses
+        return self.at_rest and presses and self.width > self.closed_width
 
     @property
     def is_lost(self) -> bool:
-        """Whether what it held is gone, by what it senses: fingers have shut, a cup leaks."""
+        """Whether what it held is lost, by its sensors: the fingers have shut, or the cup leaks."""
         return is_lost(self.page, self.width, self.vacuum, self.commanded.force)
 
     def until_decided(self) -> Iterator[None]:
-        """Wait until what it is believed to hold is held, or gone; yields once a tick.
+        """Wait until the sensors confirm or refute what it is believed to hold; once a tick.
 
-        A leaf that was halted may have left fingers on their way, and fingers that were just told
-        to press harder do not hold until they do.
+        A leaf that was halted may have left the fingers in motion, and after a command to press
+        harder they do not count as holding until the force has built up.
         """
         began = self._world.time
         while self.held and not self.holding and self._world.time - began < _DECIDED_S:
@@ -122,25 +137,25 @@ class ArmGripper:
 
     @property
     def held(self) -> tuple[str, ...]:
-        """Objects that it is believed to hold."""
+        """Names of the objects that it is believed to hold."""
         return tuple(one.object for one in self._world.attachments.gripped_by(self._arm))
 
     def command(
         self, width: float | None = None, speed: float | None = None, force: float | None = None
     ) -> None:
-        """Go to an opening, or close where none is given; holds until the next command.
+        """Command an opening, or closing if none is given; it holds until the next command.
 
-        The fingers go at the speed until what they meet takes the force, and then hold that force.
-        A cup sucks where the width is 0 or not given, and lets go where it is not 0.
+        The fingers move at the speed until they meet resistance, and then keep up the force. A cup
+        sucks where the width is 0 or not given, and releases where it is not 0.
 
         Args:
-            width: Opening to go to, m; None to close with the force.
-            speed: Speed of the opening, m/s; by default the fastest.
-            force: Most force of each pad, N; by default the most.
+            width: Opening, m; None to close with the force.
+            speed: Speed of the opening, m/s; by default the largest.
+            force: Largest force of each pad, N; by default the largest of the gripper.
 
         Raises:
-            Failure: ``INVALID_TARGET`` where one of them is beyond what the gripper can do.
-            SkillError: Another thread than that of the leaf asks.
+            Failure: ``INVALID_TARGET`` where one of them is beyond the gripper's range.
+            SkillError: The calling thread is not the one that ticks the leaf.
         """
         self._lease.refuse_other_threads()
         page = self.page
@@ -154,16 +169,20 @@ class ArmGripper:
         )
 
     def until_open(self, settle: float = 0.0) -> Iterator[float]:
-        """Wait until fingers stand where they were told to go, or a cup's vacuum is gone.
+        """Wait until the fingers stand at the commanded opening, or a cup's vacuum is gone.
 
-        Yields the progress once a tick. ``settle`` is for how many seconds it has to be open.
+        Yields the progress once a tick.
+
+        Args:
+            settle: Simulated seconds for which it has to stay open.
 
         Raises:
-            Failure: ``NOT_OPEN``: something is in the fingers' way.
+            Failure: ``NOT_OPEN``: something blocks the fingers.
         """
-        began, asked = self._world.time, self.commanded
-        way = abs(asked.width - self.width) if self.page.fingers else 0.0
-        longest = _PATIENCE_S + 2.0 * way / max(asked.speed, 1e-3) + settle
+        began = self._world.time
+        asked = self.commanded
+        travel = abs(asked.width - self.width) if self.page.fingers else 0.0
+        longest = _TIMEOUT_S + 2.0 * travel / max(asked.speed, 1e-3) + settle
         since: float | None = None
         while True:
             now = self._world.time
@@ -179,19 +198,19 @@ class ArmGripper:
     def _is_open(self) -> bool:
         if not self.page.fingers:
             return self.vacuum < _NO_VACUUM
-        off = abs(self.width - self.commanded.width)
-        return self.at_rest and off <= _OPEN_M + self.page.resolution
+        error = abs(self.width - self.commanded.width)
+        return self.at_rest and error <= _OPEN_M + self.page.resolution
 
     def between_the_pads(self, pose: Pose, meant: Pose | None = None) -> Pose:
-        """Where something is between pads that have closed on it: they have moved it to there.
+        """Estimated pose of an object after the pads have closed on it, which centers it.
 
         Args:
-            pose: Pose in the world that it was believed to have before.
-            meant: Pose of the tool in its frame that was gone to; by default pads close on its
-                middle.
+            pose: Estimated pose in the world before.
+            meant: Planned pose of the tool in the object's frame; by default the pads close on
+                the object's center.
 
         Returns:
-            That pose, moved along the way of the fingers; of a cup the same.
+            The pose, shifted along the closing direction; unchanged for a cup.
         """
         if not self.page.fingers:
             return pose
@@ -202,24 +221,24 @@ class ArmGripper:
         x, _, z = in_tool.position
         return tool @ Pose(np.array((x, along, z)), in_tool.quaternion)
 
-    def why_not(self, thing: str, pose: Pose) -> str | None:
-        """Why what it holds cannot be an object, by where that is and by how wide it is.
+    def why_not(self, name: str, pose: Pose) -> str | None:
+        """Reason why the object that is held cannot be a named one, by its distance and width.
 
         Args:
-            thing: Name of an object in the world.
-            pose: Pose of it in the world as it is believed to be; the fingers may have moved it
-                along their way.
+            name: Name of an object in the world.
+            pose: Estimated pose of it in the world; the fingers may have moved it along their
+                closing direction.
 
         Returns:
-            A sentence; None where it may well be this object.
+            A sentence; None where it can be this object.
         """
-        declared = self._world.objects[thing]
+        declared = self._world.objects[name]
         solid = solid_of(declared.shape, declared.size)
         q = self._world.hardware[self._arm].q
         in_tool = self._world.nominal[self._arm].tool_pose_at(q).inverse @ pose
         if not self.page.fingers:
             away = float(solid.distance(in_tool.inverse.apply(np.zeros((1, 3))))[0])
-            return _too_far(thing, away, "cup")
+            return _too_far(name, away, "cup")
         jaw = jaw_measures(self.page, declared.friction)
         across, between, along = (
             np.linspace(-0.5, 0.5, count) * length
@@ -232,7 +251,7 @@ class ArmGripper:
         grid = np.stack(np.meshgrid(across, along + jaw.pad_center, between, indexing="ij"), -1)
         points = in_tool.inverse.apply(grid[..., [0, 2, 1]].reshape(-1, 3))
         distances = solid.distance(points)
-        too_far = _too_far(thing, float(distances.min()), "pads")
+        too_far = _too_far(name, float(distances.min()), "pads")
         if too_far is not None:
             return too_far
         closing = in_tool.rotation_matrix.T[:, 1]
@@ -242,32 +261,32 @@ class ArmGripper:
         if least - OTHER_WIDTH_M <= self.width <= most + OTHER_WIDTH_M:
             return None
         return (
-            f"the fingers stand {1e3 * self.width:.1f} mm apart; between them {thing!r} would be "
+            f"the fingers stand {1e3 * self.width:.1f} mm apart; between them {name!r} would be "
             f"{1e3 * least:.0f} to {1e3 * most:.0f} mm wide"
         )
 
     def hold(
-        self, thing: str, pose: Pose, most_force: float = math.inf, *, told: bool = True
+        self, name: str, pose: Pose, most_force: float = math.inf, *, told: bool = True
     ) -> None:
-        """Believe that it holds an object: from now on that moves with the tool.
+        """Attach an object to the gripper in the nominal model: it moves with the tool from now on.
 
         Args:
-            thing: Name of the object.
-            pose: Pose in the world that the object is believed to have now.
-            most_force: Force in N of each pad, or of a cup, that the object bears.
-            told: Whether its mass counts that the file tells, where arms are told any.
+            name: Name of the object.
+            pose: Estimated pose of the object in the world.
+            most_force: Force in N of each pad, or of a cup, that the object withstands.
+            told: Whether the arm may use the declared mass, in files that let arms know masses.
         """
         self._lease.refuse_other_threads()
-        self._world.hold(self._arm, thing, pose, most_force, told=told)
+        self._world.hold(self._arm, name, pose, most_force, told=told)
 
     def refuse_other(self, wanted: str | None = None) -> None:
-        """Look whether it holds another object than the one named; what it has lost counts no more.
+        """Check that it holds nothing but the named object; a lost object is detached first.
 
         Args:
-            wanted: Name of an object that it may have between its fingers already.
+            wanted: Name of an object that it may hold already.
 
         Raises:
-            Failure: ``GRIPPER_FULL``, by what is believed or, where nothing is, by what is sensed.
+            Failure: ``GRIPPER_FULL``, by ``held`` or, where that is empty, by the sensors.
         """
         self.forget_lost()
         held = self.held
@@ -279,10 +298,10 @@ class ArmGripper:
             raise self._full(f"{self.page.name} holds {what} without a name: `release` it first")
 
     def refuse_full(self, wanted: str | None = None) -> None:
-        """As `refuse_other`; neither may anything be attached to the tool.
+        """Check as `refuse_other`, and that nothing is attached to the tool.
 
         Args:
-            wanted: Name of an object that it may have between its fingers already.
+            wanted: Name of an object that it may hold already.
 
         Raises:
             Failure: ``GRIPPER_FULL``.
@@ -296,51 +315,79 @@ class ArmGripper:
         return Failure("GRIPPER_FULL", sentence, width_m=self.width, force_n=self.force)
 
     def forget_lost(self) -> None:
-        """Believe no longer in what is gone, by what is sensed: fingers have shut, a cup leaks."""
+        """Detach what is lost by the sensors: the fingers have shut, or the cup leaks."""
         if self.is_lost:
             self.forget_released()
 
     def forget_released(self) -> None:
-        """Believe no longer in what it was to let go of, unless something is still between pads."""
+        """Detach what it was to release, unless the sensors still show something in the gripper."""
         felt = self.page.fingers and self.force > _FELT * self.page.force.least
         if self.is_lost or not (self.holding or felt):
-            for thing in self.held:
-                self.let_go(thing)
+            for name in self.held:
+                self.let_go(name)
 
-    def let_go(self, thing: str) -> bool:
-        """Believe no longer that it holds an object; whether it was believed to."""
+    def let_go(self, name: str) -> bool:
+        """Detach an object in the nominal model; returns whether it was believed to be held."""
         self._lease.refuse_other_threads()
-        return thing in self.held and self._world.attachments.detach(self._arm, thing)
+        return name in self.held and self._world.attachments.detach(self._arm, name)
 
     @property
     def _hardware(self) -> GripperHardware:
         return self._world.grippers[self._arm]
 
 
-def _too_far(thing: str, away: float, what: str) -> str | None:
+def has_slipped(page: Gripper, moved: float) -> bool:
+    """Whether a change of the opening, m, shows that the object has slid between the pads."""
+    return moved > max(_SLID_M, _SLID_STEPS * page.resolution)
+
+
+def gives(page: Gripper, shrunk: float) -> bool:
+    """Whether a decrease of the opening, m, shows that the object is slipping out."""
+    return shrunk > max(_GIVES_M, _GIVES_STEPS * page.resolution)
+
+
+def leaks(vacuum: float, most: float) -> bool:
+    """Whether a cup leaks: its vacuum and the largest vacuum so far, as shares of the full one."""
+    return vacuum < _LEAKS * most
+
+
+def is_lost(page: Gripper, width: float, vacuum: float, force: float) -> bool:
+    """Whether the fingers have shut, or the cup does not seal.
+
+    Args:
+        page: Description of the gripper.
+        width: Measured opening, m.
+        vacuum: Measured share of the full vacuum.
+        force: Commanded force, N.
+    """
+    if page.fingers:
+        return width <= page.closed_width
+    return vacuum < _SEALS * force / page.force.most
+
+
+def _too_far(name: str, away: float, what: str) -> str | None:
     if away <= _AWAY_M:
         return None
-    return f"{thing!r} is {1e3 * away:.0f} mm from the {what}"
+    return f"{name!r} is {1e3 * away:.0f} mm from the {what}"
 
 
 def _refuse_beyond(
     page: Gripper, width: float | None, speed: float | None, force: float | None
 ) -> None:
-    """Look whether a gripper can do what it is asked for."""
+    """Check that a command is within the gripper's range."""
+    ranges = [("force", force, page.force.least, page.force.most, "N")]
     if page.fingers:
-        _refuse("width", width, 0.0, page.stroke, "m", page.name)
-        _refuse("speed", speed, page.speed.least, page.speed.most, "m/s", page.name)
-    _refuse("force", force, page.force.least, page.force.most, "N", page.name)
-
-
-def _refuse(
-    what: str, given: float | None, least: float, most: float, unit: str, name: str
-) -> None:
-    if given is not None and not least - 1e-9 <= given <= most + 1e-9:
-        raise Failure(
-            "INVALID_TARGET",
-            f"{what} {given:g} {unit}: {name} can do {least:g} to {most:g} {unit}",
-            asked=given,
-            least=least,
-            most=most,
-        )
+        ranges = [
+            ("width", width, 0.0, page.stroke, "m"),
+            ("speed", speed, page.speed.least, page.speed.most, "m/s"),
+            *ranges,
+        ]
+    for what, given, least, most, unit in ranges:
+        if given is not None and not least - 1e-9 <= given <= most + 1e-9:
+            raise Failure(
+                "INVALID_TARGET",
+                f"{what} {given:g} {unit}: {page.name} can do {least:g} to {most:g} {unit}",
+                asked=given,
+                least=least,
+                most=most,
+            )

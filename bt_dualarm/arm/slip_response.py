@@ -1,74 +1,93 @@
-"""Grip harder what is pulled at, as soon as pads or joints feel the pull."""
+"""Slip detection and response: the grip becomes firmer as soon as pads or joints sense a slip."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from math import hypot
 from typing import Final
 
-from bt_dualarm.arm.grip_limit import force_for, least_force
-from bt_dualarm.arm.hold_signs import LOST_S, gives, has_slid, is_lost, leaks
-from bt_dualarm.arm.pull_sense import JointSense, PadSense
+from bt_dualarm.arm.gripper import LOST_S, gives, has_slipped, is_lost, leaks
+from bt_dualarm.arm.payload import grip_force_for, min_grip_force
 from bt_dualarm.arm.state import ArmState
-from bt_dualarm.errors import Failure
-from bt_dualarm.world.attachments import Attachment
-from bt_dualarm.world.grippers.drive import GripperCommand, GripperHardware
-from bt_dualarm.world.nominal.nominal_load import NominalLoad
+from bt_dualarm.control.collision_detection import CollisionDetector
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix
+from bt_dualarm.sim.arm_models import NominalLoad
+from bt_dualarm.sim.grippers import GripperCommand, GripperHardware
+from bt_dualarm.sim.world_view import Attachment
 
 FIRMER: Final = 3.0
-"""Factor of the force at each sign of a slip, up to what gripper and object bear."""
+"""Factor by which the force grows at each slip, up to what gripper and object withstand."""
 
-_PAUSE_S: Final = 0.05  # from one response to the next
-_LIFT_S: Final = 0.3  # of motion after a grasp, in which what lay on something presses on the pads
-_SURE: Final = 2.0  # deviations by which a weight has to be beyond what may be carried
-_PRESSES: Final = 0.3  # share of the force that was asked for; less is friction of the drive
+_PAUSE_S: Final = 0.05  # between two responses
+_LIFT_S: Final = 0.3  # of motion after a grasp, in which the load is transferred to the pads
+_SURE: Final = 2.0  # standard deviations by which an estimated mass has to exceed a payload
+_PRESSES: Final = 0.3  # share of the commanded force; less is friction of the drive
 _NO_VACUUM: Final = 0.01
-_SHAKE: Final = 8.0  # m/s²; that the grip on what was weighed is to bear, as that of `grasp`
+_SHAKE: Final = 8.0  # m/s² that the grip on an estimated load has to bear, as that of `grasp`
+
+NEAR_SLIDING: Final = 0.9
+"""Share of a pad's friction cone beyond which a slip is imminent. Planned motions use no more than
+1 / 1.2 of it, see `payload.IN_HAND`."""
+
+_DEVIATIONS: Final = 3.0  # standard deviations of a pad's noise that are allowed for
+_EASED: Final = 0.4  # share of the commanded force, below which something pulls a pad open
+_READINGS: Final = 3  # last readings of a pad that count,
+_CONFIRMED: Final = 2  # and how many of them have to show a slip: a loosened object bounces
+_OF_A_COLLISION: Final = 0.65  # share of the collision thresholds; fast carrying reaches 0.54
 
 
 class SlipResponse:
-    """The watch over what an arm's gripper holds, at every set-point.
+    """Slip response of an arm's gripper, evaluated at every set-point.
 
-    A pull is told by the pads, where the gripper's page says that they feel; else by the torques
-    that the model does not explain. The opening of the fingers, or a cup's vacuum, comes on top.
+    Slip is detected by the pads if they have tactile sensors, else by joint torques that the model
+    does not explain; in both cases also by the opening of the fingers or a cup's vacuum.
 
     Args:
         arm: State of the arm.
 
     Attributes:
-        felt: How often it has gripped harder, or would have where it could not.
-        felt_at: Simulated time of the last time, s; minus infinity before.
-        may_touch: Whether what is held is meant to touch something: no pull counts then.
+        felt: Number of slips to which it responded, or would have if a firmer grip were possible.
+        felt_at: Simulated time of the last one, s; minus infinity before.
+        may_touch: Whether contact of the held object is intended, so that no pull counts as a slip.
     """
 
     def __init__(self, arm: ArmState) -> None:
         self._arm = arm
-        self._pads, self._joints = PadSense(), JointSense(arm)
+        self._pads = PadSlipDetector()
+        self._joints = JointSlipDetector(arm)
         self._held: Attachment | None = None
         self._gripped_first: Attachment | None = None
         self._generation = -1
         self._nominal = arm.world.nominal[arm.name]
-        self._friction, self._loads = 0.0, arm.payload
+        self._friction = 0.0
+        self._loads = arm.payload
         self._too_heavy: Failure | None = None
         self._lift_s = 0.0
-        self._width, self._full, self._sensed_at = 0.0, 0.0, 0.0
+        self._width = 0.0
+        self._full = 0.0
+        self._sensed_at = 0.0
         self._taken: Attachment | None = None
         self._taken_width = 0.0
         self._left_since: float | None = None
         self._weighed = arm.payload
         self._refused: frozenset[str] = frozenset()
         self.may_touch = False
-        self.felt, self.felt_at = 0, -math.inf
+        self.felt = 0
+        self.felt_at = -math.inf
 
     def refuse_lost(self) -> None:
-        """Look whether what was held is still there.
+        """Check that the held object is still held.
 
         Raises:
-            Failure: ``DROPPED`` where fingers that hold something have shut, or a cup no longer
-                seals; what was held is let go of then. ``OVERLOADED`` where it was weighed, and no
-                force that gripper and object bear holds it.
+            Failure: ``DROPPED`` where the fingers have shut, or the cup no longer seals; the object
+                is detached then. ``OVERLOADED`` where its estimated mass exceeds a payload, or
+                needs more force than gripper and object withstand.
         """
-        if self._too_heavy is not None and not self.may_touch:  # it may be set down
-            failure, self._too_heavy = self._too_heavy, None
+        if self._too_heavy is not None and not self.may_touch:  # placing it remains possible
+            failure = self._too_heavy
+            self._too_heavy = None
             raise failure
         hardware = self._arm.world.grippers.get(self._arm.name)
         held = self._held
@@ -86,32 +105,35 @@ class SlipResponse:
             )
 
     def look(self) -> None:
-        """Look at what is sensed, and answer it; to be called once a control period."""
-        self._refuse_weighed()
+        """Evaluate the sensors and respond; to be called once a control period."""
+        self._check_payload()
         hardware = self._arm.world.grippers.get(self._arm.name)
         if hardware is None:
             return
         pulled = self._joints.feels() if hardware.tactile is None else False
         held = self._gripped()
         if held is not self._taken:
-            self._taken, self._taken_width, self._left_since = held, hardware.width, None
+            self._taken = held
+            self._taken_width = hardware.width
+            self._left_since = None
         if held is None:
             self._held = None
             return
         if hardware.commanded.width > 0.0:
             self._held = None
-            self._let_go_of_what_left(held, hardware)
+            self._detach_released(held, hardware)
             return
         if held is not self._held:
             self._begin(held, hardware)
         if self._nominal.loads is not self._loads:
             self._loads = self._nominal.loads
-            self._hold_what_it_weighs(held, hardware)
+            self._hold_estimated_load(held, hardware)
         pulled = self._pads.feels(hardware, self._friction) or pulled
         if self._lift_s > 0.0:
             pulled = False
             self._lift_s -= self._arm.period * bool(self._arm.setpoint.v.any())
-        now, asked = self._arm.time, hardware.commanded
+        now = self._arm.time
+        asked = hardware.commanded
         if not is_lost(hardware.gripper, hardware.width, hardware.vacuum, asked.force):
             self._sensed_at = now
         pulled = (pulled and not self.may_touch) or self._gives(hardware)
@@ -119,7 +141,7 @@ class SlipResponse:
             self._grip(held, hardware)
 
     def _gripped(self) -> Attachment | None:
-        """What it holds, the first that was taken: looked up when the world has changed."""
+        """First object in the gripper; looked up again only when the world has changed."""
         world = self._arm.world
         if self._generation != world.generation:
             self._generation = world.generation
@@ -128,15 +150,18 @@ class SlipResponse:
         return self._gripped_first
 
     def _begin(self, held: Attachment, hardware: GripperHardware) -> None:
-        self._held, self._width, self._full = held, hardware.width, 0.0
-        thing = self._arm.world.objects[held.object]
-        self._friction = max(hardware.gripper.friction, thing.friction)
+        self._held = held
+        self._width = hardware.width
+        self._full = 0.0
+        declared = self._arm.world.objects[held.object]
+        self._friction = max(hardware.gripper.friction, declared.friction)
         self._sensed_at = self._arm.time
         self._pads.forget()
-        self._too_heavy, self._lift_s = None, _LIFT_S
+        self._too_heavy = None
+        self._lift_s = _LIFT_S
 
-    def _refuse_weighed(self) -> None:
-        """Note once that what was weighed is more than arm or gripper may carry, beyond doubt."""
+    def _check_payload(self) -> None:
+        """Prepare one failure if an estimated mass surely exceeds a payload of arm or gripper."""
         loads = self._nominal.loads
         if loads is self._weighed:
             return
@@ -151,34 +176,37 @@ class SlipResponse:
             return
         mass = sum(load.mass or 0.0 for load in known)
         doubt = math.sqrt(sum(load.mass_doubt**2 for load in known))
-        hardware, robot = self._arm.world.grippers.get(self._arm.name), self._arm.robot
+        hardware = self._arm.world.grippers.get(self._arm.name)
+        robot = self._arm.robot
         limits = [(robot.payload, robot.name)]
         if hardware is not None and self._gripped() is not None:
             limits.append((hardware.gripper.payload, hardware.gripper.name))
         for most, name in limits:
             if most is not None and mass - _SURE * doubt > most:
-                self._refused, self._too_heavy = names, _overload(loads, mass, doubt, most, name)
+                self._refused = names
+                self._too_heavy = _overload(loads, mass, doubt, most, name)
                 return
 
-    def _hold_what_it_weighs(self, held: Attachment, hardware: GripperHardware) -> None:
-        """Press more firmly if what nobody told the mass of is heavier than was reckoned with."""
+    def _hold_estimated_load(self, held: Attachment, hardware: GripperHardware) -> None:
+        """Increase the force if an object of undeclared mass is heavier than assumed."""
         weighed = [one for one in self._loads if one.object == held.object and not one.is_told]
         for load in weighed:
             most = min(hardware.gripper.force.most, held.most_force)
-            if least_force(hardware.gripper, self._friction, load) > most:
+            if min_grip_force(hardware.gripper, self._friction, load) > most:
                 self._too_heavy = _too_heavy(load, most)
                 return
-            needed = min(force_for(self._arm.world, held, load, _SHAKE), most)
+            needed = min(grip_force_for(self._arm.world, held, load, _SHAKE), most)
             self._ask(hardware, needed)
 
-    def _let_go_of_what_left(self, held: Attachment, hardware: GripperHardware) -> None:
-        """Believe no longer that it holds what its fingers have come off, whoever opened them.
+    def _detach_released(self, held: Attachment, hardware: GripperHardware) -> None:
+        """Detach an object that the opened fingers no longer touch, whoever opened them.
 
-        They stand wider than they did around it, and no longer press; a cup has no vacuum.
+        They are wider open than around the object and no longer press; a cup has no vacuum.
         """
-        page, now = hardware.gripper, self._arm.time
+        page = hardware.gripper
+        now = self._arm.time
         if page.fingers:
-            wider = has_slid(page, hardware.width - self._taken_width)
+            wider = has_slipped(page, hardware.width - self._taken_width)
             has_left = wider and hardware.force < _PRESSES * hardware.commanded.force
         else:
             has_left = hardware.vacuum < _NO_VACUUM
@@ -190,7 +218,7 @@ class SlipResponse:
             self._arm.world.attachments.detach(self._arm.name, held.object)
 
     def _gives(self, hardware: GripperHardware) -> bool:
-        """Whether the fingers come together, or the vacuum falls."""
+        """Whether the fingers approach each other, or the vacuum falls."""
         if hardware.gripper.fingers:
             return gives(hardware.gripper, self._width - hardware.width)
         self._full = max(self._full, hardware.vacuum)
@@ -198,15 +226,91 @@ class SlipResponse:
 
     def _grip(self, held: Attachment, hardware: GripperHardware) -> None:
         most = min(hardware.gripper.force.most, held.most_force)
-        self.felt, self.felt_at = self.felt + 1, self._arm.time
+        self.felt = self.felt + 1
+        self.felt_at = self._arm.time
         self._ask(hardware, min(FIRMER * hardware.commanded.force, most))
 
     def _ask(self, hardware: GripperHardware, force: float) -> None:
-        """Press with a force in N, if that is more than was asked for."""
+        """Command a force in N, if that is more than the present one."""
         asked = hardware.commanded
         if force > asked.force:
             speed = hardware.gripper.speed.most
             hardware.command(GripperCommand(asked.width, speed, force))
+
+
+class PadSlipDetector:
+    """Slip detection by tactile pads: the held object slides, or is about to.
+
+    A pad bears a tangential force of up to friction times normal force (Coulomb) and slides beyond.
+    A pull normal to the pads unloads one of them.
+    """
+
+    def __init__(self) -> None:
+        self._stamp = -1.0
+        self._slid: deque[bool] = deque(maxlen=_READINGS)
+        self._slides = False
+
+    def forget(self) -> None:
+        """Reset for another object."""
+        self._slid.clear()
+        self._slides = False
+
+    def feels(self, hardware: GripperHardware, friction: float) -> bool:
+        """Whether the last readings show a slip; never without tactile sensors.
+
+        Args:
+            hardware: Gripper with its sensors.
+            friction: Coefficient of friction between pads and object.
+        """
+        sensors = hardware.tactile
+        tactile = hardware.gripper.tactile
+        if sensors is None or tactile is None:
+            return False
+        if sensors.stamp != self._stamp:
+            self._stamp = sensors.stamp
+            doubt = _DEVIATIONS * tactile.noise
+            least = _EASED * hardware.commanded.force
+            self._slid.append(_slides(sensors.forces, friction, doubt, least))
+            self._slides = sum(self._slid) >= _CONFIRMED
+        return self._slides
+
+
+class JointSlipDetector:
+    """Slip detection by joint torques: a `CollisionDetector` with lower thresholds.
+
+    Args:
+        arm: State of the arm.
+    """
+
+    def __init__(self, arm: ArmState) -> None:
+        self._controller = arm.controller
+        self._nominal = arm.world.nominal[arm.name]
+        self._loads = arm.payload
+        self._watch = CollisionDetector(self._nominal.friction, _OF_A_COLLISION)
+
+    def feels(self) -> bool:
+        """Process one control period; returns whether something pulls at the tool."""
+        loads = self._nominal.loads
+        touch = self._controller.touch
+        if loads is not self._loads:  # the nominal model explains other torques now
+            taken = _names(loads) != _names(self._loads)
+            self._loads = loads
+            self._watch.reset(grace=taken)
+        sent = self._controller.setpoint
+        return self._watch.update(touch.inertia, sent, touch.disturbance_torque)
+
+
+def _slides(forces: Matrix, friction: float, doubt: float, least: float) -> bool:
+    """Whether a pad is near its friction limit, or hardly loaded any more."""
+    for across, normal, out in forces.tolist():
+        pressure = abs(normal)
+        if pressure < least or hypot(across, out) > NEAR_SLIDING * friction * pressure + doubt:
+            return True
+    return False
+
+
+def _names(loads: tuple[NominalLoad, ...]) -> tuple[str, ...]:
+    return tuple(load.object for load in loads)
 
 
 def _too_heavy(load: NominalLoad, most: float) -> Failure:

@@ -1,10 +1,10 @@
-"""The commands: the only place that reads arguments, prints, and decides an exit code.
+"""The commands: the only package that reads arguments, prints, and determines exit codes.
 
 In: the arguments of `bt-run`, `bt-check`, `bt-robot`, `bt-skills`, `bt-tune-color`,
 `bt-experiments`, `bt-why`, `bt-replay`, `bt-record`; the terminal.
-Out: what is printed on standard output and standard error; the exit code.
-Open first: `bt_run` (from a tree file to an exit code); `entry` has what happens to any command
-(errors, Ctrl-C, a full disk) and the codes, `words` the arguments that commands share.
+Out: text on standard output and standard error; the exit code.
+Open first: `bt_run` (from a tree file to an exit code); `entry` has the frame of every command
+(errors, Ctrl-C, a full disk) and the exit codes, `arguments` the shared arguments.
 """
 
 from __future__ import annotations
@@ -46,27 +46,27 @@ def experiments(argv: Sequence[str] | None = None) -> int:
 
 
 def robot(argv: Sequence[str] | None = None) -> int:
-    """``bt-robot``: write a first page for an arm from its URDF; as `run`."""
+    """``bt-robot``: write a description template for an arm from its URDF; as `run`."""
     return entered("bt-robot", argv)
 
 
 def skills(argv: Sequence[str] | None = None) -> int:
-    """``bt-skills``: show what may be written in a tree file; as `run`."""
+    """``bt-skills``: show the node types and values of tree files; as `run`."""
     return entered("bt-skills", argv)
 
 
 def tune_color(argv: Sequence[str] | None = None) -> int:
-    """``bt-tune-color``: show what a colour finds, and write new ranges; as `run`."""
+    """``bt-tune-color``: show what a color detects, and write new ranges; as `run`."""
     return entered("bt-tune-color", argv)
 
 
 def why(argv: Sequence[str] | None = None) -> int:
-    """``bt-why``: tell why a recorded run failed; as `run`."""
+    """``bt-why``: report why a recorded run failed; as `run`."""
     return entered("bt-why", argv)
 
 
 def replay(argv: Sequence[str] | None = None) -> int:
-    """``bt-replay``: run a record anew and compare; as `run`."""
+    """``bt-replay``: show a record, or repeat its run and compare; as `run`."""
     return entered("bt-replay", argv)
 
 

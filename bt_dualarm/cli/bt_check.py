@@ -1,4 +1,4 @@
-"""``bt-check``: everything that is wrong with tree files, before anything moves."""
+"""``bt-check``: reports all errors and warnings of tree files without running them."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bt_dualarm.cli.arguments import add_params, add_skills, imported_skills
 from bt_dualarm.cli.entry import FAILED, SUCCEEDED
-from bt_dualarm.cli.skill_import import imported_skills
-from bt_dualarm.cli.words import add_params, add_skills
-from bt_dualarm.errors import DualArmError
+from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:
     from rich.text import Text
 
     from bt_dualarm.spec.document import TreeFile
-    from bt_dualarm.spec.kind import Kind
+    from bt_dualarm.spec.node_types import NodeType
     from bt_dualarm.spec.problems import Problem
+
 
 _EPILOG = """\
 examples:
@@ -59,13 +59,14 @@ def _command_line() -> argparse.ArgumentParser:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from bt_dualarm.preflight.check import check as check_file
-    from bt_dualarm.runtime.shipped import find_tree
+    from bt_dualarm.runtime.file_check import check as check_file
+    from bt_dualarm.runtime.options import find_tree
     from bt_dualarm.spec.problems import errors
 
     _refuse_graph(arguments)
     paths = [find_tree(given) for given in arguments.files]
-    kinds, params = imported_skills("bt-check", arguments.skills).kinds, dict(arguments.param)
+    kinds = imported_skills("bt-check", arguments.skills).kinds
+    params = dict(arguments.param)
     checked = [check_file(path, kinds, params) for path in paths]
     found = [(path, one.problems) for path, one in zip(paths, checked, strict=True)]
     problems = [problem for _, some in found for problem in some]
@@ -81,8 +82,12 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _refuse_graph(arguments: argparse.Namespace) -> None:
-    """One file can be drawn, to an ending that says how."""
-    from bt_dualarm.tree.graph import FORMATS
+    """Check the arguments of ``--graph``.
+
+    Raises:
+        DualArmError: The format is unknown, or there are several files.
+    """
+    from bt_dualarm.behaviors.graph import FORMATS
 
     target: Path | None = arguments.graph
     if target is None:
@@ -97,10 +102,14 @@ def _refuse_graph(arguments: argparse.Namespace) -> None:
         raise DualArmError("--graph draws one file, not several")
 
 
-def _draw(file: TreeFile, kinds: Mapping[str, Kind], target: Path) -> None:
-    """Write the drawing, whole or not at all."""
-    from bt_dualarm.runtime.atomic_write import write_text
-    from bt_dualarm.tree.graph import FORMATS, items
+def _draw(file: TreeFile, kinds: Mapping[str, NodeType], target: Path) -> None:
+    """Write the graph atomically.
+
+    Raises:
+        DualArmError: The file cannot be written.
+    """
+    from bt_dualarm.behaviors.graph import FORMATS, items
+    from bt_dualarm.core.share import write_text
 
     draw = FORMATS[target.suffix.removeprefix(".")]
     try:
@@ -110,7 +119,7 @@ def _draw(file: TreeFile, kinds: Mapping[str, Kind], target: Path) -> None:
 
 
 def _print(found: Sequence[tuple[Path, Sequence[Problem]]]) -> None:
-    """Problems as text, coloured in a terminal, then a line a file."""
+    """Print problems, colored in a terminal, and a summary line per file."""
     from rich.console import Console
     from rich.text import Text
 
@@ -119,15 +128,15 @@ def _print(found: Sequence[tuple[Path, Sequence[Problem]]]) -> None:
     console = Console(highlight=False, soft_wrap=True)
     for path, problems in found:
         for problem in problems:
-            console.print(_coloured(Text(str(problem)), problem.severity))
+            console.print(_colored(Text(str(problem)), problem.severity))
         wrong = len(errors(problems))
         words = (_count(wrong, "error"), _count(len(problems) - wrong, "warning"))
         verdict = ", ".join(word for word in words if word) or "fine"
         console.print(Text.assemble((f"{path}: ", "bold"), verdict))
 
 
-def _coloured(text: Text, severity: str) -> Text:
-    """The word in its colour, the underlining too, places dim."""
+def _colored(text: Text, severity: str) -> Text:
+    """Color the severity, the underlining and the hint."""
     color = "red" if severity == "error" else "yellow"
     text.highlight_regex(rf"(?<=: ){severity}(?=: )", f"bold {color}")
     text.highlight_regex(r"(?m)^ +\| +\^+$", color)

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bt_dualarm.cli.entry import SUCCEEDED
-from bt_dualarm.errors import DualArmError
+from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:
-    from bt_dualarm.replay.lerobot_export import Demonstrations
+    from bt_dualarm.export.lerobot import Demonstrations
     from bt_dualarm.replay.record import Record
+
 
 _EPILOG = """\
 examples:
@@ -87,15 +88,14 @@ def _command_line() -> argparse.ArgumentParser:
 
 
 def _html(record: Record, target: Path) -> None:
-    from bt_dualarm.live.page_file import html_of
-    from bt_dualarm.runtime.atomic_write import write_text
+    from bt_dualarm.core.share import write_text
+    from bt_dualarm.viewer.past import html_of
 
     write_text(target, html_of(record))
 
 
 def _mcap(record: Record, target: Path) -> None:
-    from bt_dualarm.replay.mcap_export import write_mcap
-    from bt_dualarm.replay.messages import messages_of
+    from bt_dualarm.export.mcap import messages_of, write_mcap
 
     write_mcap(messages_of(record), target)
 
@@ -113,22 +113,23 @@ def _animation(text: str) -> Path:
 
 
 def _webp(record: Record, target: Path) -> None:
-    from bt_dualarm.replay.video import write_animation
+    from bt_dualarm.export.video import write_animation
 
     write_animation(record, target)
 
 
 def _mp4(record: Record, target: Path) -> None:
-    from bt_dualarm.replay.video import write_film
+    from bt_dualarm.export.video import write_film
 
     write_film(record, target)
 
 
 def _lerobot(arguments: argparse.Namespace) -> None:
     """Export all records as one data set; tell how far it has come."""
-    from bt_dualarm.replay.lerobot_export import write_dataset
+    from bt_dualarm.export.lerobot import write_dataset
 
-    folders, target = arguments.folders, arguments.lerobot
+    folders = arguments.folders
+    target = arguments.lerobot
 
     def progress(number: int, folder: Path) -> None:
         if len(folders) > 1:  # a line each: what comes from records may not move the cursor
@@ -153,8 +154,8 @@ def _counted(done: Demonstrations) -> str:
 
 
 def _csv(record: Record, target: Path) -> None:
-    from bt_dualarm.replay.tables import tables_of
-    from bt_dualarm.runtime.atomic_write import write_text
+    from bt_dualarm.core.share import write_text
+    from bt_dualarm.export.tables import tables_of
 
     target.mkdir(parents=True, exist_ok=True)
     for name, content in tables_of(record):

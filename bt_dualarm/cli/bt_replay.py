@@ -1,4 +1,4 @@
-"""``bt-replay``: a record in a browser, or run anew, to see whether it repeats."""
+"""``bt-replay``: shows a record in a browser, or repeats its run to check reproducibility."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bt_dualarm.cli.arguments import add_skills, add_view
 from bt_dualarm.cli.entry import FAILED, SUCCEEDED
-from bt_dualarm.cli.words import add_skills, add_view
 
 if TYPE_CHECKING:
-    from bt_dualarm.replay.check import Agreement
+    from bt_dualarm.replay.rerun import Agreement
+
 
 _EPILOG = """\
 examples:
@@ -29,16 +30,16 @@ _MOST_NUMBERS = 3
 
 
 def main(argv: Sequence[str] | None) -> int:
-    """Run a record anew; returns the exit code."""
+    """Show or repeat a record; returns the exit code."""
     parser = _command_line()
     arguments = parser.parse_args(argv)
     if not arguments.check:
         if arguments.json:
             parser.error("--json goes with --check")
         return _show(arguments)
-    from bt_dualarm.cli.skill_import import imported_skills
-    from bt_dualarm.replay.check import check_record
+    from bt_dualarm.cli.arguments import imported_skills
     from bt_dualarm.replay.record import Record
+    from bt_dualarm.replay.rerun import check_record
 
     record = Record.read(arguments.folder)
     found = check_record(record, imported_skills("bt-replay", arguments.skills))
@@ -50,11 +51,11 @@ def main(argv: Sequence[str] | None) -> int:
 
 
 def _show(arguments: argparse.Namespace) -> int:
-    """Serve the page until somebody ends it."""
+    """Serve the page until Ctrl-C."""
     from threading import Event
 
-    from bt_dualarm.live.past_answers import RecordView
-    from bt_dualarm.live.served import Served
+    from bt_dualarm.viewer.past import RecordView
+    from bt_dualarm.viewer.server import Served
 
     served = Served(RecordView(arguments.folder), arguments.view_port, arguments.view_host)
     served.begin()
@@ -107,7 +108,7 @@ def _lines(found: Agreement) -> Iterator[str]:
 
 def _facts(found: Agreement) -> dict[str, object]:
     differs = found.difference
-    said = None
+    difference = None
     if differs is not None:
-        said = {**vars(differs), "numbers": [vars(number) for number in differs.numbers]}
-    return {**vars(found), "agrees": found.agrees, "difference": said}
+        difference = {**vars(differs), "numbers": [vars(number) for number in differs.numbers]}
+    return {**vars(found), "agrees": found.agrees, "difference": difference}

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bt_dualarm.cli.entry import SUCCEEDED
-from bt_dualarm.errors import DualArmError
+from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:
-    from bt_dualarm.world.urdf.kinematic_tree import KinematicTree
+    from bt_dualarm.robots.urdf import KinematicTree
+
 
 _EPILOG = """\
 examples:
@@ -50,8 +51,8 @@ def _command_line() -> argparse.ArgumentParser:
 
 
 def _robot(arguments: argparse.Namespace) -> int:
-    from bt_dualarm.world.robots.page_source import find_urdf
-    from bt_dualarm.world.urdf.description import read_urdf
+    from bt_dualarm.robots.description_file import find_urdf
+    from bt_dualarm.robots.urdf import read_urdf
 
     folder = (arguments.out.parent if arguments.out else Path()).resolve()
     urdf = find_urdf(arguments.urdf, folder)
@@ -59,11 +60,10 @@ def _robot(arguments: argparse.Namespace) -> int:
     if arguments.base is None or arguments.tool is None:
         return _list(arguments, tree)
     _refuse_unknown(tree, arguments)
-    from bt_dualarm.world.robots.draft_text import page_text
-    from bt_dualarm.world.robots.page_draft import draft_of
+    from bt_dualarm.robots.description_template import template_of, template_text
 
-    draft = draft_of(urdf.path, folder, arguments.base, arguments.tool)
-    text = page_text(draft, urdf.path.stem, urdf.name, urdf.srdf)
+    draft = template_of(urdf.path, folder, arguments.base, arguments.tool)
+    text = template_text(draft, urdf.path.stem, urdf.name, urdf.srdf)
     if arguments.out is None:
         sys.stdout.write(text)
         return SUCCEEDED
@@ -73,7 +73,7 @@ def _robot(arguments: argparse.Namespace) -> int:
 
 def _list(arguments: argparse.Namespace, tree: KinematicTree) -> int:
     """The chains that could be arms, most likely ones first."""
-    from bt_dualarm.world.urdf.arm_chains import arm_chains
+    from bt_dualarm.robots.urdf_arm import arm_chains
 
     chains = arm_chains(tree)
     if not chains:
@@ -97,11 +97,11 @@ def _refuse_unknown(tree: KinematicTree, arguments: argparse.Namespace) -> None:
 
 def _write(target: Path, text: str) -> None:
     """Write the page and read it as a tree file would."""
-    from bt_dualarm.runtime.atomic_write import write_text
-    from bt_dualarm.world.robots.catalogue import load_robot
-    from bt_dualarm.world.robots.page_path import is_page
+    from bt_dualarm.core.share import write_text
+    from bt_dualarm.robots.description_file import is_description_path
+    from bt_dualarm.robots.robot_description import load_robot
 
-    if not is_page(target.name):
+    if not is_description_path(target.name):
         raise DualArmError(f"--out {target}: the name of a page ends with .yaml")
     if target.exists():
         raise DualArmError(f"--out {target}: is there already; remove it, or choose another name")

@@ -1,29 +1,295 @@
-"""``bt-run``: from a tree file to an exit code."""
+"""``bt-run``: runs a tree file and returns an exit code."""
 
 from __future__ import annotations
 
 import argparse
 import logging
+import math
+import os
+import re
+import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from tempfile import TemporaryDirectory, gettempdir
+from typing import TYPE_CHECKING, Final
 
-from bt_dualarm.cli.early_signals import early
-from bt_dualarm.cli.entry import FAILED, OVERRUN, SUCCEEDED, UNUSABLE, complain
-from bt_dualarm.cli.run_arguments import command_line
-from bt_dualarm.cli.viewing import drop_record, linger, record_folder, viewed, watched
-from bt_dualarm.errors import DualArmError
+from bt_dualarm.cli.arguments import add_params, add_skills, add_view, imported_skills
+from bt_dualarm.cli.entry import FAILED, OVERRUN, SUCCEEDED, UNUSABLE, complain, early
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.runtime.options import find_tree
+from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
 
 if TYPE_CHECKING:
-    from bt_dualarm.runtime.result import RunResult
-    from bt_dualarm.runtime.run import Run
+    from bt_dualarm.runtime.outcome import RunResult
+    from bt_dualarm.viewer.live_view import LiveView
 
-_ENDLESS = 10**4
-"""Lines of a terminal that is not to fold any tree."""
+
+_EXAMPLES = """\
+examples:
+  bt-run pick_and_track                     a shipped tree, by name from any folder
+  bt-run my_tree.yaml --record out/first    keep summary, events, samples and plots
+  bt-run circle --display log --seed 3      a line per change; another arrangement
+  bt-run pick_and_track --real-time         no faster than the clock on the wall
+  bt-run --resume out@12.4                  go on from 12.4 s of the run recorded in out
+  bt-run my_tree.yaml --resume out@12.4     with a tree edited since; its past must be the same
+  bt-run pick_and_track --view              look at it in a browser; pause, step, breakpoints
+  bt-run my_tree.yaml --watch --view        edit the tree while it runs
+  bt-run --list                             what is shipped
+
+exit code:
+  0 every tree succeeded   1 one failed or did not finish   2 the file or the command is wrong
+  129, 130, 143 stopped by SIGHUP (the terminal was closed), SIGINT (Ctrl-C) or SIGTERM; once more:
+  without waiting for arms and plots
+  154 code of a skill did not return in time (--watchdog)
+"""
+
+
+def command_line() -> argparse.ArgumentParser:
+    """The parser of ``bt-run``; building it needs no slow import."""
+    parser = argparse.ArgumentParser(
+        prog="bt-run",
+        description="Run the behavior trees of a file, one per robot arm, in one simulated world.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("file", metavar="FILE", nargs="?", help="a tree file, or the name of a shipped one")
+    add("--list", action="store_true", help="list the shipped trees and end")
+    add(
+        "--resume",
+        metavar="DIR@S",
+        help="go on from S simulated seconds of the record in DIR, with its tree or with FILE",
+    )
+    add(
+        "--record",
+        metavar="DIR",
+        type=_folder,
+        help="write summary, events, samples and plots there",
+    )
+    add("--frames", action="store_true", help="keep the cameras' pictures there, too")
+    add(
+        "--display",
+        choices=("live", "log", "quiet"),
+        help="live: the trees, redrawn; log: a line per change; quiet: errors only "
+        "(default: live in a terminal, else log)",
+    )
+    add("--ascii", action="store_true", help="draw with ASCII characters only")
+    add("--seed", metavar="N", type=seed, help="of everything random (default: the file's)")
+    _add_conditions(parser)
+    add("--dry-run", action="store_true", help="build everything, move nothing, print the trees")
+    add_skills(parser)
+    add_params(parser)
+    add("--version", action="store_true", help="print the version and end")
+    return parser
+
+
+def _add_conditions(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a run."""
+    add = parser.add_argument
+    add("--duration", metavar="S", type=_seconds, help="end after so many simulated seconds")
+    add(
+        "--renderer",
+        choices=("ray", "gl", "auto"),
+        help="of the cameras: ray casting, OpenGL, or OpenGL where it works (default: the file's)",
+    )
+    add(
+        "--reality",
+        choices=("ideal", "lab", "rough"),
+        help="how far all arms are from what is believed of them (default: the file's)",
+    )
+    add("--view", action="store_true", help="show it in a browser, held until you let it go")
+    add_view(parser)
+    add(
+        "--watch",
+        action="store_true",
+        help="take up the trees whenever the file is saved: running leaves that are unchanged go "
+        "on, others begin anew; what has errors is told, and the run goes on as it was",
+    )
+    add("--real-time", action="store_true", help="run no faster than the clock on the wall")
+    add(
+        "--watchdog",
+        metavar="S",
+        type=_budget,
+        default=30.0,
+        help="end the run when a tick or callback of a skill, or the import of all of them, has "
+        "not returned for so many seconds on the wall (default: 30; 0 for never)",
+    )
+
+
+def seed(text: str) -> int:
+    """The value of ``--seed``."""
+    if not text.isascii() or not text.isdecimal() or int(text) >= 2**32:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 4294967295")
+    return int(text)
+
+
+def _folder(text: str) -> Path:
+    if not text.strip():
+        raise argparse.ArgumentTypeError("the folder needs a name; '.' is the current folder")
+    return Path(text)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not (seconds > 0 and math.isfinite(seconds)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds above 0")
+    return seconds
+
+
+def _budget(text: str) -> float:
+    return math.inf if text.strip() in ("0", "off") else _seconds(text)
+
+
+_REPLACED = ("seed", "duration", "renderer", "reality")
+"""Options of a record that the command line may replace."""
+
+
+def opened_again(arguments: argparse.Namespace, kept: Path | None, stop: StopRequest) -> Run:
+    """Repeat the run of a record up to the time from which it continues.
+
+    Args:
+        arguments: Arguments of ``bt-run``.
+        kept: Folder of the record of the new run, None for no record.
+        stop: Request to end early.
+
+    Raises:
+        ReplayError: There is no such record or time, or the past differs.
+        DualArmError: The run cannot be prepared.
+    """
+    # Imported here, because a run without --resume does without the packages for replay.
+    from bt_dualarm.replay.record import Record, ReplayError
+    from bt_dualarm.replay.rerun import Changed, parse_place, resumed
+
+    folder, time = parse_place(arguments.resume)
+    record = Record.read(folder)
+    given = {name: getattr(arguments, name) for name in _REPLACED}
+    options = {name: value for name, value in given.items() if value is not None}
+    options |= {"watchdog": arguments.watchdog, "duration": arguments.duration}
+    if kept is not None:
+        if kept.resolve() == folder.resolve():
+            raise ReplayError(f"{folder} is read: --record needs another folder")
+        options |= {"record": kept, "frames": arguments.frames}
+    tree = None if arguments.file is None else find_tree(arguments.file)
+    registry = imported_skills("bt-run", arguments.skills, arguments.watchdog)
+    changed = Changed(tree, options, dict(arguments.param))
+    run = resumed(record, time, registry, changed, stop)
+    if arguments.display != "quiet":
+        print(f"the past is that of {folder} up to {run.time:.3f} s", file=sys.stderr)
+    return run
+
+
+_FOLDER_NAME: Final = re.compile(r"bt_dualarm_view_(\d{1,9})_\w+")
+
+
+@contextmanager
+def view_folder() -> Iterator[Path]:
+    """Temporary folder for the record of a view; folders left by killed processes are removed."""
+    _clear_left_behind()
+    prefix = f"bt_dualarm_view_{os.getpid()}_"
+    with TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
+
+
+def _clear_left_behind() -> None:
+    """Remove this user's folders whose process has ended."""
+    for folder in Path(gettempdir()).glob("bt_dualarm_view_*"):
+        named = _FOLDER_NAME.fullmatch(folder.name)
+        if named and not _lives(int(named[1])) and _is_own(folder):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _is_own(folder: Path) -> bool:
+    try:
+        return folder.lstat().st_uid == os.getuid() and not folder.is_symlink()
+    except OSError:  # another process has removed it
+        return False
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # a process of another user
+        return True
+    return True
+
+
+@contextmanager
+def record_folder(arguments: argparse.Namespace) -> Iterator[Path | None]:
+    """Folder of the record; for a view without ``--record`` a temporary one."""
+    if arguments.dry_run:
+        yield None
+    elif arguments.record is not None or not arguments.view:
+        yield arguments.record
+    else:
+        with view_folder() as folder:
+            yield folder
+
+
+@contextmanager
+def viewed(
+    arguments: argparse.Namespace, opened: Run, stop: StopRequest
+) -> Iterator[LiveView | None]:
+    """Serve the page within the block, if ``--view`` is given.
+
+    The viewer is imported only then.
+    """
+    if not arguments.view:
+        yield None
+        return
+    from bt_dualarm.viewer.live_view import LiveView
+
+    with LiveView(opened, stop, arguments.view_port, arguments.view_host) as view:
+        print(f"held until you let it go: {view.url}", file=sys.stderr, flush=True)
+        yield view
+
+
+def linger(view: LiveView) -> None:
+    """After the run, keep serving while a page is open."""
+    if view.is_watched:
+        message = "the run is over; it is shown until its page is closed, or Ctrl-C"
+        print(message, file=sys.stderr, flush=True)
+    view.linger()
+
+
+@contextmanager
+def watched(arguments: argparse.Namespace, opened: Run, view: LiveView | None) -> Iterator[None]:
+    """Apply the trees of the file whenever it is saved within the block, if ``--watch`` is given.
+
+    Raises:
+        DualArmError: The file has errors, or does not exist.
+    """
+    if not arguments.watch:
+        yield
+        return
+    from bt_dualarm.runtime.api import registry_of
+    from bt_dualarm.runtime.hot_reload import FileWatch
+    from bt_dualarm.runtime.options import find_tree
+
+    path = find_tree(arguments.file)
+    registry = registry_of(arguments.skills)
+    with FileWatch(opened, path, registry, dict(arguments.param)) as watch:
+        if view is not None:
+            view.gate.chores.append(watch.take)
+        yield
+
+
+def drop_record(arguments: argparse.Namespace, opened: Run) -> None:
+    """Do not complete a record that exists only for the page."""
+    if arguments.record is None and opened.open_record is not None:
+        opened.open_record.recorder.close()
+
+
+_UNFOLDED_HEIGHT = 10**4
+"""Height in lines of a console that does not fold any tree."""
 
 
 def main(argv: Sequence[str] | None) -> int:
@@ -67,7 +333,7 @@ def _version() -> int:
 
 
 def _list() -> int:
-    from bt_dualarm.runtime.shipped import shipped_trees
+    from bt_dualarm.runtime.options import shipped_trees
 
     trees = shipped_trees()
     width = max((len(tree.name) for tree in trees), default=0)
@@ -77,7 +343,7 @@ def _list() -> int:
 
 
 def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
-    """Open the file, run it, and say how it went."""
+    """Open the file, run it, and report the result."""
     with (
         _logging(),
         record_folder(arguments) as folder,
@@ -88,11 +354,11 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
                 print(warning, file=sys.stderr)
         if arguments.dry_run:
             return _show_trees(arguments, opened)
-        from bt_dualarm.cli.last_resort import ProcessEnd, exit_refused
+        from bt_dualarm.cli.entry import ProcessEnd, exit_refused
 
         with stop_on_signals(stop), exit_refused(), ProcessEnd("bt-run", stop) as last_resort:
             opened.watchdog.last_resort = last_resort
-            for number in early.numbers:  # one that was lost on its way through the imports
+            for number in early.numbers:  # signals received during the imports
                 stop.receive(number)
             with (
                 viewed(arguments, opened, stop) as view,
@@ -108,15 +374,13 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
 
 
 def _opened(arguments: argparse.Namespace, folder: Path | None, stop: StopRequest) -> Run:
-    from bt_dualarm.runtime.shipped import find_tree
+    from bt_dualarm.runtime.options import find_tree
 
     if arguments.resume is not None:
-        from bt_dualarm.cli.resuming import opened_again
-
         return opened_again(arguments, folder, stop)
-    tree = find_tree(arguments.file)  # a slip is told before all that is heavy is imported
+    tree = find_tree(arguments.file)  # reports a wrong name before the slow imports
 
-    from bt_dualarm.cli.skill_import import imported_skills
+    from bt_dualarm.cli.arguments import imported_skills
     from bt_dualarm.runtime import api
 
     imported_skills("bt-run", arguments.skills, arguments.watchdog)
@@ -137,14 +401,13 @@ def _opened(arguments: argparse.Namespace, folder: Path | None, stop: StopReques
 
 
 def _show_trees(arguments: argparse.Namespace, opened: Run) -> int:
-    """Bring in everything that the file declares, and draw the trees of all arms."""
+    """Spawn everything that the file declares, and draw the trees of all arms."""
     from rich.console import Console
 
-    from bt_dualarm.runtime.display import suited_symbols
-    from bt_dualarm.runtime.layout import Picture
+    from bt_dualarm.runtime.display import Picture, suited_symbols
 
     opened.spawn_all()
-    console = Console(highlight=False, height=_ENDLESS)
+    console = Console(highlight=False, height=_UNFOLDED_HEIGHT)
     symbols = suited_symbols(console, ascii_only=arguments.ascii)
     renderer = opened.renderer or ""
     console.print(Picture(opened.name, 0.0, None, renderer, opened.views(), symbols))
@@ -152,10 +415,7 @@ def _show_trees(arguments: argparse.Namespace, opened: Run) -> int:
 
 
 def _show(arguments: argparse.Namespace, opened: Run) -> int:
-    """Run it before somebody's eyes; the terminal is given back before the last words.
-
-    Nobody waits for pictures to hear how it went.
-    """
+    """Run with a display, restore the terminal, and print the report before plots are drawn."""
     from rich.console import Console
 
     from bt_dualarm.runtime.display import Caption, open_display, suited_mode, suited_symbols
@@ -170,7 +430,7 @@ def _show(arguments: argparse.Namespace, opened: Run) -> int:
     with open_display(mode, console, symbols, caption, time.perf_counter) as display:
         opened.watch(display)
         result = opened.finish()
-    _say_what_broke(result, arguments.record)
+    _print_run_error(result, arguments.record)
     if mode != "quiet" or result.outcome != "SUCCESS":
         console = Console(stderr=mode == "quiet", highlight=False)
         console.print(Report(opened.name, result, arguments.record, symbols))
@@ -188,7 +448,7 @@ def _code(result: RunResult, *, complete: bool) -> int:
 
 
 def _written(opened: Run) -> bool:
-    from bt_dualarm.runtime.record_folder import RecordError
+    from bt_dualarm.runtime.recorder import RecordError
 
     try:
         opened.write_record()
@@ -198,10 +458,10 @@ def _written(opened: Run) -> bool:
     return True
 
 
-def _say_what_broke(result: RunResult, folder: Path | None) -> None:
-    """An error of the run itself; what failed in a tree is in the report."""
+def _print_run_error(result: RunResult, folder: Path | None) -> None:
+    """Print an error of the run itself; failures of trees are part of the report."""
     from bt_dualarm.runtime.outcome import Ending
-    from bt_dualarm.runtime.record_folder import DIVERGENCE
+    from bt_dualarm.runtime.recorder import DIVERGENCE
 
     if result.ending is Ending.OVERRUN:
         print(f"bt-run: error: {result.error}", file=sys.stderr)
@@ -217,11 +477,11 @@ def _say_what_broke(result: RunResult, folder: Path | None) -> None:
 
 
 class _ToTerminal(logging.Handler):
-    """Prints what is logged on the standard error of that moment, above a live display too."""
+    """Prints log lines to the current standard error, above a live display."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print it, with its traceback; what would act on the terminal is only shown."""
-        from bt_dualarm.spec.wording import one_line
+        """Print a line with its traceback; control characters are escaped."""
+        from bt_dualarm.spec.ports import one_line
 
         lines = self.format(record).split("\n")
         print(
@@ -232,9 +492,10 @@ class _ToTerminal(logging.Handler):
 
 @contextmanager
 def _logging() -> Iterator[None]:
-    """What the package and the skills log goes to the terminal."""
+    """Print the log of the package and the skills to the terminal within the block."""
     logger = logging.getLogger("bt_dualarm")
-    level, handler = logger.level, _ToTerminal()
+    level = logger.level
+    handler = _ToTerminal()
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
     try:

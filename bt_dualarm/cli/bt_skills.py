@@ -1,25 +1,388 @@
-"""``bt-skills``: what may be written in a tree file, robots and grippers too, and the schema."""
+"""``bt-skills``: node types, skills, robots and grippers in the terminal, and the schema."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from bt_dualarm.cli.arguments import (
+    add_skills,
+    escape,
+    imported_skills,
+    print_json,
+    print_parts,
+    table,
+)
 from bt_dualarm.cli.entry import SUCCEEDED
-from bt_dualarm.cli.skill_import import imported_skills
-from bt_dualarm.cli.words import add_skills
-from bt_dualarm.errors import DualArmError
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.solver import Workspace
+from bt_dualarm.robots.robot import Robot
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bt_dualarm.spec.describe import PortDescription
-    from bt_dualarm.spec.kind import Kind
+    from bt_dualarm.robots.gripper import Gripper, Interval
+    from bt_dualarm.spec.node_types import NodeType
+    from bt_dualarm.spec.reference import PortDescription
+
+
+# A robot for people: what its page and its URDF say, in degrees and millimeters.
+
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class JointSheet:
+    """A joint; degrees and degrees a second."""
+
+    name: str
+    lower_deg: float
+    upper_deg: float
+    velocity_deg_s: float
+
+
+@dataclass(frozen=True)
+class LockedSheet:
+    """A joint that stands still, and where an arm of a file may have it stand.
+
+    Attributes:
+        unit: ``"m"`` of one that slides, ``"degrees"`` of one that turns.
+        follows: Joint that it goes with, None where it goes with none.
+    """
+
+    name: str
+    at: float
+    lower: float
+    upper: float
+    unit: str
+    follows: str | None
+
+
+@dataclass(frozen=True)
+class PostureSheet:
+    """A posture: an angle for each joint, and where the tool then is, seen from the base link.
+
+    Attributes:
+        points: Along the tool's z axis, out of the tool; a unit vector.
+    """
+
+    name: str
+    angles_deg: tuple[float, ...]
+    tool_m: Triple
+    points: Triple
+
+
+@dataclass(frozen=True)
+class MountSheet:
+    """A place for a camera: where it is in its link, and which way it looks there."""
+
+    name: str
+    link: str
+    xyz_m: Triple
+    looks: Triple
+
+
+@dataclass(frozen=True)
+class RobotSummary:
+    """What a tree file needs to know of a robot.
+
+    Attributes:
+        tool_link: Link that the tool frame is fixed to.
+        tool_m: Place of the tool frame in that link.
+        center_m: Place of the first joint, seen from the base link.
+        reach_m: Largest distance of the tool from there.
+        payload_kg: Largest mass that the arm may hold, None where its page gives none.
+    """
+
+    name: str
+    title: str
+    base_link: str
+    tool_link: str
+    tool_m: Triple
+    center_m: Triple
+    reach_m: float
+    payload_kg: float | None
+    joints: tuple[JointSheet, ...]
+    postures: tuple[PostureSheet, ...]
+    cameras: tuple[MountSheet, ...]
+    locked: tuple[LockedSheet, ...]
+
+
+def robot_summary(robot: Robot) -> RobotSummary:
+    """The summary of a robot of the catalog, or of one's own."""
+    arm = Workspace(robot, Pose.identity())
+    limits = robot.limits
+    rates = zip(limits.lower, limits.upper, limits.velocity, strict=True)
+    joints = (map(_degrees, row) for row in rates)
+    return RobotSummary(
+        name=robot.name,
+        title=robot.title,
+        base_link=robot.base_link,
+        tool_link=robot.tool_link,
+        tool_m=_triple(robot.tool.position),
+        center_m=_triple(arm.bounding_ball[0]),
+        reach_m=round(arm.farthest(), 2),
+        payload_kg=robot.payload,
+        joints=tuple(
+            JointSheet(name, *row) for name, row in zip(robot.joints, joints, strict=True)
+        ),
+        postures=tuple(_posture(arm, name, q) for name, q in robot.postures.items()),
+        cameras=tuple(
+            MountSheet(name, mount.link, _triple(mount.pose.position), _ahead(mount.pose))
+            for name, mount in robot.cameras.items()
+        ),
+        locked=tuple(
+            LockedSheet(name, joint.at, joint.lower, joint.upper, joint.unit, joint.follows)
+            for name, joint in robot.locked.items()
+        ),
+    )
+
+
+def direction(axis: Triple) -> str:
+    """An axis of a frame as ``+x``, any other unit vector by its numbers."""
+    for name, value in zip("xyz", axis, strict=True):
+        if abs(value) == 1.0:
+            return f"{'+' if value > 0 else '-'}{name}"
+    return numbers(axis)
+
+
+def numbers(values: Iterable[float]) -> str:
+    """As they may stand in a file: as short as they can be."""
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _posture(arm: Workspace, name: str, q: Vector) -> PostureSheet:
+    tool = arm.forward(q)
+    return PostureSheet(name, tuple(map(_degrees, q)), _triple(tool.position), _ahead(tool))
+
+
+def _ahead(pose: Pose) -> Triple:
+    """Of the z axis, a hundredth at best: which way, not how exactly."""
+    return _triple(pose.rotation_matrix[:, 2], 2)
+
+
+def _degrees(angle: float) -> float:
+    """To a hundredth; the zero has no sign."""
+    return round(float(np.rad2deg(angle)), 2) + 0.0
+
+
+def _triple(values: Iterable[float], digits: int = 3) -> Triple:
+    x, y, z = (round(float(value), digits) + 0.0 for value in values)
+    return x, y, z
+
+
+# Robots in the terminal: the catalog at a glance, and one robot whole.
+
+
+def list_robots(*, as_json: bool) -> None:
+    """The catalog: a line for each robot with its joints' number, reach, postures and mounts."""
+    from bt_dualarm.robots.robot_description import robot_names
+
+    summaries = [_summary(name) for name in robot_names()]
+    if as_json:
+        print_json({summary.name: asdict(summary) for summary in summaries})
+        return
+    rows = (
+        (
+            summary.name,
+            summary.title,
+            str(len(summary.joints)),
+            f"{summary.reach_m:.2f} m",
+            ", ".join(posture.name for posture in summary.postures),
+            ", ".join(mount.name for mount in summary.cameras),
+        )
+        for summary in summaries
+    )
+    titles = ("robot", "", "joints", "reach", "postures", "camera mounts")
+    print_parts("robots:", table(titles, rows), "\nbt-skills NAME shows one robot whole.")
+
+
+def show_robot(name: str, *, as_json: bool) -> None:
+    """One robot, of the catalog or of a page: joints, postures, camera mounts, tool, reach.
+
+    Raises:
+        CatalogError: There is none, or its page is wrong.
+    """
+    summary = _summary(name)
+    if as_json:
+        print_json(asdict(summary))
+        return
+    joints = (
+        (j.name, f"{j.lower_deg:g}°", f"{j.upper_deg:g}°", f"{j.velocity_deg_s:g} °/s")
+        for j in summary.joints
+    )
+    postures = (
+        (p.name, numbers(p.angles_deg), numbers(p.tool_m), direction(p.points))
+        for p in summary.postures
+    )
+    mounts = ((c.name, c.link, numbers(c.xyz_m), direction(c.looks)) for c in summary.cameras)
+    locked = (
+        (j.name, f"{j.at:g}", f"{j.lower:g}", f"{j.upper:g}", j.unit, j.follows or "")
+        for j in summary.locked
+    )
+    tool = f"({numbers(summary.tool_m)}) m in {escape(summary.tool_link)}, its z axis out of it"
+    print_parts(
+        f"[bold]{escape(summary.name)}[/bold]  {escape(summary.title)}",
+        "\njoints, base to tip:",
+        table(("joint", "from", "to", "velocity"), joints),
+        "\npostures, the tool as seen from the base link:",
+        table(("posture", "angles in degrees", "tool at, m", "points"), postures),
+        *(
+            ("\ncamera mounts:", table(("mount", "in the link", "at, m", "looks"), mounts))
+            if summary.cameras
+            else ()
+        ),
+        *(
+            (
+                "\nlocked joints, as `locked` of an arm says:",
+                table(("joint", "at", "from", "to", "unit", "goes with"), locked),
+            )
+            if summary.locked
+            else ()
+        ),
+        f"\ntool: at {tool}",
+        f"reach: {summary.reach_m:.2f} m from the first joint, at ({numbers(summary.center_m)}) m",
+        *(() if summary.payload_kg is None else (f"payload: {summary.payload_kg:g} kg",)),
+    )
+
+
+def _summary(name: str) -> RobotSummary:
+    from bt_dualarm.robots.description_file import is_description_path
+    from bt_dualarm.robots.robot_description import load_robot
+
+    if is_description_path(name):
+        page = Path(name)
+        return robot_summary(load_robot(page.name, page.parent))
+    return robot_summary(load_robot(name))
+
+
+# Grippers in the terminal: the catalog at a glance, and one gripper whole.
+
+
+def list_grippers(*, as_json: bool) -> None:
+    """The catalog: a line for each gripper with its stroke, force, payload and mass."""
+    from bt_dualarm.robots.gripper import gripper_names
+
+    grippers = [_load(name) for name in gripper_names()]
+    if as_json:
+        print_json({gripper.name: _sheet(gripper) for gripper in grippers})
+        return
+    rows = map(_row, grippers)
+    titles = ("gripper", "", "stroke", "force", "payload", "mass")
+    print_parts("grippers:", table(titles, rows), "\nbt-skills NAME shows one gripper whole.")
+
+
+def _row(gripper: Gripper) -> tuple[str, ...]:
+    return (
+        gripper.name,
+        gripper.title,
+        f"{1e3 * gripper.stroke:g} mm" if gripper.fingers else "vacuum",
+        _span(gripper.force, 1.0, "N"),
+        f"{gripper.payload:g} kg",
+        f"{gripper.mass:.3g} kg",
+    )
+
+
+def show_gripper(name: str, *, as_json: bool) -> None:
+    """One gripper, of the catalog or of a page: what it can do, and where its tool frame is.
+
+    Raises:
+        CatalogError: There is none, or its page is wrong.
+    """
+    gripper = _load(name)
+    if as_json:
+        print_json(_sheet(gripper))
+        return
+    print_parts(
+        f"[bold]{escape(gripper.name)}[/bold]  {escape(gripper.title)}\n",
+        *(_fingers(gripper) if gripper.fingers else _cup(gripper)),
+        f"payload: {gripper.payload:g} kg, or what the robot has left",
+        f"mass: {gripper.mass:.3g} kg",
+        f"tool: {_tool(gripper)}",
+    )
+
+
+def _fingers(gripper: Gripper) -> tuple[str, ...]:
+    return (
+        "takes hold by: two fingers",
+        f"stroke: {1e3 * gripper.stroke:g} mm",
+        f"speed: {_span(gripper.speed, 1e3, 'mm/s')} of both fingers together",
+        f"force: {_span(gripper.force, 1.0, 'N')} of each pad",
+        f"encoder: a step of {1e3 * gripper.resolution:g} mm",
+        f"pads: {_pads(gripper)}",
+    )
+
+
+def _pads(gripper: Gripper) -> str:
+    felt = gripper.tactile
+    if felt is None:
+        return "do not feel"
+    return f"feel the force on them {felt.rate:g} times a second, within {felt.noise:g} N"
+
+
+def _cup(gripper: Gripper) -> tuple[str, ...]:
+    return "takes hold by: vacuum", f"force: {_span(gripper.force, 1.0, 'N')} that pulls it off"
+
+
+def _tool(gripper: Gripper) -> str:
+    x, y, z = (gripper.mount @ gripper.tool).position
+    return f"at ({x:.3f}, {y:.3f}, {z:.3f}) m from the flange, its z axis out of the gripper"
+
+
+def is_gripper_page(name: str) -> bool:
+    """Whether a file describes a gripper: every one has a palm, and no robot has."""
+    import yaml
+
+    try:
+        page = yaml.safe_load(Path(name).read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError):
+        return False
+    return isinstance(page, dict) and "palm" in page
+
+
+def _load(name: str) -> Gripper:
+    from bt_dualarm.robots.description_file import is_description_path
+    from bt_dualarm.robots.gripper import load_gripper
+
+    if is_description_path(name):
+        page = Path(name)
+        return load_gripper(page.name, page.parent)
+    return load_gripper(name)
+
+
+def _sheet(gripper: Gripper) -> dict[str, object]:
+    """What a program reads, SI units."""
+    return {
+        "name": gripper.name,
+        "title": gripper.title,
+        "kind": gripper.kind,
+        "stroke_m": gripper.stroke,
+        "force_n": [gripper.force.least, gripper.force.most],
+        "speed_m_s": [gripper.speed.least, gripper.speed.most],
+        "payload_kg": gripper.payload,
+        "mass_kg": gripper.mass,
+        "resolution_m": gripper.resolution,
+        "tactile_hz": None if gripper.tactile is None else gripper.tactile.rate,
+        "friction": gripper.friction,
+        "tool_m": (gripper.mount @ gripper.tool).position.tolist(),
+    }
+
+
+def _span(span: Interval, times: float, unit: str) -> str:
+    return f"{times * span.least:g} to {times * span.most:g} {unit}"
+
+
+# ``bt-skills``: what may be written in a tree file, robots and grippers too, and the schema.
+
 
 _EPILOG = """\
 examples:
@@ -75,33 +438,31 @@ def _command_line() -> argparse.ArgumentParser:
 
 
 def _skills(arguments: argparse.Namespace) -> int:
-    from bt_dualarm.spec.language import LANGUAGE
+    from bt_dualarm.behaviors.language import LANGUAGE
 
     kinds = imported_skills("bt-skills", arguments.skills).kinds
     if arguments.schema is not None:
-        return _write_schema(kinds, arguments.schema)
+        return _write_schema({**LANGUAGE, **kinds}, arguments.schema)
     everything = {**kinds, **LANGUAGE}
     if arguments.name is None:
         return _list(kinds, LANGUAGE, as_json=arguments.json)
     if arguments.name in everything:
         return _show(everything[arguments.name], as_json=arguments.json)
-    return _show_of_catalogue(arguments.name, everything, as_json=arguments.json)
+    return _show_of_catalog(arguments.name, everything, as_json=arguments.json)
 
 
-def _show_of_catalogue(name: str, others: Mapping[str, Kind], *, as_json: bool) -> int:
-    from bt_dualarm.cli.gripper_summaries import is_gripper_page, list_grippers, show_gripper
-    from bt_dualarm.cli.robot_summaries import list_robots, show_robot
-    from bt_dualarm.world.grippers.named import gripper_names
-    from bt_dualarm.world.robots.catalogue import robot_names
-    from bt_dualarm.world.robots.page_path import is_page
+def _show_of_catalog(name: str, others: Mapping[str, NodeType], *, as_json: bool) -> int:
+    from bt_dualarm.robots.description_file import is_description_path
+    from bt_dualarm.robots.gripper import gripper_names
+    from bt_dualarm.robots.robot_description import robot_names
 
     if name == _ROBOTS:
         list_robots(as_json=as_json)
     elif name == _GRIPPERS:
         list_grippers(as_json=as_json)
-    elif name in gripper_names() or (is_page(name) and is_gripper_page(name)):
+    elif name in gripper_names() or (is_description_path(name) and is_gripper_page(name)):
         show_gripper(name, as_json=as_json)
-    elif is_page(name) or name in robot_names():
+    elif is_description_path(name) or name in robot_names():
         show_robot(name, as_json=as_json)
     else:
         raise _unknown(name, (*others, _ROBOTS, _GRIPPERS, *robot_names(), *gripper_names()))
@@ -115,9 +476,9 @@ def _unknown(name: str, known: Sequence[str]) -> DualArmError:
     return DualArmError(f"there is no skill, word, robot or gripper '{name}'; {hint}")
 
 
-def _write_schema(kinds: Mapping[str, Kind], target: Path) -> int:
-    from bt_dualarm.runtime.atomic_write import write_text
-    from bt_dualarm.spec.schema import schema_text
+def _write_schema(kinds: Mapping[str, NodeType], target: Path) -> int:
+    from bt_dualarm.core.share import write_text
+    from bt_dualarm.spec.reference import schema_text
 
     text = schema_text(kinds)
     if target == _STDOUT:
@@ -130,7 +491,7 @@ def _write_schema(kinds: Mapping[str, Kind], target: Path) -> int:
     return SUCCEEDED
 
 
-def _list(kinds: Mapping[str, Kind], words: Mapping[str, Kind], *, as_json: bool) -> int:
+def _list(kinds: Mapping[str, NodeType], words: Mapping[str, NodeType], *, as_json: bool) -> int:
     if as_json:
         found = {name: kind.summary for name, kind in {**kinds, **words}.items()}
         print(json.dumps(found, indent=2))
@@ -145,9 +506,9 @@ def _list(kinds: Mapping[str, Kind], words: Mapping[str, Kind], *, as_json: bool
     return SUCCEEDED
 
 
-def _show(kind: Kind, *, as_json: bool) -> int:
+def _show(kind: NodeType, *, as_json: bool) -> int:
     """One kind: what it takes, what it gives, how it fails, an example."""
-    from bt_dualarm.spec.describe import describe
+    from bt_dualarm.spec.reference import describe
 
     description = describe(kind)
     if as_json:

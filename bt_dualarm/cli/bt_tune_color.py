@@ -4,33 +4,171 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
+from bt_dualarm.cli.arguments import add_params, add_skills, imported_skills
+from bt_dualarm.cli.bt_run import seed
 from bt_dualarm.cli.entry import FAILED, SUCCEEDED
-from bt_dualarm.cli.skill_import import imported_skills
-from bt_dualarm.cli.tune_arguments import command_line
-from bt_dualarm.errors import DualArmError
+from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:
-    from bt_dualarm.spec.color import Color
-    from bt_dualarm.tuning.look import Look
-    from bt_dualarm.tuning.saving import Save
-    from bt_dualarm.tuning.shot import Shot
+    from bt_dualarm.spec.values import Color
+    from bt_dualarm.tuning.color import ColorView, Save, Shot
+
+
+# The arguments of ``bt-tune-color``: what may be given, and what is refused at once.
+
+
+_Add: TypeAlias = Callable[..., argparse.Action]
+
+_EPILOG = """\
+examples:
+  bt-tune-color pick_and_track --at 7 --out seen.png    what the tracking camera sees after 7 s
+  bt-tune-color my_tree.yaml --serve                    what it sees at the start, as a live page
+  bt-tune-color my_tree.yaml --pick 160,120 --write     look for the color of a pixel from now on
+  bt-tune-color photo.jpg --hue 45 65 --saturation 0.5 1 --snippet color.yaml
+
+exit code:
+  0 something of the color was found, or the page was closed   1 nothing was found
+  2 the file or the command is wrong
+"""
+
+
+def command_line() -> argparse.ArgumentParser:
+    """The parser of ``bt-tune-color``; building it imports nothing heavy."""
+    parser = argparse.ArgumentParser(
+        prog="bt-tune-color",
+        description="Show what a camera takes for its target in one picture, and choose the color "
+        "that it looks for.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("file", metavar="FILE", help="a tree file, a shipped one, or an image")
+    _add_picture(parser.add_argument_group("which picture of a tree file").add_argument)
+    color = parser.add_argument_group("which color (default: the file's, else yellow)")
+    _add_color(color.add_argument)
+    _add_output(parser.add_argument_group("what becomes of it"))
+    add_skills(parser)
+    add_params(parser)
+    return parser
+
+
+def _add_picture(add: _Add) -> None:
+    add("--arm", metavar="NAME", help="whose camera (default: the only one)")
+    add("--at", metavar="S", type=_moment, default=0.0, help="run so many simulated seconds first")
+    add("--posture", metavar="NAME", help="of the camera's arm at the start (default: the file's)")
+    add("--seed", metavar="N", type=seed, help="of everything random (default: the file's)")
+    add("--renderer", choices=("auto", "gl", "ray"), help="default: the file's")
+
+
+def _add_color(add: _Add) -> None:
+    ends = ("FROM", "TO")
+    add("--color", metavar="COLOR", type=_color, help="a name, or ranges as a tree file has them")
+    add(
+        "--pick",
+        metavar="X,Y",
+        type=_pixel,
+        nargs="+",
+        default=[],
+        help="the color of these pixels",
+    )
+    add(
+        "--widen",
+        metavar="X,Y",
+        type=_pixel,
+        nargs="+",
+        default=[],
+        help="the first range and these pixels",
+    )
+    add("--hue", metavar=ends, type=_degrees, nargs=2, help="degrees; 340 12 goes through red")
+    add("--saturation", metavar=ends, type=_share, nargs=2, help="0 is grey, 1 is pure")
+    add("--value", metavar=ends, type=_share, nargs=2, help="0 is black, 1 is bright")
+
+
+def _add_output(group: argparse._ArgumentGroup) -> None:
+    add = group.add_argument
+    save = group.add_mutually_exclusive_group().add_argument
+    add("--out", metavar="PNG", type=Path, help="image, mask and candidates side by side")
+    add("--json", action="store_true", help="print the result for programs")
+    add(
+        "--serve",
+        metavar="PORT",
+        type=_port,
+        nargs="?",
+        const=0,
+        help="a page on this machine to tune by hand, on any free port or on this one",
+    )
+    save("--write", action="store_true", help="write the color into the tree file")
+    add("--line", metavar="N", type=int, help="of the leaf, where several look for a color")
+    save("--snippet", metavar="YAML", type=Path, help="write the color into a file of its own")
+
+
+def _color(text: str) -> Color:
+    from bt_dualarm.spec.problems import SpecError
+    from bt_dualarm.spec.yaml_reader import read_text
+    from bt_dualarm.tuning.color import ColorError, color_of
+
+    try:
+        return color_of(read_text(text).data)
+    except SpecError as error:
+        raise argparse.ArgumentTypeError(error.problems[0].message) from None
+    except ColorError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _pixel(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([0-9]{1,5}),([0-9]{1,5})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a pixel X,Y such as 160,120")
+    return int(match[1]), int(match[2])
+
+
+def _number(text: str, most: float, what: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0.0 <= number <= most:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
+    return number
+
+
+def _degrees(text: str) -> float:
+    return _number(text, 360.0, "a hue from 0 to 360 degrees")
+
+
+def _share(text: str) -> float:
+    return _number(text, 1.0, "a number from 0 to 1")
+
+
+def _moment(text: str) -> float:
+    return _number(text, 86400.0, "a number of seconds from 0 to 86400")
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port from 0 to 65535")
+    return int(text)
+
+
+# ``bt-tune-color``: see what a camera takes for its target, and change that.
+
 
 _PROGRAM = "bt-tune-color"
 
 
 def main(argv: Sequence[str] | None) -> int:
-    """Show what a colour finds, and write new ranges; returns the exit code."""
+    """Show what a color finds, and write new ranges; returns the exit code."""
     return _tune(command_line().parse_args(argv))
 
 
 @dataclass(frozen=True)
 class _Subject:
-    """The picture, the colour that it is looked at with first, and where a new one goes."""
+    """The picture, the color that it is looked at with first, and where a new one goes."""
 
     shot: Shot
     color: Color
@@ -38,10 +176,10 @@ class _Subject:
 
 
 def _tune(arguments: argparse.Namespace) -> int:
-    from bt_dualarm.tuning.look import Look, png
+    from bt_dualarm.tuning.color import ColorView, png
 
     subject = _of_image(arguments) if _is_image(arguments.file) else _of_tree(arguments)
-    look = Look(subject.shot.frame, _wanted(arguments, subject))
+    look = ColorView(subject.shot.frame, _wanted(arguments, subject))
     _print(arguments, subject, look)
     if arguments.out is not None:
         _write(arguments.out, png(look.picture(subject.shot.what)))
@@ -55,14 +193,14 @@ def _tune(arguments: argparse.Namespace) -> int:
 
 
 def _is_image(file: str) -> bool:
-    from bt_dualarm.tuning.image_file import IMAGE_SUFFIXES
+    from bt_dualarm.tuning.color import IMAGE_SUFFIXES
 
     return Path(file).suffix.lower() in IMAGE_SUFFIXES
 
 
 def _of_image(arguments: argparse.Namespace) -> _Subject:
-    from bt_dualarm.spec.color import Color
-    from bt_dualarm.tuning.shot import image_shot
+    from bt_dualarm.spec.values import Color
+    from bt_dualarm.tuning.color import image_shot
 
     if arguments.write:
         raise DualArmError("--write: an image has no ranges; --snippet FILE writes a fresh file")
@@ -71,40 +209,48 @@ def _of_image(arguments: argparse.Namespace) -> _Subject:
 
 
 def _of_tree(arguments: argparse.Namespace) -> _Subject:
-    from bt_dualarm.preflight.check import check
-    from bt_dualarm.runtime.shipped import find_tree
-    from bt_dualarm.spec.color import Color
-    from bt_dualarm.tuning.color_port import choose, color_ports
-    from bt_dualarm.tuning.saving import IntoTree
-    from bt_dualarm.tuning.shot import Moment, camera_arm, camera_shot
+    from bt_dualarm.runtime.file_check import check
+    from bt_dualarm.runtime.options import find_tree
+    from bt_dualarm.spec.values import Color
+    from bt_dualarm.tuning.color import (
+        IntoTree,
+        ShotTime,
+        camera_arm,
+        camera_shot,
+        choose,
+        color_ports,
+    )
 
-    path, params = find_tree(arguments.file), dict(arguments.param)
+    path = find_tree(arguments.file)
+    params = dict(arguments.param)
     if arguments.write and not Path(arguments.file).is_file():
         raise DualArmError(f"--write: {path} is shipped; copy it and tune the copy")
     registry = imported_skills("bt-tune-color", arguments.skills)
     file = check(path, registry.kinds, params, build=False).runnable()
     arm = camera_arm(file, arguments.arm)
-    color, save, ports = None, None, list(color_ports(file, arm, registry.kinds))
+    color = None
+    save = None
+    ports = list(color_ports(file, arm, registry.kinds))
     if arguments.write or arguments.line is not None or len(ports) == 1:
         port = choose(ports, arm, arguments.line)
         color = port.color
         if arguments.write:
             port.home()  # refuses now what could not be written later
             save = IntoTree(path, arm, arguments.line, registry, params)
-    moment = Moment(arguments.at, arguments.posture, arguments.seed, arguments.renderer)
+    moment = ShotTime(arguments.at, arguments.posture, arguments.seed, arguments.renderer)
     shot = camera_shot(file, registry, arm, moment)
     return _Subject(shot, color or Color.named("yellow"), save or _snippet(arguments, shot))
 
 
 def _snippet(arguments: argparse.Namespace, shot: Shot) -> Save | None:
-    from bt_dualarm.tuning.saving import AsSnippet
+    from bt_dualarm.tuning.color import AsSnippet
 
     return AsSnippet(arguments.snippet, shot.what) if arguments.snippet else None
 
 
 def _wanted(arguments: argparse.Namespace, subject: _Subject) -> Color:
-    """The colour that the options ask for, from the one that the file has."""
-    from bt_dualarm.tuning.wanted import adjusted
+    """The color that the options ask for, from the one that the file has."""
+    from bt_dualarm.tuning.color import adjusted
 
     bounds = {name: getattr(arguments, name) for name in ("hue", "saturation", "value")}
     return adjusted(
@@ -116,7 +262,7 @@ def _wanted(arguments: argparse.Namespace, subject: _Subject) -> Color:
     )
 
 
-def _print(arguments: argparse.Namespace, subject: _Subject, look: Look) -> None:
+def _print(arguments: argparse.Namespace, subject: _Subject, look: ColorView) -> None:
     if arguments.json:
         content = {"picture": subject.shot.what, "color": look.color.data, "found": look.table}
         print(json.dumps(content, indent=2))
@@ -124,18 +270,18 @@ def _print(arguments: argparse.Namespace, subject: _Subject, look: Look) -> None
     print(subject.shot.what)
     print(f"color: {look.color.notation}")
     if not look.found:
-        print("nothing of this colour")
+        print("nothing of this color")
     for number, one in enumerate(look.found, start=1):
         x, y = one.centroid_px
         border = ", at the border of the image" if one.touches_border else ""
         print(
-            f"  {number}  centre {x:.1f}, {y:.1f} px  area {one.area_px:.0f} px²  "
+            f"  {number}  center {x:.1f}, {y:.1f} px  area {one.area_px:.0f} px²  "
             f"{one.confidence:.0%} of its outline filled{border}"
         )
 
 
 def _write(path: Path, content: bytes) -> None:
-    from bt_dualarm.runtime.atomic_write import write_atomically
+    from bt_dualarm.core.share import write_atomically
 
     try:
         write_atomically(path, lambda file: file.write(content))

@@ -1,4 +1,4 @@
-"""``bt-why``: the story of a failure, from the record of a run."""
+"""``bt-why``: the diagnosis of a failure, from the record of a run."""
 
 from __future__ import annotations
 
@@ -22,24 +22,23 @@ exit code:
 
 
 def main(argv: Sequence[str] | None) -> int:
-    """Tell why a run failed; returns the exit code."""
+    """Report why a run failed; returns the exit code."""
     arguments = _command_line().parse_args(argv)
+    from bt_dualarm.diagnosis.story import state_of, stories, story_text
     from bt_dualarm.replay.record import Record
-    from bt_dualarm.replay.story import stories
-    from bt_dualarm.replay.story_text import state_of, story_text
 
     record = Record.read(arguments.folder)
-    told = stories(record, arguments.about)
+    found = stories(record, arguments.about)
     if arguments.json:
         state = {"name": record.name, "until_s": record.until, "torn": record.torn}
-        print(json.dumps({**state, "stories": [story.as_dict() for story in told]}, indent=2))
+        print(json.dumps({**state, "stories": [story.as_dict() for story in found]}, indent=2))
     else:
         print(state_of(record))
-        for story in told:
+        for story in found:
             print(f"\n{story_text(story)}")
-        if not told:
+        if not found:
             print("nothing failed" if record.summary is None else "every tree succeeded")
-    return SUCCEEDED if told else FAILED
+    return SUCCEEDED if found else FAILED
 
 
 def _command_line() -> argparse.ArgumentParser:

@@ -1,66 +1,266 @@
-"""Around every command: what can happen to any of them becomes a sentence and an exit code.
-
-Only what is small is imported here, so that Ctrl-C while a program starts gives no traceback.
-"""
+"""The frame of every command: error messages, exit codes, signals, safe standard streams."""
 
 from __future__ import annotations
 
+import ctypes
+import faulthandler
 import gc
 import os
 import resource
 import signal
+import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Final, NoReturn, Self, TypeAlias, cast
 
-from bt_dualarm.cli.early_signals import early_signals
-from bt_dualarm.cli.outlet import outlets
+from bt_dualarm.runtime.signals import StopRequest
 
 if TYPE_CHECKING:
-    from bt_dualarm.errors import DualArmError
+    from typing import TextIO
+
+    from bt_dualarm.core.errors import DualArmError
+
+
+class SafeStream:
+    """Text stream that ignores write errors (closed, full, no reader) and keeps the first one.
+
+    Args:
+        stream: The underlying stream.
+        is_plain: Whether control characters are escaped, so that text cannot affect the terminal.
+
+    Attributes:
+        error: The first write error, None if there was none.
+    """
+
+    def __init__(self, stream: TextIO, *, is_plain: bool = False) -> None:
+        self._stream = stream
+        self._is_plain = is_plain
+        self.error: OSError | None = None
+
+    def write(self, text: str) -> int:
+        """Write the text, or drop it after an error."""
+        if self.error is None:
+            try:
+                self._stream.write(self._plain(text) if self._is_plain else text)
+            except OSError as error:
+                self._give_up(error)
+        return len(text)
+
+    @staticmethod
+    def _plain(text: str) -> str:
+        if text.replace("\n", "").isprintable():
+            return text
+        from bt_dualarm.spec.ports import escaped
+
+        return escaped(text)
+
+    def flush(self) -> None:
+        """Flush the stream, or drop the text after an error."""
+        if self.error is None:
+            try:
+                self._stream.flush()
+            except OSError as error:
+                self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        self.error = error
+        # Python flushes the stream at its exit, which must not fail again.
+        with suppress(OSError, ValueError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._stream, name)
+
+
+class Output:
+    """Standard output of a command, with the report of write errors.
+
+    Args:
+        program: Name of the program, for error messages.
+        standard: Standard output.
+    """
+
+    def __init__(self, program: str, standard: SafeStream) -> None:
+        self._program = program
+        self._standard = standard
+        self._is_reported = False
+
+    def failed(self) -> bool:
+        """Whether output was lost; prints an error message the first time.
+
+        A reader that closes the pipe, such as ``head``, is not an error.
+        """
+        self._standard.flush()
+        error = self._standard.error
+        if error is None or isinstance(error, BrokenPipeError):
+            return False
+        if not self._is_reported:
+            self._is_reported = True
+            why = error.strerror or error
+            print(f"{self._program}: error: cannot write the output: {why}", file=sys.stderr)
+        return True
+
+
+@contextmanager
+def safe_streams(program: str, *, is_plain: bool = False) -> Iterator[Output]:
+    """Replace standard output and standard error by `SafeStream` objects within the block.
+
+    A closed stream, which is None in Python and unexpected by libraries, is replaced by the null
+    device.
+
+    Args:
+        program: Name of the program, for error messages.
+        is_plain: Whether control characters are escaped, as in `SafeStream`.
+    """
+    before = sys.stdout, sys.stderr
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
+        out, err = (SafeStream(stream or nowhere, is_plain=is_plain) for stream in before)
+        sys.stdout = cast("TextIO", out)
+        sys.stderr = cast("TextIO", err)
+        try:
+            yield Output(program, out)
+        finally:
+            out.flush()
+            err.flush()
+            sys.stdout, sys.stderr = before
+
+
+# Signals before a run has started end the command with an exit code and without a traceback. The
+# handlers must be installed before any slow import, so this module imports little.
+
+
+_leave_early = (
+    os._exit
+)  # the original, because `exit_refused` replaces it while skills are imported
+
+_SignalHandler: TypeAlias = Callable[[int, FrameType | None], Any] | signal.Handlers | int | None
+
+_DEFAULTS: Final[dict[signal.Signals, _SignalHandler]] = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
+"""The handled signals with their default handlers; other handlers, as from ``nohup``, are kept."""
+
+
+class EarlySignals:
+    """Signals received by a command before a run handles them.
+
+    Attributes:
+        numbers: Received signals in order; the first one determines the exit code.
+    """
+
+    def __init__(self) -> None:
+        self.numbers: list[int] = []
+        self._interrupts = False
+
+    def __bool__(self) -> bool:
+        """Whether a signal was received."""
+        return bool(self.numbers)
+
+    def exit_code(self, code: int) -> int:
+        """Exit code of a program ended by the first signal; ``code`` without one."""
+        return 128 + self.numbers[0] if self.numbers else code
+
+    @contextmanager
+    def interrupting(self) -> Iterator[None]:
+        """Let a signal end the block.
+
+        Raises:
+            KeyboardInterrupt: A signal is received in the block, or was before.
+        """
+        self._interrupts = True
+        try:
+            if self.numbers:
+                raise KeyboardInterrupt
+            yield
+        finally:
+            self._interrupts = False
+
+    def note(self, number: int, _frame: FrameType | None = None) -> None:
+        """Handle a signal; the second one ends the process at once."""
+        self.numbers.append(number)
+        if len(self.numbers) > 1:
+            _leave_early(self.exit_code(0))
+        sys.unraisablehook = lambda _: None  # interrupted cleanup code is not worth a message
+        if self._interrupts:
+            raise KeyboardInterrupt
+
+
+early: Final = EarlySignals()
+"""Signals of this process."""
+
+
+@contextmanager
+def early_signals(*, leaving: bool) -> Iterator[EarlySignals]:
+    """Record signals within the block; ignored signals and other handlers are left alone.
+
+    Args:
+        leaving: Whether the process ends with the command. Signals are ignored from then on,
+            because Python removes its handlers long before it exits, and a signal would change the
+            exit code.
+    """
+    early.numbers.clear()
+    handled = [number for number, usual in _DEFAULTS.items() if signal.getsignal(number) is usual]
+    hook = sys.unraisablehook
+    with suppress(ValueError):  # not the main thread, which alone handles signals
+        for number in handled:
+            signal.signal(number, early.note)
+    try:
+        yield early
+    finally:
+        sys.unraisablehook = hook
+        with suppress(ValueError):
+            for number in handled:
+                signal.signal(number, signal.SIG_IGN if leaving else _DEFAULTS[number])
+
 
 SUCCEEDED: Final = 0
 FAILED: Final = 1
 UNUSABLE: Final = 2
 OVERRUN: Final = 128 + signal.SIGVTALRM
-"""What a shell says of a program that the alarm of its virtual time ended: code did not return."""
+"""Exit code when skill code did not return, as if the process had ended by SIGVTALRM."""
 
-_OBJECTS: Final = 500_000
-"""New objects, about 50 MB, after which Python looks for circles that nobody refers to: more than a
-run makes until it moves. What is imported stays, and a run leaves none: to look after every 700
-took a tenth of the start, after every 100,000 still 0.09 s."""
+_GC_THRESHOLD: Final = 500_000
+"""New objects, about 50 MB, after which Python's garbage collector runs: more than the start of a
+run creates. Imports and runs leave no cycles; the default of 700 took a tenth of the start-up time,
+and 100,000 still took 0.09 s."""
 
 _READERS: Final = frozenset({"bt-why", "bt-replay", "bt-record"})
-"""Programs that print what stands in a record, which may come from a stranger."""
+"""Programs that print content of a record, which may come from an untrusted source."""
 
 _ADDRESS_SPACE: Final = 1_500_000_000
-"""Bytes of address space below which libraries may not be mapped: an arm takes 1.0 to 1.2 GB."""
+"""Bytes of address space below which mapping libraries may fail; one arm takes 1.0 to 1.2 GB."""
 
 _LEAVING_S: Final = 1.0
-"""Seconds that threads get which somebody has started and which keep Python from ending."""
+"""Seconds granted to non-daemon threads, which would keep Python from exiting."""
 
 
 def entered(program: str, argv: Sequence[str] | None) -> int:
-    """Run a command; its exit code.
+    """Run a command and return its exit code.
 
     Args:
-        program: Name of the program; of ``bt-run`` it is ``main`` of the module `bt_run`.
+        program: Name of the program; for ``bt-run``, ``main`` of the module `bt_run` is called.
         argv: Arguments without the program's name; those of the process by default.
 
     Raises:
-        SystemExit: From argparse, for ``--help`` and for arguments that are wrong.
+        SystemExit: From argparse, for ``--help`` and for invalid arguments.
     """
     _occupy_standard_streams()
     prepare_imports()
-    if argv is None:  # the process is ours
-        gc.set_threshold(_OBJECTS)
+    if argv is None:  # the process runs only this command
+        gc.set_threshold(_GC_THRESHOLD)
     with (
         early_signals(leaving=argv is None) as signals,
-        outlets(program, is_plain=program in _READERS) as output,
+        safe_streams(program, is_plain=program in _READERS) as output,
     ):
         try:
             with signals.interrupting():
@@ -70,12 +270,12 @@ def entered(program: str, argv: Sequence[str] | None) -> int:
                 raise SystemExit(FAILED) from None
             raise
         except BaseException:
-            # Libraries make other errors of a KeyboardInterrupt that meets them in an import.
+            # Libraries convert a KeyboardInterrupt during their import into other errors.
             if not signals:
                 raise
             code = UNUSABLE
         if signals and (code == UNUSABLE or signals.numbers[0] != signal.SIGINT):
-            code = signals.exit_code(code)  # what could not be used was what the signal met
+            code = signals.exit_code(code)  # the error was a consequence of the signal
         if output.failed() and code == SUCCEEDED:
             code = FAILED
     if argv is None:
@@ -84,8 +284,8 @@ def entered(program: str, argv: Sequence[str] | None) -> int:
 
 
 def _ended(program: str, argv: Sequence[str] | None) -> int:
-    """The exit code of the program's own ``main``; what it cannot use is said."""
-    from bt_dualarm.errors import DualArmError, Overrun
+    """Call the ``main`` of a program and return its exit code; print expected errors."""
+    from bt_dualarm.core.errors import DualArmError, Overrun
 
     module = import_module(f"bt_dualarm.cli.{program.replace('-', '_')}")
     try:
@@ -110,8 +310,9 @@ def _ended(program: str, argv: Sequence[str] | None) -> int:
 
 
 def _leave_threads(program: str, code: int) -> None:
-    """End the process where Python would wait for a thread that does not end."""
-    me, latest = threading.current_thread(), time.monotonic() + _LEAVING_S
+    """Exit the process if Python would wait forever for a thread."""
+    me = threading.current_thread()
+    latest = time.monotonic() + _LEAVING_S
     others = [one for one in threading.enumerate() if one is not me and not one.daemon]
     for thread in others:
         thread.join(max(0.0, latest - time.monotonic()))
@@ -124,21 +325,20 @@ def _leave_threads(program: str, code: int) -> None:
 
 
 def complain(program: str, error: DualArmError) -> None:
-    """Errors that name their place say it all; the others say who is talking."""
+    """Print an error, prefixed with the program unless the message names its own location."""
+    from bt_dualarm.robots.urdf_xml import DescriptionError
+    from bt_dualarm.spec.ports import escaped
     from bt_dualarm.spec.problems import SpecError
-    from bt_dualarm.spec.wording import escaped
-    from bt_dualarm.world.urdf.xml_source import DescriptionError
 
     prefix = "" if isinstance(error, (SpecError, DescriptionError)) else f"{program}: error: "
     print(f"{prefix}{escaped(str(error))}", file=sys.stderr)
 
 
 def prepare_imports() -> None:
-    """Before numpy and mujoco are imported: settings of what they import.
+    """Set environment variables that numpy and mujoco read on import.
 
-    One thread for numpy's sums: on matrices of 7 by 7 threads only wait for each other. And the
-    GLFW that came with its package, without a search: that asks every library that it finds for
-    its version, in processes of their own.
+    OpenBLAS gets one thread, because threads do not pay off for matrices of 7 by 7. The GLFW of the
+    Python package is named, because searching for it starts a process per library found.
     """
     from importlib.util import find_spec
 
@@ -152,9 +352,180 @@ def prepare_imports() -> None:
 
 
 def _occupy_standard_streams() -> None:
-    """Keep files that are opened later from becoming standard input, output or error."""
+    """Open closed standard descriptors, so that later files do not get their numbers."""
     for descriptor in (0, 1, 2):
         try:
             os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest that is free: this one
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is this one
+
+
+# Skill code that cannot be interrupted, or that exits the process itself.
+
+_leave: Final = os._exit  # the original, because `exit_refused` replaces it
+
+_SAVING_S: Final = 5.0
+"""Seconds granted to write the record."""
+
+_SHOW_CURSOR: Final = b"\x1b[?25h"
+
+
+_SignalCallback = ctypes.CFUNCTYPE(None, ctypes.c_int)
+
+_MONITOR_PROGRAM: Final = """
+import os, select, signal, sys, time
+process, saving = int(sys.argv[1]), float(sys.argv[2])
+limit = spent = 0.0
+before = time.monotonic()
+while os.getppid() == process:
+    ready = select.select([0], [], [], 0.5)[0]
+    now = time.monotonic()
+    passed, before = min(now - before, 1.0), now
+    if ready:
+        message = os.read(0, 65536)
+        if not message:
+            break
+        limit, spent = float(message.split()[-1]), 0.0
+        continue
+    with open(f"/proc/{process}/stat") as file:
+        state = file.read().rpartition(")")[2].split()[0]
+    spent += passed if state in "SD" else 0.0
+    if limit and spent > limit:
+        os.kill(process, signal.SIGVTALRM)
+        limit, spent = 2.0 * saving, 0.0
+"""
+"""Monitor process: counts the time in which the command sleeps without sending a message.
+
+A process that is stopped or waits for a CPU does not count as sleeping; one that computes is
+covered by its own alarm. The second signal finds no handler any more and ends the process.
+"""
+
+
+class ProcessEnd:
+    """Ends the process, as the last resort of a `Watchdog`.
+
+    If code holds Python's interpreter lock, no other Python thread runs. Then a signal is sent: by
+    the virtual-time alarm if that code computes, by a monitor process if it sleeps. Its handler is
+    a C function, which the system calls in the thread that holds the lock, so that it may run
+    Python: it prints the current line to standard error and writes the interim record. If that
+    fails, because C code was interrupted at an arbitrary point, the next signal ends the process.
+    The exit code is the same.
+
+    Args:
+        program: Name of the program.
+        stop: Request to end; a received signal determines the exit code.
+    """
+
+    def __init__(self, program: str, stop: StopRequest) -> None:
+        self._program = program
+        self._stop = stop
+        self.held_up: Callable[[FrameType | None], None] = lambda _: None
+        self._handler = _SignalCallback(
+            self._on_signal
+        )  # referenced here, because C does not keep it alive
+        self._before: int | None = None
+        self._monitor: subprocess.Popen[bytes] | None = None
+        self._is_installed = False
+
+    def __enter__(self) -> Self:
+        """Install the handler; without `sysv_signal` in the C library, only the line is printed."""
+        self._is_installed = True
+        install = getattr(ctypes.CDLL(None), "sysv_signal", None)
+        if install is None:
+            faulthandler.register(signal.SIGVTALRM, file=2, all_threads=False, chain=True)
+            return self
+        install.argtypes = (ctypes.c_int, ctypes.c_void_p)
+        install.restype = ctypes.c_void_p
+        # System V handlers are called only once, and the signal is not blocked while they run.
+        self._before = install(signal.SIGVTALRM, ctypes.cast(self._handler, ctypes.c_void_p)) or 0
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Turn the alarm off."""
+        self.postpone(0.0)
+        self._is_installed = False
+        if self._monitor is not None and self._monitor.stdin is not None:
+            with suppress(OSError):
+                self._monitor.stdin.close()
+            self._monitor.wait()
+        if self._before is None:
+            faulthandler.unregister(signal.SIGVTALRM)
+        else:
+            ctypes.CDLL(None).sysv_signal(signal.SIGVTALRM, ctypes.c_void_p(self._before))
+
+    def postpone(self, seconds: float) -> None:
+        """Set the alarm; 0 turns it off. Does nothing outside of the ``with`` block.
+
+        A run that is closed after the block still has a watchdog, which calls this. Without the
+        handler the alarm would end the process at once, and nobody would end the monitor.
+        """
+        if not self._is_installed:
+            return
+        signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
+        if self._monitor is None and seconds and self._before is not None:
+            self._monitor = _started_monitor()
+        if self._monitor is not None and self._monitor.stdin is not None:
+            with suppress(OSError):  # the monitor has ended; the alarm still covers computing code
+                os.write(self._monitor.stdin.fileno(), f"{seconds}\n".encode())
+
+    def _on_signal(self, _number: int) -> None:
+        """Handle the signal, at an arbitrary point of C code in this thread."""
+        signal.setitimer(signal.ITIMER_VIRTUAL, _SAVING_S)
+        faulthandler.dump_traceback(file=2, all_threads=False)
+        self.held_up(sys._getframe().f_back)
+
+    def end(self, sentence: str, keep: Callable[[], object]) -> NoReturn:
+        """Print the reason, write the interim record, and exit even if that fails."""
+        code = self._stop.exit_code or OVERRUN
+        too_late = threading.Timer(_SAVING_S, _leave, (code,))
+        too_late.daemon = True
+        too_late.start()
+        with suppress(OSError):
+            if os.isatty(1):
+                os.write(1, _SHOW_CURSOR)
+            os.write(2, f"{self._program}: error: {sentence}, and cannot be interrupted\n".encode())
+        try:
+            keep()
+        except Exception as error:  # noqa: BLE001 - the process exits in any case
+            with suppress(OSError):
+                os.write(2, f"{self._program}: error: {error}\n".encode())
+        _leave(code)
+
+
+def _started_monitor() -> subprocess.Popen[bytes] | None:
+    """Start the monitor process; None without a /proc file system or if it cannot be started."""
+    if not Path(f"/proc/{os.getpid()}/stat").exists():
+        return None
+    command = [sys.executable, "-I", "-S", "-c", _MONITOR_PROGRAM, str(os.getpid()), str(_SAVING_S)]
+    nobody = subprocess.DEVNULL
+    try:
+        process = subprocess.Popen(  # noqa: S603 - this Python, with a program of our own
+            command, stdin=subprocess.PIPE, stdout=nobody, stderr=nobody, start_new_session=True
+        )
+    except OSError:
+        return None
+    if process.stdin is not None:
+        os.set_blocking(process.stdin.fileno(), False)
+    return process
+
+
+@contextmanager
+def exit_refused() -> Iterator[None]:
+    """Let `os._exit` raise SystemExit within the block, so that a skill cannot end the process.
+
+    Affects this thread and process only: processes forked by libraries exit in this way.
+    """
+    leave = os._exit
+    process = os.getpid()
+    thread = threading.get_ident()
+
+    def refuse(status: int) -> NoReturn:
+        if (os.getpid(), threading.get_ident()) == (process, thread):
+            raise SystemExit(f"os._exit({status})")
+        leave(status)
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = leave

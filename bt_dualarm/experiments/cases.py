@@ -9,11 +9,10 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
-from bt_dualarm.pose import Matrix
-from bt_dualarm.spec.plane import Plane
-from bt_dualarm.spec.reader import read_text
+from bt_dualarm.core.pose import Matrix
 from bt_dualarm.spec.reality import RealityName
-from bt_dualarm.spec.source import with_tuples
+from bt_dualarm.spec.values import Plane
+from bt_dualarm.spec.yaml_reader import read_text, with_tuples
 
 CurveName: TypeAlias = Literal["circle", "lissajous", "drawn"]
 ControllerName: TypeAlias = Literal["proportional", "predictive"]
@@ -49,11 +48,11 @@ less costs a few per cent. The curve drawn by hand has the others' gain at full 
 JERK: Final = 0.4
 """Share of its limit of jerk that the leading arm uses; docs/tracking.md says why.
 
-Of the catalogue's 100 rad/s³, a limit that Universal Robots does not publish.
+Of the catalog's 100 rad/s³, a limit that Universal Robots does not publish.
 """
 
 _HALF_IMAGE: Final = (0.2176, 0.1632)
-"""Metres in half the image's width and height, 0.35 m before a camera of 50° and 4:3."""
+"""Meters in half the image's width and height, 0.35 m before a camera of 50° and 4:3."""
 
 _AXES: Final = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
 

@@ -1,18 +1,259 @@
-"""The report of the experiments: one HTML file with all in it, and Markdown with its pictures."""
+"""The report of the experiments: HTML, Markdown, terminal table, pictures."""
 
 from __future__ import annotations
 
 import base64
 import html
+import io
 import re
-from collections.abc import Iterator, Sequence
-from functools import partial
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, partial
+from itertools import islice
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Final, TypeAlias
 
-from bt_dualarm.experiments.figures import over_time, overlay, png
-from bt_dualarm.experiments.results import Result
-from bt_dualarm.runtime.atomic_write import write_atomically, write_text
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich import box
+from rich.console import Console, JustifyMethod
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+from scipy.interpolate import CubicSpline
+
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.core.share import write_atomically, write_text
+from bt_dualarm.experiments.cases import Cell
+from bt_dualarm.experiments.trials import Trial, TrialError, run_trials, tree_file
+from bt_dualarm.perception.target_filter import MotionModel, TargetEstimate
+from bt_dualarm.runtime.plots import COLORS
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.yaml_reader import Data
+
+# What theory allows: the smallest error that a camera of this rate, latency and noise permits.
+
+
+_ASKED_A_FRAME = 4
+_REST_S = 0.5  # that the filter has seen before the curve begins
+
+
+def bound(cell: Cell, trial: Trial) -> float:
+    """Root mean square error in m below which this controller cannot come on this curve."""
+    if cell.controller == "proportional":
+        return proportional_bound(trial.speed_rms, cell)
+    return estimator_bound(trial, cell)
+
+
+def proportional_bound(speed: float, cell: Cell) -> float:
+    """``v / k`` at the highest gain k that is stable at all.
+
+    On a ramp of speed v the error of ``x' = -k e(t - d)`` comes to rest at v / k, and the loop
+    is stable up to k = π / 2d; without overshoot k ends at 1 / (e d), and the error at 2.7 v d.
+    The delay d is the latency and, as a step is held for a frame, half a frame.
+    """
+    delay = cell.latency_s + 0.5 / cell.fps
+    return 2.0 / np.pi * speed * delay
+
+
+def estimator_bound(trial: Trial, cell: Cell, model: MotionModel | None = None) -> float:
+    """The filter's error where camera and arm are perfect: true positions plus white noise.
+
+    The true path, with the rest before it, is sampled at the camera's rate with the measured
+    deviation of a sighting; each sample is known one latency later, and the prediction to now
+    compared with the truth.
+    """
+    rng = np.random.default_rng(trial.seed)
+    spline = CubicSpline(trial.times, trial.cube)
+    begin = trial.times[0]
+    end = trial.times[-1]
+    estimate = TargetEstimate(model)
+    errors = []
+    for stamp in np.arange(begin - _REST_S, end, 1.0 / cell.fps):
+        if rng.random() < cell.drop:
+            continue
+        seen = spline(max(stamp, begin)) + rng.normal(0.0, trial.sighting_sd, 2)
+        estimate.update(float(stamp), seen, max(trial.sighting_sd, 1e-6))
+        for share in range(_ASKED_A_FRAME):
+            now = stamp + cell.latency_s + share / _ASKED_A_FRAME / cell.fps
+            if begin <= now <= end:
+                errors.append(estimate.predict(now).position - spline(now))
+    return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1)))) if errors else 0.0
+
+
+# The repetitions of a cell put together: what goes into tables and JSON.
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A cell with its trials, one a seed.
+
+    Attributes:
+        cell: Settings of the experiment.
+        trials: Repetitions, at least one.
+    """
+
+    cell: Cell
+    trials: Sequence[Trial]
+
+    @cached_property
+    def bounds(self) -> tuple[float, ...]:
+        """Lower bound of each trial's RMS, in m."""
+        return tuple(bound(self.cell, trial) for trial in self.trials)
+
+    @property
+    def bound(self) -> float:
+        """Mean of `bounds`, in m."""
+        return float(np.mean(self.bounds))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square over all trials, in m."""
+        return float(np.sqrt(np.mean([trial.rms**2 for trial in self.trials])))
+
+    @property
+    def worst(self) -> float:
+        """The largest error of all, in m."""
+        return max(float(trial.error.max()) for trial in self.trials)
+
+    def mean(self, name: str) -> float:
+        """Mean of one number over the trials, by the number's name."""
+        return float(np.mean([getattr(trial, name) for trial in self.trials]))
+
+    def as_json(self) -> dict[str, Data]:
+        """Settings and numbers; one entry a seed in every list."""
+        trials = self.trials
+        cell = self.cell
+        return {
+            "case": cell.case,
+            "speed": cell.speed,
+            "controller": cell.controller,
+            "renderer": cell.renderer,
+            "params": cell.params,
+            "seeds": [trial.seed for trial in trials],
+            "outcome": [trial.outcome for trial in trials],
+            "yz_rms_m": [trial.rms for trial in trials],
+            "yz_max_m": [float(trial.error.max()) for trial in trials],
+            "lag_s": [trial.lag for trial in trials],
+            "lost_count": [trial.lost_count for trial in trials],
+            "amplitude_ratio": [trial.amplitude_ratio for trial in trials],
+            "frames": [trial.frames for trial in trials],
+            "sighting_sd_m": [trial.sighting_sd for trial in trials],
+            "bound_m": list(self.bounds),
+            "margins": [asdict(trial.margins) for trial in trials],
+            "command": cell.command(trials[0].seed),
+        }
+
+
+# Pictures of the experiments: the paths laid over each other, and the errors over time.
+
+
+_SAMPLES = 400
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as the content of a file."""
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def overlay(results: Sequence[Result]) -> Figure:
+    """Planned, cube and tracked in the plane, one panel a result: the paths of one seed.
+
+    Each with its figures over all seeds, and the bound that theory puts to the first of them.
+    """
+    figure = Figure(figsize=(4.4 * len(results), 4.6), dpi=110, layout="constrained")
+    panels = figure.subplots(1, len(results), squeeze=False)[0]
+    shown = _shown(results)
+    for axes, result, trial in zip(panels, results, shown, strict=True):
+        axes.plot(*trial.planned.T * 1e3, color="0.75", linewidth=5, label="planned")
+        axes.plot(*trial.cube.T * 1e3, color="black", linewidth=1.6, label="cube")
+        axes.plot(*trial.tracked.T * 1e3, color=COLORS[1], linewidth=1.0, label="tracked")
+        figures = f"{result.rms * 1e3:.2f} mm RMS (bound {result.bound * 1e3:.2f})"
+        worst = f"{result.worst * 1e3:.2f} mm at most"
+        of_seed = f": path of seed {trial.seed}" if len(result.trials) > 1 else ""
+        title = f"{result.cell.controller}{of_seed}\n{figures}, {worst}"
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel(f"{result.cell.axis_names[0]} [mm]")
+        axes.set_ylabel(f"{result.cell.axis_names[1]} [mm]")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.grid(visible=True, alpha=0.3)
+    figure.legend(
+        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9
+    )
+    figure.suptitle(_conditions(results[0]), fontsize=11)
+    return figure
+
+
+def _conditions(result: Result) -> str:
+    cell = result.cell
+    seeds = len(result.trials)
+    camera = f"{cell.fps:g} Hz, {1e3 * cell.latency_s:.0f} ms late"
+    faults = f"{cell.drop:.0%} lost, {cell.noise:g} px of shake"
+    runs = f"{cell.reality}, {cell.renderer}, {seeds} seed" + "s" * (seeds > 1)
+    return f"{cell.name}: {runs}\n{camera}, {faults}"
+
+
+def _shown(results: Sequence[Result]) -> list[Trial]:
+    """One trial of each result: of the first seed that all have, else the first of each."""
+    of_seeds = [{trial.seed: trial for trial in result.trials} for result in results]
+    common = set.intersection(*(set(trials) for trials in of_seeds))
+    return [trials[min(common or trials)] for trials in of_seeds]
+
+
+def over_time(results: Sequence[Result]) -> Figure:
+    """Both coordinates of one seed over time, and the error of all seeds.
+
+    Each seed fetches the cube from elsewhere and takes another time for its curve, so means of
+    coordinates would be of no run. The error is drawn as mean over the seeds, with a band from the
+    least to the largest; dashed, the bound of its root mean square.
+    """
+    figure = Figure(figsize=(10.0, 6.4), dpi=100, layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True)
+    shown = _shown(results)
+    for result, trial, color in zip(results, shown, (COLORS[1], COLORS[0]), strict=False):
+        name = result.cell.controller
+        for axes, column in zip(panels, trial.tracked.T, strict=False):
+            axes.plot(trial.times, 1e3 * column, color=color, label=name)
+        times, low, middle, high = _band(result)
+        panels[2].fill_between(times, low, high, color=color, alpha=0.3)
+        panels[2].plot(times, middle, color=color, label=name)
+        bound = {"color": color, "linestyle": "--", "linewidth": 1.0}
+        panels[2].axhline(1e3 * result.bound, label=f"bound, {name}", **bound)
+    for axes, column in zip(panels, shown[0].cube.T, strict=False):
+        axes.plot(shown[0].times, 1e3 * column, "--", color="black", linewidth=0.8, label="cube")
+    for axes, axis in zip(panels, results[0].cell.axis_names, strict=False):
+        _finish(axes, f"{axis} [mm], seed {shown[0].seed}")
+    _finish(panels[2], "error [mm], all seeds")
+    panels[2].set_yscale("log")
+    panels[2].set_ylim(bottom=1e-2)
+    panels[2].set_xlabel("time since the curve began [s]")
+    figure.suptitle(_conditions(results[0]), fontsize=11)
+    return figure
+
+
+def _finish(axes: Axes, label: str) -> None:
+    axes.set_ylabel(label)
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _band(result: Result) -> tuple[Vector, Vector, Vector, Vector]:
+    """Times in s up to the end of the shortest trial; least, mean and largest error in mm."""
+    times = np.linspace(0.0, min(trial.times[-1] for trial in result.trials), _SAMPLES)
+    errors = [np.interp(times, trial.times, 1e3 * trial.error) for trial in result.trials]
+    return times, np.min(errors, axis=0), np.mean(errors, axis=0), np.max(errors, axis=0)
+
+
+# The report of the experiments: one HTML file with all in it, and Markdown with its pictures.
+
 
 HEADER = (
     "experiment", "controller", "renderer", "RMS [mm]", "max [mm]", "bound [mm]", "lag [ms]",
@@ -37,7 +278,8 @@ EXPLANATION = (
 
 def row(result: Result) -> tuple[str, ...]:
     """A result as texts, in the order of `HEADER`."""
-    cell, margins = result.cell, [trial.margins for trial in result.trials]
+    cell = result.cell
+    margins = [trial.margins for trial in result.trials]
     return (
         cell.name,
         cell.controller,
@@ -135,3 +377,200 @@ def _html(results: Sequence[Result], pictures: Sequence[tuple[str, bytes]]) -> s
         f"<p>{_seeds(results)}</p><table>{line('th', HEADER)}{rows}</table>{images}"
         f"<h2>Every row by hand</h2><pre>{commands}</pre></html>\n"
     )
+
+
+# The table of results on a terminal, whole on 80 columns.
+
+
+_WORDS: Final = 3
+"""Columns of words, on the left; those of numbers follow."""
+
+_SHOWN: Final = 9
+"""Columns on a terminal; the report has them all."""
+
+
+def table_of(results: Sequence[Result]) -> Table:
+    """One line a result; units stand below the names of the columns, which saves width."""
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0)
+    for number, name in enumerate(HEADER[:_SHOWN]):
+        justify: JustifyMethod = "left" if number < _WORDS else "right"
+        heading = Text(name.replace(" [", "\n["), justify=justify)
+        table.add_column(heading, justify=justify, vertical="bottom", overflow="fold")
+    for result in results:
+        table.add_row(*(Text(cell) for cell in row(result)[:_SHOWN]))
+    return table
+
+
+# How far the experiments are, and how long they will still take.
+
+
+RunIsOver: TypeAlias = Callable[[Cell], None]
+"""To be called with the cell of each run, when it is over."""
+
+_FETCHED_S = 5.0
+_DRAWN_S = 5.0
+"""Simulated seconds until the cube is fetched, and those of a curve at full speed, roughly."""
+
+_REDRAWN_HZ: Final = 2.0
+
+
+class Forecast:
+    """Time left, from the share of the work that is done.
+
+    Runs cost as much as they simulate, and a curve at half the speed takes twice as long.
+
+    Args:
+        runs: Cell of each run, in any order.
+        clock: Seconds on the wall.
+    """
+
+    def __init__(self, runs: Sequence[Cell], clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._began = clock()
+        self._all = sum(map(_work, runs))
+        self._done = 0.0
+
+    def count(self, cell: Cell) -> None:
+        """One run of a cell is over."""
+        self._done += _work(cell)
+
+    def __str__(self) -> str:
+        if not self._done:
+            return "(time left: after the first run)"
+        left = max(self._all - self._done, 0.0)
+        spent = self._clock() - self._began
+        return f"about {_duration(spent * left / self._done)} left" if left else ""
+
+
+@contextmanager
+def shown_progress(runs: Sequence[Cell], console: Console) -> Iterator[RunIsOver]:
+    """Show how far the runs are: a bar on a terminal, else a line when a cell is over.
+
+    Args:
+        runs: Cell of each run, in the order in which they end.
+        console: Where to.
+    """
+    forecast = Forecast(runs)
+    if console.is_terminal:
+        with _bar(runs, forecast, console) as is_over:
+            yield is_over
+    else:
+        yield _lines(runs, forecast, console)
+
+
+@contextmanager
+def _bar(runs: Sequence[Cell], forecast: Forecast, console: Console) -> Iterator[RunIsOver]:
+    what = TextColumn("{task.description}")
+    left = TextColumn("{task.fields[left]}")
+    columns = what, BarColumn(None), TimeElapsedColumn(), left
+    with Progress(
+        *columns, console=console, expand=True, refresh_per_second=_REDRAWN_HZ
+    ) as progress:
+        task = progress.add_task(_title(runs, 0), total=sum(map(_work, runs)), left=str(forecast))
+        over = 0
+
+        def is_over(cell: Cell) -> None:
+            nonlocal over
+            over += 1
+            forecast.count(cell)
+            title = _title(runs, over)
+            progress.update(task, advance=_work(cell), description=title, left=str(forecast))
+
+        yield is_over
+
+
+def _lines(runs: Sequence[Cell], forecast: Forecast, console: Console) -> RunIsOver:
+    over = 0
+
+    def is_over(cell: Cell) -> None:
+        nonlocal over
+        over += 1
+        forecast.count(cell)
+        if over == len(runs) or runs[over] != cell:
+            words = f"{_label(cell)}: {over} of {len(runs)} runs", str(forecast)
+            console.print(", ".join(filter(None, words)), markup=False, soft_wrap=True)
+
+    console.print(f"{len(runs)} runs", soft_wrap=True)
+    return is_over
+
+
+def _title(runs: Sequence[Cell], over: int) -> str:
+    """What runs now, and how many are over."""
+    running = f"{_label(runs[over])}, " if over < len(runs) else ""
+    return f"{running}{over}/{len(runs)}"
+
+
+def _label(cell: Cell) -> str:
+    return f"{cell.name} {cell.controller} {cell.renderer}"
+
+
+def _work(cell: Cell) -> float:
+    return _FETCHED_S + _DRAWN_S / cell.speed
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes / 60:.1f} h"
+
+
+# Many experiments with many seeds: run, counted, and put together by experiment.
+
+
+@dataclass
+class Campaign:
+    """What came of the experiments.
+
+    Attributes:
+        results: Experiments with the trials that could be measured, at least one each.
+        failures: Sentences on those that could not.
+    """
+
+    results: list[Result] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+
+
+def run_all(
+    cells: Sequence[Cell], seeds: int, jobs: int, stop: StopRequest, console: Console
+) -> Campaign:
+    """Run every cell with every seed.
+
+    Args:
+        cells: Experiments, each of which is tried on the tree file before anything runs.
+        seeds: Number of seeds, from 0 on.
+        jobs: Number of processes side by side.
+        stop: Request to end early; an experiment that is not complete then is left out.
+        console: Where progress is shown.
+
+    Raises:
+        DualArmError: The file refuses a setting, or the renderer cannot work here.
+    """
+    registry = Registry.load()
+    done = Campaign()
+    for cell in cells:
+        tree_file(cell, registry)
+    runs = [(cell, seed) for cell in cells for seed in range(seeds)]
+    coming = run_trials(runs, registry, jobs, stop)
+    with shown_progress([cell for cell, _ in runs], console) as is_over:
+        for cell in cells:
+            trials = []
+            for trial in islice(coming, seeds):
+                trials.append(trial)
+                is_over(cell)
+            if len(trials) < seeds:
+                break
+            _sort(cell, trials, done)
+    return done
+
+
+def _sort(cell: Cell, trials: Sequence[Trial | TrialError], done: Campaign) -> None:
+    """Put what was measured with the results, and say of the rest why it was not."""
+    measured = [trial for trial in trials if isinstance(trial, Trial)]
+    done.failures += [
+        f"{cell.name} {cell.controller}, seed {seed}: {trial}"
+        for seed, trial in enumerate(trials)
+        if isinstance(trial, TrialError)
+    ]
+    if measured:
+        done.results.append(Result(cell, measured))

@@ -1,18 +1,370 @@
-"""A file of blocks that grows: each is whole or not there, whatever ends the process."""
+"""The history file: blocks of data and packed arrays that survive the end of the process."""
 
 from __future__ import annotations
 
+import errno
+import hashlib
+import json
+import math
 import os
+import re
+import stat
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Any, BinaryIO, Final, TypedDict
 
-from bt_dualarm.recording.block import Block
-from bt_dualarm.recording.untrusted import MOST_FILE, Budget, HistoryError, open_regular
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from pydantic_core import from_json
+
+from bt_dualarm.core.errors import DualArmError
+
+# Records are sent around with bug reports, so their files are untrusted: no length, type or kind of
+# file is used before it is checked.
+
+
+MOST_MEMORY: Final = 600 * 2**20
+"""Largest size of a record in memory, bytes: with Python and MuJoCo less than 1 GB."""
+
+MOST_FILE: Final = 2**30
+"""Largest size of one file of a record, bytes."""
+
+LARGEST_INT: Final = 2**63 - 1
+
+_SUSPICIOUS: Final = re.compile(rb"[0-9]{19}|[eE]\+?[0-9]{3}")
+"""What every number has that does not fit 64 bits; texts may have it, too."""
+
+_KINDS: Final = (
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISLNK, "a symbolic link"),
+)
+
+
+class HistoryError(DualArmError):
+    """A file of a record cannot be read; the message names the file."""
+
+
+def file_kind(mode: int) -> str:
+    """Name of the kind of a file that is not a regular one."""
+    return next((words for is_such, words in _KINDS if is_such(mode)), "a device")
+
+
+class ReadBudget:
+    """Memory that one record may still take.
+
+    Args:
+        most: Bytes.
+    """
+
+    def __init__(self, most: int = MOST_MEMORY) -> None:
+        self._most = self._left = most
+
+    def take(self, count: int) -> None:
+        """Count bytes that are about to be taken.
+
+        Raises:
+            ValueError: There are not so many left.
+        """
+        self._left -= count
+        if self._left < 0:
+            raise ValueError(
+                f"the record takes more than {self._most // 2**20} MB of memory once it is unpacked"
+            )
+
+
+def open_regular(path: Path, most: int = MOST_FILE, *, links: bool = False) -> tuple[BinaryIO, int]:
+    """Open a file for reading, and return it with its current size in bytes.
+
+    Args:
+        path: The file.
+        most: Largest size allowed, bytes.
+        links: Whether the file may be a symbolic link; one of a record could lead anywhere.
+
+    Raises:
+        HistoryError: It is not there, no regular file (a link, a pipe, a device), or too large.
+    """
+    try:
+        # Without O_NONBLOCK, opening a pipe waits for a writer.
+        flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+        descriptor = os.open(path, flags if links else flags | os.O_NOFOLLOW)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise HistoryError(f"{path}: is a symbolic link; expected a regular file") from error
+        raise HistoryError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:  # a null character
+        raise HistoryError(f"cannot read {str(path)!r}: {error}") from error
+    found = os.fstat(descriptor)
+    if not stat.S_ISREG(found.st_mode):
+        os.close(descriptor)
+        kind = file_kind(found.st_mode)
+        raise HistoryError(f"{path}: is {kind}; expected a regular file")
+    if found.st_size > most:
+        os.close(descriptor)
+        raise HistoryError(
+            f"{path}: has {found.st_size / 2**20:.0f} MB; expected at most {most // 2**20} MB"
+        )
+    return os.fdopen(descriptor, "rb"), found.st_size
+
+
+def read_regular(path: Path, most: int = MOST_FILE, *, links: bool = False) -> bytes:
+    """All of a file, as large as it is when it is opened; arguments as of `open_regular`.
+
+    Raises:
+        HistoryError: As of `open_regular`, or it cannot be read.
+    """
+    file, size = open_regular(path, most, links=links)
+    with file:
+        try:
+            return file.read(size)
+        except OSError as error:
+            raise HistoryError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def parsed(text: bytes, budget: ReadBudget) -> Any:  # Any: whatever JSON says
+    """Parsed JSON, whose numbers are all finite and fit 64 bits.
+
+    Args:
+        text: JSON of at most 200 levels.
+        budget: Memory that the data is counted against, before it is taken.
+
+    Raises:
+        ValueError: It is not such a text, or takes too much memory; the message says where.
+    """
+    budget.take(_memory(text))
+    data = from_json(text, allow_inf_nan=False)
+    if _SUSPICIOUS.search(text):
+        _refuse_large_numbers(data)
+    return data
+
+
+def _memory(text: bytes) -> int:
+    """Upper bound of the memory in bytes of parsed JSON, from counts of its punctuation."""
+    costs = ((b"{", 190), (b"[", 72), (b":", 60), (b",", 36), (b'"', 24))
+    # One character outside of the basic plane makes all of a text take four bytes for each.
+    wide = 1 if text.isascii() and b"\\u" not in text else 4
+    return wide * len(text) + sum(cost * text.count(mark) for mark, cost in costs)
+
+
+def _refuse_large_numbers(data: object) -> None:
+    waiting = [data]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += value.values()
+        elif isinstance(value, list):
+            waiting += value
+        elif isinstance(value, float) and not math.isfinite(value):
+            raise ValueError("a number is not finite")
+        elif isinstance(value, int) and abs(value) > LARGEST_INT:
+            raise ValueError(f"a number has {len(str(value))} digits; expected one of 64 bits")
+
+
+Array = npt.NDArray[np.generic]
+
+_LEVEL: Final = 4
+"""Level of zlib: higher ones win 1 % on states of a run, and take twice the time."""
+
+_MOST_COLUMN_BYTES: Final = 1 << 25
+"""Bytes that an array may have once it is unpacked: unpacking takes four times as many."""
+
+_MOST_DIMENSIONS: Final = 4
+
+_COLUMN_KINDS: Final = frozenset({"<f8", "<f4", "<u4", "|u1"})
+
+
+class Packed(TypedDict):
+    """How to read the bytes of an array.
+
+    Attributes:
+        dtype: Type of the numbers as NumPy writes it, of little-endian order.
+        shape: Shape of the array.
+        size: Number of bytes that it takes when packed.
+    """
+
+    dtype: str
+    shape: list[int]
+    size: int
+
+
+def pack(array: Array) -> tuple[Packed, bytes]:
+    """An array as bytes, and what is needed to read them.
+
+    Each row is combined by exclusive or with the one before it, which leaves zeros where nothing
+    has changed; bytes of the same weight are put together; the rest is zlib's.
+
+    Args:
+        array: Array of float64, float32, uint32 or uint8; rows along the first axis.
+
+    Raises:
+        ValueError: It has another type.
+    """
+    little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
+    kind = little.dtype.str
+    if kind not in _COLUMN_KINDS:
+        raise ValueError(f"arrays of {array.dtype} are not kept")
+    content = zlib.compress(_shuffled(little), _LEVEL)
+    return {"dtype": kind, "shape": [*array.shape], "size": len(content)}, content
+
+
+def size_of(packed: object) -> int:
+    """Bytes that an array takes when packed.
+
+    Raises:
+        ValueError: What is said of it is not a `Packed`.
+    """
+    if not isinstance(packed, dict):
+        raise ValueError("expected an object with dtype, shape and size")
+    if not isinstance(packed.get("dtype"), str) or packed["dtype"] not in _COLUMN_KINDS:
+        kinds = ", ".join(sorted(_COLUMN_KINDS))
+        raise ValueError(f"dtype is {str(packed.get('dtype'))[:40]!r}; expected one of {kinds}")
+    shape = packed.get("shape")
+    size = packed.get("size")
+    if not (
+        isinstance(shape, list)
+        and 0 < len(shape) <= _MOST_DIMENSIONS
+        and all(type(count) is int and 0 <= count <= _MOST_COLUMN_BYTES for count in shape)
+    ):
+        raise ValueError(f"shape is {str(shape)[:80]!r}; expected 1 to {_MOST_DIMENSIONS} counts")
+    if type(size) is not int or size < 0:
+        raise ValueError(f"size is {str(size)[:40]}; expected a number of bytes")
+    return size
+
+
+def unpack(packed: Packed, content: bytes, budget: ReadBudget | None = None) -> Array:
+    """Unpack an array, bit for bit.
+
+    Args:
+        packed: What is said of it.
+        content: Its bytes, as packed.
+        budget: Memory that it is counted against; None counts nothing.
+
+    Raises:
+        ValueError: The bytes are not those of such an array, or it takes too much memory.
+    """
+    size = size_of(packed)
+    dtype = np.dtype(packed["dtype"])
+    shape = tuple(packed["shape"])
+    expected = math.prod(shape) * dtype.itemsize
+    if expected > _MOST_COLUMN_BYTES:
+        raise ValueError(f"has {expected} bytes; expected at most {_MOST_COLUMN_BYTES}")
+    if len(content) != size:
+        raise ValueError(f"has {len(content)} bytes; expected {size}")
+    if budget is not None:
+        budget.take(expected)
+    plain = unzipped(content, expected)
+    if len(plain) != expected:
+        raise ValueError(f"has {len(plain)} bytes unpacked; expected {expected}")
+    planes = np.frombuffer(plain, np.uint8).reshape(dtype.itemsize, math.prod(shape))
+    rows = np.ascontiguousarray(planes.T).view(_unsigned(dtype)).reshape(shape)
+    if len(shape) > 1:
+        rows = np.bitwise_xor.accumulate(rows, axis=0)
+    return rows.view(dtype)
+
+
+def unzipped(content: bytes, most: int) -> bytes:
+    """Content decompressed by zlib.
+
+    Raises:
+        ValueError: It is damaged, or more than so many bytes.
+    """
+    unzip = zlib.decompressobj()
+    try:
+        plain = unzip.decompress(content, most + 1)
+    except zlib.error as error:
+        raise ValueError(f"cannot be unpacked: {error}") from error
+    if len(plain) > most:
+        raise ValueError(f"has more bytes unpacked than expected: {most}")
+    return plain
+
+
+def _shuffled(array: Array) -> bytes:
+    rows = array.view(_unsigned(array.dtype))
+    if array.ndim > 1:
+        rows = rows.copy()
+        rows[1:] ^= rows[:-1].copy()
+    planes = np.ascontiguousarray(rows.reshape(-1)).view(np.uint8)
+    return np.ascontiguousarray(planes.reshape(-1, array.dtype.itemsize).T).tobytes()
+
+
+def _unsigned(dtype: np.dtype[np.generic]) -> np.dtype[np.generic]:
+    return np.dtype(f"<u{dtype.itemsize}") if dtype.itemsize > 1 else np.dtype("|u1")
+
+
+_LENGTH: Final = struct.Struct("<I")
+_MOST_TEXT: Final = 1 << 26
+"""Bytes of plain data in one block: far more than a second of a run has to say."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A part of a history.
+
+    Attributes:
+        kind: Name that says what the block is about.
+        data: Plain data, ready for JSON.
+        arrays: Arrays of numbers by name.
+    """
+
+    kind: str
+    data: Mapping[str, object] = field(default_factory=dict)
+    arrays: Mapping[str, npt.NDArray[np.generic]] = field(default_factory=dict)
+
+    def encoded(self) -> bytes:
+        """The block as bytes.
+
+        Raises:
+            ValueError: Something in it is neither plain data nor an array that is kept.
+        """
+        packed = {name: pack(array) for name, array in self.arrays.items()}
+        head = {
+            "kind": self.kind,
+            "data": self.data,
+            "arrays": {name: how for name, (how, _) in packed.items()},
+        }
+        text = zlib.compress(json.dumps(head, allow_nan=False, separators=(",", ":")).encode())
+        contents = (content for _, content in packed.values())
+        return b"".join((_LENGTH.pack(len(text)), text, *contents))
+
+    @classmethod
+    def decoded(cls, content: bytes, budget: ReadBudget) -> Block:
+        """The block again.
+
+        Args:
+            content: Bytes that `encoded` gave, or that somebody else made up.
+            budget: Memory that is counted against.
+
+        Raises:
+            ValueError: The bytes are of no block, or take too much memory; the message says what
+                is wrong with them, and what is expected.
+        """
+        if len(content) < _LENGTH.size:
+            raise ValueError(f"has {len(content)} bytes; expected at least {_LENGTH.size}")
+        (length,) = _LENGTH.unpack_from(content)
+        at = _LENGTH.size + length
+        text = unzipped(content[_LENGTH.size : at], _MOST_TEXT)
+        head = parsed(text, budget)
+        if not isinstance(head, dict):
+            raise ValueError(f"says {type(head).__name__}; expected an object of JSON")
+        kind, data, packed = (head.get(name) for name in ("kind", "data", "arrays"))
+        if not (isinstance(kind, str) and isinstance(data, dict) and isinstance(packed, dict)):
+            raise ValueError("expected a text `kind` and objects `data` and `arrays`")
+        arrays = {}
+        for name, how in packed.items():
+            try:
+                size = size_of(how)
+                arrays[str(name)] = unpack(how, content[at : at + size], budget)
+            except ValueError as error:
+                raise ValueError(f"array {str(name)[:80]!r}: {error}") from error
+            at += size
+        return cls(kind, data, arrays)
+
 
 __all__ = ["MAGIC", "HistoryError", "HistoryFile", "HistoryWriter", "blocks_of", "read_history"]
 
@@ -26,10 +378,10 @@ _MOST_BYTES: Final = 1 << 26
 
 
 class HistoryWriter:
-    """Appends blocks; each is one call of the system.
+    """Appends blocks; each is one system call, so a killed process leaves only complete blocks.
 
     Args:
-        path: File, which is made with the first block.
+        path: The file, created with the first block.
     """
 
     def __init__(self, path: Path) -> None:
@@ -63,7 +415,7 @@ class HistoryWriter:
             os.fsync(self._file)
 
     def close(self) -> None:
-        """Let go of the file, which stays as it is."""
+        """Close the file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -71,7 +423,7 @@ class HistoryWriter:
 
 @dataclass(frozen=True, eq=False)
 class HistoryFile:
-    """What could be read of a file.
+    """Readable part of a history file.
 
     Attributes:
         blocks: Blocks in their order, up to the last that is whole.
@@ -82,7 +434,9 @@ class HistoryFile:
     torn: str
 
 
-def read_history(path: Path, budget: Budget | None = None, most: int = MOST_FILE) -> HistoryFile:
+def read_history(
+    path: Path, budget: ReadBudget | None = None, most: int = MOST_FILE
+) -> HistoryFile:
     """Read a file, up to where it is damaged.
 
     Args:
@@ -98,7 +452,7 @@ def read_history(path: Path, budget: Budget | None = None, most: int = MOST_FILE
     file, size = open_regular(path, most)
     with file:
         try:
-            for block in _blocks(path, file, size, budget or Budget()):
+            for block in _blocks(path, file, size, budget or ReadBudget()):
                 blocks.append(block)  # noqa: PERF402 - those before the damage are kept
         except _TornError as torn:
             return HistoryFile(tuple(blocks), str(torn))
@@ -124,7 +478,7 @@ class _TornError(Exception):
     """The file ends, or is damaged, in the middle of a block."""
 
 
-def _blocks(path: Path, file: BinaryIO, size: int, budget: Budget | None) -> Iterator[Block]:
+def _blocks(path: Path, file: BinaryIO, size: int, budget: ReadBudget | None) -> Iterator[Block]:
     """Blocks of a file of that size; without a budget each may take as much as a whole record."""
     start = _read(path, file, len(MAGIC))
     if start != MAGIC:
@@ -145,7 +499,7 @@ def _blocks(path: Path, file: BinaryIO, size: int, budget: Budget | None) -> Ite
         if len(body) < length or zlib.crc32(body) != checksum:
             raise _TornError(f"it is damaged from byte {at} on")
         try:
-            yield Block.decoded(body, budget or Budget())
+            yield Block.decoded(body, budget or ReadBudget())
         except ValueError as error:
             raise HistoryError(f"{path}: the block at byte {at}: {error}") from error
         at += _HEAD.size + length
@@ -156,3 +510,145 @@ def _read(path: Path, file: BinaryIO, count: int) -> bytes:
         return file.read(count)
     except OSError as error:
         raise HistoryError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+# Compiled models of one run share their large parts: attaching an object or spawning an arm makes
+# a new model with the same meshes and textures. These are cut out of MuJoCo's binary format and
+# stored once, by their digest.
+
+
+_LEAST: Final = 2048
+"""Bytes from which on a part of a model is kept by its digest."""
+
+MOST_MODEL: Final = 1 << 25
+"""Bytes of a model: sixteen arms with all of their meshes have a third of that."""
+
+Bytes = npt.NDArray[np.uint8]
+
+
+class ModelWriter:
+    """Makes blocks of compiled models without the parts that earlier blocks contain."""
+
+    def __init__(self) -> None:
+        self._written: set[str] = set()
+
+    def block(self, model: mujoco.MjModel, generation: int) -> Block:
+        """A model as a block, without the parts that an earlier block has.
+
+        Args:
+            model: Compiled model.
+            generation: Number of the world's recompilations until then.
+        """
+        content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, content)
+        whole = content.tobytes()
+        cuts = _cuts(model, whole)
+        arrays: dict[str, Bytes] = {}
+        rest = []
+        at = 0
+        for start, end, digest in cuts:
+            rest.append(whole[at:start])
+            at = end
+            if digest not in self._written:
+                self._written.add(digest)
+                arrays[digest] = content[start:end]
+        rest.append(whole[at:])
+        arrays["rest"] = np.frombuffer(b"".join(rest), np.uint8)
+        return Block("model", {"generation": generation, "cuts": cuts}, arrays)
+
+
+class ModelReader(Mapping[int, bytes]):
+    """Binary format of each compiled model of a run, by generation, assembled on access.
+
+    Blocks are untrusted: their cuts must match the stored parts.
+    """
+
+    def __init__(self) -> None:
+        self._parts: dict[str, Bytes] = {}
+        self._models: dict[int, tuple[bytes, list[tuple[int, int, str]]]] = {}
+
+    def add(self, block: Block) -> None:
+        """Take up the next block of a model, from the first of a run on.
+
+        Raises:
+            ValueError: The block does not fit together, or an earlier one is missing; the message
+                says what is wrong, and what is expected.
+        """
+        if "rest" not in block.arrays:
+            raise ValueError("model: array `rest` is missing")
+        for name, part in block.arrays.items():
+            if part.dtype != np.uint8 or part.ndim != 1:
+                raise ValueError(
+                    f"model: array {name[:80]!r} is of {part.dtype}, of {part.ndim} dimensions; "
+                    "expected one of bytes"
+                )
+            if name != "rest":
+                self._parts[name] = part.view(np.uint8)
+        rest = block.arrays["rest"].tobytes()
+        generation: Any = block.data["generation"]
+        if generation in self._models:
+            raise ValueError(f"model: generation {generation} is there already")
+        self._models[generation] = rest, self._checked(block.data["cuts"], len(rest))
+
+    def _checked(self, cuts: object, rest: int) -> list[tuple[int, int, str]]:
+        """Cuts that follow each other, each of the length of its part, with nothing beyond."""
+        found: list[tuple[int, int, str]] = []
+        at = inside = 0
+        for number, cut in enumerate(cuts if isinstance(cuts, list) else ()):
+            where = f"model: cut {number}"
+            if not (isinstance(cut, list) and [type(each) for each in cut] == [int, int, str]):
+                raise ValueError(f"{where} is {str(cut)[:80]}; expected begin, end and a digest")
+            start, end, digest = cut
+            if digest not in self._parts:
+                raise ValueError(f"{where}: there is no part {digest[:80]!r}")
+            if not at <= start <= end or end - start != len(self._parts[digest]):
+                raise ValueError(
+                    f"{where} is from {start} to {end}, after {at}, for "
+                    f"{len(self._parts[digest])} bytes: they do not fit"
+                )
+            inside += end - start
+            at = end
+            found.append((start, end, digest))
+        if at - inside > rest or inside + rest > MOST_MODEL:
+            raise ValueError(
+                f"model: has {inside + rest} bytes, cuts up to {at}; expected at most {MOST_MODEL}"
+            )
+        return found
+
+    def __getitem__(self, generation: int) -> bytes:
+        """MuJoCo's binary form of a model."""
+        rest, cuts = self._models[generation]
+        pieces: list[bytes] = []
+        at = taken = 0
+        for start, end, digest in cuts:
+            pieces += (rest[taken : taken + start - at], self._parts[digest].tobytes())
+            taken += start - at
+            at = end
+        return b"".join((*pieces, rest[taken:]))
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._models)
+
+    def __len__(self) -> int:
+        return len(self._models)
+
+
+def _cuts(model: mujoco.MjModel, whole: bytes) -> list[tuple[int, int, str]]:
+    """Begin, end and digest of the large parts of a model that can be found in its binary form."""
+    cuts = []
+    for name in dir(model):
+        if name.startswith("_"):
+            continue
+        value = getattr(model, name)
+        if isinstance(value, np.ndarray) and value.nbytes >= _LEAST:
+            part = np.ascontiguousarray(value).tobytes()
+            at = whole.find(part)
+            if at >= 0:
+                cuts.append((at, at + len(part), hashlib.sha256(part).hexdigest()))
+    apart = []
+    end = 0
+    for cut in sorted(cuts):
+        if cut[0] >= end:
+            apart.append(cut)
+            end = cut[1]
+    return apart

@@ -269,7 +269,8 @@ _INDICES: Final = {
 
 def _indices(model: mujoco.MjModel) -> str:
     for name, counted in _INDICES.items():
-        least, size = -(counted[0] == "?"), getattr(model, counted.lstrip("?"))
+        least = -(counted[0] == "?")
+        size = getattr(model, counted.lstrip("?"))
         values = getattr(model, name)
         if values.size and not (least <= values.min() and values.max() < max(size, least + 1)):
             worst = values.min() if values.min() < least else values.max()
@@ -322,7 +323,9 @@ def _ranges(model: mujoco.MjModel) -> str:
     return ""
 
 
-_Geom, _Trn, _Obj = mujoco.mjtGeom, mujoco.mjtTrn, mujoco.mjtObj
+_Geom = mujoco.mjtGeom
+_Trn = mujoco.mjtTrn
+_Obj = mujoco.mjtObj
 
 _KINDS: Final[dict[str, tuple[int, ...]]] = {
     "geom_type": tuple(
@@ -401,7 +404,8 @@ def _kinds(model: mujoco.MjModel) -> str:
 
 def _tree(model: mujoco.MjModel) -> str:
     """Bodies and degrees of freedom follow their parents, and the mass matrix is theirs."""
-    bodies, dofs = np.arange(model.nbody), np.arange(model.nv)
+    bodies = np.arange(model.nbody)
+    dofs = np.arange(model.nv)
     for name in ("body_parentid", "body_rootid", "body_weldid"):
         ids = getattr(model, name)
         allowed = ids < bodies if name == "body_parentid" else ids <= bodies
@@ -427,12 +431,14 @@ def _tree(model: mujoco.MjModel) -> str:
         chain = [dof]
         while not simple[dof] and model.dof_parentid[chain[-1]] >= 0:
             chain.append(int(model.dof_parentid[chain[-1]]))
-        first, count = int(model.M_rowadr[dof]), int(model.M_rownnz[dof])
+        first = int(model.M_rowadr[dof])
+        count = int(model.M_rownnz[dof])
         if first != at or model.M_colind[first : first + count].tolist() != chain[::-1]:
             return "the rows of the mass matrix are not those of the tree"
         at += count
     for matrix, total in (("D", "nD"), ("B", "nB"), ("ten_J", "nJten")):
-        first, count = getattr(model, f"{matrix}_rowadr"), getattr(model, f"{matrix}_rownnz")
+        first = getattr(model, f"{matrix}_rowadr")
+        count = getattr(model, f"{matrix}_rownnz")
         columns = getattr(model, f"{matrix}_colind")
         if not np.array_equal(first, np.concatenate(([0], np.cumsum(count)[:-1]))[: len(first)]):
             return f"{matrix}_rowadr does not follow {matrix}_rownnz"
@@ -470,7 +476,8 @@ def _meshes(model: mujoco.MjModel) -> str:
         ):
             return f"{first} does not follow {count}"
     for mesh in range(model.nmesh):
-        vertices, normals = int(model.mesh_vertnum[mesh]), int(model.mesh_normalnum[mesh])
+        vertices = int(model.mesh_vertnum[mesh])
+        normals = int(model.mesh_normalnum[mesh])
         faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
         polygons = slice(
             model.mesh_polyadr[mesh], model.mesh_polyadr[mesh] + model.mesh_polynum[mesh]
@@ -534,7 +541,8 @@ def _boxes(model: mujoco.MjModel, first: int, count: int, leaves: int) -> str:
     """A tree of boxes: each node comes after its parent, each leaf is of something."""
     if not count:
         return ""
-    child, node = model.bvh_child[first : first + count], model.bvh_nodeid[first : first + count]
+    child = model.bvh_child[first : first + count]
+    node = model.bvh_nodeid[first : first + count]
     is_leaf = (child < 0).all(axis=1)
     below = child[~is_leaf]
     if (below <= np.flatnonzero(~is_leaf)[:, None]).any() or (below >= count).any():
@@ -552,10 +560,12 @@ def _hull(model: mujoco.MjModel, mesh: int) -> str:
     at = int(model.mesh_graphadr[mesh])
     if at < 0:
         return ""
-    graph, own = model.mesh_graph[at:].astype(np.int64), int(model.mesh_vertnum[mesh])
+    graph = model.mesh_graph[at:].astype(np.int64)
+    own = int(model.mesh_vertnum[mesh])
     if len(graph) < 2 or not (0 < graph[0] <= own and 0 < graph[1] <= len(graph)):
         return "mesh_graph has no counts"
-    vertices, faces = int(graph[0]), int(graph[1])
+    vertices = int(graph[0])
+    faces = int(graph[1])
     parts = np.cumsum([2, vertices, vertices, vertices + 3 * faces, 3 * faces])
     if parts[-1] > len(graph):
         return "mesh_graph goes beyond its end"

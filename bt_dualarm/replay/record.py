@@ -1,66 +1,477 @@
-"""A record, read again: all that is known of a run, up to the last second that is whole."""
+"""Reading a record: validated facts and states of a run, up to the last complete second."""
 
 from __future__ import annotations
 
 import os
 from bisect import bisect_right
-from collections import OrderedDict
+from collections import OrderedDict, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+)
 
-from bt_dualarm.errors import DualArmError
-from bt_dualarm.pose import Vector
-from bt_dualarm.recording.block import Block
-from bt_dualarm.recording.history_file import read_history
-from bt_dualarm.recording.model_pieces import ModelReader
-from bt_dualarm.recording.stored_model import stored_model
-from bt_dualarm.recording.untrusted import (
+from bt_dualarm.behaviors.report import StatusName
+from bt_dualarm.core.errors import DualArmError, RunError
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.recording.history_file import (
     MOST_MEMORY,
-    Budget,
+    Block,
     HistoryError,
+    ModelReader,
+    ReadBudget,
     parsed,
+    read_history,
     read_regular,
 )
-from bt_dualarm.replay.record_facts import (
-    LONGEST_S,
-    Facts,
-    check_end,
-    check_events,
-    check_model,
-    check_second,
-    check_start,
-    check_summary,
-)
-from bt_dualarm.runtime.record_folder import EVENTS, HISTORY, SUMMARY
-from bt_dualarm.world.robots.mjspec import joint_motors
+from bt_dualarm.recording.stored_model import stored_model
+from bt_dualarm.robots.mjspec import joint_motors
+from bt_dualarm.runtime.options import checked_reality
+from bt_dualarm.runtime.recorder import EVENTS, HISTORY, SUMMARY
+from bt_dualarm.sim.renderer import RendererKind
+from bt_dualarm.spec.document import LONGEST_NAME, ArmSpec, ObjectSpec
+from bt_dualarm.spec.ports import one_line
+from bt_dualarm.spec.problems import Name
+from bt_dualarm.spec.yaml_reader import MAX_DEPTH, MAX_NODES, with_tuples
+
+# Types of all facts of a record, validated before use: a record may come from an untrusted source.
+# Names follow the rule of tree files, so that no path can be built from them; labels contain
+# no control characters for a terminal. Facts without a type here (ports, values of the blackboard,
+# texts) are any JSON and must be escaped when shown.
+
+
+Facts: TypeAlias = dict[str, Any]
+"""A JSON object: an event, a note, the summary, or the start of a run."""
+
+LONGEST_S: Final = 1e6
+"""Longest record in simulated seconds: more than ten times the longest run of a tree file."""
+
+_MOST_PORTS: Final = 1000
+_ARM_FACTS: Final = ("robot", "gripper", "base", "force_limit", "collision", "camera")
+"""Facts of an arm that readers of records require, besides its tree."""
+
+_OPTIONAL_ARM_FACTS: Final = frozenset({"locked"})
+"""Facts of an arm that older records lack."""
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError("expected text without control characters")
+    return text
+
+
+Label: TypeAlias = Annotated[str, StringConstraints(max_length=300), AfterValidator(_printable)]
+_Location: TypeAlias = Annotated[
+    str, StringConstraints(min_length=1, max_length=8192), AfterValidator(_printable)
+]
+_Code: TypeAlias = Annotated[str, StringConstraints(pattern=r"^([A-Z][A-Z0-9_]{0,99})?$")]
+_Text: TypeAlias = Annotated[str, StringConstraints(max_length=100_000)]
+_Time: TypeAlias = Annotated[float, Field(ge=0.0, le=LONGEST_S)]
+_Stamp: TypeAlias = Annotated[float, Field(ge=-LONGEST_S, le=LONGEST_S)]
+_Coordinate: TypeAlias = Annotated[float, Field(ge=-1e10, le=1e10)]
+_Pixel: TypeAlias = Annotated[int, Field(ge=0, le=100_000)]
+Region: TypeAlias = Annotated[list[_Pixel], Field(min_length=4, max_length=4)]
+_Ports: TypeAlias = Annotated[dict[Label, Any], Field(max_length=_MOST_PORTS)]
+_NodeName: TypeAlias = Annotated[
+    str, StringConstraints(min_length=1, max_length=100, pattern=r"^[^/#{}]*$"),
+    AfterValidator(_printable),
+]  # fmt: skip
+
+
+class _Facts(BaseModel):
+    """A JSON object; unknown fields are ignored."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False, extra="ignore")
+
+
+class _Node(_Facts):
+    """A node of a tree with its children."""
+
+    kind: Annotated[
+        str, StringConstraints(min_length=1, max_length=100), AfterValidator(_printable)
+    ]
+    name: _NodeName
+    ports: _Ports
+    place: _Location
+    children: list[_Node]
+
+
+class _Skill(_Facts):
+    file: Annotated[str, StringConstraints(max_length=8192), AfterValidator(_printable)]
+    sha256: Label
+
+
+class _Processor(_Facts):
+    machine: Label
+    blas: Label
+    arithmetic: Label
+
+
+class _Camera(_Facts):
+    """Required fields; the types of the tree file validate their values, as for all below."""
+
+    resolution: list[int]
+    fov: float
+    fps: float
+    latency: float
+    drop: float
+
+
+class _Collision(_Facts):
+    threshold: float
+
+
+class _Base(_Facts):
+    xyz: list[float]
+
+
+class _Object(_Facts):
+    shape: str
+    size: list[float]
+    mass: float
+    friction: float
+    color: str | list[float]
+    fixed: bool
+    marker: dict[str, Any] | None
+
+
+class _ArmFacts(_Facts):
+    base: _Base
+    force_limit: float
+    collision: _Collision
+    camera: _Camera | None
+    robot: Label
+    gripper: Label | None
+    tree: _Node
+
+
+class _Start(_Facts):
+    name: Annotated[
+        str, StringConstraints(min_length=1, max_length=LONGEST_NAME), AfterValidator(_printable)
+    ]
+    path: _Location
+    texts: Annotated[dict[_Location, str], Field(min_length=1, max_length=1000)]
+    params: Annotated[dict[Label, Any], Field(max_length=1000)]
+    seed: Annotated[int, Field(ge=0, lt=2**32)]
+    renderer: RendererKind | None
+    reality: Any
+    duration: Annotated[float, Field(gt=0.0, le=LONGEST_S)] | None
+    timestep: Annotated[float, Field(ge=1e-5, le=0.1)]
+    time_limit: Annotated[float, Field(gt=0.0, le=LONGEST_S)]
+    objects: Annotated[dict[Name, _Object], Field(max_length=1000)]
+    arms: Annotated[dict[Name, _ArmFacts], Field(min_length=1, max_length=100)]
+    pages: Annotated[dict[_Location, Label], Field(max_length=1000)]
+    skills: Annotated[dict[Label, _Skill], Field(max_length=1000)]
+    versions: Annotated[dict[Label, Label], Field(max_length=1000)]
+    processor: _Processor
+
+
+class _ModelFacts(_Facts):
+    generation: Annotated[int, Field(ge=0, le=2**31)]
+    cuts: list[list[Any]]
+
+
+class _Second(_Facts):
+    first_step: Annotated[int, Field(ge=0, le=2**40)]
+    generation: Annotated[int, Field(ge=0, le=2**31)]
+    notes: list[dict[str, Any]]
+
+
+class _End(_Facts):
+    state_sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{1,128}$")]
+
+
+class _Note(_Facts):
+    kind: Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,47}$")]
+    arm: Name
+    time_s: _Time
+
+
+class _Began(_Note):
+    leaf: _Location
+    ports: _Ports
+
+
+class _Wrote(_Note):
+    leaf: _Location
+    key: Label
+    value: Any
+
+
+class _Frame(_Note):
+    stamp: _Stamp
+    region: Region
+    stride: Annotated[int, Field(ge=1, le=1000)] = 1
+    crc: Annotated[int, Field(ge=0, lt=2**32)]
+
+
+class _Found(_Note):
+    stamp: _Stamp
+    asked: _Text
+    answer: list[Any]
+
+
+class _Look(_Note):
+    stamp: _Stamp
+    pixel: Annotated[list[_Coordinate], Field(min_length=2, max_length=2)] | None
+    area_px: Annotated[float, Field(ge=0.0, le=1e10)]
+    point: Annotated[list[_Coordinate], Field(min_length=3, max_length=3)] | None
+    locked: bool
+
+
+class _Edited(_Note):
+    tree: _Node
+
+
+class _Holds(_Note):
+    gripped: list[Label]
+    welded: list[Label]
+
+
+class _Guard(_Note):
+    does: Literal["slowed", "stopped"]
+    reason: _Text
+
+
+class _Event(_Facts):
+    time_s: _Time
+    arm: Name
+    path: _Location
+    kind: Label
+    old: StatusName
+    new: StatusName
+    code: _Code
+    reason: _Text
+    metrics: Annotated[dict[Label, float | int | bool | str | None], Field(max_length=_MOST_PORTS)]
+
+
+class _ArmSummary(_Facts):
+    guard: dict[Label, float | int | bool | str | None] = {}
+
+
+class _Summary(_Facts):
+    ending: Label
+    arms: dict[Name, _ArmSummary]
+
+
+class _Picture(_Facts):
+    arm: Name
+    time_s: _Time
+    stamp: _Stamp
+    region: Region
+    stride: Annotated[int, Field(ge=1, le=1000)]
+    size: Annotated[list[Annotated[int, Field(ge=1, le=4096)]], Field(min_length=2, max_length=2)]
+
+
+_NOTES: Final[Mapping[str, TypeAdapter[Any]]] = {
+    kind: TypeAdapter(list[fields])  # type: ignore[valid-type]  # a class from a table
+    for kind, fields in (
+        ("ports", _Began),
+        ("wrote", _Wrote),
+        ("frame", _Frame),
+        ("found", _Found),
+        ("look", _Look),
+        ("edited", _Edited),
+        ("guard", _Guard),
+        ("holds", _Holds),
+    )
+}
+_ARM_WITHOUT_TREE: Final = create_model("_RecordedArm", __base__=ArmSpec, tree=(Any, None))
+_ANY_NOTE: Final = TypeAdapter(list[_Note])
+_EVENTS: Final = TypeAdapter(list[_Event])
+_START = TypeAdapter(_Start)
+_SECOND = TypeAdapter(_Second)
+_END = TypeAdapter(_End)
+_MODEL = TypeAdapter(_ModelFacts)
+_SUMMARY = TypeAdapter(_Summary)
+_PICTURE = TypeAdapter(_Picture)
+
+
+def check_start(facts: Facts) -> None:
+    """Check the start of a run.
+
+    Raises:
+        ValueError: A fact is missing, of a wrong type or out of range; the message says where, and
+            what is expected.
+    """
+    # Nodes are counted before anything else, because validating a million of them takes long.
+    arms = facts.get("arms")
+    for name, facts_of_arm in arms.items() if isinstance(arms, dict) else ():
+        check_tree(facts_of_arm, f"start.arms.{str(name)[:48]!r}")
+    _check(_START, facts, "start")
+    if facts["reality"] is not None:
+        try:
+            checked_reality(facts["reality"])
+        except RunError as error:
+            raise ValueError(f"start.{one_line(str(error))}") from error
+    for name, spec in facts["objects"].items():
+        _check_spec(ObjectSpec, spec, f"start.objects.{name}")
+    for name, arm in facts["arms"].items():
+        known = {key: arm[key] for key in (*_ARM_FACTS, *(_OPTIONAL_ARM_FACTS & arm.keys()))}
+        _check_spec(_ARM_WITHOUT_TREE, known, f"start.arms.{name}")
+
+
+def check_tree(facts: object, where: str) -> None:
+    """Check that the tree below ``tree`` is no larger than a tree file can make it.
+
+    The facts have not been validated yet.
+
+    Raises:
+        ValueError: The tree is too large.
+    """
+    level = [facts.get("tree")] if isinstance(facts, dict) else []
+    depth = count = 0
+    while level:
+        depth = depth + 1
+        count = count + len(level)
+        if depth > MAX_DEPTH or count > MAX_NODES:
+            raise ValueError(
+                f"{where}: its tree has more than {MAX_DEPTH} levels or {MAX_NODES} nodes; "
+                "no tree file has"
+            )
+        below = [node.get("children") for node in level if isinstance(node, dict)]
+        level = [child for children in below if isinstance(children, list) for child in children]
+
+
+def check_model(facts: Facts) -> None:
+    """Check the facts of a compiled model; raises the same errors as `check_start`."""
+    _check(_MODEL, facts, "model")
+
+
+def check_second(facts: Facts, arms: Mapping[str, Facts]) -> None:
+    """Check the facts of a second of the run, including its notes.
+
+    Args:
+        facts: Facts of the second.
+        arms: Arms of the run by name.
+
+    Raises:
+        ValueError: As for `check_start`.
+    """
+    _check(_SECOND, facts, "second")
+    of_kind: dict[str, list[Facts]] = defaultdict(list)
+    for note in facts["notes"]:
+        of_kind[str(note.get("kind"))].append(note)
+        check_tree(note, "an edited tree")
+    for kind, notes in of_kind.items():
+        _check(_NOTES.get(kind, _ANY_NOTE), notes, f"notes[{kind[:48]}]")
+        for note in notes:
+            _check_arm(note["arm"], arms, f"a note of kind {kind}")
+            if kind in ("frame", "found", "look") and not arms[note["arm"]]["camera"]:
+                raise ValueError(f"a note of kind {kind} is of {note['arm']}, which has no camera")
+
+
+def check_end(facts: Facts) -> None:
+    """Check the end of a history; raises the same errors as `check_start`."""
+    _check(_END, facts, "end")
+
+
+def check_events(events: Sequence[Facts], arms: Mapping[str, Facts]) -> None:
+    """Check status changes.
+
+    Args:
+        events: Changes, in the order of the file.
+        arms: Arms of the run by name.
+
+    Raises:
+        ValueError: As for `check_start`, or if times decrease.
+    """
+    _check(_EVENTS, events, "line")
+    before = 0.0
+    for number, event in enumerate(events, 1):
+        _check_arm(event["arm"], arms, f"line {number}")
+        if event["time_s"] < before:
+            raise ValueError(
+                f"line {number}: time_s is {event['time_s']:g}, less than that of the line before"
+            )
+        before = event["time_s"]
+
+
+def check_summary(facts: object) -> None:
+    """Check the required facts of a summary; raises the same errors as `check_start`."""
+    _check(_SUMMARY, facts, "")
+
+
+def check_picture(facts: Facts) -> None:
+    """Check the facts of a recorded image; raises the same errors as `check_start`."""
+    _check(_PICTURE, facts, "picture")
+    left, top, right, bottom = facts["region"]
+    width, height = facts["size"]
+    if not (left < right <= width and top < bottom <= height):
+        raise ValueError(
+            f"picture.region is {facts['region']}; expected a part of {width} by {height} pixels"
+        )
+
+
+def _check_arm(name: str, arms: Mapping[str, Facts], where: str) -> None:
+    if name not in arms:
+        raise ValueError(f"{where}: there is no arm {name!r}; expected {', '.join(arms)}"[:500])
+
+
+def _check(
+    adapter: TypeAdapter[Any],  # Any: of any model
+    facts: object,
+    where: str,
+) -> None:
+    try:
+        adapter.validate_python(facts, strict=True)
+    except ValidationError as error:
+        raise ValueError(_error_text(error, where)) from None
+
+
+def _check_spec(model: Any, facts: object, where: str) -> None:  # Any: a model or an adapter
+    """Check facts with a type of the tree file."""
+    if not isinstance(facts, dict):
+        raise ValueError(f"{where}: expected an object of JSON")
+    try:
+        model.model_validate(with_tuples(facts))
+    except ValidationError as error:
+        raise ValueError(_error_text(error, where)) from None
+
+
+def _error_text(error: ValidationError, where: str) -> str:
+    """The first error: its location, message and input."""
+    first = error.errors(include_url=False, include_context=False)[0]
+    location = ".".join([*filter(None, [where]), *map(str, first["loc"])])
+    message = first["msg"].removeprefix("Value error, ")
+    given = "" if first["type"] == "missing" else f"; it is {str(first['input'])[:60]!r}"
+    return f"{one_line(location)[:300]}: {one_line(message)[:500]}{given}"
+
 
 __all__ = ["Facts", "HistoryError", "Moment", "Record", "ReplayError"]
 
 _MOST_COMPILED: Final = 4
-"""Compiled models that are kept: one of a large world takes some megabytes."""
+"""Compiled models kept in memory; one of a large world takes several megabytes."""
 
 _MOST_JOINTS: Final = 4 * 64
-_CLOCK: Final = 1e-6
-"""Rounding of MuJoCo's clock, which is a sum of steps, as a share of the time."""
+_CLOCK_TOLERANCE: Final = 1e-6
+"""Relative rounding error of MuJoCo's clock, which is a sum of steps."""
 
 _SLACK_S: Final = 1e-9
 
 
 class ReplayError(DualArmError):
-    """A record cannot be used as asked; the message says what is there instead."""
+    """A record cannot be used as requested; the message says what it has instead."""
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """The run at one of the times whose state is kept.
+    """State of the run at one of the recorded times.
 
     Attributes:
         time: Simulated time in s.
@@ -77,16 +488,16 @@ class Moment:
 
 @dataclass(frozen=True)
 class GripperState:
-    """A gripper at one of the times whose state is kept.
+    """State and command of a gripper at one of the recorded times.
 
     Attributes:
-        width: Opening by the encoder, m; 0 of a cup.
-        speed: Speed of the opening, positive where it opens, m/s; 0 of a cup.
-        force: Force of a pad by the motor's current, positive where it closes, or of a cup, N.
-        vacuum: Share of the full vacuum that a cup senses, from 0 to 1; 0 of fingers.
-        commanded_width: Opening that was asked for, m; of a cup 0 sucks, else it lets go.
-        commanded_speed: Speed of the opening that was asked for, m/s.
-        commanded_force: Most force of a pad, or of a cup, that was asked for, N.
+        width: Opening by the encoder, m; 0 for a cup.
+        speed: Speed of the opening, positive when opening, m/s; 0 for a cup.
+        force: Force of a pad by the motor's current, positive when closing, or of a cup, N.
+        vacuum: Share of the full vacuum that a cup measures, from 0 to 1; 0 for fingers.
+        commanded_width: Commanded opening, m; for a cup 0 turns suction on, any other value off.
+        commanded_speed: Commanded speed of the opening, m/s.
+        commanded_force: Commanded largest force of a pad, or of a cup, N.
     """
 
     width: float
@@ -100,18 +511,18 @@ class GripperState:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What a run left behind.
+    """Validated content of the record of a run.
 
     Attributes:
         folder: Folder of the record.
-        start: Facts that the run began with: the tree, seeds, versions, the processor.
+        start: Facts at the start of the run: the tree, seeds, versions, the processor.
         seconds: Blocks of the history with states and checksums, in order.
-        models: Block of each compiled model, by its generation, in MuJoCo's binary form.
-        events: Changes of status, in order.
-        notes: Notes of trees, cameras and guards, in order.
-        summary: Content of the summary; None of a run that was killed.
-        end: Facts at the end of the history; None of a run that was killed.
-        torn: Sentence on what the end of the history lacks; empty if it is whole.
+        models: Each compiled model in MuJoCo's binary format, by its generation.
+        events: Status changes, in order.
+        notes: Trace events of trees, cameras and guards, in order.
+        summary: Content of the summary; None if the run was killed.
+        end: Facts at the end of the history; None if the run was killed.
+        torn: Sentence on what the end of the history lacks; empty if it is complete.
     """
 
     folder: Path
@@ -126,37 +537,37 @@ class Record:
 
     @classmethod
     def read(cls, folder: Path, most_memory: int = MOST_MEMORY) -> Record:
-        """Read a record, whoever wrote it.
+        """Read a record, which may come from an untrusted source.
 
-        All of it is checked before anybody relies on it: files, sizes, types, names, shapes, and
-        that its parts fit each other. Models are checked when they are first asked for.
+        All of it is validated first: files, sizes, types, names, shapes, and the consistency of its
+        parts. Models are validated on first use.
 
         Args:
-            folder: Folder that ``--record`` was given.
-            most_memory: Bytes that the record may take in memory.
+            folder: Folder given by ``--record``.
+            most_memory: Largest size of the record in memory, bytes.
 
         Raises:
             ReplayError: There is no such folder, or no record in it.
-            HistoryError: A file of it cannot be read, is not what a run writes, or takes too much
-                memory; the message names the file, what is wrong, and what is expected.
+            HistoryError: A file cannot be read, is invalid, or takes too much memory; the message
+                names the file, the error, and what is expected.
         """
         if not folder.is_dir():
             raise ReplayError(f"there is no folder {folder}")
         if not os.path.lexists(folder / HISTORY):
             raise ReplayError(f"{folder} holds no record: there is no {HISTORY} in it")
-        budget = Budget(most_memory)
+        budget = ReadBudget(most_memory)
         file = read_history(folder / HISTORY, budget)
         if not file.blocks or file.blocks[0].kind != "start":
             raise HistoryError(f"{folder / HISTORY} has no whole block: the run had hardly begun")
         start: Facts = dict(file.blocks[0].data)
-        with _said_of(folder / HISTORY):
+        with _errors_name(folder / HISTORY):
             check_start(start)
             models, seconds, ends = _blocks_of_run(start, file.blocks[1:])
         arms: Mapping[str, Facts] = start["arms"]
-        with _said_of(folder / EVENTS):
+        with _errors_name(folder / EVENTS):
             events = _lines(folder / EVENTS, budget)
             check_events(events, arms)
-        with _said_of(folder / SUMMARY):
+        with _errors_name(folder / SUMMARY):
             summary = _summary(folder / SUMMARY, budget)
         return cls(
             folder=folder,
@@ -177,13 +588,13 @@ class Record:
 
     @property
     def arms(self) -> Mapping[str, Facts]:
-        """What the file says of each arm, its tree included, by name."""
+        """Facts of each arm in the file, including its tree, by name."""
         arms: Mapping[str, Facts] = self.start["arms"]
         return arms
 
     @cached_property
     def times(self) -> npt.NDArray[np.float64]:
-        """Simulated seconds of all states that are kept, of shape (n,)."""
+        """Simulated seconds of all recorded states, of shape (n,)."""
         found = [block.arrays["states"][:, 0] for block in self._framed]
         return np.concatenate(found) if found else np.empty(0)
 
@@ -193,7 +604,7 @@ class Record:
 
     @cached_property
     def _firsts(self) -> list[int]:
-        """Number of the first state of each block."""
+        """Index of the first state of each block, and the number of all states."""
         counts = [len(block.arrays["states"]) for block in self._framed]
         return [0, *np.cumsum(counts).tolist()]
 
@@ -204,7 +615,7 @@ class Record:
 
     @property
     def steps(self) -> int:
-        """Physics steps that are known."""
+        """Number of recorded physics steps."""
         return sum(len(block.arrays["checksums"]) for block in self.seconds)
 
     def checksums(self) -> npt.NDArray[np.uint32]:
@@ -213,7 +624,7 @@ class Record:
         return np.concatenate(found).astype(np.uint32) if found else np.empty(0, np.uint32)
 
     def index_at(self, time: float) -> int:
-        """Number of the last state at or before a time; the first one for times before it.
+        """Index of the last state at or before a time; 0 for times before the first state.
 
         Raises:
             ReplayError: The time is outside of the record.
@@ -225,7 +636,7 @@ class Record:
         return max(0, int(np.searchsorted(self.times, time + _SLACK_S, "right")) - 1)
 
     def moment(self, index: int) -> Moment:
-        """A state by its number."""
+        """A state by its index."""
         number = bisect_right(self._firsts, index) - 1
         block = self._framed[number]
         row = block.arrays["states"][index - self._firsts[number]]
@@ -234,9 +645,9 @@ class Record:
         return Moment(float(row[0]), generation, row[1 : 1 + nq].copy(), row[1 + nq :].copy())
 
     def arm_row(self, arm: str, index: int) -> tuple[Vector, Vector, Vector, Vector] | None:
-        """Set-point's position, velocity, acceleration and torque of an arm, each of shape (dof,).
+        """Position, velocity, acceleration of an arm's set-point, and torque, each of shape (dof,).
 
-        None where the arm was not in the world. Units are rad, rad/s, rad/s² and N m.
+        None if the arm was not in the world. Units are rad, rad/s, rad/s² and N m.
         """
         number = bisect_right(self._firsts, index) - 1
         rows = self._framed[number].arrays.get(f"arm:{arm}")
@@ -249,8 +660,7 @@ class Record:
     def gripper(self, arm: str, index: int) -> GripperState | None:
         """State and command of an arm's gripper.
 
-        None where the arm has none or was not in the world, and in records of versions that did
-        not keep it.
+        None if the arm has none or was not in the world, and in records of older versions.
         """
         number = bisect_right(self._firsts, index) - 1
         rows = self._framed[number].arrays.get(f"gripper:{arm}")
@@ -264,11 +674,11 @@ class Record:
         return OrderedDict()
 
     def model(self, generation: int) -> mujoco.MjModel:
-        """A compiled model of the run; the last few that were asked for are kept.
+        """A compiled model of the run; the most recently used ones are cached.
 
         Raises:
-            ReplayError: It is not there, this MuJoCo cannot read it (it was written by another
-                version, or is damaged), or the states of the record are not its.
+            ReplayError: The model is missing, this MuJoCo cannot read it (it was written by another
+                version, or is damaged), or it does not match the states of the record.
         """
         if generation not in self.models:
             raise ReplayError(f"{self.folder} lacks the model of generation {generation}")
@@ -295,10 +705,10 @@ class Record:
         return self._compiled[generation]
 
     def _compare_with(self, model: mujoco.MjModel, generation: int) -> None:
-        """Compare states and arms' rows with a model.
+        """Check that states and arms' rows match a model.
 
         Raises:
-            ValueError: They are of another one.
+            ValueError: They do not match it.
         """
         for block in self._framed:
             if _generation(block) != generation:
@@ -320,9 +730,9 @@ class Record:
             body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
             if body >= 0 and not model.body_geomnum[body]:
                 raise ValueError(f"object {name} has no shape")
-        for name, said in self.arms.items():
+        for name, arm_facts in self.arms.items():
             camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, f"{name}/camera")
-            if camera >= 0 and not said["camera"]:
+            if camera >= 0 and not arm_facts["camera"]:
                 raise ValueError(f"{name} has a camera, which the file did not give it")
 
 
@@ -339,13 +749,16 @@ def _notes(block: Block) -> list[Facts]:
 def _blocks_of_run(
     start: Facts, blocks: Sequence[Block]
 ) -> tuple[ModelReader, tuple[Block, ...], list[Facts]]:
-    """Models, seconds, and facts of the end; blocks of other kinds are passed over.
+    """Models, seconds, and facts of the end; blocks of other kinds are ignored.
 
     Raises:
-        ValueError: A block is not what a run writes.
+        ValueError: A block is invalid.
     """
-    models, seconds, ends = ModelReader(), list[Block](), list[Facts]()
-    steps, time = 0, 0.0
+    models = ModelReader()
+    seconds = list[Block]()
+    ends = list[Facts]()
+    steps = 0
+    time = 0.0
     for number, block in enumerate(blocks, 1):
         try:
             if block.kind == "model":
@@ -370,16 +783,16 @@ def _checked_numbers(
 
     Args:
         block: The second.
-        start: Facts that the run began with.
-        models: Models until then.
-        steps: Steps of the seconds before.
-        time: Time of the last state before.
+        start: Facts at the start of the run.
+        models: Models so far.
+        steps: Number of steps before this second.
+        time: Time of the last state before this second, s.
 
     Returns:
-        Steps, and the time of the last state, with this second.
+        Number of steps and time of the last state in s, including this second.
 
     Raises:
-        ValueError: They do not fit each other, the model or the seconds before.
+        ValueError: The arrays do not match each other, the model or the seconds before.
     """
     if _generation(block) not in models:
         raise ValueError(f"there is no model of generation {_generation(block)} before it")
@@ -401,33 +814,33 @@ def _checked_numbers(
     if not len(rows) or states.shape[0] != len(rows) or states.shape[1] < 1:
         raise ValueError(f"states is of shape {states.shape}; rows has {len(rows)}")
     expected = (rows + 1) * float(start["timestep"])
-    if (np.abs(states[:, 0] - expected) > _CLOCK * (1.0 + expected)).any():
+    if (np.abs(states[:, 0] - expected) > _CLOCK_TOLERANCE * (1.0 + expected)).any():
         raise ValueError("times of states are not those of their steps")
     if expected[-1] > LONGEST_S:
         raise ValueError(f"the run is longer than {LONGEST_S:g} s")
-    for kind, arm, sent in _rows_of_arms(block):
+    for kind, arm, values in _rows_of_arms(block):
         name = f"{kind}:{arm[:80]}"
         if arm not in start["arms"]:
             raise ValueError(f"array {name!r} is of no arm of the run")
-        if sent.ndim != 2 or sent.dtype != np.float32 or len(sent) > len(rows):
+        if values.ndim != 2 or values.dtype != np.float32 or len(values) > len(rows):
             raise ValueError(
-                f"array {name!r} is {sent.dtype} of shape {sent.shape}; "
+                f"array {name!r} is {values.dtype} of shape {values.shape}; "
                 f"expected float32 of up to {len(rows)} rows"
             )
-        columns = sent.shape[1]
+        columns = values.shape[1]
         if kind == "arm" and (not 4 <= columns <= _MOST_JOINTS or columns % 4):
             raise ValueError(f"array {name!r} has {columns} columns; expected 4 for each joint")
         if kind == "gripper" and columns != len(fields(GripperState)):
             raise ValueError(
                 f"array {name!r} has {columns} columns; expected {len(fields(GripperState))}"
             )
-        _refuse_infinite(sent, name)
+        _refuse_infinite(values, name)
     _refuse_infinite(states, "states")
     return steps + len(checksums), float(states[-1, 0])
 
 
 def _rows_of_arms(block: Block) -> Iterator[tuple[str, str, npt.NDArray[np.generic]]]:
-    """What each arm and gripper was sent: ``arm`` or ``gripper``, name of the arm, and the rows."""
+    """Yields the rows of arms and grippers: ``arm`` or ``gripper``, name of the arm, rows."""
     for name, rows in block.arrays.items():
         kind, colon, arm = name.partition(":")
         if colon and kind in ("arm", "gripper"):
@@ -449,16 +862,16 @@ def _array(
 
 
 def _refuse_infinite(array: npt.NDArray[Any], name: str) -> None:  # Any: of any numbers
-    # Beyond MuJoCo's mjMAXVAL a simulation has diverged: no state is kept then.
+    # Beyond MuJoCo's mjMAXVAL a simulation has diverged, and no state is recorded.
     if not (np.abs(array) <= mujoco.mjMAXVAL).all():
         raise ValueError(f"array {name!r} has numbers that are not finite, or beyond 1e10")
 
 
-def _lines(path: Path, budget: Budget) -> list[Facts]:
-    """Objects of a file, a line each; a last line that is not whole is left out.
+def _lines(path: Path, budget: ReadBudget) -> list[Facts]:
+    """JSON objects of a file, one per line; an incomplete last line is ignored.
 
     Raises:
-        ValueError: A line is no object of JSON.
+        ValueError: A line is not a JSON object.
     """
     if not os.path.lexists(path):
         return []
@@ -472,11 +885,11 @@ def _lines(path: Path, budget: Budget) -> list[Facts]:
     return events
 
 
-def _summary(path: Path, budget: Budget) -> Facts | None:
-    """The summary; None of a run that was killed.
+def _summary(path: Path, budget: ReadBudget) -> Facts | None:
+    """The summary; None if the run was killed.
 
     Raises:
-        ValueError: It is not what a run writes.
+        ValueError: The summary is invalid.
     """
     if not os.path.lexists(path):
         return None
@@ -486,8 +899,8 @@ def _summary(path: Path, budget: Budget) -> Facts | None:
 
 
 @contextmanager
-def _said_of(path: Path) -> Iterator[None]:
-    """Have whatever is wrong with a file say which one it is."""
+def _errors_name(path: Path) -> Iterator[None]:
+    """Turn a ValueError of the block into a HistoryError that names the file."""
     try:
         yield
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""The trees of a record with all that happened in them: which node took which status, and when."""
+"""Timeline of a record: its trees with the status changes of every node."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from bt_dualarm.spec.problems import suggestion
 
 @dataclass(frozen=True)
 class Change:
-    """A node took another status.
+    """A status change of a node.
 
     Attributes:
-        index: Number of the change among all of the run.
+        index: Index of the change among all changes of the run.
         time: Simulated time in s.
-        new: Status from then on.
-        old: Status until then.
+        new: Status after the change.
+        old: Status before the change.
         code: Code of a failure, ``HALTED``, or empty.
         reason: Sentence of a failure, or empty.
-        metrics: Numbers that a leaf had measured by its end.
+        metrics: Metrics of a leaf that has ended.
     """
 
     index: int
@@ -36,27 +36,27 @@ class Change:
 
 
 _HALTED: Final = ("RUNNING", "INVALID")
-"""Statuses before and after a node is halted."""
+"""Statuses before and after a halt."""
 
 
-def _is_wiped_out(change: Change, halt: Change) -> bool:
-    """Whether a node that had ended lost its status with that halt of its tree."""
+def _is_reset(change: Change, halt: Change) -> bool:
+    """Whether a node that had ended was reset by a halt of its tree."""
     ended = change.old in ("SUCCESS", "FAILURE") and change.new == "INVALID"
     return ended and change.time == halt.time and change.index < halt.index
 
 
 @dataclass(frozen=True, eq=False)
-class Node:
-    """A node of a tree as the file has it, and its changes.
+class TimelineNode:
+    """A node of a tree with its status changes.
 
     Attributes:
         arm: Name of the arm whose tree it is.
         path: Names from the root down.
-        kind: A word of the language, or a skill's name.
-        ports: What the file gives it.
+        kind: Node type: a control node, decorator or skill.
+        ports: Ports given in the file.
         place: File and line.
         children: Nodes below it.
-        changes: What became of it, in order.
+        changes: Its status changes, in order.
     """
 
     arm: str
@@ -64,27 +64,27 @@ class Node:
     kind: str
     ports: Mapping[str, object]
     place: str
-    children: tuple[Node, ...]
+    children: tuple[TimelineNode, ...]
     changes: list[Change] = field(default_factory=list)
 
-    def walk(self) -> Iterator[Node]:
-        """This node, then those below it."""
+    def walk(self) -> Iterator[TimelineNode]:
+        """This node, then its descendants."""
         yield self
         for child in self.children:
             yield from child.walk()
 
     def standing_at(self, time: float) -> Mapping[str, Change]:
-        """Last change of each node of this tree until a time in s, by path, as displays show it.
+        """Last change of each node up to a time in s, by path, as in displays; for a root only.
 
-        A tree that was halted as a whole shows what it had achieved until then: halting wipes out
-        what had ended, too, and only what was running is marked as halted. To be asked of a root.
+        For a tree that was halted as a whole, changes of nodes that had already ended are skipped:
+        the halt resets them too, but only running nodes count as halted.
         """
         last = self._last_until(time)
         halt = last if last is not None and (last.old, last.new) == _HALTED else None
         found: dict[str, Change] = {}
         for node in self.walk():
             changes = [change for change in node.changes if change.time <= time + 1e-9]
-            if halt is not None and changes and _is_wiped_out(changes[-1], halt):
+            if halt is not None and changes and _is_reset(changes[-1], halt):
                 changes.pop()
             if changes:
                 found[node.path] = changes[-1]
@@ -94,13 +94,13 @@ class Node:
         found = [change for change in self.changes if change.time <= time + 1e-9]
         return found[-1] if found else None
 
-    def leaves_at(self, time: float, status: str) -> list[Node]:
-        """Leaves below it that had this status at a time in s."""
+    def leaves_at(self, time: float, status: str) -> list[TimelineNode]:
+        """Descendant leaves that had this status at a time in s."""
         leaves = (node for node in self.walk() if not node.children)
         return [leaf for leaf in leaves if leaf.status_at(time) == status]
 
     def last(self, *statuses: str, before: int | None = None) -> Change | None:
-        """Its last change to one of some statuses, before the change of that number."""
+        """Its last change to one of the statuses, before the change with index ``before``."""
         found = [
             change
             for change in self.changes
@@ -109,12 +109,12 @@ class Node:
         return found[-1] if found else None
 
     def begun(self, end: Change) -> Change:
-        """The change with which the run began that this one ended."""
+        """The change that started the run that ``end`` ended."""
         began = self.last("RUNNING", before=end.index) if end.old == "RUNNING" else None
         return began or end
 
     def status_at(self, time: float) -> str:
-        """Status after all that happened until then."""
+        """Status at a time in s."""
         until = [change for change in self.changes if change.time <= time + 1e-9]
         return until[-1].new if until else "INVALID"
 
@@ -124,12 +124,12 @@ class Timeline:
 
     Args:
         record: The record.
-        time: Simulated time in s whose trees are meant, where the file was edited while the run
-            went on; by default its end.
+        time: Simulated time in s whose trees are used if the file was edited during the run; by
+            default the end.
 
     Attributes:
         roots: Root of each arm's tree, by the arm's name.
-        scenes: The world at some times, kept by whoever looks for causes.
+        scenes: Cache of the world at some times, for the diagnosis.
     """
 
     def __init__(self, record: Record, time: float | None = None) -> None:
@@ -152,24 +152,26 @@ class Timeline:
         }
 
     def may_be_removed(self, arm: str) -> bool:
-        """Whether a run succeeds although this arm was taken away before its tree had ended."""
+        """Whether the file allows the removal of this arm before its tree has ended."""
         return arm in self._removable
 
-    def removal(self, name: str) -> tuple[Node, Change] | None:
-        """The leaf that took an arm or an object away last, and when; None if none did."""
-        found = self.ended("remove", name)
-        back = self.ended("spawn", name)
-        if not found or (back and back[-1][1].index > found[-1][1].index):
+    def removal(self, name: str) -> tuple[TimelineNode, Change] | None:
+        """The leaf that removed an arm or object last, and its change; None if it is present."""
+        removals = self.ended("remove", name)
+        spawns = self.ended("spawn", name)
+        if not removals or (spawns and spawns[-1][1].index > removals[-1][1].index):
             return None
-        return found[-1]
+        return removals[-1]
 
-    def ended(self, kind: str, name: str, arm: str | None = None) -> list[tuple[Node, Change]]:
-        """Leaves of a kind that succeeded with an object or arm, in the order of their ends.
+    def ended(
+        self, kind: str, name: str, arm: str | None = None
+    ) -> list[tuple[TimelineNode, Change]]:
+        """Leaves of a node type that succeeded with an object or arm, in the order of their ends.
 
         Args:
-            kind: Kind of the leaves.
-            name: Name that one of their ports has, as the file writes it or by a parameter.
-            arm: Arm whose leaves are meant; None for all.
+            kind: Node type of the leaves.
+            name: Name of the object or arm, a value of one of their ports.
+            arm: Arm of the leaves; None for all.
         """
         found = [
             (node, change)
@@ -181,19 +183,19 @@ class Timeline:
         ]
         return sorted(found, key=lambda pair: pair[1].index)
 
-    def nodes(self) -> Iterator[Node]:
+    def nodes(self) -> Iterator[TimelineNode]:
         """Every node, arm by arm."""
         return iter(self._nodes.values())
 
-    def leaves(self) -> Iterator[Node]:
+    def leaves(self) -> Iterator[TimelineNode]:
         """Every node without children."""
         return (node for node in self._nodes.values() if not node.children)
 
-    def named(self, name: str) -> list[Node]:
-        """Nodes of a name: the end of a path, with the arm's name and a colon before it or not.
+    def named(self, name: str) -> list[TimelineNode]:
+        """Nodes whose path ends with a name, optionally preceded by the arm's name and a colon.
 
         Raises:
-            ReplayError: There is none; names the nearest.
+            ReplayError: There is none; the message suggests the nearest.
         """
         arm, _, rest = name.partition(":")
         wanted = rest if arm in self.roots and rest else name
@@ -221,19 +223,19 @@ def _change(index: int, event: Facts) -> Change:
     )
 
 
-def node_of(arm: str, said: Facts, path: str) -> Node:
-    """A node with those below it; names of siblings are told apart as in the events.
+def node_of(arm: str, facts: Facts, path: str) -> TimelineNode:
+    """A node with its descendants; equal names of siblings are numbered as in the events.
 
     Args:
         arm: Name of the arm.
-        said: Facts of the node, as the record has them.
+        facts: Facts of the node in the record.
         path: Path of the node.
     """
     seen: Counter[str] = Counter()
     children = []
-    for child in said["children"]:
+    for child in facts["children"]:
         name = str(child["name"])
         seen[name] += 1
         shown = name if seen[name] == 1 else f"{name}#{seen[name]}"
         children.append(node_of(arm, child, f"{path}/{shown}"))
-    return Node(arm, path, said["kind"], said["ports"], said["place"], tuple(children))
+    return TimelineNode(arm, path, facts["kind"], facts["ports"], facts["place"], tuple(children))

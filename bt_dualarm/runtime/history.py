@@ -1,32 +1,334 @@
-"""The history of a run, written as it goes: all that is needed to see it again and ask it why."""
+"""The history of a run, written during the run: the data for replay, resume and diagnosis."""
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import logging
+import zlib
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Final, Protocol
 
-from bt_dualarm.recording.block import Block
-from bt_dualarm.recording.history_file import HistoryWriter
-from bt_dualarm.recording.model_pieces import ModelWriter
-from bt_dualarm.runtime.history_frames import FramedController, FramedWorld, Frames
-from bt_dualarm.runtime.notes import GuardedArm, Held, Notes
-from bt_dualarm.runtime.parts import IdleObserver
+import mujoco
+import numpy as np
+import numpy.typing as npt
 
-_GUARD_EVERY: Final = 5
-"""States from one look at the guards' counts to the next: a tenth of a second."""
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.recording.history_file import Block, HistoryWriter, ModelWriter
+from bt_dualarm.robots.description_file import is_description_path
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.runtime.clock import Periodic, exact
+from bt_dualarm.runtime.observations import HASH_PERIOD, GuardedArm, Held, TraceEvents
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.report import json_ready, processor, versions
+from bt_dualarm.skill.skill import Skill
+from bt_dualarm.spec.document import TreeFile
+from bt_dualarm.spec.node_types import NodeSpec
+from bt_dualarm.trajectory.limits import SetPoint
 
 _log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True)
+class Start:
+    """Facts that a run starts from: tree file, skills, options, seed, versions.
+
+    Attributes:
+        file: The tree file.
+        skills: Classes of all skills, by name.
+        options: Overrides of the file's settings.
+        seed: Seed of all random numbers.
+        renderer: Renderer of the cameras, None without any.
+        timestep: Seconds of one physics step.
+    """
+
+    file: TreeFile
+    skills: Mapping[str, type[Skill]]
+    options: RunOptions
+    seed: int
+    renderer: str | None
+    timestep: float
+
+    def block(self) -> Block:
+        """Returns the first block of a history."""
+        file = self.file
+        options = self.options
+        objects = {name: spec.model_dump(mode="json") for name, spec in file.objects.items()}
+        data = {
+            "name": file.name,
+            "path": str(file.path.absolute()),
+            "texts": dict(file.texts),
+            "params": dict(file.given),
+            "seed": self.seed,
+            "renderer": self.renderer,
+            "reality": _reality(options),
+            "duration": options.duration,
+            "timestep": self.timestep,
+            "time_limit": file.world.time_limit,
+            "objects": objects,
+            "arms": {name: self._arm(name) for name in file.arms},
+            "pages": {name: _digest(path) for name, path in self._descriptions()},
+            "skills": self._skills(),
+            "versions": versions(),
+            "processor": processor(),
+        }
+        return Block("start", {name: json_ready(value) for name, value in data.items()})
+
+    def _arm(self, name: str) -> dict[str, object]:
+        arm = self.file.arms[name]
+        return {**arm.model_dump(mode="json", exclude={"tree"}), "tree": tree_facts(arm.tree)}
+
+    def _descriptions(self) -> Iterator[tuple[str, Path]]:
+        """Yields the names and paths of robot descriptions that the tree file refers to by path."""
+        for arm in self.file.arms.values():
+            if is_description_path(arm.robot):
+                yield arm.robot, self.file.root / arm.robot
+
+    def _skills(self) -> dict[str, dict[str, str]]:
+        """Files of the skills used by the trees, and SHA-256 digests of their code."""
+        kinds = {node.kind for arm in self.file.arms.values() for node in arm.tree.walk()}
+        found = {}
+        for kind in sorted(kinds & self.skills.keys()):
+            path = _file_of(self.skills[kind])
+            found[kind] = {"file": str(path or ""), "sha256": "" if path is None else _digest(path)}
+        return found
+
+
+def _reality(options: RunOptions) -> object:
+    if options.reality is None or isinstance(options.reality, str):
+        return options.reality
+    return options.reality.model_dump(mode="json", exclude_unset=True)
+
+
+def tree_facts(node: NodeSpec) -> dict[str, object]:
+    """A node with its children and its location in the file, as a JSON-ready mapping."""
+    location = node.location
+    return {
+        "kind": node.kind,
+        "name": node.name,
+        "ports": json_ready(dict(node.ports)),
+        "place": (
+            f"{Path(location.file).name}:{location.line}"
+            if location.line
+            else Path(location.file).name
+        ),
+        "children": [tree_facts(child) for child in node.children],
+    }
+
+
+def _file_of(skill: type[Skill]) -> Path | None:
+    """File of a skill class; None for a class defined interactively."""
+    try:
+        path = Path(inspect.getfile(skill))
+    except (OSError, TypeError):
+        return None
+    return path if path.is_file() else None
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file in hexadecimal, empty if it cannot be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+FRAME_PERIOD: Final[Fraction] = HASH_PERIOD
+"""Seconds between two states that are kept: the states that the hash of the run covers."""
+
+BLOCK_S: Final = 1
+"""Simulated seconds in a block: the most that is lost if the process is killed."""
+
+_KEY_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+class Hardware(Protocol):
+    """Drives of an arm, as the history reads them."""
+
+    @property
+    def commanded(self) -> Vector:
+        """Torques commanded last, of shape (dof,), N m."""
+
+
+class Command(Protocol):
+    """Last command of a gripper, as the history reads it."""
+
+    @property
+    def width(self) -> float:
+        """Commanded opening, m; for a suction cup 0 turns suction on, any other value off."""
+
+    @property
+    def speed(self) -> float:
+        """Speed of the opening, m/s."""
+
+    @property
+    def force(self) -> float:
+        """Largest force of a pad, or of a cup, N."""
+
+
+class FramedGripper(Protocol):
+    """Gripper, as the history reads it; reading it triggers no sensor noise."""
+
+    @property
+    def width(self) -> float:
+        """Opening by the encoder, m."""
+
+    @property
+    def speed(self) -> float:
+        """Speed of the opening, m/s."""
+
+    @property
+    def force(self) -> float:
+        """Force of a pad, or of a cup, N."""
+
+    @property
+    def vacuum(self) -> float:
+        """Measured share of the full vacuum, for a cup."""
+
+    @property
+    def commanded(self) -> Command:
+        """Last command."""
+
+
+class FramedWorld(Protocol):
+    """The world, as the frames of a history read it."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+
+    @property
+    def timestep(self) -> float:
+        """Seconds of one step."""
+
+    @property
+    def generation(self) -> int:
+        """Number that grows when the model is recompiled, which changes the size of the state."""
+
+    @property
+    def hardware(self) -> Mapping[str, Hardware]:
+        """Drives of the arms that are present, by name."""
+
+    @property
+    def grippers(self) -> Mapping[str, FramedGripper]:
+        """Grippers of the arms that are present and have one, by name of the arm."""
+
+
+class FramedController(Protocol):
+    """Controller of an arm, as the frames of a history read it."""
+
+    @property
+    def setpoint(self) -> SetPoint:
+        """The last set-point that was sent."""
+
+
+class Frames:
+    """Collects checksums, states and set-points of one compiled model until a block is full.
+
+    Args:
+        world: The world.
+    """
+
+    def __init__(self, world: FramedWorld) -> None:
+        self._world = world
+        self._due = Periodic(FRAME_PERIOD, exact(world.timestep))
+        self._per_block = max(1, round(BLOCK_S / world.timestep))
+        self._steps = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._first = self._steps
+        self._generation = self._world.generation
+        data = self._world.data
+        # Views, because looking them up costs more than reading them.
+        self._q = data.qpos
+        self._v = data.qvel
+        self._checksums: list[int] = []
+        self._rows: list[int] = []
+        self._states: list[npt.NDArray[np.float64]] = []
+        self._arms: dict[str, list[npt.NDArray[np.float64]]] = {}
+        self._grippers: dict[str, list[tuple[float, ...]]] = {}
+
+    @property
+    def outdated(self) -> bool:
+        """Whether the world was recompiled, so that the collected data belong to another model."""
+        return self._world.generation != self._generation
+
+    @property
+    def full(self) -> bool:
+        """Whether there are enough steps for a block."""
+        return len(self._checksums) >= self._per_block
+
+    def after_step(self) -> bool:
+        """Add the checksum of the last step; returns whether its state is to be kept."""
+        self._checksums.append(zlib.crc32(self._v, zlib.crc32(self._q)))
+        self._steps += 1
+        return self._due.due(self._steps - 1)
+
+    def keep(self, controllers: Iterable[tuple[str, FramedController]]) -> None:
+        """Keep the state after the last step, and the commands of arms and grippers.
+
+        Args:
+            controllers: Arms that are present, with their controllers.
+        """
+        self._rows.append(self._steps - 1)
+        self._states.append(np.concatenate(((self._world.data.time,), self._q, self._v)))
+        for name, controller in controllers:
+            setpoint = controller.setpoint
+            drives = self._world.hardware[name]
+            row = np.concatenate((setpoint.q, setpoint.v, setpoint.a, drives.commanded))
+            self._arms.setdefault(name, []).append(row)
+            gripper = self._world.grippers.get(name)
+            if gripper is not None:
+                command = gripper.commanded
+                sensed = gripper.width, gripper.speed, gripper.force, gripper.vacuum
+                self._grippers.setdefault(name, []).append(
+                    (*sensed, command.width, command.speed, command.force)
+                )
+
+    def block(self, notes: list[dict[str, object]]) -> Block:
+        """Returns the collected data as a block, and starts the next one.
+
+        Args:
+            notes: Trace events of the same time, JSON-ready.
+        """
+        arrays: dict[str, npt.NDArray[np.generic]] = {
+            "checksums": np.array(self._checksums, np.uint32),
+            "rows": np.array(self._rows, np.uint32),
+        }
+        if self._states:
+            arrays["states"] = np.array(self._states)
+        if not self.outdated:
+            arrays["key"] = self._key()
+        for name, rows in self._arms.items():
+            arrays[f"arm:{name}"] = np.array(rows, np.float32)
+        for name, states in self._grippers.items():
+            arrays[f"gripper:{name}"] = np.array(states, np.float32)
+        data = {"first_step": self._first, "generation": self._generation, "notes": notes}
+        self._begin()
+        return Block("second", data, arrays)
+
+    def _key(self) -> npt.NDArray[np.float64]:
+        """Full integration state after the last step, from which the simulation can continue."""
+        model = self._world.model
+        state = np.empty(mujoco.mj_stateSize(model, _KEY_STATE))
+        mujoco.mj_getState(model, self._world.data, state, _KEY_STATE)
+        return state
+
+
+_STATES_PER_GUARD_CHECK: Final = 5
+"""Kept states from one check of the guards' counts to the next: a tenth of a second."""
+
+
 class HistoryController(FramedController, GuardedArm, Protocol):
-    """All that is read of an arm's controller."""
+    """Controller of an arm, as the history reads it."""
 
 
 class HistoryArm(Protocol):
-    """What is read of an arm that is present."""
+    """Arm that is present, as the history reads it."""
 
     name: str
 
@@ -36,26 +338,25 @@ class HistoryArm(Protocol):
 
 
 class HistoryWorld(FramedWorld, Protocol):
-    """All that is read of the world."""
+    """The world, as the history reads it."""
 
     @property
     def attachments(self) -> Iterable[Held]:
-        """What arms hold, or are believed to hold."""
+        """Objects that arms hold, or are believed to hold."""
 
 
 class History(IdleObserver):
-    """An observer that writes a block for each simulated second, and one for each compiled model.
+    """Observer that writes a block for each simulated second and for each compiled model.
 
-    The file begins with the first step: of a run that never began there is none.
-    What it keeps in memory is one second. Where it cannot write, the run goes on without it, and
-    the end of the record says so.
+    The file is created with the first step. At most one second is kept in memory. A write error
+    does not end the run; `finish` raises it.
 
     Args:
         path: File to write.
         world: The world.
-        arms: Function that gives the arms that are present.
-        notes: Notes that others make; taken second by second.
-        start: Maker of the first block.
+        arms: Returns the arms that are present.
+        trace: Trace events, taken second by second.
+        start: Makes the first block.
     """
 
     def __init__(
@@ -63,11 +364,13 @@ class History(IdleObserver):
         path: Path,
         world: HistoryWorld,
         arms: Callable[[], Sequence[HistoryArm]],
-        notes: Notes,
+        trace: TraceEvents,
         start: Callable[[], Block],
     ) -> None:
         self._writer = HistoryWriter(path)
-        self._world, self._arms, self._notes = world, arms, notes
+        self._world = world
+        self._arms = arms
+        self._trace = trace
         self._failure: Exception | None = None
         self._models = ModelWriter()
         self._frames = Frames(world)
@@ -77,12 +380,12 @@ class History(IdleObserver):
         self._add(start, self._model)
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - the world knows it, too
-        """Take up the step; write what is full."""
+        """Add the step; write blocks that are full."""
         if not self._begun:
             self._begun = True
             self._add()
         if self._failure is not None:
-            self._notes.take()
+            self._trace.take()
             return
         if self._frames.outdated:
             self._flush()
@@ -95,25 +398,26 @@ class History(IdleObserver):
     def _keep(self) -> None:
         arms = self._arms()
         self._frames.keep((arm.name, arm.controller) for arm in arms)
-        self._notes.of_holding(self._world.attachments)
+        self._trace.of_holding(self._world.attachments)
         self._kept += 1
-        if self._kept % _GUARD_EVERY == 0:
+        if self._kept % _STATES_PER_GUARD_CHECK == 0:
             for arm in arms:
-                self._notes.of_guard(arm.name, arm.controller)
+                self._trace.of_guard(arm.name, arm.controller)
 
     def flush(self) -> None:
-        """Write what has been gathered; to be called between two steps."""
+        """Write the collected data; to be called between two steps."""
         if self._begun:
             self._flush()
 
     def finish(self, sha256: str) -> None:
-        """Write what is left, and the end.
+        """Write the remaining data and the end block.
 
         Args:
             sha256: Hash of the states of the run, in hexadecimal.
 
         Raises:
-            OSError: It could not be written, or the disk is full now.
+            OSError: The history could not be written, or the disk is full.
+            ValueError: A block could not be encoded.
         """
         self._begun = True
         self._flush()
@@ -125,14 +429,14 @@ class History(IdleObserver):
         self._writer.finish()
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._writer.close()
 
     def _flush(self) -> None:
-        self._add(lambda: self._frames.block(self._notes.take()))
+        self._add(lambda: self._frames.block(self._trace.take()))
 
     def _add(self, *makers: Callable[[], Block]) -> None:
-        """Make blocks; write them and those that wait, once the run has begun."""
+        """Make blocks; write them and those that are queued, once the run has begun."""
         if self._failure is not None:
             return
         try:
@@ -145,5 +449,5 @@ class History(IdleObserver):
             _log.warning("the history is not kept any further: %s", error)
 
     def _model(self) -> Block:
-        """The compiled model, as far as it is new."""
+        """Block of the parts of the compiled model that are not written yet."""
         return self._models.block(self._world.model, self._world.generation)

@@ -1,7 +1,8 @@
-"""What whoever starts a run may say over its file, checked before anything else is done."""
+"""Options of a run, and the lookup of tree files by name."""
 
 from __future__ import annotations
 
+import difflib
 import math
 import operator
 import os
@@ -13,33 +14,93 @@ from typing import Final, get_args
 
 from pydantic import ValidationError
 
-from bt_dualarm.errors import RunError
+from bt_dualarm.core.errors import DualArmError, RunError
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.sim.renderer import RendererKind
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.spec.reality import REALITY_NAMES, Reality, RealitySpec
-from bt_dualarm.world.rendering.renderer import RendererKind
+
+
+class NoSuchTree(DualArmError):  # noqa: N818 - it reads as what it says
+    """Neither a file nor a shipped tree has this name; the message suggests the nearest one."""
+
+
+@dataclass(frozen=True)
+class ShippedTree:
+    """A tree that is shipped with the package.
+
+    Attributes:
+        name: Name that `find_tree` accepts.
+        description: One line.
+        path: Path of its file.
+    """
+
+    name: str
+    description: str
+    path: Path
+
+
+def find_tree(given: str) -> Path:
+    """Path of a tree file, given its path or the name of a shipped tree.
+
+    ``pick_and_track``, ``pick_and_track.yaml`` and ``trees/pick_and_track.yaml`` are equivalent.
+
+    Raises:
+        NoSuchTree: It is neither.
+    """
+    path = Path(given)
+    if path.is_file():
+        return path
+    trees = share_dir("trees")
+    name = given.removeprefix("./").removeprefix("trees/").removesuffix(".yaml")
+    shipped = trees / f"{name}.yaml"
+    if shipped.is_file() and shipped.resolve().is_relative_to(trees.resolve()):
+        return shipped
+    if path.is_dir():
+        raise NoSuchTree(f"{given}: is a folder, not a tree file")
+    if path.exists():
+        raise NoSuchTree(f"{given}: is a pipe or a device, not a tree file")
+    names = [tree.stem for tree in sorted(trees.glob("*.yaml"))]
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f"did you mean '{near[0]}'?" if near else f"shipped are: {', '.join(names)}"
+    raise NoSuchTree(f"{given}: there is no such file, nor a shipped tree of this name\n  = {hint}")
+
+
+def shipped_trees() -> tuple[ShippedTree, ...]:
+    """All shipped trees, sorted by name."""
+    from bt_dualarm.spec.yaml_reader import read_file
+
+    found = []
+    for path in sorted(share_dir("trees").glob("*.yaml")):
+        content = read_file(path).data
+        text = content.get("description", "") if isinstance(content, dict) else ""
+        found.append(ShippedTree(path.stem, str(text), path))
+    return tuple(found)
+
 
 MOST_SEED: Final = 2**32 - 1
-"""Largest seed that NumPy's generators are given."""
+"""Largest seed accepted."""
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What overrides the file, and what becomes of the run.
+    """Overrides of the file's settings, and options of the run; checked on construction.
 
     Attributes:
-        seed: Seed of everything random; None takes the file's.
-        duration: Simulated seconds after which the run ends; None for no end of its own.
+        seed: Seed of all random numbers; None takes the file's.
+        duration: Simulated seconds after which the run ends; None for the file's time limit only.
         renderer: Renderer of the cameras; None takes the file's.
-        reality: Name of a set, or what a tree file says below ``reality``; None takes the file's.
-        record: Folder that the record of the run is written to; None for no record.
-        real_time: Whether the run is held back to the pace of the clock on the wall.
-        watchdog: Seconds on the wall that each tick and callback of a skill gets, infinity for as
-            long as it takes; None for no watchdog.
-        frames: Whether the record keeps the cameras' pictures, too.
+        reality: Name of a preset, or settings as below ``reality`` in a tree file; None takes the
+            file's.
+        record: Folder of the record; None for no record.
+        real_time: Whether the run is no faster than the wall clock.
+        watchdog: Wall-clock budget of each tick and callback of a skill, s; infinity for no limit
+            before the end of the run; None for no watchdog.
+        frames: Whether the record includes the cameras' images.
 
     Raises:
-        RunError: One of them makes no sense; the message says what is allowed.
+        RunError: A value is invalid; the message says what is allowed.
     """
 
     seed: int | None = None
@@ -69,13 +130,13 @@ class RunOptions:
 
 
 def checked_seed(seed: object) -> int:
-    """A seed as a plain whole number.
+    """The seed as a Python integer.
 
     Raises:
-        RunError: It is none, or outside of what NumPy takes.
+        RunError: The seed is not an integer from 0 to `MOST_SEED`.
     """
     try:
-        number = -1 if isinstance(seed, bool) else operator.index(seed)  # type: ignore[arg-type]  # that is the question
+        number = -1 if isinstance(seed, bool) else operator.index(seed)  # type: ignore[arg-type]  # TypeError below
     except TypeError:
         number = -1
     if not 0 <= number <= MOST_SEED:
@@ -87,7 +148,7 @@ def checked_folder(folder: str | os.PathLike[str]) -> Path:
     """The folder of a record.
 
     Raises:
-        RunError: The text is empty, which would mean the current folder.
+        RunError: The text is empty, which `Path` would read as the current folder.
     """
     if isinstance(folder, str) and not folder.strip():
         raise RunError("the folder of a record needs a name; '.' is the current folder")
@@ -95,10 +156,10 @@ def checked_folder(folder: str | os.PathLike[str]) -> Path:
 
 
 def checked_seconds(seconds: object, what: str) -> float:
-    """A time that may be waited for.
+    """The duration as a float, s.
 
     Raises:
-        RunError: It is no number above 0, or has no end.
+        RunError: The duration is not a finite number above 0.
     """
     real = isinstance(seconds, Real) and not isinstance(seconds, bool)
     if not (real and math.isfinite(seconds) and seconds > 0):  # type: ignore[arg-type,operator]  # real
@@ -107,10 +168,10 @@ def checked_seconds(seconds: object, what: str) -> float:
 
 
 def checked_reality(reality: object) -> Reality:
-    """A reality as a tree file may have it.
+    """The reality settings, validated as in a tree file.
 
     Raises:
-        RunError: There is no such set, or a field is wrong.
+        RunError: There is no such preset, or a field is invalid.
     """
     if isinstance(reality, RealitySpec):
         return reality
@@ -127,5 +188,5 @@ def checked_reality(reality: object) -> Reality:
         return RealitySpec.model_validate(data)
     except ValidationError as error:
         found = next(explain(error, RealitySpec, data, "field"))
-        place = ".".join(map(str, ("reality", *found.path)))
-        raise RunError(f"{place}: {found.message} {found.hint}".rstrip()) from error
+        path = ".".join(map(str, ("reality", *found.path)))
+        raise RunError(f"{path}: {found.message} {found.hint}".rstrip()) from error

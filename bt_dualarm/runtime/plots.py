@@ -1,8 +1,8 @@
-"""Plots of a run: what was meant and what was done, in the plane and over time."""
+"""Plots of a run: planned and executed paths in the plane and over time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import cycle, islice
 from typing import TypedDict
 
@@ -10,32 +10,82 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.runtime.plot_series import REFERENCES, errors, plane_of, positions
+from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.runtime.series import Series
-from bt_dualarm.world.rendering.still import Still
-from bt_dualarm.world.rendering.viewpoint import Viewpoint
+from bt_dualarm.sim.painter import StillRenderer
+from bt_dualarm.sim.renderer import Viewpoint
+
+REFERENCES = ("planned", "target")
+"""Names of reference series: drawn in black and dashed, errors are measured from them."""
+
+NORMAL = "plane_normal"
+"""Name of the series with the normal of a leaf's plane: not drawn, selects the plotted axes."""
+
+
+def positions(series: Iterable[Series]) -> list[Series]:
+    """The position series to be drawn."""
+    return [one for one in series if one.is_position and one.name != NORMAL]
+
+
+def plane_of(series: Mapping[str, Series]) -> tuple[int, int]:
+    """The two world axes that show a leaf's plane best, in alphabetical order.
+
+    For a leaf without a plane, the axes with the largest extent of its first position series.
+    """
+    if NORMAL in series:
+        shown = -np.abs(series[NORMAL].values[-1])
+    else:
+        shown = np.ptp(positions(series.values())[0].values, axis=0)
+    u, v = sorted(np.argsort(shown, kind="stable")[1:])
+    return int(u), int(v)
+
+
+def errors(
+    leaves: Mapping[str, Mapping[str, Series]],
+) -> dict[str, list[tuple[str, Vector, Vector]]]:
+    """Distance of each position series from its leaf's reference, m, by quantity.
+
+    A leaf that records an error itself (in its plane, for example) is skipped.
+    """
+    rows: dict[str, list[tuple[str, Vector, Vector]]] = {}
+    for leaf, all_ in leaves.items():
+        if any(name.startswith("error") for name in all_):
+            continue
+        series = positions(all_.values())
+        reference = next((one for one in series if one.name in REFERENCES), None)
+        for one in series:
+            if reference is None or one is reference:
+                continue
+            expected = np.column_stack(
+                [np.interp(one.time, reference.time, column) for column in reference.values.T]
+            )
+            distance = np.linalg.norm(one.values - expected, axis=1)
+            quantity = f"{reference.name} to {one.name}_m"
+            rows.setdefault(quantity, []).append((leaf, one.time, distance))
+    return rows
+
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Told apart by colour-blind readers too (Okabe and Ito, Color Universal Design, 2008)."""
+"""Palette for color-blind readers (Okabe and Ito, Color Universal Design, 2008)."""
 
 _MOVED_M = 0.01
-"""An object that moved less is not drawn."""
+"""Smallest movement in m for which an object is drawn."""
 
-_TOOL, OBJECT = "tool_", "object_"
-"""How the names of paths begin."""
+_TOOL = "tool_"
+OBJECT = "object_"
+"""Prefixes of the names of paths."""
 
 _AXES = "xyz"
 _MAX_PANELS = 6
 _MAX_ROWS = 30
-"""Quantities over time that are drawn; the series have them all."""
+"""Largest number of quantities plotted over time."""
 
 PICTURE = (640, 480)
-"""Pixels of the world at one moment."""
+"""Width and height in pixels of a rendering of the world."""
 
 
 class _Style(TypedDict, total=False):
-    """How a line is drawn, in matplotlib's words."""
+    """Keyword arguments of a line in matplotlib."""
 
     color: str
     linewidth: float
@@ -43,11 +93,12 @@ class _Style(TypedDict, total=False):
 
 
 def overview(paths: Mapping[str, Matrix], bases: Mapping[str, Vector]) -> Figure:
-    """The paths of all tools and of all objects that moved, seen from above and from the side.
+    """Figure of the paths of all tools and moved objects, seen from above and from the side.
 
     Args:
-        paths: Positions of tools and objects over time, by name.
-        bases: Positions of the arms' bases, by the arms' names.
+        paths: Positions of tools and objects over time in the world, each of shape (n, 3), m, by
+            name.
+        bases: Positions of the arms' bases in the world, each of shape (3,), m, by the arms' names.
     """
     figure = Figure(figsize=(10, 4.8), dpi=120, layout="constrained")
     figure.suptitle("Paths of tools and objects")
@@ -69,8 +120,8 @@ def overview(paths: Mapping[str, Matrix], bases: Mapping[str, Vector]) -> Figure
     return figure
 
 
-def scene(stills: Sequence[Still], viewpoint: Viewpoint) -> Figure:
-    """The world at some moments, side by side, all seen from one viewpoint."""
+def scene(stills: Sequence[StillRenderer], viewpoint: Viewpoint) -> Figure:
+    """Figure of the world at the start and at the end, side by side, seen from one viewpoint."""
     figure = Figure(figsize=(6.4 * len(stills), 5.1), dpi=100, layout="constrained")
     panels = figure.subplots(1, len(stills), squeeze=False)[0]
     for axes, still, moment in zip(panels, stills, ("start", "end"), strict=False):
@@ -86,12 +137,12 @@ def in_plane(
     paths: Mapping[str, Matrix],
     title: str,
 ) -> Figure:
-    """Each leaf's positions laid over each other in the plane that it worked in.
+    """Figure of each leaf's position series in its plane.
 
     Args:
         leaves: Series of one arm, by leaf and by name.
         time: Simulated seconds of ``paths``, of shape (n,).
-        paths: Positions of each object while the arm held it, NaN at other times.
+        paths: Positions of each object while the arm held it, of shape (n, 3), m, else NaN.
         title: Title of the figure.
     """
     shown = {leaf: found for leaf, all_ in leaves.items() if (found := positions(all_.values()))}
@@ -112,7 +163,7 @@ def in_plane(
 
 
 def over_time(leaves: Mapping[str, Mapping[str, Series]], title: str) -> Figure:
-    """Coordinates in the plane, distances between what was meant and what was done, scalars.
+    """Figure of coordinates in the plane, distances from references, and scalars over time.
 
     Args:
         leaves: Series of one arm, by leaf and by name.
@@ -147,7 +198,7 @@ def over_time(leaves: Mapping[str, Mapping[str, Series]], title: str) -> Figure:
 def _draw_coordinate(
     axes: Axes, leaves: Mapping[str, Mapping[str, Series]], coordinate: int
 ) -> None:
-    """One coordinate of every position series; each name stands in the legend once."""
+    """Plot one coordinate of every position series; each name appears in the legend once."""
     named: set[str] = set()
     for all_ in leaves.values():
         for one, style in _styled(positions(all_.values())):
@@ -159,7 +210,7 @@ def _draw_coordinate(
 
 
 def _shown_unit(quantity: str) -> tuple[float, str]:
-    """Factor from the unit that a name ends with to the one shown, and the axis label."""
+    """Factor from the unit at the end of a name to the unit shown, and the axis label."""
     name, _, unit = quantity.rpartition("_")
     factor, shown = {"m": (1e3, "mm"), "rad": (np.degrees(1.0), "°")}.get(unit, (1.0, unit))
     if not name:
@@ -168,7 +219,7 @@ def _shown_unit(quantity: str) -> tuple[float, str]:
 
 
 def _styled(series: Sequence[Series]) -> Iterator[tuple[Series, _Style]]:
-    """What was done in colours below, what was meant dashed above."""
+    """Yields each series with its style: first measured ones in colors, then dashed references."""
     colors = iter(cycle(COLORS))
     for one in series:
         if one.name not in REFERENCES:
@@ -181,20 +232,20 @@ def _styled(series: Sequence[Series]) -> Iterator[tuple[Series, _Style]]:
 def _during(
     series: Sequence[Series], time: Vector, paths: Mapping[str, Matrix]
 ) -> dict[str, Matrix]:
-    """The part of the paths while the leaf ran, of what moved then."""
+    """Sections of the paths during the leaf's series, of objects that moved then."""
     during = (time >= series[0].time[0]) & (time <= series[0].time[-1])
     then = {name: path[during] for name, path in paths.items()}
     return {name: path for name, path in then.items() if _moved(path)}
 
 
 def _moved(path: Matrix) -> bool:
-    """Whether it was in the world and moved."""
-    there = path[~np.isnan(path[:, 0])]
-    return len(there) > 0 and bool(np.ptp(there, axis=0).max() > _MOVED_M)
+    """Whether a path has positions and moves."""
+    known = path[~np.isnan(path[:, 0])]
+    return len(known) > 0 and bool(np.ptp(known, axis=0).max() > _MOVED_M)
 
 
 def _first(path: Matrix) -> int:
-    """Row at which a thing came into the world."""
+    """Row of the first known position of a path."""
     return int(np.argmin(np.isnan(path[:, 0])))
 
 

@@ -1,4 +1,4 @@
-"""One run of one tree, from the assembled world to its result, in steps or in one go."""
+"""A run of a tree, advanced in steps or in one call, and handles on its arms and trees."""
 
 from __future__ import annotations
 
@@ -6,45 +6,155 @@ import math
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
-from bt_dualarm.errors import DualArmError, RunError
+from bt_dualarm.behaviors.report import NodeView, StatusName
+from bt_dualarm.core.errors import DualArmError, RunError
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.runtime.arm_runtime import Arms, ArmView, Observer
 from bt_dualarm.runtime.assembly import Assembly
-from bt_dualarm.runtime.compiling import compile_kernels
-from bt_dualarm.runtime.handles import ArmHandle, TreeHandle
-from bt_dualarm.runtime.named import Named
+from bt_dualarm.runtime.clock import exact
+from bt_dualarm.runtime.notebook import html_table
 from bt_dualarm.runtime.options import RunOptions, checked_seconds
-from bt_dualarm.runtime.parts import ArmView, Observer
-from bt_dualarm.runtime.prepared import Kept, prepare
-from bt_dualarm.runtime.result import RunResult
-from bt_dualarm.runtime.schedule import exact
+from bt_dualarm.runtime.outcome import Outcome, RunResult
+from bt_dualarm.runtime.prepared import OpenRecord, compile_kernels, prepare
 from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.runtime.watchdog import Watchdog
+from bt_dualarm.sim.composition import ArmBody, must_be_among
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.problems import Problem
-from bt_dualarm.world.world import World
+from bt_dualarm.spec.node_types import NodeSpec
+from bt_dualarm.spec.problems import Named, Problem
+
+
+class ArmHandle:
+    """Read-only view of one arm of a run, always current.
+
+    Args:
+        name: Name of the arm in the file.
+        world: World of the run, whether the arm is present or not.
+        arms: The arms of the run.
+
+    Attributes:
+        name: Name of the arm in the file.
+    """
+
+    def __init__(self, name: str, world: World, arms: Arms) -> None:
+        self.name = name
+        self._world = world
+        self._arms = arms
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot in the catalog, or title of its own description file."""
+        return self._arms.view(self.name).robot
+
+    @property
+    def is_present(self) -> bool:
+        """Whether the arm is in the world."""
+        return self.name in self._world.arms
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """Outcome of the tree since the last spawn; None while it runs or has not begun."""
+        return self._arms.view(self.name).outcome
+
+    @property
+    def tool_pose(self) -> Pose:
+        """Pose of the tool frame in the world.
+
+        Raises:
+            WorldError: The arm is not in the world.
+        """
+        return self._body().tool_pose
+
+    @property
+    def q(self) -> Vector:
+        """Joint positions in rad, base to tip, of shape (dof,).
+
+        Raises:
+            WorldError: The arm is not in the world.
+        """
+        return self._body().q
+
+    @property
+    def v(self) -> Vector:
+        """Joint velocities in rad/s, base to tip, of shape (dof,).
+
+        Raises:
+            WorldError: The arm is not in the world.
+        """
+        return self._body().v
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Names of the objects that the arm holds, in the order of attachment."""
+        return self._world.attachments.attached_to(self.name)
+
+    def _body(self) -> ArmBody:
+        must_be_among(self.name, self._world.arms, "arm", "in the world")
+        return self._world.arms[self.name]
+
+    def __repr__(self) -> str:
+        state = self.outcome or ("RUNNING" if self.is_present else "not in the world")
+        return f"<arm {self.name} ({self.robot}): {state}>"
+
+
+class TreeHandle:
+    """Read-only view of one arm's behavior tree, always current.
+
+    Args:
+        arm: The arm's name in the file.
+        spec: The tree in the file.
+        arms: The arms of the run.
+
+    Attributes:
+        arm: The arm's name in the file.
+    """
+
+    def __init__(self, arm: str, spec: NodeSpec, arms: Arms) -> None:
+        self.arm = arm
+        self._spec = spec
+        self._arms = arms
+
+    @property
+    def status(self) -> StatusName:
+        """Status of the root; INVALID before the first tick and after a halt."""
+        return self.snapshot().status
+
+    def snapshot(self) -> NodeView:
+        """Immutable copy of the current state of all nodes."""
+        return self._arms.view(self.arm).tree or _never_ticked(self._spec)
+
+    def __repr__(self) -> str:
+        return f"<tree of {self.arm}: {self.status}>"
+
+
+def _never_ticked(spec: NodeSpec) -> NodeView:
+    """View of the tree of an arm that has not been spawned yet."""
+    children = tuple(_never_ticked(child) for child in spec.children)
+    return NodeView(spec.name, spec.kind, "INVALID", 0.0, children=children)
 
 
 class Run:
-    """A tree that is run once, in steps or in one go; at first nothing has moved.
+    """One run of a tree, in steps or in one call; nothing has moved at first.
 
-    It belongs in a ``with`` block, whose end closes it: a run that is not over then is broken off
-    where it stands, and the record is written, if there is to be one. What it has come to can
-    still be looked at afterwards.
+    Use it in a ``with`` block, whose end closes the run: a run that is not over is ended at once,
+    and the record is written, if one was requested. The result stays available afterwards.
 
     Args:
-        file: The tree file, checked with the skills of ``registry``.
-        registry: The skills.
-        options: What overrides the file.
-        stop: Request to end early, which a signal or another thread may make.
-        warnings: What the check of the file warned of.
+        file: Tree file, checked with the skills of ``registry``.
+        registry: Skills by name.
+        options: Overrides of the file's settings.
+        stop: Request to end early, made by a signal or another thread.
+        warnings: Warnings of the check of the file.
 
     Attributes:
-        warnings: What the check of the file warned of.
+        warnings: Warnings of the check of the file.
 
     Raises:
-        CatalogueError: A robot or scene is unknown or broken.
+        CatalogError: A robot or scene is unknown or broken.
         RendererError: The renderer asked for cannot work here.
-        WorldError: The parts do not compile to one world, or two of them are in one place.
+        WorldError: The parts do not compile to one world, or two of them overlap.
         RecordError: The folder of the record cannot be used.
     """
 
@@ -59,13 +169,14 @@ class Run:
     ) -> None:
         self.warnings = tuple(warnings)
         self._stop = stop or StopRequest()
-        compile_kernels()  # what it says, once on a machine, is not of this run
+        compile_kernels()  # before the run captures the log: compiling is not part of its record
         self._parts = prepare(file, registry, options or RunOptions(), self._stop)
-        self._asked = Fraction(0)
+        self._requested_s = Fraction(0)
         self._is_busy = False
-        self._is_recorded = self._parts.recorder is None
+        self._is_recorded = self._parts.open_record is None
         self._result: RunResult | None = None
-        world, arms = self.world, self.assembly.arms
+        world = self.world
+        arms = self.assembly.arms
         self._arms = {name: ArmHandle(name, world, arms) for name in file.arms}
         self._trees = {name: TreeHandle(name, arm.tree, arms) for name, arm in file.arms.items()}
 
@@ -76,7 +187,7 @@ class Run:
 
     @property
     def assembly(self) -> Assembly:
-        """What the run consists of; to be looked at, not to be advanced."""
+        """World, arms and services of the run; read it, do not advance it."""
         return self._parts.assembly
 
     @property
@@ -86,15 +197,15 @@ class Run:
 
     @property
     def done(self) -> bool:
-        """Whether the run is over: every tree has ended and the arms stand still, or it broke."""
+        """Whether the run is over: all trees ended and all arms at rest, or an error."""
         return self._result is not None
 
     @property
     def result(self) -> RunResult:
-        """What the run did.
+        """Result of the run.
 
         Raises:
-            RunError: It is not over.
+            RunError: The run is not over.
         """
         if self._result is None:
             raise RunError(f"the run is not over: it is at {self.time:.3f} s of simulated time")
@@ -102,17 +213,17 @@ class Run:
 
     @property
     def world(self) -> World:
-        """The world as it is now, to be looked at; what is changed in it is part of the run."""
+        """Current world; changes made to it become part of the run."""
         return self.assembly.world
 
     @property
     def arms(self) -> Mapping[str, ArmHandle]:
-        """The arms of the file as they are now, by name."""
+        """Handles on the arms of the file, by name."""
         return Named("arm", self._arms)
 
     @property
     def trees(self) -> Mapping[str, TreeHandle]:
-        """The arms' trees as they are now, by the arm's name."""
+        """Handles on the arms' trees, by the arm's name."""
         return Named("arm", self._trees)
 
     @property
@@ -127,14 +238,14 @@ class Run:
 
     @property
     def renderer_message(self) -> str:
-        """One sentence on which renderer is used and why; empty without cameras."""
+        """Sentence on which renderer is used and why; empty without cameras."""
         return self.assembly.message
 
     def step(self, seconds: float | Fraction) -> None:
-        """Advance by so much simulated time, or to the end of the run if that comes first.
+        """Advance by a simulated duration, or to the end of the run if that comes first.
 
-        Whole steps of physics are made, as many as fit into the time asked for in all: the run is
-        the same to the last bit, whatever parts it is advanced in.
+        Only whole physics steps are made, as many as fit into the total time requested so far.
+        The result is therefore bitwise the same for any division into steps.
 
         Args:
             seconds: Simulated seconds, above 0.
@@ -145,62 +256,63 @@ class Run:
         checked_seconds(seconds, "step")
         if self._result is not None:
             raise RunError(f"the run ended at {self.time:.3f} s: there is nothing left to step")
-        # What is too fine for a decimal number must count, too, or it could be asked for forever.
-        asked = self._asked + (exact(seconds) or Fraction(seconds))
-        self._advance(asked // exact(self.world.timestep))
-        self._asked = asked
+        # `exact` rounds a tiny duration to 0; counting it as given lets repeated calls add up.
+        requested = self._requested_s + (exact(seconds) or Fraction(seconds))
+        self._advance(requested // exact(self.world.timestep))
+        self._requested_s = requested
 
     def finish(self) -> RunResult:
-        """Run to the end, whatever it is; a run that is over stays as it is."""
+        """Run to the end and return the result; a run that is over is not changed."""
         if self._result is None:
             self._advance(math.inf)
         return self.result
 
     def stop(self) -> None:
-        """Ask the run to end: trees are halted, arms brought to rest; asked again, at once.
+        """Request the end: trees are halted, arms brought to rest; a second call ends it at once.
 
-        It may be called from other threads, and takes effect while the run is advanced.
+        Thread-safe; takes effect while the run is advanced.
         """
         self._stop.ask()
 
     def watch(self, observer: Observer) -> None:
-        """Let somebody look on from now on, after those who do already."""
-        self._parts.watch.observers.append(observer)
+        """Add an observer, notified after those that are registered already."""
+        self._parts.feed.observers.append(observer)
 
     @property
-    def kept(self) -> Kept | None:
-        """What of it is on the disk while it goes on, None without a record."""
-        return self._parts.kept
+    def open_record(self) -> OpenRecord | None:
+        """Parts of the record that are written during the run, None without a record."""
+        return self._parts.open_record
 
     @property
     def watchdog(self) -> Watchdog:
-        """What looks after the time that skills take."""
+        """Limits the wall-clock time of skill code."""
         return self._parts.watchdog
 
     def spawn_all(self) -> None:
-        """Bring every arm that the file declares into the world, before the first step."""
+        """Spawn every arm that the file declares, before the first step."""
         for name in self._arms.keys() - self.world.arms.keys():
             self.world.spawn_arm(name)
         self.assembly.arms.follow(0, ticked_from=0)
 
     def views(self) -> tuple[ArmView, ...]:
-        """All arms of the file as they stand now, as displays show them."""
+        """Current state of every arm of the file, as displays show it."""
         return self._parts.runner.views()
 
     def write_record(self) -> None:
-        """Write the record, if one was asked for; else the end of the ``with`` block does it.
+        """Write the record now, if one was requested, instead of at the end of the ``with`` block.
 
         Raises:
             RunError: The run is not over.
             RecordError: The disk is full, or the folder is gone.
         """
-        result, recorder = self.result, self._parts.recorder
-        if recorder is not None and not self._is_recorded:
+        result = self.result
+        open_record = self._parts.open_record
+        if open_record is not None and not self._is_recorded:
             self._is_recorded = True
-            recorder.write(result, self._stop)
+            open_record.recorder.write(result, self._stop)
 
     def close(self) -> None:
-        """Break off what is not over, write the record, give back what the run holds.
+        """End the run if it is not over, write the record, and release all resources.
 
         Raises:
             RecordError: The disk is full, or the folder is gone.
@@ -215,7 +327,7 @@ class Run:
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Close it; what went wrong in the block comes before what goes wrong here."""
+        """Close the run; an error of the block takes precedence over an error of closing."""
         try:
             self.close()
         except DualArmError as another:
@@ -230,8 +342,29 @@ class Run:
         )
         return f"<Run {self.name} {'over' if self.done else 'at'} {self.time:.3f} s: {arms}>"
 
+    def _repr_html_(self) -> str:
+        """Table for notebooks: arms and nodes as they stand now; the result of a run that is over.
+
+        A row for each node, indented as in the tree.
+        """
+        if self._result is not None:
+            return self._result._repr_html_()
+        rows = []
+        for arm in self._arms.values():
+            state = arm.outcome or ("RUNNING" if arm.is_present else "not in the world")
+            rows.append((f"{arm.name} ({arm.robot})", str(state), ""))
+            nodes = [(1, self._trees[arm.name].snapshot())]
+            while nodes:
+                depth, node = nodes.pop()
+                progress = "" if node.progress is None else f"{100 * node.progress:.0f} %"
+                indent = "\u2003" * depth  # em spaces: HTML collapses plain ones
+                rows.append((indent + node.name, node.status, node.reason or progress))
+                nodes += [(depth + 1, child) for child in reversed(node.children)]
+        caption = f"{self.name}, seed {self.seed}: at {self.time:.2f} s"
+        return html_table(caption, ("arm, node", "status", "progress, or why it failed"), rows)
+
     def _advance(self, until: float) -> None:
-        """Make physics steps until so many have been made in all."""
+        """Make physics steps up to this total number of steps."""
         if self._is_busy:
             raise RunError("the run is being advanced already: its own parts cannot do that")
         self._is_busy = True

@@ -1,4 +1,4 @@
-"""Advances cameras, trees, controllers and physics on one simulated clock, in a fixed order."""
+"""The runner: advances cameras, trees, controllers and physics on one simulated clock."""
 
 from __future__ import annotations
 
@@ -7,29 +7,27 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from bt_dualarm.errors import RAISED_BY_SKILLS, DivergenceError, Overrun
-from bt_dualarm.runtime.arms import Arms
-from bt_dualarm.runtime.events import Watch
-from bt_dualarm.runtime.outcome import Ending
-from bt_dualarm.runtime.pacing import Pacer, Unpaced
-from bt_dualarm.runtime.parts import ArmView, SteppedWorld
-from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.core.errors import RAISED_BY_SKILLS, DivergenceError, Overrun
+from bt_dualarm.runtime.arm_runtime import Arms, ArmView, SteppedWorld
+from bt_dualarm.runtime.clock import Pacer, Unpaced
+from bt_dualarm.runtime.events import StatusFeed
+from bt_dualarm.runtime.outcome import Ending, RunResult
 from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.runtime.watchdog import Watchdog
 
 _log = logging.getLogger(__name__)
 
 STOPPING_S = 5.0
-"""Simulated seconds that the arms get to come to rest after the end; a stop takes below 1 s."""
+"""Simulated seconds granted to the arms to come to rest after the end; a stop takes below 1 s."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """When a run ends that does not end by itself.
+    """Latest end of a run.
 
     Attributes:
         seconds: Simulated seconds.
-        ending: What it means that they are over.
+        ending: Ending reported when they have elapsed.
     """
 
     seconds: float
@@ -38,14 +36,14 @@ class Limit:
 
 @dataclass
 class Conditions:
-    """What a run depends on besides the world and its arms.
+    """Settings and services of a run besides its world and arms.
 
     Attributes:
-        limit: Time at which it ends at the latest.
-        clock: Seconds on the wall, for the real-time factor only.
-        stop: Request to end, looked at before every step.
-        pacer: What holds simulated time back.
-        watchdog: What looks after the time that skills take.
+        limit: Simulated time at which the run ends at the latest.
+        clock: Wall clock in seconds, used for the real-time factor only.
+        stop: Request to end, checked before every step.
+        pacer: Limits the rate of simulated time.
+        watchdog: Limits the wall-clock time of skill code.
     """
 
     limit: Limit
@@ -56,27 +54,27 @@ class Conditions:
 
 
 class Runner:
-    """One run, from the first tick to arms that stand still.
+    """One run, from the first tick until the arms are at rest.
 
-    In the physics step that begins at time t: cameras that are due take a picture; pictures
-    whose latency is over are delivered; trees that are due are ticked; arms that came or went
-    are taken up; controllers compute; the world steps; the observers look.
+    In the physics step that begins at time t: cameras that are due capture a frame; frames
+    whose latency has elapsed are delivered; trees that are due are ticked; spawned and removed
+    arms are taken over; controllers compute; the world steps; observers are notified.
 
-    It can be advanced in parts of any length: nothing depends on where one ends.
+    A run can be advanced in portions of any length: the result does not depend on them.
 
     Args:
         world: The physics.
         arms: The arms of the file.
-        watch: Those who look on.
-        conditions: Limit, clock, stop request, pace, watchdog.
+        feed: Distributes status changes and steps to the observers.
+        conditions: Limit, clock, stop request, pacer, watchdog.
     """
 
     def __init__(
-        self, world: SteppedWorld, arms: Arms, watch: Watch, conditions: Conditions
+        self, world: SteppedWorld, arms: Arms, feed: StatusFeed, conditions: Conditions
     ) -> None:
         self._world = world
         self._arms = arms
-        self._watch = watch
+        self._feed = feed
         self._conditions = conditions
         self._watchdog = conditions.watchdog
         self._step = 0
@@ -94,18 +92,18 @@ class Runner:
 
     @property
     def result(self) -> RunResult | None:
-        """What the run did, None before its end."""
+        """Result of the run, None before its end."""
         return self._result
 
     def views(self) -> tuple[ArmView, ...]:
-        """All arms of the file as they stand now."""
+        """Current state of every arm of the file."""
         return self._arms.views()
 
     def advance(self, until: float = math.inf) -> None:
-        """Make physics steps until so many have been made in all, or the run has ended.
+        """Make physics steps up to a total number of steps, or to the end of the run.
 
         Args:
-            until: Number of steps since the begin of the run.
+            until: Number of steps since the beginning of the run.
         """
         began = self._conditions.clock()
         while not self._has_ended() and self._step < until:
@@ -115,20 +113,20 @@ class Runner:
             self._result = self._made_result()
 
     def break_off(self) -> None:
-        """End it where it stands: trees are halted, arms get no time to come to rest."""
+        """End the run at once: trees are halted, arms get no time to come to rest."""
         if self._result is None:
             if self._ending is None:
                 self._begin_to_end(Ending.CLOSED)
             self._result = self._made_result()
 
     def so_far(self) -> RunResult:
-        """What it has done, where code of a skill holds the thread and it cannot go on."""
+        """Interim result of a run that cannot continue because skill code blocks its thread."""
         if self._ending is None:
             self._ending = Ending.STOPPED if self._conditions.stop.asked else Ending.OVERRUN
         return self._made_result()
 
     def _has_ended(self) -> bool:
-        """Whether nothing is left to be done; what begins the end is done here."""
+        """Whether the run is over; starts the shutdown when a reason to end has appeared."""
         if self._ending is None:
             ending = self._reason_to_end()
             if ending is None:
@@ -151,7 +149,7 @@ class Runner:
         return self._conditions.limit.ending if self._step >= self._last_step else None
 
     def _begin_to_end(self, ending: Ending) -> None:
-        """Halt the trees and begin to stop the arms, which get some time for it."""
+        """Halt the trees and start stopping the arms, which get `STOPPING_S` for it."""
         self._ending = ending
         self._last_step = self._step + round(STOPPING_S / self._world.timestep)
         try:
@@ -161,7 +159,7 @@ class Runner:
             _log.exception("the arms could not be halted")
             self._error = self._error or f"{type(error).__name__}: {error}"
             self._ending = Ending.ERROR
-        self._watch.after_ticks(self)
+        self._feed.after_ticks(self)
 
     def _made_result(self) -> RunResult:
         broken = self._ending in (Ending.DIVERGED, Ending.ERROR)
@@ -178,17 +176,17 @@ class Runner:
         )
 
     def _verdict(self) -> Ending:
-        """Why it ended; a clean-up that does not return comes after that, and is no less bad."""
+        """Ending to report: cleanup code that does not return turns an orderly end into OVERRUN."""
         ending = self._ending or Ending.CLOSED
         is_due = self._watchdog.overrun and ending not in (Ending.STOPPED, Ending.DIVERGED)
         return Ending.OVERRUN if is_due else ending
 
     def _make_step(self, *, trees: bool) -> None:
-        """One physics step and all that is due in it."""
+        """Make one physics step with everything that is due in it."""
         time = self._world.time
         try:
             if trees and self._arms.due(self._step, time):
-                self._see_and_tick(time)
+                self._capture_and_tick(time)
             if self._arms.controls(self._step):
                 with self._watchdog:
                     self._arms.control(self._step, time)
@@ -196,18 +194,18 @@ class Runner:
         except DivergenceError as error:
             self._break(Ending.DIVERGED, str(error))
             return
-        except Overrun:  # past the skill that it was meant for; the run ends before the next step
+        except Overrun:  # raised after the skill had returned; the run ends before the next step
             return
-        except Exception as error:  # noqa: BLE001 - the record is written, whatever broke the run
+        except Exception as error:  # noqa: BLE001 - the record is written whatever broke the run
             _log.exception("the run broke at %.3f s", time)
             self._break(Ending.ERROR, f"{type(error).__name__}: {error}")
             return
         self._step += 1
         time = self._world.time
-        self._watch.after_step(time)
+        self._feed.after_step(time)
         self._conditions.pacer.pace(time)
 
-    def _see_and_tick(self, time: float) -> None:
+    def _capture_and_tick(self, time: float) -> None:
         with self._watchdog:
             self._arms.capture(time)
             self._arms.deliver(time)
@@ -215,7 +213,7 @@ class Runner:
             if ticked:
                 self._arms.follow(self._step, ticked_from=self._step + 1)
         if ticked:
-            self._watch.after_ticks(self)
+            self._feed.after_ticks(self)
 
     def _break(self, ending: Ending, error: str) -> None:
         self._error = error

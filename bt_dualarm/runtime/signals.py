@@ -1,4 +1,4 @@
-"""Signals become a request to end, which the runner looks at between two physics steps."""
+"""Requests to end a run, made by signals and checked by the runner between two physics steps."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-from bt_dualarm.errors import Interruption
+from bt_dualarm.core.errors import Interruption
 
 
 @dataclass
 class StopRequest:
-    """Whether somebody asked the run to end, and how urgently.
+    """Request to end the run, and its urgency.
 
     Attributes:
-        signal_number: The first signal that came, else None.
-        count: Number of requests. One: stop the arms, write everything. More: skip what takes time.
-        heard: Number of signals that have come, also where the handler waits for code to return.
+        signal_number: First signal received, else None.
+        count: Number of requests. One: stop the arms, write everything. More: skip slow output.
+        heard: Number of signals received, including those whose Python handler has not run yet.
     """
 
     signal_number: int | None = None
@@ -29,31 +29,31 @@ class StopRequest:
 
     @property
     def asked(self) -> bool:
-        """The run shall end in an orderly way."""
+        """Whether the run is to end."""
         return max(self.count, self.heard) > 0
 
     @property
     def urgent(self) -> bool:
-        """Asked again: what is not needed for consistent files is left out."""
+        """Whether the end was requested repeatedly: only what consistent files need is written."""
         return max(self.count, self.heard) > 1
 
     @property
     def exit_code(self) -> int:
-        """What a shell reports of a program that this signal ended: 129, 130, 143; 0 if none."""
+        """Exit code of a program ended by the signal: 129, 130 or 143; 0 without a signal."""
         return 0 if self.signal_number is None else 128 + self.signal_number
 
     def ask(self) -> None:
-        """Ask for the end without a signal."""
+        """Request the end without a signal."""
         self.count += 1
 
     def receive(self, number: int) -> None:
-        """Note a signal; the first one decides the exit code."""
+        """Count a signal in its handler; the first one determines the exit code."""
         if self.signal_number is None:
             self.signal_number = number
         self.count += 1
 
     def hear(self, number: int) -> None:
-        """Note that a signal has come, which its handler will note in its turn."""
+        """Count a signal on arrival, before its handler runs."""
         if self.signal_number is None:
             self.signal_number = number
         self.heard += 1
@@ -61,12 +61,12 @@ class StopRequest:
 
 @contextmanager
 def ctrl_c_ends() -> Iterator[None]:
-    """Let Ctrl-C end the block and nothing less, where Python's own handler would see to it.
+    """Let Ctrl-C end the whole block, if Python's default handler is installed.
 
-    A KeyboardInterrupt that Python raises inside of a skill would pass for the skill's own.
+    A KeyboardInterrupt raised inside a skill would be treated as the skill's own error.
 
     Raises:
-        KeyboardInterrupt: Somebody has pressed Ctrl-C.
+        KeyboardInterrupt: Ctrl-C was pressed.
     """
     is_main = threading.current_thread() is threading.main_thread()
     if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
@@ -87,13 +87,14 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 
 @contextmanager
 def stop_on_signals(request: StopRequest) -> Iterator[StopRequest]:
-    """Turn SIGINT, SIGTERM and SIGHUP into ``request`` for the time of the block.
+    """Turn SIGINT, SIGTERM and SIGHUP into requests within the block.
 
-    The handler only counts: whatever it interrupts (a file half written, a tick) goes on; the third
-    signal ends the process where it stands. SIGHUP comes when a terminal is closed; where it is
-    ignored, as ``nohup`` does, it stays ignored.
+    The handler only counts: the interrupted code (a tick, a half-written file) continues; the third
+    signal ends the process at once. SIGHUP is sent when a terminal is closed; if it is ignored, as
+    with ``nohup``, it stays ignored.
 
-    Handlers wait until the main thread returns to Python; a thread hears of signals before.
+    Python runs handlers only once the main thread returns to the interpreter; a listening thread
+    counts signals on arrival.
     """
 
     def note(number: int, _frame: FrameType | None) -> None:
@@ -116,15 +117,15 @@ def stop_on_signals(request: StopRequest) -> Iterator[StopRequest]:
 
 @contextmanager
 def _hearing(request: StopRequest, numbers: Collection[int]) -> Iterator[None]:
-    """Note signals when they come, whatever the main thread does; Python writes them to a pipe."""
-    ear, mouth = os.pipe()
-    os.set_blocking(mouth, False)
-    before = signal.set_wakeup_fd(mouth, warn_on_full_buffer=False)
+    """Count signals on arrival, from the pipe that Python's C-level handler writes them to."""
+    read_end, write_end = os.pipe()
+    os.set_blocking(write_end, False)
+    before = signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
 
     def listen() -> None:
-        while said := os.read(ear, 1):
-            if said[0] in numbers:
-                request.hear(said[0])
+        while number := os.read(read_end, 1):
+            if number[0] in numbers:
+                request.hear(number[0])
 
     thread = threading.Thread(target=listen, name="signals", daemon=True)
     thread.start()
@@ -132,6 +133,6 @@ def _hearing(request: StopRequest, numbers: Collection[int]) -> Iterator[None]:
         yield
     finally:
         signal.set_wakeup_fd(before)
-        os.close(mouth)
+        os.close(write_end)
         thread.join()
-        os.close(ear)
+        os.close(read_end)

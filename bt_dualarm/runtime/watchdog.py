@@ -1,106 +1,226 @@
-"""Sees to it that code of skills returns: looks on from a thread of its own, and interrupts."""
+"""Watchdog: interrupts skill code that does not return, from a separate thread."""
 
 from __future__ import annotations
 
 import ctypes
 import math
 import signal
+import sys
+import sysconfig
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 from typing import Final, Protocol
 
-from bt_dualarm.errors import Overrun
+from bt_dualarm.core.errors import Overrun
 from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.runtime.whereabouts import Whereabouts
+
+_LEAF: Final = "bt_dualarm.behaviors.leaf", "Leaf"
+_ARM: Final = "bt_dualarm.runtime.arm_runtime", "ArmRuntime"
+"""Module and class name of the owners of skill code. Not imported here, because py_trees imports
+slowly; as long as no module has imported them, none of their code can be running."""
+
+_PACKAGE: Final = str(Path(__file__).parents[1])
+_LIBRARIES: Final = (
+    "<",
+    *{sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")},
+)
+"""Prefixes of the file names of library code, as opposed to skill code."""
+
+_WAITING: Final = (
+    "bdb",
+    "_pydevd_bundle",
+    "bt_dualarm.cli.entry.SafeStream.",
+    "bt_dualarm.cli.entry.Output.",
+    "bt_dualarm.planning.process",
+)
+"""Modules and classes that wait for a user at a debugger or terminal, or have their own limits."""
+
+
+@dataclass(frozen=True)
+class StackLocation:
+    """Current location of a thread: code line, and the leaf and arm that it runs for.
+
+    Attributes:
+        arm: Name of the arm whose code runs; empty if it belongs to none.
+        leaf: Path of the leaf, or of all running leaves in a stream callback; empty if unknown.
+        position: File, line and function of the innermost frame outside of libraries.
+        is_excused: Whether it waits for a user or for code with its own time limit, or runs no
+            skill code.
+        is_in_package: Whether it is in code of this package, which a skill may have called.
+        default_owner: Owner to report if the code belongs to no arm.
+    """
+
+    arm: str = ""
+    leaf: str = ""
+    position: str = "an unknown place"
+    is_excused: bool = False
+    is_in_package: bool = False
+    default_owner: str = "the run"
+
+    @classmethod
+    def of(cls, thread: int, default_owner: str = "the run") -> StackLocation:
+        """Returns the current location of a thread.
+
+        Args:
+            thread: Identity of the thread.
+            default_owner: Owner to report if the code belongs to no arm.
+        """
+        return cls.of_frame(sys._current_frames().get(thread), default_owner)
+
+    @classmethod
+    def of_frame(cls, innermost: FrameType | None, default_owner: str = "the run") -> StackLocation:
+        """Returns the location of a thread with this innermost frame; see `of`."""
+        frames = []
+        arm = None
+        leaf = None
+        for frame in _outwards(innermost):
+            owner = frame.f_locals.get("self") if _is_of_a_run(frame) else None
+            if _is_a(owner, _ARM):
+                arm = owner
+                break
+            leaf = leaf or (owner if _is_a(owner, _LEAF) else None)
+            frames.append(frame)
+        own = [frame for frame in frames if not _is_of_a_library(frame)]
+        return cls(
+            arm.name if arm else "",
+            leaf.path if leaf else ", ".join(arm.running if arm else ()),
+            _position(own or frames),
+            (not own and leaf is None) or any(_waits(frame) for frame in frames),
+            bool(frames) and _module(frames[0]).startswith("bt_dualarm."),
+            default_owner,
+        )
+
+    def __str__(self) -> str:
+        who = f"{self.arm}: {self.leaf}" if self.leaf else self.arm
+        return f"{who or self.default_owner} at {self.position}"
+
+
+def _outwards(frame: FrameType | None) -> Iterator[FrameType]:
+    while frame is not None:
+        yield frame
+        frame = frame.f_back
+
+
+def _module(frame: FrameType) -> str:
+    return str(frame.f_globals.get("__name__", ""))
+
+
+def _is_of_a_run(frame: FrameType) -> bool:
+    """Whether a frame may have a leaf or arm as ``self``; reading locals of others is costly."""
+    return _module(frame) in (_LEAF[0], _ARM[0])
+
+
+def _is_a(owner: object, kind: tuple[str, str]) -> bool:
+    """Whether ``owner`` is an instance of a class given by module and name."""
+    module, name = kind
+    return isinstance(owner, getattr(sys.modules.get(module), name, ()))
+
+
+def _waits(frame: FrameType) -> bool:
+    return f"{_module(frame)}.{frame.f_code.co_qualname}".startswith(_WAITING)
+
+
+def _position(frames: list[FrameType]) -> str:
+    if not frames:
+        return StackLocation.position
+    code = frames[0].f_code
+    return f"{Path(code.co_filename).name}:{frames[0].f_lineno}, in {code.co_name}"
+
+
+def _is_of_a_library(frame: FrameType) -> bool:
+    return frame.f_code.co_filename.startswith((_PACKAGE, *_LIBRARIES))
+
 
 STOPPING_S: Final = 5.0
-"""Seconds that code gets at most once the run is to end."""
+"""Longest wall-clock budget in s once the run is to end."""
 
-_LOOK_S: Final = 0.1
-"""Seconds from one look to the next. A look that comes late, in a process that was suspended or on
-a machine that is busy, counts no more than twice as much."""
+_POLL_S: Final = 0.1
+"""Polling period in s. A late poll, in a suspended process or on a busy machine, counts as twice
+the period at most."""
 
-_AGAIN_S: Final = 1.0
-"""Seconds from one interruption of the same code to the next."""
+_RETRY_S: Final = 1.0
+"""Seconds between two interruptions of the same code."""
 
-_SHELTER_S: Final = 1.0
-"""Seconds more that code of this package gets to return to the skill that has called it: what is
-interrupted in the middle of something may be of no use afterwards."""
+_GRACE_S: Final = 1.0
+"""Additional seconds for code of this package to return to the skill that called it: interrupting
+it could leave its objects in an inconsistent state."""
 
-_MOST: Final = 3
-"""Interruptions of the same code; what takes no notice of them cannot be interrupted."""
+_MOST_INTERRUPTIONS: Final = 3
+"""Most interruptions of the same code before the last resort is used."""
 
 _WAKE: Final = signal.SIGURG
-"""Lets system calls return, so that Python looks at what is pending. By default it is ignored, so
-that one which comes late is harmless."""
+"""Signal that makes system calls return, so that Python raises the pending exception. It is ignored
+by default, so a late one is harmless."""
 
 
 class LastResort(Protocol):
-    """What becomes of a run whose code nothing can interrupt; of a command, it ends the process.
+    """Handles code that cannot be interrupted; for a command, it ends the process.
 
     Attributes:
-        held_up: Function to be called, with the frame that stands still, where code holds Python's
-            own lock and never gives it back: no thread looks on any more.
+        held_up: Callback, with the blocked frame, for code that never releases the global
+            interpreter lock, so that the watchdog thread cannot run either.
     """
 
     held_up: Callable[[FrameType | None], None]
 
     def postpone(self, seconds: float) -> None:
-        """Say that Python runs: if it does not for so many seconds of computing, it is over."""
+        """Restart the countdown: without another call within ``seconds`` of CPU time, `held_up`."""
 
     def end(self, sentence: str, keep: Callable[[], object]) -> None:
-        """Say why, have kept what can be kept, and end it."""
+        """Report ``sentence``, call ``keep``, and end the process."""
 
 
 class Watchdog:
-    """A budget of time on the wall for every tick and callback of a skill.
+    """Wall-clock budget for every tick and callback of a skill.
 
-    A ``with`` block around such code starts the time anew. Within the budget nothing happens: the
-    run is the same to the last bit. Code that has used it up gets an `Overrun` where it stands; the
-    main thread also out of calls of the system. Time does not count in which a debugger has it, or
-    in which it waits for a terminal or for a plan.
+    A ``with`` block around such code restarts the budget. Within the budget the watchdog has no
+    effect: the run is bitwise the same. In code that exceeds it, an `Overrun` is raised; in the
+    main thread it also interrupts system calls. Time spent in a debugger or waiting for a terminal
+    or for a plan does not count.
 
     Args:
-        budget: Seconds; infinite for none of its own, so that it acts when the run is to end only;
-            None for no watchdog at all.
-        stop: Request to end early: code gets `STOPPING_S` from then on, no time when it is urgent.
-        of: What it watches, for what it says of code that is no arm's.
+        budget: Seconds; infinity limits code only once the run is to end; None disables the
+            watchdog.
+        stop: Request to end early: code gets `STOPPING_S` from then on, none if it is urgent.
+        owner: Owner to report for code that belongs to no arm.
 
     Attributes:
-        overrun: Sentence on the code that was the first to use up its time; empty where none has.
-        keep: Function that writes what is known of the run, for the last resort.
-        last_resort: What to do where interruptions are of no use; None waits.
+        overrun: Sentence on the code that first exceeded its budget; empty if none has.
+        keep: Writes the interim record, for the last resort.
+        last_resort: Handles code that cannot be interrupted; None keeps waiting.
     """
 
-    def __init__(self, budget: float | None, stop: StopRequest, of: str = "the run") -> None:
+    def __init__(self, budget: float | None, stop: StopRequest, owner: str = "the run") -> None:
         self.overrun = ""
         self.keep: Callable[[], object] = lambda: None
         self.last_resort: LastResort | None = None
         self._budget = budget
         self._stop = stop
-        self._of = of
-        self._section = 0  # odd within a block, another one for each block
+        self._owner = owner
+        self._section = 0  # odd within a block, with a new value for each block
         self._aimed_at = 0
         self._thread = 0
         self._is_over = threading.Event()
         self._lock = threading.Lock()
-        self._looking: threading.Thread | None = None
+        self._poller: threading.Thread | None = None
 
     def __enter__(self) -> None:
-        """Start the time of what follows."""
+        """Restart the budget."""
         self._section = (self._section + 1) | 1
 
     def __exit__(self, *error: object) -> None:
-        """Nothing in it can be interrupted from here on."""
+        """End the budget: the code of the block cannot be interrupted any more."""
         with self._lock:
             self._section = (self._section + 1) & ~1
 
     @contextmanager
     def awake(self) -> Iterator[None]:
-        """Look on while this thread runs the block."""
+        """Watch this thread while it runs the block."""
         if self._budget is None or self._is_over.is_set():
             yield
             return
@@ -108,9 +228,9 @@ class Watchdog:
             self.last_resort.held_up = self._held_up
         self._postpone()
         self._thread = threading.get_ident()
-        if self._looking is None:
-            self._looking = threading.Thread(target=self._look_on, name="watchdog", daemon=True)
-            self._looking.start()
+        if self._poller is None:
+            self._poller = threading.Thread(target=self._poll, name="watchdog", daemon=True)
+            self._poller.start()
         is_main = threading.current_thread() is threading.main_thread()
         before = signal.signal(_WAKE, lambda *_: None) if is_main else None
         try:
@@ -120,65 +240,74 @@ class Watchdog:
                 signal.signal(_WAKE, before)
 
     def close(self) -> None:
-        """Look no more."""
+        """End the watchdog thread."""
         self._is_over.set()
-        if self._looking is not None:
-            self._looking.join()
+        if self._poller is not None:
+            self._poller.join()
             if self.last_resort is not None:
                 self.last_resort.postpone(0.0)
 
-    def _look_on(self) -> None:
-        seen, spent, strikes, before = 0, 0.0, 0, time.monotonic()
-        while not self._is_over.wait(_LOOK_S):
+    def _poll(self) -> None:
+        seen = 0
+        spent = 0.0
+        strikes = 0
+        before = time.monotonic()
+        while not self._is_over.wait(_POLL_S):
             now = time.monotonic()
-            passed, before = min(now - before, 2 * _LOOK_S), now
+            passed = min(now - before, 2 * _POLL_S)
+            before = now
             self._postpone()
             section = self._section
             if section % 2 == 0 or section != seen:
-                seen, spent, strikes = section, 0.0, 0
+                seen = section
+                spent = 0.0
+                strikes = 0
                 continue
-            where = Whereabouts.of(self._thread, self._of)
-            if where.is_excused and not self._stop.asked:
+            location = StackLocation.of(self._thread, self._owner)
+            if location.is_excused and not self._stop.asked:
                 continue
             spent += passed
-            again_s = _LOOK_S if self._stop.urgent else _AGAIN_S
-            sheltered = where.is_in_package and not strikes and not self._stop.urgent
-            if spent > self._patience() + strikes * again_s + (_SHELTER_S if sheltered else 0.0):
+            retry_s = _POLL_S if self._stop.urgent else _RETRY_S
+            has_grace = location.is_in_package and not strikes and not self._stop.urgent
+            allowed = self._allowed_s() + strikes * retry_s + (_GRACE_S if has_grace else 0.0)
+            if spent > allowed:
                 strikes += 1
-                self._act(section, strikes, where, spent)
+                self._act(section, strikes, location, spent)
 
     def _held_up(self, frame: FrameType | None) -> None:
-        """End a run whose code holds Python's own lock; this very thread runs that code."""
-        self._is_over.set()  # the thread that looks on is not to interrupt what follows
+        """End a run whose code never releases the interpreter lock; runs in that code's thread."""
+        self._is_over.set()  # so that the watchdog thread does not interrupt what follows
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), None)
-        sentence = f"{Whereabouts.of_frame(frame, self._of)} does not return, nor lets Python go on"
+        sentence = (
+            f"{StackLocation.of_frame(frame, self._owner)} does not return, nor lets Python go on"
+        )
         self.overrun = self.overrun or sentence
         if self.last_resort is not None:
             self.last_resort.end(sentence, self.keep)
 
     def _postpone(self) -> None:
-        """Give the last resort, which is for Python itself being held up, its time anew."""
-        patience = self._patience()
-        if self.last_resort is not None and math.isfinite(patience):
-            self.last_resort.postpone(patience + STOPPING_S)
+        """Restart the countdown of the last resort, to show that Python still runs."""
+        allowed = self._allowed_s()
+        if self.last_resort is not None and math.isfinite(allowed):
+            self.last_resort.postpone(allowed + STOPPING_S)
 
-    def _patience(self) -> float:
-        """Seconds that code gets now."""
+    def _allowed_s(self) -> float:
+        """Current wall-clock budget in s."""
         if self._stop.urgent:
             return 0.0
         budget = math.inf if self._budget is None else self._budget
         return min(budget, STOPPING_S) if self._stop.asked or self.overrun else budget
 
-    def _act(self, section: int, strikes: int, where: Whereabouts, spent: float) -> None:
-        sentence = f"{where} has not returned for {spent:.1f} s"
+    def _act(self, section: int, strikes: int, location: StackLocation, spent: float) -> None:
+        sentence = f"{location} has not returned for {spent:.1f} s"
         self.overrun = self.overrun or sentence
-        if strikes <= _MOST or self.last_resort is None:
+        if strikes <= _MOST_INTERRUPTIONS or self.last_resort is None:
             self._interrupt(section, sentence)
         else:
             self.last_resort.end(sentence, self.keep)
 
     def _interrupt(self, section: int, sentence: str) -> None:
-        """Have an `Overrun` raised in the code that runs, if it is still the same."""
+        """Raise an `Overrun` in the watched thread, if it still runs the same block."""
         error = type("Overrun", (Overrun,), {"__str__": lambda _: sentence})
         with self._lock:
             if self._section != section:

@@ -1,56 +1,110 @@
-"""Grasps of one arm on an object where that lies: those with room around, the best first."""
+"""Grasps of an arm on an object at its pose, and the approach and retreat of each."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.measured_gripper import cup_measures, jaw_measures
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.grasping.grasp import Grasp
-from bt_dualarm.motion.grasping.gripper_measures import JawMeasures, Load
-from bt_dualarm.motion.grasping.jaw_grasps import CLEAR, jaw_grasps, least_width
-from bt_dualarm.motion.grasping.ranking import Obstacle, RankedGrasp, ranked
-from bt_dualarm.motion.grasping.solids import Box, Capsule, Cylinder, Solid, solid_of
-from bt_dualarm.motion.grasping.suction import cup_grasps
-from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.skill.taking_ports import TakingPorts
-from bt_dualarm.world.world import World
+from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.grasping.candidates import CLEAR, cup_grasps, jaw_grasps, least_width
+from bt_dualarm.grasping.grasp import Grasp, JawMeasures, Load
+from bt_dualarm.grasping.ranking import Obstacle, RankedGrasp, ranked
+from bt_dualarm.grasping.solids import Box, Capsule, Cylinder, Solid, solid_of
+from bt_dualarm.sim.world import World
+from bt_dualarm.skill.skill import unit_vector
+from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.values import Speed, Vector3
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+
+class TakingPorts(PortModel):
+    """Ports of skills that pick: approach, forces, and the load for which the grip is designed."""
+
+    approach: Vector3 | None = port(
+        None, "direction of the straight approach, world axes, within 30°; by default the best one"
+    )
+    standoff: float = port(0.08, "length of the straight approach", unit="m", ge=0.01, le=0.3)
+    lift: float = port(0.04, "height of the lift that tests the grip", unit="m", ge=0, le=0.5)
+    force: float | None = port(
+        None,
+        "force of each pad, or of a cup; by default what the load needs",
+        unit="N",
+        gt=0,
+        le=5000,
+    )
+    most_force: float | None = port(
+        None,
+        "largest force of each pad, or of a cup, that the object withstands",
+        unit="N",
+        gt=0,
+        le=5000,
+    )
+    mass: float | None = port(
+        None, "assumed mass; by default the one that the arm knows", unit="kg", gt=0, le=100
+    )
+    shake: float = port(
+        8.0, "acceleration of the tool that the grip has to bear", unit="m/s²", ge=0, le=50
+    )
+    margin: float = port(1.5, "safety factor of the grip", unit="times the load", ge=1, le=10)
+    touch: float = port(40.0, "contact force that ends the approach", unit="N", ge=1, le=200)
+    speed: Speed = port(0.5, "share of the arm's limits up to the standoff")
+    approach_speed: Speed = port(0.15, "share of the arm's limits on the straight parts")
+
+    @property
+    def along(self) -> Vector | None:
+        """Unit vector of the approach in the world, of shape (3,), if one is given.
+
+        Raises:
+            Failure: ``INVALID_TARGET``: it has no length.
+        """
+        return None if self.approach is None else unit_vector(self.approach)
+
+    def mass_of(self, told: float | None) -> float:
+        """Assumed mass, kg.
+
+        Args:
+            told: Declared mass, kg; None where the arm may not use it.
+        """
+        return self.mass or told or UNKNOWN_KG
+
 
 GRAVITY = 9.81
 """Acceleration of gravity in m/s²."""
 
-_WIDE = 50.0  # m: half of a plane
-_ALONG = 0.99  # cosine
-_AS_TOLD = math.cos(math.radians(30.0))
-_OTHER = math.radians(45.0)
+_WIDE = 50.0  # m: half the edge of the box that stands for a plane
+_ALONG = 0.99  # cosine above which fingers close along the given width
+_AS_ASKED = math.cos(math.radians(30.0))  # of an approach along the given direction
+_OTHER = math.radians(45.0)  # rotation of a grasp that counts as another one
 _HALF_TURN = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, math.pi))
-_NEAR = 0.5  # m: what is farther from the object is in no finger's way
+_NEAR = 0.5  # m from the object, beyond which nothing obstructs the fingers
 
 
 @dataclass(frozen=True, eq=False)
 class WantedGrasp:
-    """What is to be taken, and what the grip has to bear.
+    """Specification of a grasp: the object, and the load for which the grip is designed.
 
     Attributes:
-        name: Name of the object, whose shape and friction the file declares; of what has no name
-            that of what is known to lie there, if anything is.
-        lies: Pose of it in the world, as it is believed.
-        mass: Mass in kg to reckon with.
-        shake: Largest acceleration of the tool in m/s² to reckon with.
-        margin: Factor of the force that the grip is to have in hand.
-        most_force: Force in N of each pad, or of a cup, that the object bears.
-        edges: Edges in m of the box that counts for it where it has no name: fingers close along
-            the second; None where it has one.
-        rubs: Coefficient of friction of it then.
-        along: Way of the straight approach in the world, of unit length, of shape (3,), within
-            30°; None for any.
-        unlike: Pose of the tool in the object's frame from which it has to be turned by 45° at
-            least, or by what is short of half a turn by as much; None for any.
+        name: Name of the declared object; with ``edges`` that of the object assumed at the pose,
+            or None.
+        lies: Estimated pose of the object in the world.
+        mass: Assumed mass, kg.
+        shake: Largest acceleration of the tool, m/s².
+        margin: Safety factor of the grip.
+        most_force: Force of each pad, or of a cup, that the object withstands, N.
+        edges: Edges, m, of the box that stands for an undeclared object, of which fingers close
+            along the second; None for a declared one.
+        rubs: Coefficient of friction of an undeclared object.
+        along: Direction of the straight approach in the world, of unit length, of shape (3,), kept
+            within 30°; None for any.
+        unlike: Pose of the tool in the object's frame from which the grasp has to differ by at
+            least 45°, also after half a turn about the tool axis; None for any.
     """
 
     name: str | None
@@ -68,17 +122,17 @@ class WantedGrasp:
     def named(
         cls, arm: Arm, name: str, ports: TakingPorts, lies: Pose | None, unlike: Pose | None = None
     ) -> WantedGrasp:
-        """An object of the file.
+        """Specification for a declared object.
 
         Args:
-            arm: Arm that is to take it.
+            arm: Arm that picks it.
             name: Name of the object.
-            ports: What its grip has to bear, and how it is to be taken.
-            lies: Pose of it in the world; None for where plans know it.
+            ports: Approach and load.
+            lies: Estimated pose in the world; by default the true one.
             unlike: As the attribute.
 
         Raises:
-            Failure: ``NOT_THERE``, or ``INVALID_TARGET`` where it is fixed.
+            Failure: ``NOT_THERE``, or ``INVALID_TARGET`` if it is fixed.
         """
         world = arm.world
         if name not in world.objects:
@@ -86,75 +140,89 @@ class WantedGrasp:
         if world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
         told = None if world.nominal[arm.name].weighs else world.objects[name].mass
-        bearing = (ports.mass_of(told), ports.shake, ports.margin)
-        bears = ports.most_force or math.inf
-        lies = lies or world.object_pose(name)
-        return cls(name, lies, *bearing, bears, along=ports.along, unlike=unlike)
+        return cls(
+            name,
+            lies or world.object_pose(name),
+            ports.mass_of(told),
+            ports.shake,
+            ports.margin,
+            ports.most_force or math.inf,
+            along=ports.along,
+            unlike=unlike,
+        )
 
     @property
     def label(self) -> str:
-        """The object in a sentence."""
+        """The object in messages."""
         return repr(self.name) if self.edges is None else "what lies there"
 
     def solid(self, world: World) -> Solid:
-        """Its shape."""
+        """Shape of the object."""
         if self.name is None or self.edges is not None:
             return Box(0.5 * np.array(self.edges))
-        thing = world.objects[self.name]
-        return solid_of(thing.shape, thing.size)
+        declared = world.objects[self.name]
+        return solid_of(declared.shape, declared.size)
 
     def friction(self, world: World) -> float:
-        """Its coefficient of friction, as the file or the tree tells it."""
+        """Coefficient of friction of the object, as declared or as given by the tree."""
         told = self.rubs if self.name is None or self.edges else None
         return world.objects[self.name or ""].friction if told is None else told
 
     def allows(self, grasp: Grasp) -> bool:
-        """Whether fingers close where its width was told, and the tool comes as it is to come."""
+        """Whether a grasp agrees with ``edges``, ``along`` and ``unlike``."""
         if self.edges is None and self.along is None and self.unlike is None:
             return True
         axes = grasp.tool.rotation_matrix
         if self.edges is not None and grasp.width > 0.0 and abs(float(axes[1, 1])) <= _ALONG:
             return False
-        if self.along is not None and self.lies.turn(axes[:, 2]) @ self.along < _AS_TOLD:
+        if self.along is not None and self.lies.turn(axes[:, 2]) @ self.along < _AS_ASKED:
             return False
         if self.unlike is None:
             return True
-        turned = self.unlike.angle(grasp.tool), (self.unlike @ _HALF_TURN).angle(grasp.tool)
-        return min(turned) >= _OTHER
+        # Half a turn about the tool axis exchanges the fingers: that is the same grasp.
+        angle = self.unlike.angle(grasp.tool)
+        other_angle = (self.unlike @ _HALF_TURN).angle(grasp.tool)
+        return min(angle, other_angle) >= _OTHER
 
 
 def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     """Grasps of an arm's gripper on an object, the best first.
 
     Raises:
-        Failure: ``TOO_WIDE``, ``TOO_HEAVY``, or ``OUT_OF_REACH`` where something is in the way of
-            all of them; each with its numbers.
+        Failure: ``TOO_WIDE``, ``TOO_HEAVY``, ``NO_FACE``, or ``OUT_OF_REACH`` if all of them are
+            obstructed; each with its numbers.
     """
-    page, solid, rubs = arm.gripper.page, wanted.solid(arm.world), wanted.friction(arm.world)
-    # Of something round no turn about its axis is better than another: grasps are looked for from
-    # where the arm stands, so that they are the same however it was declared to be turned.
-    alike = _turned_to(arm.kinematics.base.position, wanted.lies, solid)
-    lies = wanted.lies @ alike
+    page = arm.gripper.page
+    solid = wanted.solid(arm.world)
+    friction = wanted.friction(arm.world)
+    # Rotations of a round object about its axis are equivalent: grasps are generated relative to
+    # the arm's base, so that they do not depend on the declared rotation.
+    symmetry = _turned_to(arm.kinematics.base.position, wanted.lies, solid)
+    lies = wanted.lies @ symmetry
     gravity = lies.rotation_matrix.T @ np.array([0.0, 0.0, -GRAVITY])
     load = Load(wanted.margin * wanted.mass, gravity, wanted.shake, np.zeros(3))
     _refuse_weight(arm, wanted)
     jaw: JawMeasures | None = None
     if page.fingers:
-        jaw = jaw_measures(page, rubs)
+        jaw = jaw_measures(page, friction)
         jaw = replace(jaw, most_force=min(jaw.most_force, wanted.most_force))
         _refuse_width(solid, jaw, wanted)
         found = jaw_grasps(solid, jaw, load, jaw.friction)
     else:
-        cup = cup_measures(page, rubs)
+        cup = cup_measures(page, friction)
         cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
         found = cup_grasps(solid, cup, load)
     if not found:
-        raise _too_much(solid, jaw, arm, wanted)
-    found = tuple(replace(one, tool=alike @ one.tool) for one in found)
+        raise _no_grasp(solid, jaw, arm, wanted)
+    found = tuple(replace(one, tool=symmetry @ one.tool) for one in found)
     found = tuple(one for one in found if wanted.allows(one))
     here = arm.tool_pose
     order = ranked(
-        found, wanted.lies, jaw, obstacles_around(arm, wanted), lambda tool: _turning(tool, here)
+        found,
+        wanted.lies,
+        jaw,
+        obstacles_around(arm, wanted),
+        lambda tool: _rotation_cost(tool, here),
     )
     if not order:
         raise Failure(
@@ -168,23 +236,23 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
 
 
 def _turned_to(base: Vector, lies: Pose, solid: Solid) -> Pose:
-    """A turn of a solid into itself after which its x axis points away from an arm's base.
+    """Symmetry rotation of a solid after which its x axis points away from an arm's base.
 
     Args:
-        base: Place of the base in the world, of shape (3,), m.
+        base: Position of the base in the world, of shape (3,), m.
         lies: Pose of the solid in the world.
-        solid: The solid; of one that is not round the turn is none.
+        solid: The solid; the identity is returned for one that is not round.
     """
-    still = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    identity = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     if not isinstance(solid, Cylinder | Capsule):
-        return still
+        return identity
     z = np.array((0.0, 0.0, 1.0))
     if not (isinstance(solid, Capsule) and solid.half_length == 0.0):
         z = lies.rotation_matrix[:, 2]
     away = lies.position - base
-    for way in (away, np.eye(3)[0], np.eye(3)[2]):
-        x = way - (way @ z) * z
-        if np.linalg.norm(x) > 0.1 * np.linalg.norm(way):
+    for direction in (away, np.eye(3)[0], np.eye(3)[2]):  # the first that is not parallel to z
+        x = direction - (direction @ z) * z
+        if np.linalg.norm(x) > 0.1 * np.linalg.norm(direction):
             break
     x /= np.linalg.norm(x)
     matrix = np.eye(4)
@@ -194,8 +262,9 @@ def _turned_to(base: Vector, lies: Pose, solid: Solid) -> Pose:
 
 
 def obstacles_around(arm: Arm, wanted: WantedGrasp) -> list[Obstacle]:
-    """What stands around the object, but for it and the arms: simple shapes of the world."""
-    world, model = arm.world, arm.world.model
+    """Simple shapes of the world near the object, without it and the arms."""
+    world = arm.world
+    model = arm.world.model
     own = {world.object_geom(wanted.name)} if wanted.name else set()
     arms = set[int]().union(*(body.geom_ids for body in world.arms.values()))
     found = []
@@ -228,8 +297,8 @@ def _solid_of_geom(kind: int, size: np.ndarray) -> Solid | None:
     return Capsule(float(size[0])) if kind == kinds.mjGEOM_SPHERE else None
 
 
-def _turning(tool: Pose, here: Pose) -> float:
-    """How far the tool is turned, as a share of half a turn; more where it comes from below."""
+def _rotation_cost(tool: Pose, here: Pose) -> float:
+    """Rotation of the tool as a share of half a turn, plus a penalty for approaches from below."""
     upward = max(0.0, float(tool.rotation_matrix[2, 2]))
     return tool.angle(here) / math.pi + upward
 
@@ -258,16 +327,17 @@ def _refuse_width(solid: Solid, jaw: JawMeasures, wanted: WantedGrasp) -> None:
         )
 
 
-def _too_much(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGrasp) -> Failure:
-    """Why there is no grasp: what it weighs, or its shape."""
+def _no_grasp(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGrasp) -> Failure:
+    """Failure that says why there is no grasp: the mass or the shape."""
     light = Load(1e-6, np.array([0.0, 0.0, -GRAVITY]), 0.0, np.zeros(3))
-    page, friction = arm.gripper.page, wanted.friction(arm.world)
-    any_at_all: tuple[Grasp, ...]
+    page = arm.gripper.page
+    friction = wanted.friction(arm.world)
+    for_light: tuple[Grasp, ...]
     if jaw is None:
-        any_at_all = cup_grasps(solid, cup_measures(page, friction), light)
+        for_light = cup_grasps(solid, cup_measures(page, friction), light)
     else:
-        any_at_all = jaw_grasps(solid, jaw, light, jaw.friction)
-    if any_at_all:
+        for_light = jaw_grasps(solid, jaw, light, jaw.friction)
+    if for_light:
         return Failure(
             "TOO_HEAVY",
             f"no grasp of {page.name} bears {wanted.mass:.3g} kg of {wanted.label} with "
@@ -279,3 +349,104 @@ def _too_much(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGra
     if jaw is None:
         return Failure("NO_FACE", f"{wanted.label} has no face on which the cup seals")
     return Failure("NO_FACE", f"{wanted.label} has no two sides that the fingers come around")
+
+
+TRIES = 16
+"""Grasps for which an approach is searched until the object counts as out of reach."""
+
+# Differences of two tool poses within which both are assumed reachable or neither
+_NEAR_M = 0.02
+_NEAR_RAD = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class GraspApproach:
+    """Planned approach of a grasp.
+
+    Attributes:
+        ranked: Grasp at its end.
+        to_standoff: Collision-free motion to the standoff.
+        rows: Configurations of the straight part, of shape (n, dof), rad.
+        standoff: Length of the straight part, m.
+    """
+
+    ranked: RankedGrasp
+    to_standoff: Trajectory
+    rows: Matrix
+    standoff: float
+
+    def back_out(self, arm: Arm, speed: float) -> Iterator[float]:
+        """Retreat along the straight part, so that another attempt begins at the standoff.
+
+        Args:
+            arm: Arm that stands somewhere on it.
+            speed: Share of its limits, above 0 to 1.
+        """
+        out = self.ranked.tool @ Pose.from_rpy((0.0, 0.0, -self.standoff))
+        rows = arm.line_on(out)
+        motion = arm.begin(arm.time_path(rows, speed), may_touch=True)
+        while not motion.done:
+            yield motion.progress
+            arm.check()
+        yield from arm.settle()
+
+
+def first_approach(
+    arm: Arm,
+    order: Sequence[RankedGrasp],
+    wanted: WantedGrasp,
+    standoff: float,
+    speed: float,
+    seen: Pose | None = None,
+) -> Generator[None, None, GraspApproach]:
+    """Plan the approach of the first of several grasps that has one; yields once a tick.
+
+    Args:
+        arm: Arm with its gripper open.
+        order: Grasps, the best first.
+        wanted: Specification of the grasp.
+        standoff: Length of the straight part, m.
+        speed: Share of the arm's limits up to the standoff, above 0 to 1.
+        seen: Estimated pose of the object in the world; the plan then ignores its true pose.
+
+    Raises:
+        Failure: ``OUT_OF_REACH`` with the reason of the best grasp, caused by all; ``OVERLOADED``;
+            ``BUSY``.
+    """
+    reasons = list[Failure]()
+    touched = frozenset({wanted.name} if wanted.name else ())
+    left = list(order)
+    beyond = list[Pose]()
+    while left and len(reasons) < TRIES:
+        # Grasps next to an unreachable one are unreachable as well: those come last.
+        other = (one for one in left if not any(_is_near(one.tool, pose) for pose in beyond))
+        ranked = next(other, left[0])
+        left.remove(ranked)
+        out = ranked.tool @ Pose.from_rpy((0.0, 0.0, -standoff))
+        try:
+            rows = arm.line(out, ranked.tool)
+            if wanted.name and wanted.edges is None:
+                arm.refuse_load(wanted.name, rows[-1], seen)
+            arm.refuse_collision_along(rows, ignore=touched)
+            unknown = touched if seen else frozenset[str]()
+            return GraspApproach(
+                ranked, (yield from arm.plan([rows[0]], speed, unknown)), rows, standoff
+            )
+        except Failure as failure:
+            if failure.code in ("BUSY", "OVERLOADED"):
+                raise
+            reasons.append(failure.with_traceback(None))  # a traceback would keep this frame alive
+            if failure.code == "UNREACHABLE":
+                beyond.append(ranked.tool)
+        yield
+    first = reasons[0]
+    raise Failure(
+        "OUT_OF_REACH",
+        f"no way to {wanted.label}: {first.reason}",
+        ways_tried=len(reasons),
+        **first.numbers,
+    ) from ExceptionGroup("no way", reasons)
+
+
+def _is_near(one: Pose, other: Pose) -> bool:
+    return one.distance(other) < _NEAR_M and one.angle(other) < _NEAR_RAD

@@ -1,42 +1,50 @@
-"""What an arm senses of what its gripper holds: is it there, does it slip?"""
+"""Monitoring of a held object and of contacts of the tool, by the arm's own sensors."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Final
 
-from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.hold_signs import LOST_S, has_slid
-from bt_dualarm.errors import Failure
+import numpy as np
 
-_FIRM: Final = 4.0  # times the force that is pressed with: some comes before the arm has stopped
-_JUDGED_S: Final = 1.0  # that fingers may take to shut
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.gripper import LOST_S, has_slipped
+from bt_dualarm.collision.checker import Contact
+from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.trajectory.point_to_point import stop
+
+_FIRM: Final = (
+    4.0  # safety factor of the grip over a contact force, which overshoots while the arm stops
+)
+_JUDGED_S: Final = 1.0  # in which empty fingers shut
 
 
 class Grip:
-    """A gripper that holds something, watched from now on.
+    """Monitor of an object in the gripper.
 
     Args:
-        arm: Arm whose gripper it is.
-        thing: Name of what it holds.
+        arm: Arm with the gripper.
+        name: Name of the held object.
 
     Attributes:
-        width: Opening in m when the watch began.
+        width: Opening when the monitoring began, m.
     """
 
-    def __init__(self, arm: Arm, thing: str) -> None:
-        self._arm, self._thing = arm, thing
+    def __init__(self, arm: Arm, name: str) -> None:
+        self._arm = arm
+        self._name = name
         self.width = arm.gripper.width
         self._widths: deque[tuple[float, float]] = deque()
 
     def look(self) -> None:
-        """Check what is sensed of the hold; to be called once a tick.
+        """Check the hold by the gripper's sensors; to be called once a tick.
 
         Raises:
-            Failure: ``SLIPPED`` where the fingers have moved on what they hold, ``DROPPED`` where
-                nothing is between them any more, or the cup does not seal.
+            Failure: ``SLIPPED`` if the opening has changed, ``DROPPED`` if nothing is between the
+                fingers any more or the cup does not seal.
         """
         gripper = self._arm.gripper
         if gripper.is_lost:
@@ -45,42 +53,44 @@ class Grip:
             raise self._failure("DROPPED", how)
         if gripper.page.fingers:
             moved = abs(self._settled_width() - self.width)
-            if has_slid(gripper.page, moved):
+            if has_slipped(gripper.page, moved):
                 raise self._failure("SLIPPED", f"slips: the fingers moved {1e3 * moved:.1f} mm")
 
     def firm_for(self, force_n: float) -> float:
-        """Hold so firmly that what is held can be pressed on something and does not slide.
+        """Increase the grip force so that the object withstands a contact force without sliding.
 
         Args:
-            force_n: Force in N along the pads.
+            force_n: Contact force along the pads, N.
 
         Returns:
-            That force, or less: what friction bears with half of it in hand at the most force.
+            That force, or the smaller one that friction bears at the largest grip force.
         """
-        gripper, thing = self._arm.gripper, self._arm.world.objects[self._thing]
+        gripper = self._arm.gripper
+        declared = self._arm.world.objects[self._name]
         page = gripper.page
         if not page.fingers:
-            return force_n  # the cup is pressed on
-        friction = 2.0 * max(page.friction, thing.friction)  # of two pads
+            return force_n  # contact presses the object onto the cup
+        friction = 2.0 * max(page.friction, declared.friction)  # two pads
         needed = _FIRM * force_n / max(friction, 1e-3)
-        held = self._arm.world.attachments.find(self._arm.name, self._thing)
-        bears = math.inf if held is None else held.most_force
-        firm = min(page.force.clipped(needed), bears)
+        held = self._arm.world.attachments.find(self._arm.name, self._name)
+        most = math.inf if held is None else held.most_force
+        firm = min(page.force.clipped(needed), most)
         if firm > gripper.commanded.force:
             gripper.command(force=firm)
         return min(force_n, gripper.commanded.force * friction / _FIRM)
 
     def judge(self, slip: Failure) -> Iterator[None]:
-        """Stop, and see what is left between the fingers when they stand.
+        """Stop, and decide between slip and loss once the fingers stand still; always raises.
 
         Args:
-            slip: What `look` has raised.
+            slip: Failure that `look` has raised.
 
         Raises:
-            Failure: ``DROPPED`` where nothing is left, else what was given.
+            Failure: ``DROPPED`` if nothing is left between the fingers, else ``slip``.
         """
         yield from self._arm.halt()
-        gripper, began = self._arm.gripper, self._arm.time
+        gripper = self._arm.gripper
+        began = self._arm.time
         while self._arm.time - began < _JUDGED_S and not gripper.is_lost:
             yield None
         if gripper.is_lost:
@@ -88,8 +98,9 @@ class Grip:
         raise slip
 
     def _settled_width(self) -> float:
-        """The opening, by the smallest change of the last moments: one reading may be off."""
-        now, gripper = self._arm.time, self._arm.gripper
+        """Opening with the smallest change within `LOST_S`, m: a single reading may be wrong."""
+        now = self._arm.time
+        gripper = self._arm.gripper
         self._widths.append((now, gripper.width))
         while now - self._widths[0][0] > LOST_S:
             self._widths.popleft()
@@ -98,11 +109,232 @@ class Grip:
     def _failure(self, code: str, how: str) -> Failure:
         gripper = self._arm.gripper
         if code == "DROPPED":
-            gripper.let_go(self._thing)
+            gripper.let_go(self._name)
         return Failure(
             code,
-            f"{self._thing!r} {how}",
+            f"{self._name!r} {how}",
             width_m=gripper.width,
             width_before_m=self.width,
             force_n=gripper.force,
         )
+
+
+_TARE_S: Final = (0.1, 0.5)
+"""Age of the force samples whose mean is the zero: they contain friction and model errors."""
+
+
+class TouchSense:
+    """Contact force against a motion of the tool, relative to its value a moment ago.
+
+    Args:
+        arm: Arm that moves.
+        direction: Direction of the motion in the world, of unit length, of shape (3,).
+        alone: Whether to assume that only a force along the motion acts. Joint friction then has
+            little effect in any posture, but small forces are underestimated.
+
+    Attributes:
+        most: Largest force so far, N.
+    """
+
+    def __init__(self, arm: Arm, direction: Vector, *, alone: bool = False) -> None:
+        self._arm = arm
+        self._direction = direction
+        self._alone = alone
+        self._felt = deque[tuple[float, float]]()
+        self._zero = 0.0
+        self.most = 0.0
+
+    def force(self, *, stands: bool = False) -> float:
+        """Present contact force, N; to be called once a tick.
+
+        Args:
+            stands: Whether the tool has stopped: the zero is kept while it stands, since a contact
+                force may rise slowly.
+        """
+        now = self._arm.time
+        latest, earliest = _TARE_S
+        felt = self._against()
+        self._felt.append((now, felt))
+        while now - self._felt[0][0] > earliest:
+            self._felt.popleft()
+        before = [one for at, one in self._felt if now - at >= latest]
+        if not stands:
+            self._zero = float(np.mean(before)) if before else felt
+        rise = felt - self._zero
+        self.most = max(self.most, rise)
+        return rise
+
+    def _against(self) -> float:
+        """Force against the motion, N, that explains the external joint torques.
+
+        With ``alone`` it is a weighted least-squares fit of this one force, with torques as shares
+        of the joints' efforts. A full wrench is not observable near a singularity: there friction
+        of joints that hardly move the tool appeared as 100 N.
+        """
+        arm = self._arm
+        direction = self._direction
+        if not self._alone:
+            return -float(direction @ arm.external_wrench[:3])
+        lever = direction @ arm.world.nominal[arm.name].tool_jacobian_at(arm.q)[:3]
+        shares = lever / arm.robot.limits.effort**2
+        return -float(shares @ arm.external_torque) / max(float(shares @ lever), 1e-12)
+
+
+_HELD_S: Final = 1.0  # in which fingers come to rest
+
+
+def held_through(
+    arm: Arm, going: Iterator[float | None]
+) -> Generator[float | None, None, dict[str, Number]]:
+    """Execute a motion and monitor the held object; yields the progress once a tick.
+
+    Args:
+        arm: Arm that moves.
+        going: Its motion; without a held object nothing else is done.
+
+    Returns:
+        ``slid_m``: true displacement of the object in the tool; ``slips_felt`` and
+        ``grip_force_n`` if slips were detected; empty if nothing is held.
+
+    Raises:
+        Failure: ``SLIPPED`` or ``DROPPED`` by the gripper's sensors; as the motion.
+    """
+    held = arm.world.attachments.gripped_by(arm.name)
+    if not held:
+        yield from going
+        return {}
+    name = held[0].object  # a gripper holds one object
+    grip = Grip(arm, name)
+    began_at = _true_pose_in_tool(arm, name)
+    felt = arm.slips_felt
+    yield from _monitored(going, grip)
+    yield from _at_rest(arm, grip, name)
+    found: dict[str, Number] = {"slid_m": _true_pose_in_tool(arm, name).distance(began_at)}
+    if arm.slips_felt > felt:
+        found |= {"slips_felt": arm.slips_felt - felt}
+        found |= {"grip_force_n": arm.gripper.commanded.force}
+    return found
+
+
+def _monitored(going: Iterator[float | None], grip: Grip) -> Iterator[float | None]:
+    grip.look()
+    try:
+        for progress in going:
+            yield progress
+            grip.look()
+    except Failure as failure:
+        if failure.code == "SLIPPED":
+            yield from grip.judge(failure)
+        raise
+
+
+def _at_rest(arm: Arm, grip: Grip, name: str) -> Iterator[float]:
+    """Wait until the fingers stand still and press."""
+    began = arm.time
+    while not arm.gripper.holding:
+        yield 1.0
+        grip.look()
+        if arm.time - began > _HELD_S:
+            raise Failure("DROPPED", f"{name!r} is no longer held")
+
+
+def _true_pose_in_tool(arm: Arm, name: str) -> Pose:
+    """True pose of the object in the tool frame, which the encoders measure."""
+    return arm.tool_pose.inverse @ arm.world.object_pose(name)
+
+
+_EVERY_S: Final = 0.06  # between two checks
+_ROWS: Final = 4  # configurations of the braking motion that are checked
+
+
+class HeldClear:
+    """Collision check of a held object for an arm that follows a stream.
+
+    A stream is not planned. The controller checks the arm's own links; this checks the held object
+    and the hand, on the motion with which the arm would brake.
+
+    Args:
+        arm: Arm that follows a stream.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._next = -np.inf
+
+    def look(self) -> None:
+        """Check if a check is due; to be called once a tick.
+
+        Raises:
+            Failure: ``IN_COLLISION`` with what would collide.
+        """
+        arm = self._arm
+        if arm.time < self._next or not arm.held:
+            return
+        self._next = arm.time + _EVERY_S - 1e-9
+        sent = arm.setpoint
+        limits = arm.limits(1.0)
+        ahead = sent.q + _EVERY_S * sent.v  # the arm continues until the next check
+        braking = stop(ahead, sent.v, sent.a, limits, arm.period)
+        rows = braking.q[np.linspace(0, len(braking) - 1, _ROWS).astype(int)]
+        found = arm.checker().first_contact(rows)
+        if found is not None:
+            raise found[1].failure()
+
+
+_STEP_M: Final = 0.03  # between two retreats that are checked
+_FARTHEST_M: Final = 0.24  # longest retreat
+_CHORD_M: Final = 0.004  # between two openings that are checked
+_OPEN_M: Final = 2e-3  # fingers that are this near to fully open need not open
+
+
+def make_room(arm: Arm, speed: float) -> Iterator[float | None]:
+    """Retreat until the fingers can open completely without collision.
+
+    The arm retreats along the tool axis or upward, as little as possible; mostly not at all.
+
+    Args:
+        arm: Arm whose gripper has to open.
+        speed: Share of its limits, above 0 to 1.
+
+    Raises:
+        Failure: ``IN_COLLISION`` with what is beside the fingers, if no retreat helps; as motions.
+    """
+    page = arm.gripper.page
+    if not page.fingers or arm.gripper.width > page.stroke - _OPEN_M:
+        return
+    beside = _beside(arm, arm.setpoint.q)
+    if beside is None:
+        return
+    for goal in _retreats(arm):
+        if _beside(arm, arm.line_on(goal)[-1]) is None:
+            yield from arm.past_others(speed).straight(goal)
+            return
+    raise beside.failure()
+
+
+def _retreats(arm: Arm) -> Iterator[Pose]:
+    """Poses of the tool with a free straight path to them, the nearest first."""
+    here = arm.commanded_tool_pose
+    directions: list[Vector] = [-here.rotation_matrix[:, 2], np.array((0.0, 0.0, 1.0))]
+    for back in np.arange(_STEP_M, _FARTHEST_M + 1e-9, _STEP_M):
+        for direction in list(directions):
+            goal = Pose(here.position + back * direction, here.quaternion)
+            try:
+                arm.refuse_collision_along(arm.line_on(goal))
+            except Failure:
+                directions.remove(direction)  # a longer retreat would pass through here
+            else:
+                yield goal
+
+
+def _beside(arm: Arm, q: Vector) -> Contact | None:
+    """Collision of the opening fingers in a configuration of shape (dof,), rad, if there is one."""
+    checker = arm.checker()
+    gripper = arm.gripper
+    travel = gripper.page.stroke - gripper.width
+    for width in gripper.page.stroke - np.linspace(travel, 0.0, 2 + int(travel / _CHORD_M)):
+        checker.open_fingers(float(width))
+        contact = checker.contact(q)
+        if contact is not None:
+            return contact
+    return None

@@ -1,30 +1,152 @@
-"""Executing a path of the tool as it was drawn, and measuring how well that went."""
+"""Following a path of the tool, and measuring the path error."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from math import degrees
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.errors import Failure, Number
-from bt_dualarm.motion.paths.cartesian_path import CartesianPath
-from bt_dualarm.motion.planning.tool_path import trace
-from bt_dualarm.motion.setpoints.trajectory_source import TrajectorySource
-from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.skill.path_deviation import PathDeviation
-from bt_dualarm.skill.skill import Record, nowhere
+from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.planning.problem import trace
+from bt_dualarm.skill.grip import held_through
+from bt_dualarm.skill.skill import Record, Skill, nowhere
+from bt_dualarm.spec.ports import port
+from bt_dualarm.trajectory.paths import CartesianPath
+from bt_dualarm.trajectory.sources import TrajectorySource
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+
+def check_arrival(
+    what: str, pose: Pose, goal: Pose, tolerance: float, angle_tolerance: float
+) -> dict[str, Number]:
+    """Position and angle error of a reached pose, as metrics.
+
+    Args:
+        what: Name of what has moved, for messages.
+        pose: Reached pose in the world.
+        goal: Goal pose in the world.
+        tolerance: Largest position error, m.
+        angle_tolerance: Largest angle error, rad.
+
+    Raises:
+        Failure: ``NOT_REACHED`` if an error exceeds its tolerance.
+    """
+    away = pose.distance(goal)
+    turn = pose.angle(goal)
+    metrics: dict[str, Number] = {"position_error_m": away, "angle_error_rad": turn}
+    if away > tolerance or turn > angle_tolerance:
+        raise Failure(
+            "NOT_REACHED",
+            f"{what} is {1000 * away:.2f} mm and {degrees(turn):.2f}° from its target",
+            **metrics,
+        )
+    return metrics
+
+
+_BLOCK = 256
+"""Number of positions that are planned and recorded at a time."""
+
+_Position: TypeAlias = list[float]  # x, y, z in m; faster than arrays for a few positions a tick
+
+
+class PathDeviation:
+    """Deviation of executed from planned tool positions at equal times, in constant memory.
+
+    Args:
+        arm: Arm that moves.
+        source: Motion at its beginning, as it is executed.
+        record: Recorder of ``planned`` and ``executed`` tool positions.
+
+    Attributes:
+        worst_m: Largest distance so far, m.
+    """
+
+    def __init__(self, arm: Arm, source: TrajectorySource, record: Record) -> None:
+        self.worst_m = 0.0
+        self._arm = arm
+        self._source = source
+        self._record = record
+        self._began_s = arm.time
+        self._count = 0
+        self._recorded = 0
+        self._squares = 0.0
+        self._planned: list[_Position] = []
+        self._executed: list[_Position] = []
+        self._first = 0
+        self._block = list[_Position]()
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square of the distance so far, m."""
+        return float(np.sqrt(self._squares / max(self._count, 1)))
+
+    def look(self) -> float:
+        """Compare new measurements; returns the largest distance among them, m."""
+        farthest = 0.0
+        for position, parameter in self._source.take_measured():
+            executed = position.tolist()
+            planned = self._planned_at(parameter)
+            away = math.dist(executed, planned)
+            farthest = max(farthest, away)
+            self._squares += away * away
+            self._count += 1
+            self._planned.append(planned)
+            self._executed.append(executed)
+        self.worst_m = max(self.worst_m, farthest)
+        if self._count - self._recorded >= _BLOCK:
+            self.flush()
+        return farthest
+
+    def flush(self) -> None:
+        """Record the positions that are not recorded yet."""
+        if self._count == self._recorded:
+            return
+        times = self._began_s + self._arm.period * np.arange(self._recorded, self._count)
+        self._record("planned", times, np.array(self._planned))
+        self._record("executed", times, np.array(self._executed))
+        self._recorded = self._count
+        self._planned.clear()
+        self._executed.clear()
+
+    def _planned_at(self, parameter: float) -> _Position:
+        """Planned tool position at a path parameter, s: linear between two set-points."""
+        motion = self._source.trajectory
+        index = parameter / motion.dt
+        last = len(motion) - 1
+        low = max(min(int(index), last - 1), 0)
+        begin = self._of_set_point(low)
+        end = self._of_set_point(min(low + 1, last))
+        share = min(max(index - low, 0.0), 1.0)
+        return [a + share * (b - a) for a, b in zip(begin, end, strict=True)]
+
+    def _of_set_point(self, number: int) -> _Position:
+        """Tool position at a set-point, computed in blocks.
+
+        The nominal chain is used, as for the measured positions, so that only motion errors count.
+        """
+        if not self._first <= number < self._first + len(self._block):
+            motion = self._source.trajectory
+            nominal = self._arm.world.nominal[self._arm.name]
+            piece = motion.piece(number, min(number + _BLOCK, len(motion)))
+            self._first = number
+            self._block = [nominal.tool_position_at(q).tolist() for q in piece.q]
+        return self._block[number - self._first]
+
 
 TOLERANCE_M = 0.005
-"""How far in m the tool may be from where it was planned to be, unless said otherwise."""
+"""Default tolerance of the tool's distance from its planned position, m."""
 
-_SAME_BRANCH = 1.0  # rad: the start of the path is a short straight move away
-_SAME_POSTURE = 0.05  # rad: what a redundant arm may turn in place at the end of that move
-_ENTRY_SHARE = 0.1  # of the progress that is shown
-_EXIT_SHARE = 0.1  # likewise, of a path that does not end where the tool is to end
-_THERE = 1e-6  # m or rad: who is this near need not go there
+_SAME_BRANCH = 1.0  # rad within which the start is tried to be reached by a straight tool motion
+_SAME_POSTURE = 0.05  # rad by which a redundant arm may move at the end of that motion
+_ENTRY_SHARE = 0.1  # share of the displayed progress for the motion to the start
+_EXIT_SHARE = 0.1  # the same for the motion from the path to another end
+_AT_GOAL = 1e-6  # m or rad within which no motion is needed
 
 
 def follow_curve(
@@ -35,7 +157,7 @@ def follow_curve(
     tolerance: float = TOLERANCE_M,
     end: Pose | None = None,
 ) -> Generator[float | None, None, dict[str, Number]]:
-    """Go to the start of a path, then along it from rest to rest; the whole of it or nothing.
+    """Move to the start of a path, then along it from rest to rest: all of it or nothing.
 
     Yields the progress, once a tick.
 
@@ -43,14 +165,14 @@ def follow_curve(
         arm: Arm that moves.
         path: Path of its tool, in the world.
         speed: Share of its limits, above 0 to 1.
-        record: Taker of ``planned`` and ``executed`` tool positions.
-        tolerance: Distance in metres by which the tool may be from where it was planned to be.
-        end: Pose in the world to go on to in a straight line; None to stay at the path's end.
+        record: Recorder of ``planned`` and ``executed`` tool positions.
+        tolerance: Largest distance of the tool from its planned position, m.
+        end: Pose in the world to which the tool moves on in a straight line; None to stay.
 
     Returns:
         ``path_rms_m`` and ``path_max_m`` of executed against planned tool positions at equal
-        times, ``duration_s``, and ``shortest_s``: the least that velocity and acceleration allow
-        on this path, jerk aside (TOPP-RA). ``grip_pace`` where the gripper's hold slows it.
+        times, ``duration_s``, and ``shortest_s``: the least duration under velocity and
+        acceleration limits alone (TOPP-RA). ``grip_pace`` if the grip limits the speed.
 
     Raises:
         Failure: ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE``, ``IN_COLLISION`` or
@@ -60,32 +182,40 @@ def follow_curve(
     yield from arm.think()
     plan = _Plan.of(arm, path, speed, end)
     yield from _enter(arm, path, plan.motion, speed)
-    run = _PathRun.begun(arm, plan.motion, record)
-    for progress in run.watched(tolerance):
+    source = arm.begin(plan.motion, along_path=True)
+    deviation = PathDeviation(arm, source, record)
+    for progress in _monitored(arm, source, deviation, tolerance):
         yield _ENTRY_SHARE + plan.share * progress
-    rms, worst = run.deviation.rms_m, run.deviation.worst_m
-    if plan.leaving is not None:
-        yield from _leave(arm, plan.leaving)
-    times = {"duration_s": plan.motion.duration, "shortest_s": plan.shortest_s}
-    pace = {"grip_pace": plan.pace} if plan.pace < 1.0 else {}
-    return {"path_rms_m": rms, "path_max_m": worst, **times, **pace}
+    metrics: dict[str, Number] = {
+        "path_rms_m": deviation.rms_m,
+        "path_max_m": deviation.worst_m,
+        "duration_s": plan.motion.duration,
+        "shortest_s": plan.shortest_s,
+    }
+    if plan.grip_scale < 1.0:
+        metrics["grip_pace"] = plan.grip_scale
+    if plan.exit is not None:
+        arm.refuse_collision_along(plan.exit)  # the world may have changed since it was planned
+        for progress in arm.follow(plan.exit):
+            yield 1.0 - _EXIT_SHARE * (1.0 - progress)
+    return metrics
 
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """All that a tool is to do from the start of a path on.
+    """Motion plan from the start of a path on.
 
     Attributes:
         motion: Motion along the path.
-        shortest_s: Least duration that velocity and acceleration allow there, jerk aside.
-        pace: Share of the pace that the grip on what is held allows, up to 1.
-        leaving: Motion from the path's end to where the tool is to end; None if that is there.
+        shortest_s: Its least duration under velocity and acceleration limits alone.
+        grip_scale: Speed scale to which the grip limits it, up to 1.
+        exit: Motion from the path's end to another end pose; None to stay there.
     """
 
     motion: Trajectory
     shortest_s: float
-    pace: float
-    leaving: Trajectory | None
+    grip_scale: float
+    exit: Trajectory | None
 
     @classmethod
     def of(cls, arm: Arm, path: CartesianPath, speed: float, end: Pose | None) -> _Plan:
@@ -93,71 +223,61 @@ class _Plan:
         motion, shortest = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
         arm.refuse_collision_along(motion)
         motion = arm.within_efforts(motion)
-        pace = arm.grip_pace
-        return cls(motion, shortest, pace, _to_end(arm, motion.end, path.end, end, speed))
+        grip_scale = arm.grip_pace
+        leave = None
+        if end is not None and not _is_at(path.end, end):
+            leave = _straight(arm, motion.end, end, speed)
+        return cls(motion, shortest, grip_scale, leave)
 
     @property
     def share(self) -> float:
-        """Share of the progress that is shown which the path itself has."""
-        return 1.0 - _ENTRY_SHARE - (0.0 if self.leaving is None else _EXIT_SHARE)
+        """Share of the displayed progress for the path itself."""
+        return 1.0 - _ENTRY_SHARE - (0.0 if self.exit is None else _EXIT_SHARE)
 
 
-@dataclass(frozen=True, eq=False)
-class _PathRun:
-    """A motion along a path, from its first set-point on.
+def _is_at(pose: Pose, goal: Pose) -> bool:
+    return pose.distance(goal) < _AT_GOAL and pose.angle(goal) < _AT_GOAL
 
-    Attributes:
-        arm: Arm that moves.
-        source: Motion as it is executed.
-        deviation: How far the tool is from where it was planned to be.
+
+def _monitored(
+    arm: Arm, source: TrajectorySource, deviation: PathDeviation, tolerance: float
+) -> Iterator[float]:
+    """Progress of a motion along a path, once a tick, until the arm stands at its end.
+
+    Raises:
+        Failure: ``TRACKING_ERROR`` as soon as the tool is beyond the tolerance; as `Arm.follow`.
     """
 
-    arm: Arm
-    source: TrajectorySource
-    deviation: PathDeviation
-
-    @classmethod
-    def begun(cls, arm: Arm, motion: Trajectory, record: Record) -> _PathRun:
-        source = arm.begin(motion, along_path=True)
-        return cls(arm, source, PathDeviation(arm, source, record))
-
-    def watched(self, tolerance: float) -> Iterator[float]:
-        """Its progress, once a tick, until the arm stands at its end.
-
-        Raises:
-            Failure: ``TRACKING_ERROR`` as soon as the tool was beyond the tolerance.
-        """
-        arm, source = self.arm, self.source
-        watch = arm.watch(source)
-        try:
-            while not source.done:
-                yield source.progress
-                arm.check()
-                watch.look(arm.time)
-                arm.refuse_when_held_up(source)
-                self._refuse_beyond(tolerance)
-            yield from arm.settle()
-            self._refuse_beyond(tolerance)
-        finally:
-            self.deviation.flush()
-
-    def _refuse_beyond(self, tolerance: float) -> None:
-        """Compare what was measured of the tool with what was planned for then."""
-        away = self.deviation.look()
-        if away > tolerance:
+    def refuse_beyond_tolerance() -> None:
+        distance = deviation.look()
+        if distance > tolerance:
             raise Failure(
                 "TRACKING_ERROR",
-                f"the tool is {1e3 * away:.1f} mm from where it was planned to be",
-                path_error_m=away,
-                progress=self.source.progress,
+                f"the tool is {1e3 * distance:.1f} mm from where it was planned to be",
+                path_error_m=distance,
+                progress=source.progress,
             )
+
+    watch = arm.watch(source)
+    try:
+        while not source.done:
+            yield source.progress
+            arm.check()
+            watch.look(arm.time)
+            arm.refuse_when_held_up(source)
+            refuse_beyond_tolerance()
+        yield from arm.settle()
+        refuse_beyond_tolerance()
+    finally:
+        deviation.flush()
 
 
 def _enter(
     arm: Arm, path: CartesianPath, motion: Trajectory, speed: float
 ) -> Iterator[float | None]:
-    """Go to the first configuration of a motion: straight with the tool where it is near."""
-    start, checked = motion.start, arm.time
+    """Move to the first configuration of a motion, on a straight tool path if that is near."""
+    start = motion.start
+    checked = arm.time
     away = float(np.abs(start - arm.setpoint.q).max())
     if away >= 1e-9:
         entry = None
@@ -171,41 +291,24 @@ def _enter(
             entry = yield from arm.plan([start], speed)
         for progress in arm.follow(entry):
             yield _ENTRY_SHARE * progress
-    if arm.time > checked:  # the world has gone on meanwhile
+    if arm.time > checked:  # the world may have changed meanwhile
         arm.refuse_collision_along(motion)
-
-
-def _to_end(
-    arm: Arm, q: Vector, path_end: Pose, end: Pose | None, speed: float
-) -> Trajectory | None:
-    """The motion from the end of a path to where the tool is to end; None if it is there."""
-    if end is None or (path_end.distance(end) < _THERE and path_end.angle(end) < _THERE):
-        return None
-    return _straight(arm, q, end, speed)
-
-
-def _leave(arm: Arm, motion: Trajectory) -> Iterator[float]:
-    """Go on from the end of a path; the world has gone on since that was planned."""
-    arm.refuse_collision_along(motion)
-    for progress in arm.follow(motion):
-        yield 1.0 - _EXIT_SHARE * (1.0 - progress)
 
 
 def _straight(
     arm: Arm, q: Vector, end: Pose, speed: float, last: Vector | None = None
 ) -> Trajectory | None:
-    """The motion from a configuration straight to a pose of the tool, in the same branch.
+    """Motion of the tool on a straight line from a configuration to a pose, in the same branch.
 
     Args:
-        arm: Arm that is to move.
-        q: Configuration to begin at, of shape (dof,), rad.
+        arm: Arm that moves.
+        q: Start configuration, of shape (dof,), rad.
         end: Last pose of the tool, in the world.
         speed: Share of its limits.
-        last: Configuration to end at to the last digit, of shape (dof,), rad; None for any.
+        last: Exact end configuration, of shape (dof,), rad; None for any.
 
     Returns:
-        The motion; None where the line ends at the pose, but elbow or wrist are elsewhere than in
-        ``last``.
+        The motion; None if the line ends in another posture than ``last``.
     """
     rows = arm.line_after(q, end)
     if last is not None:
@@ -214,3 +317,54 @@ def _straight(
         rows = np.vstack((rows, last))
     arm.refuse_collision_along(rows)
     return arm.time_path(rows, speed)
+
+
+class PathSkill(Skill):
+    """Base of skills that build a path and move the tool along all of it or nothing.
+
+    A subclass declares the ports ``speed`` and ``tolerance`` with the declarations given here,
+    builds its path in `run`, and follows it with `along`.
+
+    Attributes:
+        SPEED: Declaration of the port ``speed``.
+        TOLERANCE: Declaration of the port ``tolerance``.
+    """
+
+    # Any: a declaration stands for a value of the type that the port's own annotation names.
+    SPEED: ClassVar[Any] = port(0.5, "share of the arm's limits of velocity, acceleration and jerk")
+    TOLERANCE: ClassVar[Any] = port(
+        TOLERANCE_M,
+        "largest deviation of the tool from its planned position at any time",
+        unit="m",
+        ge=1e-4,
+        le=0.1,
+    )
+    failures: ClassVar[dict[str, str]] = {
+        "SINGULAR": "the path leads through a singularity of the arm; nothing was executed",
+        "PATH_BROKEN": "the arm can follow only a part of the path; nothing was executed",
+        "IN_COLLISION": "the arm would touch something on the path",
+        "TRACKING_ERROR": "the arm was blocked or left its plan by more than the tolerance",
+        "SLIPPED": "the held object slid between the fingers",
+        "DROPPED": "the gripper no longer holds the object",
+        "BUSY": "another leaf moves the arm",
+    }
+    needs = ("scipy.interpolate",)
+
+    def along(self, path: CartesianPath, *, to_center: bool = False) -> Iterator[float | None]:
+        """Move to the start of a path and along it; adds the measured errors to the metrics.
+
+        Args:
+            path: Path of the tool, in the world.
+            to_center: Whether the tool moves on to the curve's center, on a straight line.
+
+        Raises:
+            Failure: As `follow_curve` and, with a held object, as `held_through`.
+        """
+        end = path.center if to_center else None
+        self.metrics |= yield from held_through(self.arm, self._follow(path, end))
+
+    def _follow(self, path: CartesianPath, end: Pose | None) -> Iterator[float | None]:
+        ports = self.ports
+        self.metrics |= yield from follow_curve(
+            self.arm, path, ports.speed, self.record, ports.tolerance, end
+        )

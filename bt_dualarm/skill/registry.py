@@ -1,8 +1,10 @@
-"""Finding skills: the shipped folder, folders of the user, installed packages."""
+"""Registry of skills: from the shipped folder, folders of the user and installed packages."""
 
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
+import importlib.util
 import inspect
 import re
 import sys
@@ -14,18 +16,52 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from bt_dualarm.errors import DualArmError
-from bt_dualarm.share import share_dir
-from bt_dualarm.skill.file_import import import_error, imported
+from bt_dualarm.core.errors import DualArmError, Interruption, Overrun
+from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.skill import STANDARD_FAILURES, Skill
-from bt_dualarm.spec.annotations import metadata_of
-from bt_dualarm.spec.kind import Kind
-from bt_dualarm.spec.language import LANGUAGE
-from bt_dualarm.spec.ports import PortModel
+from bt_dualarm.spec.node_types import RESERVED_NAMES, NodeType
+from bt_dualarm.spec.ports import PortModel, metadata_of
 from bt_dualarm.spec.values import Refers
 
+_OUTSIDE: Final = (KeyboardInterrupt, Interruption, Overrun)
+"""Exceptions that end an import from outside, even if the file itself has raised them."""
+
+
+def imported(file: Path) -> ModuleType:
+    """Import a file under a module name that is derived from its path."""
+    digest = hashlib.sha256(str(file.resolve()).encode()).hexdigest()[:12]
+    name = f"bt_dualarm_skills_{digest}_{file.stem}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise ImportError("is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def import_error(error: BaseException, origin: str) -> ImportError:
+    """Error that says why ``origin`` cannot be imported.
+
+    Raises:
+        BaseException: The error itself, with a note, if it ends the import from outside.
+    """
+    line = " ".join(str(error).split())
+    sentence = f"cannot be imported: {type(error).__name__}" + (f": {line}" if line else "")
+    if isinstance(error, _OUTSIDE):
+        error.add_note(f"{origin}: {sentence}")
+        raise error
+    return ImportError(sentence)
+
+
 ENTRY_POINTS: Final = "bt_dualarm.skills"
-"""Group in which an installed package names its skills: a class or a module each."""
+"""Entry-point group of skills in installed packages; each names a class or a module."""
 
 _CODE: Final = re.compile(r"[A-Z][A-Z0-9_]*")
 _SKILL_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,47}")
@@ -34,7 +70,7 @@ _RESERVED: Final = frozenset({"name", "child", "children"})
 
 
 class RegistryError(DualArmError):
-    """Skills cannot be used as they are; names each file with what is wrong in it."""
+    """Skills are faulty; the message names each file and its faults."""
 
     def __init__(self, complaints: Iterable[str]) -> None:
         self.complaints = tuple(complaints)
@@ -43,26 +79,26 @@ class RegistryError(DualArmError):
 
 @dataclass(frozen=True)
 class Registry:
-    """The installed skills.
+    """All available skills.
 
     Attributes:
         skills: Classes of skills, by their name in YAML.
-        kinds: Descriptions for the check, by the same names.
+        kinds: Their node types for the check of trees, by the same names.
     """
 
     skills: Mapping[str, type[Skill]]
-    kinds: Mapping[str, Kind]
+    kinds: Mapping[str, NodeType]
 
     @classmethod
     def load(cls, extra_dirs: Iterable[Path] = (), classes: Iterable[type[Skill]] = ()) -> Registry:
-        """Import and check every skill there is.
+        """Import and check all skills.
 
         Args:
-            extra_dirs: Folders of the user, searched besides the shipped one.
-            classes: Skills of the user that are imported already.
+            extra_dirs: Folders of the user, searched in addition to the shipped one.
+            classes: Skills that are imported already.
 
         Raises:
-            RegistryError: A file cannot be imported, a skill is badly made, two have one name.
+            RegistryError: A file cannot be imported, a skill is faulty, or two have the same name.
         """
         found = list(_installed())
         for folder in (share_dir("skills"), *extra_dirs):
@@ -72,13 +108,13 @@ class Registry:
 
     @classmethod
     def of(cls, found: Iterable[tuple[str, type[Skill] | Exception]]) -> Registry:
-        """A registry of skills, each with the place it comes from.
+        """Registry of skills, each given with its origin or import error.
 
         Raises:
             RegistryError: As `load`.
         """
         skills: dict[str, type[Skill]] = {}
-        kinds: dict[str, Kind] = {}
+        kinds: dict[str, NodeType] = {}
         complaints: list[str] = []
         for origin, skill in found:
             if isinstance(skill, Exception):
@@ -86,7 +122,7 @@ class Registry:
                 continue
             name = yaml_name(skill)
             complaints += [f"{origin}: {skill.__name__}: {fault}" for fault in faults(skill)]
-            if name in LANGUAGE:
+            if name in RESERVED_NAMES:
                 complaints.append(f"{origin}: '{name}' is a word of the language; rename the class")
             elif name in kinds and skills[name] is not skill:
                 complaints.append(f"{origin}: skill '{name}' is already in {kinds[name].origin}")
@@ -98,13 +134,13 @@ class Registry:
 
 
 def yaml_name(skill: type[Skill]) -> str:
-    """``ReachToPose`` is ``reach_to_pose`` in YAML."""
+    """Name of a skill in YAML: ``reach_to_pose`` for ``ReachToPose``."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", skill.__name__).lower()
 
 
-def kind_of(skill: type[Skill], origin: str) -> Kind:
-    """What the check and the documentation need to know of a skill."""
-    return Kind(
+def kind_of(skill: type[Skill], origin: str) -> NodeType:
+    """Node type of a skill, for the check of trees and the documentation."""
+    return NodeType(
         yaml_name(skill),
         (inspect.getdoc(skill) or "").partition("\n")[0],
         skill.Ports,
@@ -119,7 +155,7 @@ def kind_of(skill: type[Skill], origin: str) -> Kind:
 
 
 def faults(skill: type[Skill]) -> Iterator[str]:
-    """Everything that an author forgot or got wrong, one sentence each."""
+    """Faults of a skill class, one message each."""
     if not _SKILL_NAME.fullmatch(yaml_name(skill)):
         yield f"its name in YAML would be '{yaml_name(skill)}'; rename the class"
     if sys.flags.optimize < 2 and not (vars(skill).get("__doc__") or "").strip():  # -OO strips it
@@ -149,10 +185,12 @@ def _port_faults(part: str, model: type[PortModel]) -> Iterator[str]:
 
 
 def _refused_defaults(model: type[PortModel]) -> dict[str, str]:
-    """What each port says of its own default, where it does not take it."""
+    """Validation messages of ports that refuse their own default, by name."""
     complaints: dict[str, str] = {}
     try:
-        model.model_validate({_NO_PORT: None})  # so that no rule over several ports is asked
+        model.model_validate(
+            {_NO_PORT: None}
+        )  # an unknown port keeps validators of the whole model from running
     except ValidationError as error:
         for one in error.errors(include_url=False):
             name = str(one["loc"][0]) if one["loc"] else _NO_PORT

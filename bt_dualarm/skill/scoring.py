@@ -1,40 +1,47 @@
-"""Marking a motion against the truth that the simulator knows and the arm does not."""
+"""Scoring of tracking against the true path of the target, which the arm does not know."""
 
 from __future__ import annotations
 
 from array import array
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.errors import Number
-from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.skill.path_sums import LAG_S, OVERLAP, PathSums, Stretch, least_at
-from bt_dualarm.skill.visual_servoing import PlaneTracking
-from bt_dualarm.spec.plane import Plane
+from bt_dualarm.core.errors import Number
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.skill.tracking import PlaneTracking
+from bt_dualarm.spec.values import Plane
+
+LAG_S: Final = 0.5
+"""Largest lag that is searched, s."""
+
+OVERLAP: Final = 256
+"""Earlier samples that a stretch has to contain before the new ones."""
+
+_MOST_KEPT: Final = 8192
+"""Largest number of samples of the thinned path."""
 
 SETTLE_S = 1.0
-"""Seconds after the lock from which errors count: before, the tool is still on its way."""
+"""Seconds after the lock from which errors count: before, the tool is still approaching."""
 
-_NEAR_M = 0.3  # an object farther from where the target is believed to be is not the target
-_STILL_M = 2e-4  # who moves less has no lag
+_NEAR_M = 0.3  # largest distance of the target from its estimate
+_STILL_M = 2e-4  # motion below which there is no lag
 _MIN_SAMPLES = 8
-_MOST = 4608  # samples that are kept as they are: of a minute and a half
+_MOST = 4608  # samples that are kept in full: a minute and a half
 
 
 class TrackingScore:
     """Compares the tool's path with the true path of the target, in the plane of tracking.
 
-    A constant offset is taken out once: the mean over all samples that count.
+    A constant offset, the mean over all samples that count, is subtracted. Of a long motion only
+    sums and a thinned path are kept, so memory stays bounded.
 
     Args:
         arm: Arm that tracks.
         plane: Plane of tracking.
-        target: Name of the object; None for the one nearest to where the target is first believed
-            to be.
-
-    Of a long motion sums remain, and a path that is the more thinned the longer it is.
+        target: Name of the object; None for the one nearest to the first estimate.
     """
 
     def __init__(self, arm: Arm, plane: Plane, target: str | None) -> None:
@@ -49,7 +56,7 @@ class TrackingScore:
         self._tool = array("d")
         self._truth = array("d")
         self._sums: PathSums | None = None
-        self._summed = 0  # samples of those that are kept
+        self._summed = 0  # kept samples that are in the sums already
 
     def sample(self, tracking: PlaneTracking) -> None:
         """Take one sample, once a tick; the clock starts with the first lock."""
@@ -60,39 +67,44 @@ class TrackingScore:
             self._from = self._arm.time + SETTLE_S
             self._target = self._target or self._nearest(tracking.target)
         now = self._arm.time
-        since, self._sampled = self._sampled, now
+        since = self._sampled
+        self._sampled = now
         if self._target is not None and self._target not in world.objects:
             self._gone_s += 0.0 if since is None else now - since
         if self._target not in world.objects or now < self._from:
             return
         if len(self._times) == _MOST:
             self._sum_up(tracking, _MOST - OVERLAP)
-        data, tool = world.data, world.arms[self._arm.name].tool_site
+        data = world.data
+        tool = world.arms[self._arm.name].tool_site
         self._times.append(now)
         self._tool.extend(data.site_xpos[tool].tolist())
         self._truth.extend(data.xpos[world.object_body(self._target)].tolist())
 
     def metrics(self, tracking: PlaneTracking) -> dict[str, Number]:
-        """Metrics of the samples; none when nothing was followed long enough.
+        """Metrics of the samples; none after too short a motion.
 
-        ``score_gone_s``, above zero only, is how long what the skill is scored against was not in
-        the world; the others are of the rest of the time. They are
-        ``plane_rms_m`` and ``plane_max_m`` in the plane, as ``yz_rms_m`` and ``yz_max_m``, too,
-        where that is the world's; ``lag_s``; and ``sighting_sd_m``: how far a single sighting is
-        off along an axis of the plane, as standard deviation.
+        ``score_gone_s``, only if above zero, is the time during which the target was not in the
+        world; the others refer to the rest. ``plane_rms_m`` and ``plane_max_m`` are errors in the
+        plane, also given as ``yz_rms_m`` and ``yz_max_m`` in the world's yz plane; ``lag_s`` is the
+        delay of the tool; ``sighting_sd_m`` is the standard deviation of a single sighting along an
+        axis of the plane.
         """
         gone: dict[str, Number] = {"score_gone_s": self._gone_s} if self._gone_s > 0.0 else {}
         if len(self._times) < 2:
             return gone
         if self._sums is None:
-            tool, truth = _points(self._tool) @ self._axes.T, _points(self._truth) @ self._axes.T
+            tool = _points(self._tool) @ self._axes.T
+            truth = _points(self._truth) @ self._axes.T
             away = self.errors()
-            rms, most = float(np.sqrt(np.mean(away**2))), float(away.max())
+            rms = float(np.sqrt(np.mean(away**2)))
+            most = float(away.max())
             late = lag(truth, tool, float(np.median(np.diff(self._times))))
             spread = self._sighting_sd(*tracking.sightings())
         else:
             self._sum_up(tracking, len(self._times))
-            (rms, most), late = self._sums.errors(), self._sums.lag(_STILL_M)
+            rms, most = self._sums.errors()
+            late = self._sums.lag(_STILL_M)
             spread = self._sums.sighting_sd()
         return {
             **gone,
@@ -109,7 +121,7 @@ class TrackingScore:
         return self._path.times
 
     def errors(self) -> Vector:
-        """Distance from the truth in the plane in m at ``times``, a constant offset aside."""
+        """Error in the plane, m, at ``times``, without the constant offset; of shape (n,)."""
         path = self._path
         error = (path.tool - path.truth) @ self._axes.T
         if not len(error):
@@ -121,7 +133,7 @@ class TrackingScore:
     def paths(self) -> dict[str, Matrix]:
         """``target`` and ``tracked`` in the world, each of shape (n, 3), at ``times``.
 
-        The tool's path is moved by the mean offset, so that the two lie upon each other.
+        The mean offset is subtracted from the tool's path.
         """
         _, tool, truth = self._path
         if not len(tool):
@@ -131,7 +143,7 @@ class TrackingScore:
 
     @property
     def _kept(self) -> Stretch:
-        """The samples that are kept as they are."""
+        """Samples that are kept in full."""
         return Stretch(np.array(self._times), _points(self._tool), _points(self._truth))
 
     @property
@@ -142,7 +154,7 @@ class TrackingScore:
         return self._sums.path.then(self._kept.part(self._summed))
 
     def _sum_up(self, tracking: PlaneTracking, end: int) -> None:
-        """Sum up samples, and sightings before the last of them, and forget those before."""
+        """Add samples up to ``end``, and sightings of that time, to the sums."""
         kept = self._kept
         if self._sums is None:
             self._sums = PathSums(self._axes, float(np.median(np.diff(kept.times))))
@@ -156,11 +168,12 @@ class TrackingScore:
         del self._times[:gone], self._tool[: 3 * gone], self._truth[: 3 * gone]
 
     def _sighting_sd(self, stamps: Vector, points: Matrix) -> float:
-        times, truth = np.array(self._times), _points(self._truth) @ self._axes.T
+        times = np.array(self._times)
+        truth = _points(self._truth) @ self._axes.T
         during = (stamps >= times[0]) & (stamps <= times[-1])
         if not during.any():
             return 0.0
-        # A straight line between samples 20 ms apart would be wrong by more than a sighting is.
+        # Linear interpolation over 20 ms would have a larger error than a sighting.
         true = scipy.interpolate.CubicSpline(times, truth)(stamps[during])
         error = points[during] @ self._axes.T - true
         return float(np.sqrt(np.mean(error.var(axis=0))))
@@ -176,15 +189,15 @@ class TrackingScore:
 
 
 def _points(numbers: array[float]) -> Matrix:
-    """Points, of shape (n, 3), whose coordinates stand one after the other."""
+    """Points of shape (n, 3) from a flat array of coordinates."""
     return np.array(numbers).reshape(-1, 3)
 
 
 def lag(leader: Matrix, follower: Matrix, period: float) -> float:
-    """Seconds by which the follower is late, by cross-correlation; 0 where nothing moves.
+    """Delay of the follower, s, by the shift of least difference; 0 where nothing moves.
 
-    The shift at which the two differ least where they overlap: plain correlation would favour
-    small shifts, as they overlap more.
+    The mean difference over the overlap is used, since plain cross-correlation would favor small
+    shifts, which overlap more.
 
     Args:
         leader: Samples of shape (n, k), evenly spaced.
@@ -200,8 +213,173 @@ def lag(leader: Matrix, follower: Matrix, period: float) -> float:
 
 
 def _difference(leader: Matrix, follower: Matrix, shift: int) -> float:
-    """Mean square of follower less leader ``shift`` samples earlier, a constant offset aside."""
+    """Variance of the follower minus the leader ``shift`` samples earlier."""
     n = len(leader)
-    late, early = max(shift, 0), max(-shift, 0)
+    late = max(shift, 0)
+    early = max(-shift, 0)
     away = follower[late : n - early] - leader[early : n - late]
     return float(away.var(axis=0).sum())
+
+
+class Stretch(NamedTuple):
+    """Consecutive samples of a motion.
+
+    Attributes:
+        times: Simulated seconds, of shape (n,).
+        tool: Positions of the tool in the world, of shape (n, 3), m.
+        truth: True positions of the target in the world, of shape (n, 3), m.
+    """
+
+    times: Vector
+    tool: Matrix
+    truth: Matrix
+
+    def part(self, begin: int, end: int | None = None, step: int = 1) -> Stretch:
+        """Slice of the samples."""
+        some = slice(begin, end, step)
+        return Stretch(self.times[some], self.tool[some], self.truth[some])
+
+    def then(self, other: Stretch) -> Stretch:
+        """Concatenation with later samples."""
+        pairs = zip(self, other, strict=True)
+        return Stretch(*(np.concatenate(pair) for pair in pairs))
+
+
+class Moments:
+    """Running count, mean and variance of points along each axis.
+
+    Args:
+        shape: Shape of the mean.
+    """
+
+    def __init__(self, *shape: int) -> None:
+        self.count = np.zeros(shape[:-1])
+        self.mean = np.zeros(shape)
+        self._squares = np.zeros(shape)
+
+    @property
+    def variance(self) -> Vector:
+        """Variance along each axis, of the shape of the mean."""
+        variance: Vector = self._squares / np.maximum(self.count, 1.0)[..., None]
+        return variance
+
+    def take(self, points: Matrix, at: int | tuple[()] = ()) -> None:
+        """Add points of shape (n, k), with the pairwise update of Chan et al. (1979)."""
+        if not len(points):
+            return
+        count = self.count[at]
+        mean = points.mean(axis=0)
+        total = count + len(points)
+        apart = mean - self.mean[at]
+        self._squares[at] += len(points) * points.var(axis=0)
+        self._squares[at] += apart**2 * (count * len(points) / total)
+        self.mean[at] += apart * (len(points) / total)
+        self.count[at] = total
+
+
+class PathSums:
+    """Error and lag sums of a motion that is added piece by piece, in constant memory.
+
+    Args:
+        axes: Unit vectors of the plane of tracking, of shape (2, 3).
+        period: Seconds between samples.
+    """
+
+    def __init__(self, axes: Matrix, period: float) -> None:
+        self._axes = axes
+        self._period = period
+        self._most = min(round(LAG_S / period), OVERLAP)
+        self.path: Stretch | None = None
+        self._stride = 1
+        self._taken = 0
+        self._errors = Moments(2)
+        self._sightings = Moments(2)
+        self._lags = Moments(2 * self._most + 1, 2)
+        self._offsets = Moments(3)
+        self._outermost = np.zeros((0, 2))
+        self._low = np.full(2, np.inf)
+        self._high = np.full(2, -np.inf)
+
+    @property
+    def offset(self) -> Vector:
+        """Mean vector from the target to the tool, of shape (3,), m."""
+        return self._offsets.mean
+
+    def take(self, stretch: Stretch, begin: int, end: int) -> None:
+        """Add the samples from `begin` to before `end` of a stretch.
+
+        Before `begin` the stretch has to contain `OVERLAP` samples, or all earlier ones.
+        """
+        new = stretch.part(begin, end)
+        leader = stretch.truth @ self._axes.T
+        follower = stretch.tool @ self._axes.T
+        error = follower[begin:end] - leader[begin:end]
+        self._errors.take(error)
+        self._offsets.take(new.tool - new.truth)
+        self._outermost = _outermost(np.vstack((self._outermost, error)))
+        self._low = np.minimum(self._low, leader[begin:end].min(axis=0, initial=np.inf))
+        self._high = np.maximum(self._high, leader[begin:end].max(axis=0, initial=-np.inf))
+        for shift in range(-self._most, self._most + 1):
+            late = max(shift, 0)
+            early = max(-shift, 0)
+            first = max(begin, late + early)
+            away = follower[first - early : end - early] - leader[first - late : end - late]
+            self._lags.take(away, shift + self._most)
+        self._thin(new)
+
+    def see(self, stretch: Stretch, stamps: Vector, points: Matrix) -> None:
+        """Add sightings, of shapes (n,) and (n, 3), within the time of a stretch."""
+        if len(stamps):
+            # Linear interpolation over 20 ms would have a larger error than a sighting.
+            truth = scipy.interpolate.CubicSpline(stretch.times, stretch.truth @ self._axes.T)
+            self._sightings.take(points @ self._axes.T - truth(stamps))
+
+    def errors(self) -> tuple[float, float]:
+        """Root mean square and maximum of the errors without their mean, m."""
+        rms = float(np.sqrt(self._errors.variance.sum()))
+        return rms, float(np.linalg.norm(self._outermost - self._errors.mean, axis=1).max())
+
+    def lag(self, still: float) -> float:
+        """Delay of the tool, s; 0 where the target moves no farther than `still`, m."""
+        if float((self._high - self._low).max()) < still:
+            return 0.0
+        return least_at(self._lags.variance.sum(axis=1), self._period)
+
+    def sighting_sd(self) -> float:
+        """Standard deviation of a sighting along an axis, m."""
+        return float(np.sqrt(np.mean(self._sightings.variance)))
+
+    def _thin(self, new: Stretch) -> None:
+        kept = new.part(-self._taken % self._stride, None, self._stride)
+        self._taken += len(new.times)
+        self.path = kept if self.path is None else self.path.then(kept)
+        while len(self.path.times) > _MOST_KEPT:
+            self.path = self.path.part(0, None, 2)
+            self._stride *= 2
+
+
+def least_at(differences: Vector, period: float) -> float:
+    """Lag, s, of the least difference, by a parabola through it and its neighbors.
+
+    Args:
+        differences: Difference at each shift, from the most negative one on.
+        period: Seconds between samples.
+    """
+    best = int(np.argmin(differences))
+    middle = len(differences) // 2
+    if not 0 < best < len(differences) - 1:
+        return float((best - middle) * period)
+    left, least, right = differences[best - 1 : best + 2]
+    vertex = 0.5 * (left - right) / (left - 2 * least + right)
+    return float((best - middle + vertex) * period)
+
+
+def _outermost(points: Matrix) -> Matrix:
+    """Corners of the convex hull of points, of shape (n, 2): the farthest from any point is one."""
+    try:
+        outer: Matrix = points[scipy.spatial.ConvexHull(points).vertices]
+    except scipy.spatial.QhullError:  # collinear, or fewer than three
+        ends = [points[:, 0].argmin(), points[:, 0].argmax()]
+        ends += [points[:, 1].argmin(), points[:, 1].argmax()]
+        outer = points[np.unique(ends)]
+    return outer

@@ -1,33 +1,39 @@
-"""The base class of skills: leaves of a tree that make one arm do something.
+"""The base class of skills, and the checks of what a skill yields, returns and measures.
 
-A skill is written as one generator, ``run``: every ``yield`` ends a tick with RUNNING, returning
-is SUCCESS, raising `Failure` is FAILURE. Whoever halts it closes the generator, so what must be
-undone stands in a ``finally`` block. A new object is made for every start, hence nothing of an
-earlier run is left over.
+A skill is a leaf of a tree that makes one arm do something. It is written as one generator,
+``run``: every ``yield`` ends a tick with RUNNING, returning is SUCCESS, raising `Failure` is
+FAILURE. Halting a leaf closes the generator, so cleanup belongs in a ``finally`` block. Every start
+of the leaf makes a new object, so no state of an earlier run is left.
 """
 
 from __future__ import annotations
 
 import logging
+import math
+import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
+from numbers import Real
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.errors import Number
-from bt_dualarm.spec.kind import NoPorts
+from bt_dualarm.core.errors import Failure, Number, SkillError
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.spec.node_types import NoPorts
 from bt_dualarm.spec.ports import PortModel
 
 if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm
 
-Ticks: TypeAlias = Iterator[Any]
-"""What ``run`` of a skill is: ``yield`` ends a tick, ``yield 0.4`` says that 40 % are done.
 
-An iterator of numbers and None, written so that checkers of types accept a bare ``yield`` beside
-``yield 0.4`` and ``yield from``: mypy refuses it in an ``Iterator[float | None]``.
+Ticks: TypeAlias = Iterator[Any]
+"""Return type of ``run``: ``yield`` ends a tick, ``yield 0.4`` also reports a progress of 40 %.
+
+It is an iterator of numbers and None. The item type is Any because mypy refuses a bare ``yield`` in
+an ``Iterator[float | None]``.
 """
 
 STANDARD_FAILURES: Final[Mapping[str, str]] = {
@@ -55,25 +61,32 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
 """Codes that any skill may fail with; a skill declares only those of its own."""
 
 
+_LONGEST: Final = 60  # characters of a value that a message shows
+_LARGEST: Final = int(sys.float_info.max)
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_ .-]{0,59}")
+_BACKWARDS_S: Final = 1e-9  # rounding of summed time steps
+_LEAST_LENGTH: Final = 1e-6  # of a direction
+
+
 Record: TypeAlias = Callable[[str, npt.ArrayLike, npt.ArrayLike], None]
-"""Takes name, times and values of what a skill measures over time, for the record's plots."""
+"""Function that records samples of a quantity over time: name, times, values."""
 
 
 def nowhere(name: str, time: npt.ArrayLike, values: npt.ArrayLike) -> None:
-    """A `Record` that keeps nothing."""
+    """A `Record` that discards the samples."""
 
 
 @dataclass(frozen=True)
 class SkillContext:
-    """What a skill is given besides its ports.
+    """Environment of a skill, besides its ports.
 
     Attributes:
         name: Path of the leaf in its tree.
         arm: Arm that the skill acts with.
         clock: Simulated time in seconds.
         rng: Generator of random numbers, the only source of them; seeded by the run and the leaf.
-        log: Logger, for people who look for the reason afterwards.
-        record: Function that keeps what is measured over time.
+        log: Logger of the arm's skills.
+        record: Function that records samples over time.
     """
 
     name: str
@@ -91,18 +104,18 @@ class Skill:
     type checker, and implement `run`. The docstring's first line is shown to users.
 
     Args:
-        ports: Ports, checked, with references to the blackboard replaced by their values.
-        context: Arm, clock and what else there is.
-        write: Function that puts an output on the blackboard, if the tree gave a key for it.
+        ports: Validated ports, with references to the blackboard replaced by their values.
+        context: Arm, clock and the rest of the environment.
+        write: Function that writes an output to the blackboard, if the tree gives a key for it.
 
     Attributes:
         brings_in: Ports that name an object or arm, declared with ``spawned: false``, which the
-            skill brings into the world; the check then knows that it comes.
-        needs: Modules that are slow to import and that the skill uses; imported before the run.
+            skill adds to the world; the check of the tree then accepts later uses of it.
+        needs: Modules that are slow to import; they are imported before the run.
         needs_camera: Whether it works only with a camera that moves with the arm.
         needs_gripper: Whether it works only with an arm that has a gripper.
-        progress: Share done from 0 to 1, for the display; None where it cannot be known.
-        metrics: Numbers that the skill measured, by name, for the summary of the run.
+        progress: Progress from 0 to 1, for the display; None where it is unknown.
+        metrics: Measured numbers by name, for the summary of the run.
     """
 
     Ports: ClassVar[type[PortModel]] = NoPorts
@@ -114,7 +127,7 @@ class Skill:
     needs_camera: ClassVar[bool] = False
     needs_gripper: ClassVar[bool] = False
 
-    ports: Any  # a subclass says of which type its own are
+    ports: Any  # a subclass annotates the type of its own
 
     def __init__(
         self, ports: PortModel, context: SkillContext, write: Callable[[str, object], None]
@@ -127,21 +140,20 @@ class Skill:
         self._write = write
 
     def run(self) -> Ticks:
-        """Do it, one tick from ``yield`` to ``yield``; never block, never sleep.
+        """Execute the skill, one tick from ``yield`` to ``yield``; never block, never sleep.
 
-        A number that is yielded is the progress, from 0 to 1.
-
-        Returning says SUCCESS: only of what was verified.
+        A yielded number is the progress, from 0 to 1. Returning means SUCCESS: return only after
+        the result was verified.
 
         Raises:
             Failure: With a code of ``failures`` or `STANDARD_FAILURES`.
         """
         raise NotImplementedError
-        yield  # makes this, too, a generator
+        yield  # makes this a generator, too
 
     @classmethod
     def declares(cls, code: str) -> bool:
-        """Whether it may fail with a code: one of ``failures``, or a standard one."""
+        """Whether the skill may fail with a code: one of ``failures``, or a standard one."""
         return code in cls.failures or code in STANDARD_FAILURES
 
     @property
@@ -150,19 +162,235 @@ class Skill:
         return self.context.clock()
 
     def record(self, name: str, time: npt.ArrayLike, values: npt.ArrayLike) -> None:
-        """Keep samples for the record and its plots.
+        """Record samples of a quantity over time, for plots.
 
         Args:
-            name: Name of the quantity; ``planned`` and ``target`` are what others are compared
-                with, that of scalars ends with their unit.
+            name: Name of the quantity, for scalars with the unit at its end; ``planned`` and
+                ``target`` are references with which the others are compared.
             time: Simulated seconds, a number or of shape (n,).
             values: Points of the world of shape (3,) or (n, 3) in m, or scalars.
 
         Raises:
-            SkillError: The samples do not go together, or with those before.
+            SkillError: Their shapes do not match each other or the earlier samples.
         """
         self.context.record(name, time, values)
 
     def output(self, name: str, value: object) -> None:
-        """Write an output that ``Outputs`` declares; lost where the tree gave it no key."""
+        """Write an output that ``Outputs`` declares; discarded if the tree gives no key for it."""
         self._write(name, value)
+
+
+def unit_vector(direction: tuple[float, float, float]) -> Vector:
+    """Unit vector, of shape (3,), of a direction from a tree file.
+
+    Args:
+        direction: Vector in any frame, which is kept.
+
+    Raises:
+        Failure: ``INVALID_TARGET``: the vector has no length.
+    """
+    length = float(np.linalg.norm(direction))
+    if length < _LEAST_LENGTH:
+        raise Failure("INVALID_TARGET", "the direction has no length")
+    return np.array(direction) / length
+
+
+def progress_of(skill: Skill, value: object) -> float | None:
+    """Progress from 0 to 1 that a skill has yielded; None where it yields nothing.
+
+    Raises:
+        SkillError: The value is no progress.
+    """
+    if value is None:
+        return None
+    if type(value) is float and 0.0 <= value <= 1.0:  # the common case, before slower checks
+        return value
+    if isinstance(value, bool) or not isinstance(value, Real) or not _is_finite(value):
+        raise SkillError(
+            f"{_name(skill)} yields {_shown(value)}: yield nothing, or the share done as a number "
+            "from 0 to 1"
+        )
+    return min(1.0, max(0.0, float(value)))
+
+
+def _is_finite(value: Real) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number that no float can hold
+        return False
+
+
+def refuse_return(skill: Skill, value: object) -> None:
+    """Check the value that ``run`` has returned: None or True.
+
+    Raises:
+        SkillError: It is another value, which would be ignored or contradict SUCCESS.
+    """
+    if value is None or value is True:
+        return
+    raise SkillError(
+        f"run() of {_name(skill)} returns {_shown(value)}: to return says SUCCESS, of what was "
+        'verified; to fail, raise Failure("CODE", "why")'
+    )
+
+
+def refuse_code(skill: Skill, failure: Failure) -> None:
+    """Check the code and the reason with which a skill fails.
+
+    Raises:
+        SkillError: The code is neither declared nor standard, or there is no sentence.
+    """
+    if not isinstance(failure.reason, str):
+        raise SkillError(
+            f"{_name(skill)} fails with {_shown(failure.code)} and {_shown(failure.reason)}: the "
+            "reason is a sentence"
+        ) from failure
+    if not skill.declares(failure.code):
+        declared = ", ".join(skill.failures) or "none"
+        raise SkillError(
+            f"{_name(skill)} fails with {_shown(failure.code)}, which is no code of its failures "
+            f"({declared}) nor a standard one; its reason: {failure.reason}"
+        ) from failure
+
+
+def refuse_metrics(skill: Skill) -> None:
+    """Check the metrics of a skill.
+
+    Raises:
+        SkillError: A metric is neither a number, nor a truth value, nor text.
+    """
+    for complaint in wrong_metrics(skill, skill.metrics):
+        raise SkillError(complaint)
+
+
+def wrong_metrics(skill: Skill, metrics: object) -> Iterator[str]:
+    """Faults of a skill's metrics, or of the numbers of its failure, one message each."""
+    if not isinstance(metrics, Mapping):
+        yield f"metrics of {_name(skill)} are {_shown(metrics)}: they are a dict, by name"
+        return
+    for name, value in metrics.items():
+        if not _is_metric(name, value):
+            yield (
+                f"metric {_shown(name)} of {_name(skill)} is {_shown(value)}: a metric is a "
+                "number that a float can hold, true or false, or text"
+            )
+
+
+def plain(found: object) -> dict[str, Number]:
+    """The valid metrics, converted to types of JSON."""
+    if not isinstance(found, Mapping):
+        return {}
+    scalars = {name: _scalar(value) for name, value in found.items() if isinstance(name, str)}
+    return {name: value for name, value in scalars.items() if _is_number(value)}
+
+
+def _is_metric(name: object, value: object) -> bool:
+    return isinstance(name, str) and _is_number(_scalar(value))
+
+
+def _is_number(value: object) -> TypeGuard[Number]:
+    """Whether it is a value of JSON, NaN and integers beyond the range of floats excluded."""
+    if not isinstance(value, bool | int | float | str):
+        return False
+    if isinstance(value, int) and abs(value) > _LARGEST:
+        return False
+    return not (isinstance(value, float) and math.isnan(value))
+
+
+def _scalar(value: object) -> object:
+    """The number in a NumPy scalar or one-element array; anything else unchanged."""
+    return value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
+
+
+def _name(skill: Skill) -> str:
+    return type(skill).__name__
+
+
+def _shown(value: object) -> str:
+    """Representation of a value for a message: on one line and not too long."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # noqa: BLE001 - a foreign repr may raise anything
+        text = f"an object of {type(value).__name__}"
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples of one quantity.
+
+    Attributes:
+        time: Simulated seconds, of shape (n,), never running backwards.
+        values: Points of the world in m, of shape (n, 3), or numbers, of shape (n, 1).
+    """
+
+    time: Vector
+    values: Matrix
+
+    @classmethod
+    def of(cls, name: object, time: npt.ArrayLike, values: npt.ArrayLike) -> Samples:
+        """Samples in a normal form, from the arguments of `Skill.record`.
+
+        Args:
+            name: Name of the quantity.
+            time: Simulated seconds, a number or of shape (n,).
+            values: A number or a point of shape (3,); or of shape (n,), (n, 1) or (n, 3).
+
+        Raises:
+            SkillError: Their shapes do not match, or they are no finite numbers.
+        """
+        if not isinstance(name, str) or not _NAME.fullmatch(name):
+            raise SkillError(
+                f"record({name!r}): a name begins with a letter, and has 60 letters, digits, "
+                "spaces and _ . - at most"
+            )
+        stamps = np.atleast_1d(_finite(name, "times", time))
+        found = _finite(name, "values", values)
+        if stamps.ndim > 1:
+            raise _misfit(name, f"times are of shape {stamps.shape}", "a number, or of shape (n,)")
+        if np.any(np.diff(stamps) < -_BACKWARDS_S):
+            raise _misfit(name, "times run backwards", "in order")
+        count = len(stamps)
+        if count == 1 and found.shape in ((), (3,)):
+            found = found.reshape(1, -1)
+        if found.ndim == 0 or len(found) != count or found.shape[1:] not in ((), (1,), (3,)):
+            raise _misfit(
+                name,
+                f"values are of shape {found.shape} at {count} times",
+                f"of shape ({count},) for numbers, ({count}, 3) for points",
+            )
+        return cls(stamps, found.reshape(count, 3 if found.shape[1:] == (3,) else 1))
+
+    def refuse_after(self, name: str, time: float, columns: int) -> None:
+        """Check that these samples continue earlier ones of the same name.
+
+        Args:
+            name: Name of the quantity.
+            time: Simulated time of the last earlier sample, s.
+            columns: Numbers in one sample so far.
+
+        Raises:
+            SkillError: They do not.
+        """
+        kinds = {1: "numbers", 3: "points"}
+        if self.values.shape[1] != columns:
+            now = kinds[self.values.shape[1]]
+            raise _misfit(name, f"values are {now}", f"{kinds[columns]}, as they were before")
+        if self.time[0] < time - _BACKWARDS_S:
+            earlier = f"the first time is {self.time[0]:.3f} s"
+            raise _misfit(name, earlier, f"{time:.3f} s or later, where the last samples end")
+
+
+def _finite(name: str, what: str, given: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Array of finite numbers."""
+    try:
+        array = np.asarray(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise SkillError(f"record({name!r}): its {what} are no numbers: {error}") from None
+    if not np.isfinite(array).all():
+        raise SkillError(f"record({name!r}): its {what} are not all finite numbers")
+    return array
+
+
+def _misfit(name: str, given: str, allowed: str) -> SkillError:
+    return SkillError(f"record({name!r}): its {given}; they must be {allowed}")

@@ -1,38 +1,156 @@
-"""The models of a tree file: its world, objects, arms and cameras.
+"""Models of a tree file: world, objects, arms, cameras.
 
-They hold the numbers of the file: metres, seconds, degrees; properties give SI.
+Fields have the units of the file, meters, seconds and degrees; properties are in SI.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self, TypeAlias
 
 from pydantic import (
     AfterValidator,
+    BeforeValidator,
     Discriminator,
     Field,
     InstanceOf,
+    StringConstraints,
     Tag,
+    ValidationInfo,
     WithJsonSchema,
+    field_validator,
     model_validator,
 )
 
-from bt_dualarm.spec.camera import CameraSpec
-from bt_dualarm.spec.collision import CollisionSpec
-from bt_dualarm.spec.marker import MarkerSpec
-from bt_dualarm.spec.mounted import Mounted
-from bt_dualarm.spec.name import Name, written_as
-from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.spec.ports import port
+from bt_dualarm.spec.node_types import NodeSpec
+from bt_dualarm.spec.ports import one_line, port
+from bt_dualarm.spec.problems import Name, written_as
 from bt_dualarm.spec.reality import Reality
-from bt_dualarm.spec.shapes import SIZE_IN_WORDS, SIZES, ShapeName
-from bt_dualarm.spec.values import Duration, PoseSpec, Speed, Value
-from bt_dualarm.spec.wording import one_line
+from bt_dualarm.spec.values import (
+    SIZE_IN_WORDS,
+    SIZES,
+    Duration,
+    MarkerSpec,
+    PoseSpec,
+    ShapeName,
+    Speed,
+    Value,
+)
+from bt_dualarm.spec.yaml_reader import Data
+
+
+class CollisionSpec(Value):
+    """Reaction of an arm to a collision, which is detected by the torques of its joints."""
+
+    stop: bool = port(False, "Whether its motion ends with `COLLISION`, and it goes back a little")
+    threshold: float = port(
+        1.0, "Factor on the torques that count as a collision", ge=0.2, le=1000.0
+    )
+
+
+MOST_UNDER_WAY_MB: Final = 100.0
+"""Largest size in MB of a camera's pictures that are taken and not delivered yet."""
+
+_MB_A_PIXEL: Final = 3e-6
+_Pixels: TypeAlias = Annotated[int, Field(ge=16, le=1920)]
+
+
+class CameraSpec(Value):
+    """An arm's camera."""
+
+    mount: Annotated[
+        Annotated[Name, Tag("name")] | Annotated[PoseSpec, Tag("value")],
+        Discriminator(written_as),
+    ] = port(
+        "wrist",
+        "A mount of the robot's description, or a pose fixed in the world (OpenCV's frame: "
+        "x right, y down, z forward)",
+    )
+    resolution: tuple[_Pixels, _Pixels] = port((320, 240), "Width and height", unit="px")
+    fov: float = port(50.0, "Vertical field of view", unit="deg", ge=5.0, le=150.0)
+    fps: float = port(30.0, "Frames per simulated second", unit="Hz", ge=0.1, le=1000.0)
+    latency: Duration = port(0.0, "Time from a frame's capture to its delivery", le=10.0)
+    drop: float = port(0.0, "Share of the frames that are lost", ge=0.0, le=0.9)
+    noise: float = port(
+        0.0,
+        "Standard deviation along x and y of an unmeasured shake: each picture is shifted as a "
+        "whole against where the camera is taken to look",
+        unit="px",
+        ge=0.0,
+        le=20.0,
+    )
+
+    @field_validator("latency")
+    @classmethod
+    def _pictures_under_way_are_bounded(cls, latency: float, info: ValidationInfo) -> float:
+        # Fields that are declared before this one, and valid, are in `info.data`.
+        if "resolution" in info.data and "fps" in info.data:
+            (width, height) = info.data["resolution"]
+            fps = info.data["fps"]
+            picture_mb = _MB_A_PIXEL * width * height
+            if latency * fps * picture_mb > MOST_UNDER_WAY_MB:
+                allowed = math.floor(1e3 * MOST_UNDER_WAY_MB / picture_mb / fps)
+                raise ValueError(
+                    f"{latency:g} s at {fps:g} Hz keep {latency * fps:.0f} pictures of "
+                    f"{width} x {height} px under way, {latency * fps * picture_mb:.0f} MB; at "
+                    f"most {MOST_UNDER_WAY_MB:g} MB: here {allowed} ms"
+                )
+        return latency
+
+    @property
+    def fov_rad(self) -> float:
+        """Vertical field of view in radians."""
+        return math.radians(self.fov)
+
+
+_NONE: Final = "none"
+_FORM: Final = 'as in gripper: {value: "{grasp}", cases: {fingers: robotiq_2f85, attach: none}}'
+_GRIPPER: Final = {"type": "string", "minLength": 1, "maxLength": 200}
+
+
+def _chosen_case(given: Data) -> Data:
+    """Returns the gripper of the case that equals the value; other data as they are."""
+    if isinstance(given, dict):
+        if given.keys() != {"value", "cases"} or not isinstance(given["cases"], dict):
+            raise ValueError(f"expected a gripper, or a value and cases, {_FORM}")
+        value = given["value"]
+        cases = given["cases"]
+        if not isinstance(value, str) or value not in cases:
+            raise ValueError(f"no case for {value!r}; cases: {', '.join(cases)}")
+        given = cases[value]
+        if not isinstance(given, str):
+            raise ValueError(f"case {value!r}: expected the name of a gripper or none, {_FORM}")
+    return None if given == _NONE else given
+
+
+Mounted: TypeAlias = Annotated[
+    Annotated[str, StringConstraints(min_length=1, max_length=200)] | None,
+    BeforeValidator(_chosen_case),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                _GRIPPER,
+                {
+                    "type": "object",
+                    "properties": {
+                        "value": {"type": "string"},
+                        "cases": {"type": "object", "additionalProperties": _GRIPPER},
+                    },
+                    "required": ["value", "cases"],
+                    "additionalProperties": False,
+                },
+                {"type": "null"},
+            ]
+        }
+    ),
+]
+"""Name or path of a gripper description, None for no gripper; a parameter may choose it."""
+
 
 LONGEST_NAME: Final = 100
-"""Characters that the name of a task may have."""
+"""Largest number of characters in the name of a task."""
 
 NAMED_COLORS: Final[Mapping[str, tuple[float, float, float]]] = {
     "red": (0.80, 0.05, 0.05),
@@ -44,12 +162,13 @@ NAMED_COLORS: Final[Mapping[str, tuple[float, float, float]]] = {
     "grey": (0.50, 0.50, 0.50),
     "black": (0.05, 0.05, 0.05),
 }
-"""Red, green, blue from 0 to 1 of each colour that an object can be given by name."""
+"""Red, green, blue from 0 to 1 of each color that an object can have by name."""
 
 ColorName: TypeAlias = Literal["red", "orange", "yellow", "green", "blue", "white", "grey", "black"]
 _Part: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
 _Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
 _HalfWidth: TypeAlias = Annotated[float, Field(ge=0.0, le=10.0)]
+_Locked: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
 
 class WorldSpec(Value):
@@ -67,12 +186,12 @@ class WorldSpec(Value):
         600.0, "Simulated time after which the run ends as failed", ge=0.001, le=86400.0
     )
     reality: Reality = port(
-        "ideal", "How far the simulated arms are from what their controllers believe of them"
+        "ideal", "Model mismatch: how far the simulated arms deviate from their nominal models"
     )
 
 
 class NoiseSpec(Value):
-    """How far the seed may move an object's pose at the start."""
+    """Bounds of the random offset of an object's initial pose, sampled with the seed."""
 
     xyz: tuple[_HalfWidth, _HalfWidth, _HalfWidth] = port(
         (0.0, 0.0, 0.0), "Half-widths of uniform offsets along the world's axes", unit="m"
@@ -83,18 +202,18 @@ class NoiseSpec(Value):
 
 
 class ObjectSpec(Value):
-    """A thing in the world."""
+    """An object in the world."""
 
     shape: ShapeName = port(..., "Form, which says what `size` means")
     size: tuple[_Length, ...] = port(..., SIZE_IN_WORDS, unit="m", min_length=1, max_length=3)
-    mass: float = port(..., "Mass, spread evenly", unit="kg", ge=1e-4, le=1000.0)
+    mass: float = port(..., "Mass, evenly distributed", unit="kg", ge=1e-4, le=1000.0)
     friction: float = port(0.8, "Coefficient of sliding friction", ge=0.0, le=10.0)
     color: Annotated[
         Annotated[ColorName, Tag("name")]
         | Annotated[tuple[_Part, ...], Field(min_length=3, max_length=4), Tag("value")],
         Discriminator(written_as),
-    ] = port("grey", "Colour by name, or as red, green, blue (, opacity) from 0 to 1")
-    pose: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its centre in the world")
+    ] = port("grey", "Color by name, or as red, green, blue (, opacity) from 0 to 1")
+    pose: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its center in the world")
     noise: NoiseSpec = port(NoiseSpec(), "Bounds within which the seed may move it")
     marker: MarkerSpec | None = port(None, "Marker on its top face, if it has one")
     spawned: bool = port(True, "Whether it is there from the start")
@@ -114,10 +233,10 @@ class ObjectSpec(Value):
             if self.shape in ("sphere", "capsule"):
                 raise ValueError(f"a {self.shape} has no face for a marker")
             room = min(self.size[:2]) if self.shape == "box" else 2**0.5 * self.size[0]
-            if self.marker.board > room + 1e-9:
+            if self.marker.outer_size > room + 1e-9:
                 raise ValueError(
-                    f"its marker takes {1e3 * self.marker.board:.1f} mm with the white around it; "
-                    f"its top has {1e3 * room:.1f} mm"
+                    f"its marker takes {1e3 * self.marker.outer_size:.1f} mm with the white around "
+                    f"it; its top has {1e3 * room:.1f} mm"
                 )
         return self
 
@@ -131,13 +250,13 @@ class ObjectSpec(Value):
 
 
 class LimitShares(Value):
-    """How much of the robot's own limits an arm may use: a share of each."""
+    """Shares of the robot's limits that an arm may use."""
 
     velocity: Speed = port(1.0, "Share of the joints' velocities")
     acceleration: Speed = port(1.0, "Share of the joints' accelerations")
     jerk: Speed = port(
         1.0,
-        "Share of the joints' jerks: less is smoother, and easier to follow for whoever watches",
+        "Share of the joints' jerks: less is smoother, and easier for an observer to follow",
     )
 
 
@@ -146,33 +265,36 @@ class ArmSpec(Value):
 
     robot: str = port(
         ...,
-        "Name in the catalogue, or path of such a page relative to the tree file",
+        "Name in the catalog, or path of a robot description relative to the tree file",
         min_length=1,
         max_length=200,
     )
     gripper: Mounted = port(
         None,
-        "Gripper in place of the robot's own tool: name in the catalogue, path of such a page "
-        "relative to the tree file, or `none`; or by a parameter: "
+        "Gripper in place of the robot's own tool: name in the catalog, path of a gripper "
+        "description relative to the tree file, or `none`; or by a parameter: "
         '`{value: "{grasp}", cases: {fingers: robotiq_2f85, attach: none}}`',
     )
+    locked: Annotated[dict[str, _Locked], Field(max_length=200)] = port(
+        {},
+        "Where joints of the robot's description that are none of the arm's stand, by name: meters "
+        "of a sliding one, degrees of a turning one; by default as in the description. "
+        "`{panda_finger_joint1: 0.04}` opens a Panda's stock fingers: the other one follows",
+    )
     base: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its base in the world")
-    posture: Name = port("home", "Posture of the robot's catalogue page in which it starts")
+    posture: Name = port("home", "Posture of the robot's description in which it starts")
     limits: LimitShares = port(
         LimitShares(), "Shares of the robot's limits that everything the arm does keeps to"
     )
-    reality: Reality | None = port(
-        None, "How far this arm is from what is believed of it; by default as the world says"
-    )
+    reality: Reality | None = port(None, "Model mismatch of this arm; by default the world's")
     force_limit: float = port(
         280.0,
-        "Force with which it may press on things, as far as it can feel that; a motion in which it "
-        "presses harder fails",
+        "Largest contact force, as far as the arm can sense it; a motion that exceeds it fails",
         unit="N",
         ge=10.0,
         le=5000.0,
     )
-    collision: CollisionSpec = port(CollisionSpec(), "What it does when it is hit")
+    collision: CollisionSpec = port(CollisionSpec(), "Reaction to a collision")
     tick_hz: float = port(
         50.0, "Ticks of its tree per simulated second", unit="Hz", ge=0.1, le=1000.0
     )
@@ -195,13 +317,13 @@ class ArmSpec(Value):
 
 
 class TreeContent(Value):
-    """What a tree file says.
+    """Content of a tree file.
 
     Attributes:
         name: Name of the task; by default that of the file.
-        description: One line for people.
-        world: The world and its clock.
-        objects: Things in the world by name.
+        description: One-line description.
+        world: World and its clock.
+        objects: Objects in the world by name.
         arms: Arms with their trees by name.
     """
 
@@ -212,20 +334,19 @@ class TreeContent(Value):
     arms: Annotated[dict[Name, ArmSpec], Field(min_length=1, max_length=16)]
 
     @model_validator(mode="after")
-    def _names_are_told_apart(self) -> Self:
+    def _names_are_unique(self) -> Self:
         for name in self.objects.keys() & self.arms.keys():
             raise ValueError(f"'{name}' is the name of an object and of an arm: rename one")
         return self
 
 
 class TreeFile(TreeContent):
-    """A whole tree file.
+    """A tree file.
 
     Attributes:
         path: Path of the file; relative paths in it start from its folder.
-        texts: Text of the file, then those of the files that it includes, by their paths; Python
-            data as JSON.
-        given: Values of its parameters, by name.
+        texts: Texts of the file and of the files that it includes by path; Python data as JSON.
+        given: Values of its parameters by name.
     """
 
     path: InstanceOf[Path] = Path()
@@ -233,12 +354,12 @@ class TreeFile(TreeContent):
     given: Mapping[str, object] = Field(default_factory=dict, repr=False)
 
     def in_reality(self, reality: Reality) -> TreeFile:
-        """The same file, whose arms all are as far from what is believed of them as given."""
+        """Returns the file with this model mismatch for all arms."""
         arms = {name: arm.model_copy(update={"reality": None}) for name, arm in self.arms.items()}
         world = self.world.model_copy(update={"reality": reality})
         return self.model_copy(update={"world": world, "arms": arms})
 
     @property
     def root(self) -> Path:
-        """The folder that relative paths in the file start from."""
+        """Folder from which relative paths in the file start."""
         return self.path.parent

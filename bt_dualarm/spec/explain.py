@@ -1,24 +1,226 @@
-"""pydantic's errors in words for the author of a tree file, each with its path in the data."""
+"""Explains the types of ports, and pydantic's errors, to authors of tree files."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from types import UnionType
+from typing import Annotated, Any, Final, Literal, TypeAlias, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from bt_dualarm.spec.annotations import fixed_length, models_in
-from bt_dualarm.spec.instead import list_of, mapping_of
-from bt_dualarm.spec.location import Location, field_at, path_in, type_at
-from bt_dualarm.spec.notation import names_of
-from bt_dualarm.spec.ports import is_unknown, key_name, reference_of, unit_of
+from bt_dualarm.spec.node_types import NodeSpec
+from bt_dualarm.spec.ports import (
+    Template,
+    Unit,
+    WrittenKey,
+    bare,
+    containers_in,
+    counted,
+    fixed_length,
+    in_words,
+    is_unknown,
+    key_name,
+    list_of,
+    mapping_of,
+    models_in,
+    reference_of,
+    unit_of,
+)
 from bt_dualarm.spec.problems import nearest, suggestion
-from bt_dualarm.spec.source import Data, Path
-from bt_dualarm.spec.unit import bare
-from bt_dualarm.spec.wording import counted, in_words
+from bt_dualarm.spec.values import Refers
+from bt_dualarm.spec.yaml_reader import Data, DataPath, Json
+
+# Types and bounds of ports as text.
+
+_TYPE_NAMES: Final[Mapping[object, str]] = {
+    bool: "true or false",
+    int: "whole number",
+    float: "number",
+    str: "text",
+    Any: "any value",
+    NodeSpec: "node",
+}
+_QUANTITIES: Final = {"s": "duration", "deg": "angle"}
+_BOUNDS: Final = {
+    "gt": ("lower", ">"),
+    "ge": ("lower", "≥"),
+    "lt": ("upper", "<"),
+    "le": ("upper", "≤"),
+}
+
+
+def notation_of(field: FieldInfo) -> str:
+    """Returns the type of a field as text, such as ``number`` or ``list of 3 numbers``."""
+    return _special(field.metadata) or _type_name(field.annotation)
+
+
+def range_of(field: FieldInfo) -> str:
+    """Returns the bounds of a field, such as ``> 0, ≤ 100`` or ``length ≥ 1``; empty if none."""
+    found = list(_constraints([*field.metadata, field.annotation]))
+    patterns = (getattr(item, "pattern", None) for item in found)
+    pattern = next((f"matches {one}" for one in patterns if isinstance(one, str)), "")
+    return ", ".join(part for part in (_numbers(found), _length(found), pattern) if part)
+
+
+def model_name(model: type[BaseModel]) -> str:
+    """Returns the name of a type of values in the reference: ``PoseSpec`` is a pose."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", model.__name__.removesuffix("Spec")).lower()
+
+
+def names_of(model: type[BaseModel]) -> list[str]:
+    """Returns the names that may be written instead of a model's fields."""
+    forms: list[Json] = model.model_json_schema().get("anyOf", [])
+    return [name for form in forms for name in form.get("enum", [])]
+
+
+def _type_name(annotation: object) -> str:
+    origin = get_origin(annotation)
+    arguments = get_args(annotation)
+    if annotation in _TYPE_NAMES:
+        return _TYPE_NAMES[annotation]
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return model_name(annotation)
+    if origin is Annotated:
+        return _special(arguments[1:]) or _type_name(arguments[0])
+    if origin is Literal:
+        return " or ".join(str(choice) for choice in arguments)
+    if origin in (Union, UnionType):
+        members = (_type_name(member) for member in arguments if member is not type(None))
+        return " or ".join(dict.fromkeys(members))
+    if origin is tuple:
+        items = _plural(_type_name(arguments[0]))
+        has_any_length = arguments[-1] is Ellipsis
+        return f"list of {items}" if has_any_length else f"list of {len(arguments)} {items}"
+    if origin is dict:
+        return f"mapping from names to {_plural(_type_name(arguments[1]))}"
+    return str(annotation)
+
+
+def _plural(name: str) -> str:
+    """Returns the plural of a type's name: ``lists of 2 numbers``."""
+    if name.endswith("value"):  # "any value" may be any of several, too
+        return name
+    head, of, rest = name.partition(" of ")
+    return f"{head}s{of}{rest}"
+
+
+def _special(metadata: Iterable[object]) -> str:
+    """Returns the name of a type that its metadata determines, empty if they determine none."""
+    for item in metadata:
+        if isinstance(item, Unit):
+            return _QUANTITIES.get(item.yaml, "quantity")
+        if isinstance(item, Refers):
+            return f"name of an {' or '.join(item.to)}"
+        if isinstance(item, WrittenKey):
+            return "name of a key"
+        if isinstance(item, Template):
+            return "text with {key}"
+    return ""
+
+
+def _constraints(items: Sequence[object]) -> Iterator[object]:
+    """Yields the metadata of a field and of all members of its type."""
+    for item in items:
+        if isinstance(item, FieldInfo):
+            yield from item.metadata
+        elif isinstance(item, type) and issubclass(item, BaseModel):
+            continue
+        else:
+            yield item
+            yield from _constraints([*getattr(item, "__metadata__", ()), *get_args(item)])
+
+
+def _numbers(found: list[object]) -> str:
+    tightest: dict[str, tuple[float, str]] = {}
+    for attribute, (end, sign) in _BOUNDS.items():
+        for bound in _given(found, attribute):
+            if end not in tightest or _tighter(end, (bound, sign), tightest[end]):
+                tightest[end] = (bound, sign)
+    bounds = (tightest[end] for end in ("lower", "upper") if end in tightest)
+    return ", ".join(
+        f"{sign} {bound}" if isinstance(bound, int) else f"{sign} {bound:.9g}"
+        for bound, sign in bounds
+    )
+
+
+def _given(found: list[object], attribute: str) -> list[int | float]:
+    """Returns the values of one bound in metadata of any class with such an attribute."""
+    values = (getattr(item, attribute, None) for item in found)
+    return [value for value in values if isinstance(value, (int, float))]
+
+
+def _tighter(end: str, new: tuple[float, str], old: tuple[float, str]) -> bool:
+    if new[0] == old[0]:
+        return new[1] in "<>"
+    return (new[0] > old[0]) == (end == "lower")
+
+
+def _length(found: list[object]) -> str:
+    least = max(_given(found, "min_length"), default=0)
+    most = min(_given(found, "max_length"), default=0)
+    if least and most:
+        return f"length {least} to {most}"
+    return f"length ≥ {least}" if least else f"length ≤ {most}" if most else ""
+
+
+# Locations of pydantic's errors.
+
+Location: TypeAlias = tuple[int | str, ...]
+"""Keys and indices, with pydantic's names of union members between them."""
+
+
+def type_at(model: type[BaseModel], location: Location) -> object:
+    """Returns the annotation of the value at a location."""
+    annotation: object = model
+    for part in location:
+        annotation = _step(annotation, part)
+    return annotation
+
+
+def field_at(model: type[BaseModel], location: Location) -> FieldInfo | None:
+    """Returns the innermost declared field that a location passes through."""
+    annotation: object = model
+    field = None
+    for part in location:
+        for found in models_in(annotation):
+            field = found.model_fields.get(str(part), field)
+        annotation = _step(annotation, part)
+    return field
+
+
+def path_in(data: Data, location: Location) -> DataPath:
+    """Returns the path in the data of a location, without the names of union members."""
+    path: DataPath = ()
+    for part in location:
+        if isinstance(part, int):
+            fits = isinstance(data, (list, tuple)) and part < len(data)
+        else:
+            fits = isinstance(data, dict) and part in data
+        if fits:
+            data = data[part]
+            path = (*path, part)
+    return path
+
+
+def _step(annotation: object, part: int | str) -> object:
+    """Returns the type of a part of a value; the type itself if the part is a union's member."""
+    for model in models_in(annotation):
+        if part in model.model_fields:
+            return model.model_fields[str(part)].annotation
+    for member in containers_in(annotation):
+        if isinstance(part, int) and get_origin(member) in (tuple, list):
+            items = get_args(member)
+            return items[min(part, len(items) - 1)] if items[-1] is not ... else items[0]
+        if get_origin(member) is dict and part not in ("[key]",):
+            return get_args(member)[1]
+    return annotation
+
+
+# Messages for pydantic's errors.
 
 _WANTED: Final = {
     "float_type": "a number",
@@ -51,16 +253,16 @@ _NAME_RULE: Final = (
 
 @dataclass(frozen=True)
 class Finding:
-    """What is wrong with data, not yet tied to a file.
+    """An error in data, without its location in a file.
 
     Attributes:
         path: Path in the data that was validated; a missing field has that of its parent.
-        message: Sentence that says what is wrong.
-        hint: Words for what was expected.
-        at_key: Whether the key is at fault rather than the value.
+        message: Sentence that states the error.
+        hint: What was expected; may be empty.
+        at_key: Whether the key is wrong rather than the value.
     """
 
-    path: Path
+    path: DataPath
     message: str
     hint: str = ""
     at_key: bool = False
@@ -73,44 +275,43 @@ def explain(
     noun: str,
     also: frozenset[str] = frozenset(),
 ) -> Iterator[Finding]:
-    """One finding for each thing that is wrong.
+    """Yields a finding for each value that is invalid.
 
     Args:
         error: Error that validating ``data`` against ``model`` raised.
         model: Model of the whole data.
         data: Data that was validated.
-        noun: Word for the fields of the top model: ``"port"`` or ``"field"``.
-        also: Names that may stand beside the top model's fields.
+        noun: Name for the fields of the top model: ``"port"`` or ``"field"``.
+        also: Names that are allowed beside the top model's fields.
     """
-    words = _Words(model, data, noun, also)
+    explainer = _Explainer(model, data, noun, also)
     # The members of a union each complain about the same value.
-    by_path: dict[Path, list[ErrorDetails]] = {}
+    by_path: dict[DataPath, list[ErrorDetails]] = {}
     for details in error.errors(include_url=False):
         by_path.setdefault(path_in(data, details["loc"]), []).append(details)
     for path, found in by_path.items():
-        yield from words.at(path, found, deeper=any(_is_below(other, path) for other in by_path))
-
-
-def _is_below(path: Path, top: Path) -> bool:
-    return len(path) > len(top) and path[: len(top)] == top
+        deeper = any(other != path and other[: len(path)] == path for other in by_path)
+        yield from explainer.at(path, found, deeper=deeper)
 
 
 @dataclass(frozen=True)
-class _Words:
-    """Puts pydantic's findings on one piece of data into words; arguments as `explain`."""
+class _Explainer:
+    """Explains pydantic's errors in one piece of data; arguments as `explain`."""
 
     model: type[BaseModel]
     data: Data
     noun: str
     also: frozenset[str]
 
-    def at(self, path: Path, found: Sequence[ErrorDetails], *, deeper: bool) -> Iterator[Finding]:
-        """What is wrong with the value at one path.
+    def at(
+        self, path: DataPath, found: Sequence[ErrorDetails], *, deeper: bool
+    ) -> Iterator[Finding]:
+        """Yields the errors of the value at one path.
 
         Args:
             path: Path in the data.
             found: Errors that pydantic has found in this value.
-            deeper: Whether something inside of the value is wrong, too.
+            deeper: Whether a part of the value has errors, too.
         """
         values = []
         for details in found:
@@ -122,26 +323,26 @@ class _Words:
                 yield Finding(path, f"'{path[-1]}' cannot be a name", _NAME_RULE, at_key=True)
             elif not is_unknown(details["input"]):
                 values.append(details)
-        # A value that has parts is not of the other members' types; that is no news.
+        # Errors in its parts show which member of the union was meant: the others' are no use.
         if values and not deeper and len(values) == len(found):
             yield self._value(path, values)
 
-    def _unknown(self, path: Path, location: Location) -> Finding:
+    def _unknown(self, path: DataPath, location: Location) -> Finding:
         names = {n for m in models_in(type_at(self.model, location[:-1])) for n in m.model_fields}
         top = len(location) == 1
         noun = self.noun if top else "field"
         hint = suggestion(str(location[-1]), names | self.also if top else names, noun)
         return Finding(path, f"unknown {noun} '{location[-1]}'", hint, at_key=True)
 
-    def _missing(self, path: Path, location: Location) -> Finding:
+    def _missing(self, path: DataPath, location: Location) -> Finding:
         name = location[-1]
         if isinstance(name, int):
             return Finding(path, _owned(path, self._too_few(location[:-1])))
         field = field_at(self.model, location)
-        words = field.description if field and field.description else ""
+        description = field.description if field and field.description else ""
         unit = f" [{unit_of(field)}]" if field and unit_of(field) else ""
         noun = "field" if path else self.noun
-        hint = f"{name}: {words}{unit}" if words else ""
+        hint = f"{name}: {description}{unit}" if description else ""
         return Finding(path, f"{noun} '{name}' is missing", hint, at_key=bool(path))
 
     def _too_few(self, location: Location) -> str:
@@ -150,7 +351,7 @@ class _Words:
             given = given[part]
         return f"expected {fixed_length(type_at(self.model, location))} items, not {len(given)}"
 
-    def _value(self, path: Path, found: Sequence[ErrorDetails]) -> Finding:
+    def _value(self, path: DataPath, found: Sequence[ErrorDetails]) -> Finding:
         given = found[0]["input"]
         if len(found) == 1:
             message, hint = self._one_value(found[0])
@@ -163,9 +364,10 @@ class _Words:
         return Finding(path, _owned(path, message), hint)
 
     def _bare_number(self, found: Sequence[ErrorDetails]) -> str:
-        """The number or list that text would be, where no text may stand."""
+        """Returns a hint with the number or list that a text stands for."""
         for details in found:
-            field, given = field_at(self.model, details["loc"]), details["input"]
+            field = field_at(self.model, details["loc"])
+            given = details["input"]
             if isinstance(given, str) and details["type"] in ("list_type", "tuple_type"):
                 return list_of(given)
             if isinstance(given, str) and details["type"] == "float_type" and field:
@@ -173,7 +375,7 @@ class _Words:
         return ""
 
     def _forms(self, found: Sequence[ErrorDetails]) -> str:
-        """What may stand where a mapping was expected."""
+        """Returns a hint with the notations allowed where a mapping was expected."""
         for details in found:
             if details["type"] == "model_type":
                 for model in models_in(type_at(self.model, details["loc"])):
@@ -184,7 +386,9 @@ class _Words:
         return ""
 
     def _one_value(self, details: ErrorDetails) -> tuple[str, str]:
-        kind, given, context = details["type"], details["input"], details.get("ctx", {})
+        kind = details["type"]
+        given = details["input"]
+        context = details.get("ctx", {})
         if kind in _COMPARED:
             return f"must be {self._bound(details)}, not {in_words(given)}", ""
         if kind == "value_error":
@@ -199,7 +403,7 @@ class _Words:
         return f"{details['msg'][:1].lower()}{details['msg'][1:]}", ""
 
     def _expectation(self, details: ErrorDetails) -> str:
-        """What the value should be, to follow "expected"."""
+        """Returns what the value should be, to follow "expected"."""
         kind = details["type"]
         if kind == "literal_error":
             choices = _choices(details)
@@ -209,18 +413,18 @@ class _Words:
         return _WANTED[kind] if kind in _WANTED else self._one_value(details)[0]
 
     def _count(self, details: ErrorDetails) -> str:
-        """How many items or characters there should be."""
-        words, bound, noun = _COUNTED[details["type"]]
+        """Returns how many items or characters there should be."""
+        limit, bound, noun = _COUNTED[details["type"]]
         exactly = fixed_length(type_at(self.model, details["loc"]))
         if exactly:
             return counted(exactly, noun)
-        return f"at {words} {counted(details['ctx'][bound], noun)}"
+        return f"at {limit} {counted(details['ctx'][bound], noun)}"
 
     def _bound(self, details: ErrorDetails) -> str:
-        bound, words = _COMPARED[details["type"]]
+        bound, relation = _COMPARED[details["type"]]
         field = field_at(self.model, details["loc"])
         unit = f" {unit_of(field)}" if field and unit_of(field) else ""
-        return f"{words} {details['ctx'][bound]:g}{unit}"
+        return f"{relation} {details['ctx'][bound]:g}{unit}"
 
     def _nearest_choice(self, found: Sequence[ErrorDetails]) -> str:
         choices = [choice for details in found for choice in _choices(details)]
@@ -235,8 +439,8 @@ def _choices(details: ErrorDetails) -> list[str]:
     return re.findall(r"'([^']*)'", expected) or [expected]
 
 
-def _owned(path: Path, message: str) -> str:
-    """The message after the name of the innermost field or port that it is about."""
+def _owned(path: DataPath, message: str) -> str:
+    """Returns the message with the name of the innermost field or port in front."""
     owner = next((part for part in reversed(path) if isinstance(part, str)), "")
     return f"{owner}: {message}" if owner else message
 

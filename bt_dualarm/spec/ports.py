@@ -1,38 +1,160 @@
-"""Typed ports of a node: declared once, used for the check, the schema and the docs.
+"""Typed ports of a node, declared once for the check, the schema and the reference.
 
-Every port may be given as ``"{key}"``, a value of the arm's blackboard. The blackboard holds
-values in YAML's own notation, so a reference means what its value written there would mean.
+Every port may be given as ``"{key}"``, a value of the arm's blackboard. The blackboard holds values
+in YAML notation, so a reference has the same meaning as its value written in its place.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import re
-from collections.abc import Iterable, Mapping
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar, Final, Self
+from types import UnionType
+from typing import Annotated, Any, ClassVar, Final, Self, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    create_model,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema
 
-from bt_dualarm.spec.annotations import metadata_of
-from bt_dualarm.spec.source import Data
-from bt_dualarm.spec.unit import Unit
+from bt_dualarm.spec.yaml_reader import Data, Json
+
+# Units of numbers.
+
+_DIGITS: Final = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
+
+QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-z°%]+)\s*")
+"""Text with a unit; groups: number, unit."""
+
+SECONDS: Final[Mapping[str, float]] = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+DEGREES: Final[Mapping[str, float]] = {"deg": 1.0, "°": 1.0, "rad": math.degrees(1.0)}
+_METERS: Final[Mapping[str, float]] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_KILOGRAMS: Final[Mapping[str, float]] = {"g": 1e-3, "kg": 1.0}
+_HERTZ: Final[Mapping[str, float]] = {"hz": 1.0, "khz": 1e3, "fps": 1.0}
+_NEWTONS: Final[Mapping[str, float]] = {"n": 1.0, "kn": 1e3}
+_KNOWN: Final = {
+    "m": ("meters", _METERS),
+    "s": ("seconds", SECONDS),
+    "deg": ("degrees", DEGREES),
+    "kg": ("kilograms", _KILOGRAMS),
+    "Hz": ("Hz", _HERTZ),
+    "N": ("newtons", _NEWTONS),
+    "px": ("pixels", {"px": 1.0}),
+    "": ("as a share", {"%": 0.01}),
+}
+
+
+def bare(text: str, unit: str) -> str:
+    """Converts text with a unit, ``6 cm``, to a hint with the bare number: ``in meters: 0.06``.
+
+    Args:
+        text: Text as the author wrote it.
+        unit: Unit of the bare number, such as ``"m"``; empty for a share or a count.
+
+    Returns:
+        The hint, empty if the text has no unit of this quantity.
+    """
+    name, others = _KNOWN.get(unit, ("", {}))
+    match = QUANTITY.fullmatch(text.lower())
+    if match is None or match[2] not in others:
+        return ""
+    words = f"in {name}" if unit else name
+    return f"{words}: {float(match[1]) * others[match[2]]:.6g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """Metadata of a number: its units in YAML.
+
+    Attributes:
+        yaml: Unit of a bare number.
+        others: Units that text may give, as multiples of that unit.
+    """
+
+    yaml: str
+    others: Mapping[str, float]
+
+    def __get_pydantic_json_schema__(
+        self, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Json:
+        """Returns the schema of a number, or text with one of the units."""
+        pattern = rf"^\s*{_DIGITS}\s*({'|'.join(self.others)})\s*$"
+        return {"anyOf": [handler(core_schema), {"type": "string", "pattern": pattern}]}
+
+
+# Inspection of type annotations.
+
+_T = TypeVar("_T")
+
+
+def models_in(annotation: object) -> Iterator[type[BaseModel]]:
+    """Yields the models that a value of this type may be."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    elif get_origin(annotation) in (Annotated, Union, UnionType):
+        for member in get_args(annotation):
+            yield from models_in(member)
+
+
+def containers_in(annotation: object) -> Iterator[object]:
+    """Yields the tuples, lists and dicts that a value of this type may be."""
+    if get_origin(annotation) in (tuple, list, dict):
+        yield annotation
+    elif get_origin(annotation) in (Annotated, Union, UnionType):
+        for member in get_args(annotation):
+            yield from containers_in(member)
+
+
+def fixed_length(annotation: object) -> int:
+    """Returns the number of items of a list of this type, 0 where that is not fixed."""
+    for container in containers_in(annotation):
+        items = get_args(container)
+        if get_origin(container) is tuple and items[-1] is not ...:
+            return len(items)
+    return 0
+
+
+def metadata_of(field: FieldInfo, wanted: type[_T]) -> _T | None:
+    """Returns the first metadata of this type on a field, or on a member of its type."""
+    return _metadata_in([*field.metadata, field.annotation], wanted)
+
+
+def _metadata_in(items: Sequence[object], wanted: type[_T]) -> _T | None:
+    for item in items:
+        if isinstance(item, wanted):
+            return item
+        found = _metadata_in([*getattr(item, "__metadata__", ()), *get_args(item)], wanted)
+        if found is not None:
+            return found
+    return None
+
+
+# Models of ports, and references to the blackboard.
 
 REFERENCE: Final = re.compile(r"\{([^{}]*)\}")
-"""A whole text that stands for a value of the blackboard, or for a parameter."""
+"""Reference to a key of the blackboard, or to a parameter."""
 
 KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
-"""What an author may call a key or a parameter."""
+"""Name of a key or a parameter, as an author may write it."""
 
 STRICT: Final = ConfigDict(
     frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
 )
-"""Of all models of what a file says; built when they are asked for: a run asks few of them."""
+"""Configuration of all models of a file; built on first use, as a run needs few of them."""
 
 UNKNOWN: Final = "?"
-"""Before the name of a parameter in a reference: its value is not known, or told elsewhere."""
+"""Prefix of a parameter's name in a reference whose value is unknown, or whose error is reported
+already."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +194,7 @@ class PortModel(BaseModel):
 
 
 def miscounted(model: type[PortModel], ports: Mapping[str, object]) -> str:
-    """Why ports that exclude, or need, each other are not given so; empty if they are.
+    """Returns the violation of ``exactly_one_of`` or ``goes_with``, empty if there is none.
 
     A reference to the blackboard counts as given.
     """
@@ -101,11 +223,11 @@ def port(
     max_length: int | None = None,
     pattern: str | None = None,
 ) -> Any:  # Any: it stands where a value of the port's own type is declared
-    """Declare one port of a `PortModel`, or a field of the file.
+    """Declares a port of a `PortModel`, or a field of the file.
 
     Args:
-        default: Value in YAML's notation; ``...`` for a port that must be given.
-        description: One line, for people.
+        default: Value in YAML notation; ``...`` for a port that must be given.
+        description: One-line description.
         unit: Unit of a bare number, such as ``"m"``; value types bring their own.
         gt: Bound that the number must be greater than.
         ge: Smallest number.
@@ -130,33 +252,33 @@ def port(
 
 
 def unknown(name: str) -> str:
-    """A value that nobody complains of: that of a parameter whose value is not known."""
+    """Returns a stand-in for the value of a parameter that is unknown; no check reports it."""
     return f"{{{UNKNOWN}{name}}}"
 
 
 def is_unknown(value: Data) -> bool:
-    """Whether it stands for the value of a parameter that is not known."""
+    """Returns whether a value stands for that of an unknown parameter."""
     return (reference_of(value) or "").startswith(UNKNOWN)
 
 
 def reference_of(value: Data) -> str | None:
-    """The key that a port's value refers to, if it is a reference."""
+    """Returns the key that a port's value refers to, None if it is no reference."""
     match = REFERENCE.fullmatch(value) if isinstance(value, str) else None
     return match[1] if match else None
 
 
 def shown(text: str) -> str:
-    """Text as its author wrote it: without the prefixes of a subtree's keys."""
+    """Returns text as its author wrote it: without the prefixes of a subtree's keys."""
     return REFERENCE.sub(lambda match: f"{{{key_name(match[1])}}}", text)
 
 
 def key_name(key: str) -> str:
-    """A key as its author wrote it: without the prefix of the subtree that it belongs to."""
+    """Returns a key as its author wrote it: without the prefix of its subtree."""
     return key.rpartition("/")[2]
 
 
 def as_text(value: Data) -> str:
-    """A value as it is written out in a text for people: as YAML, to five digits, without nulls."""
+    """Returns a value as text in a message: as YAML, to five digits, without nulls."""
     return value if isinstance(value, str) else _in_flow(value)
 
 
@@ -172,11 +294,12 @@ def _in_flow(value: Data) -> str:
 
 
 def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str, str]:
-    """The key behind each port of ``model`` that is given as a reference."""
+    """Returns the key of each port of ``model`` that is given as a reference."""
     keys = {name: reference_of(value) for name, value in ports.items()}
     if all(key is None for key in keys.values()):
         return {}
-    fields, texts = model.model_fields, templates_of(model)
+    fields = model.model_fields
+    texts = templates_of(model)
     return {
         name: key
         for name, key in keys.items()
@@ -186,30 +309,30 @@ def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str
 
 @lru_cache(maxsize=512)
 def templates_of(model: type[PortModel]) -> frozenset[str]:
-    """The ports in whose text keys are written out."""
+    """Returns the ports whose text may contain keys."""
     fields = model.model_fields.items()
     return frozenset(name for name, field in fields if Template() in field.metadata)
 
 
 @lru_cache(maxsize=512)
 def written_keys(model: type[PortModel]) -> Mapping[str, str]:
-    """The ports that name a key to write, each with the port whose value is written there."""
+    """Returns the ports that name a key to write, each with the port that has the value."""
     items = ((name, metadata_of(field, WrittenKey)) for name, field in model.model_fields.items())
     return {name: found.port for name, found in items if found is not None}
 
 
 def validated(model: type[PortModel], ports: Mapping[str, Data]) -> PortModel:
-    """The ports as the skill gets them.
+    """Returns the validated ports of a node.
 
     Raises:
-        pydantic.ValidationError: With one entry for each thing that is wrong.
+        pydantic.ValidationError: Ports are invalid; has an entry for each error.
     """
-    # As JSON because strict JSON has YAML's types: lists become tuples, but "1" is no number.
+    # Strict JSON has the types of YAML: lists become tuples, but "1" is no number.
     return model.model_validate_json(json.dumps(ports))
 
 
 def validate_literals(model: type[PortModel], ports: Mapping[str, Data]) -> None:
-    """Check all that can be known before the blackboard has its values.
+    """Validates the ports that are no references.
 
     Raises:
         pydantic.ValidationError: As `validated`.
@@ -223,13 +346,13 @@ def validate_literals(model: type[PortModel], ports: Mapping[str, Data]) -> None
 
 @lru_cache(maxsize=512)
 def without(model: type[PortModel], names: frozenset[str]) -> type[PortModel]:
-    """A model of the other ports alone. Rules over several ports wait until all are known."""
+    """Returns a model of the other ports, without the rules over several ports."""
     return _model_of(model, (name for name in model.model_fields if name not in names))
 
 
 @lru_cache(maxsize=512)
 def only(model: type[PortModel], name: str) -> type[PortModel]:
-    """A model of one port, to check a value that is to be put there."""
+    """Returns a model of one port, to check a value by itself."""
     return _model_of(model, (name,))
 
 
@@ -241,8 +364,97 @@ def _model_of(model: type[PortModel], names: Iterable[str]) -> type[PortModel]:
 
 
 def unit_of(field: FieldInfo) -> str:
-    """The unit in which YAML gives this port, empty if it has none."""
+    """Returns the unit of a bare number in YAML, empty if the port has none."""
     unit = metadata_of(field, Unit)
     extra = field.json_schema_extra
     given = extra.get("unit", "") if isinstance(extra, dict) else ""
     return unit.yaml if unit else str(given)
+
+
+# Texts for messages.
+
+_ACTED_ON: Final = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+"""Unicode categories of characters with which a terminal moves, colors, hides or reverses text."""
+
+
+def in_words(value: Data) -> str:
+    """Returns a short description of a value for a message."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        value = one_line(shown(value))
+        return f"text '{value if len(value) <= 40 else value[:37] + '...'}'"
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, (list, tuple)):
+        return f"a list of {len(value)}"
+    return f"{value:g}" if isinstance(value, float) else str(value)[:40]
+
+
+def one_line(text: str) -> str:
+    """Returns text on one line, with U+FFFD for each character that is not printable."""
+    return "".join(
+        letter if letter.isprintable() else "\ufffd" for letter in " ".join(text.split())
+    )
+
+
+def counted(number: int, noun: str) -> str:
+    """Returns a number with its noun: ``1 item``, ``3 items``."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def escaped(text: str, keep: str = "\n\t") -> str:
+    r"""Escapes untrusted text for a terminal or a table.
+
+    Control characters, direction marks and lone surrogates become ``\u001b`` and the like, as in
+    JSON; so escaped JSON has the same meaning.
+
+    Args:
+        text: Untrusted text.
+        keep: Characters that are not escaped.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter in keep or unicodedata.category(letter) not in _ACTED_ON else _code(letter)
+        for letter in text
+    )
+
+
+def _code(letter: str) -> str:
+    number = ord(letter)
+    if number > 0xFFFF:
+        number -= 0x10000
+        return f"\\u{0xD800 + (number >> 10):04x}\\u{0xDC00 + (number & 0x3FF):04x}"
+    return f"\\u{number:04x}"
+
+
+# Hints for values in another notation.
+
+_NUMBERS: Final = re.compile(r"\s*(-?[\d.]+(?:\s*[x,; ]\s*-?[\d.]+)+)\s*")
+_BETWEEN: Final = re.compile(r"\s*[x,; ]\s*")
+
+
+def list_of(text: str) -> str:
+    """Returns a hint with the list that text such as ``320x240`` stands for, else nothing."""
+    match = _NUMBERS.fullmatch(text)
+    return f"as a list: [{', '.join(_BETWEEN.split(match[1]))}]" if match else ""
+
+
+def mapping_of(given: Data, model: type[BaseModel]) -> str:
+    """Returns a hint with the mapping whose required field is a bare list, ``[0.4, 0, 0.5]``.
+
+    Empty where the list is not one of numbers, or has another length.
+    """
+    if not isinstance(given, (list, tuple)) or not all(_is_number(item) for item in given):
+        return ""
+    for name, field in model.model_fields.items():
+        if field.is_required() and fixed_length(field.annotation) == len(given):
+            return f"{{{name}: [{', '.join(f'{item:g}' for item in given)}]}}"
+    return ""
+
+
+def _is_number(item: Data) -> bool:
+    return isinstance(item, (int, float)) and not isinstance(item, bool)

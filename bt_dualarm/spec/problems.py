@@ -1,14 +1,17 @@
-"""What is wrong with a file: where, what, what was expected, and how that is shown to a person."""
+"""Problems in files: location, message, hint; and names with suggestions for misspelt ones."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, TypeAlias
+from typing import Annotated, Final, Literal, TypeAlias, TypeVar
 
-from bt_dualarm.errors import DualArmError
+from pydantic import StringConstraints
+
+from bt_dualarm.core.errors import DualArmError, NameUnknownError
 
 Severity: TypeAlias = Literal["error", "warning"]
 
@@ -16,17 +19,17 @@ _WIDEST_EXCERPT = 100
 
 
 @dataclass(frozen=True, order=True)
-class Place:
-    """A stretch of one line of a file; line and column count from 1, as editors do.
+class Location:
+    """A range in one line of a file; line and column count from 1, as in editors.
 
     Attributes:
         file: Path as the user wrote it.
-        line: Number of the line; 0 where the whole file is meant.
+        line: Line number; 0 for the whole file.
         column: Number of the first character.
-        width: Characters to underline, at least 1.
-        text: The line itself, for the excerpt.
+        width: Number of characters to underline, at least 1.
+        text: Text of the line, for the excerpt.
         rank: Number in the order of a tree that was given as Python data, which has no lines.
-        keys: Keys that lead to the place in such a tree: ``arms.arm1.tree.sequence[0]``.
+        keys: Path in such a tree: ``arms.arm1.tree.sequence[0]``.
     """
 
     file: str
@@ -44,7 +47,7 @@ class Place:
 
     @property
     def excerpt(self) -> str:
-        """The line with this stretch underlined, empty where the whole file is meant."""
+        """The line with this range underlined, empty for the whole file."""
         if not self.line:
             return ""
         first = max(0, min(self.column - 1, self.column - 1 + self.width - _WIDEST_EXCERPT))
@@ -57,16 +60,16 @@ class Place:
 
 @dataclass(frozen=True, order=True)
 class Problem:
-    """One finding of the check.
+    """An error or a warning of the check.
 
     Attributes:
-        place: Place in the file.
-        message: Sentence that says what is wrong, naming what was given.
-        hint: Words for what was expected, or the nearest valid name; may be empty.
-        severity: Weight; only errors keep a file from running.
+        place: Location in the file.
+        message: Sentence that states the problem, with what was given.
+        hint: What was expected, or the nearest valid name; may be empty.
+        severity: ``error`` or ``warning``; only errors keep a file from running.
     """
 
-    place: Place
+    place: Location
     message: str
     hint: str = ""
     severity: Severity = "error"
@@ -80,7 +83,7 @@ class Problem:
         return "\n".join(lines)
 
     def as_dict(self) -> dict[str, str | int]:
-        """For tools: JSON-ready."""
+        """Returns the problem as JSON-ready data."""
         return {
             "file": self.place.file,
             "line": self.place.line,
@@ -94,7 +97,7 @@ class Problem:
 
 
 class SpecError(DualArmError):
-    """A file cannot be used. Carries everything that is wrong with it, in the file's order."""
+    """A file cannot be used; carries all of its problems in the file's order."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems: tuple[Problem, ...] = in_order(problems)
@@ -102,17 +105,17 @@ class SpecError(DualArmError):
 
 
 def in_order(problems: Iterable[Problem]) -> tuple[Problem, ...]:
-    """Sorted by place, each once: a subtree used twice reports its mistake once."""
+    """Returns problems sorted by location, each once, as a subtree may be used several times."""
     return tuple(sorted(set(problems)))
 
 
 def errors(problems: Iterable[Problem]) -> tuple[Problem, ...]:
-    """Those that keep a file from running."""
+    """Returns the problems that keep a file from running."""
     return tuple(problem for problem in problems if problem.severity == "error")
 
 
 def nearest(given: str, valid: Iterable[str]) -> str | None:
-    """The valid name that a person most likely meant, if one is near enough, case aside."""
+    """Returns the most similar valid name regardless of case, None if none is similar enough."""
     return _nearest(given[:64].lower(), tuple(sorted(valid, reverse=True)))
 
 
@@ -124,9 +127,58 @@ def _nearest(given: str, valid: tuple[str, ...]) -> str | None:
 
 
 def suggestion(given: str, valid: Iterable[str], noun: str) -> str:
-    """A hint for an unknown name: the nearest valid one, else all of them."""
+    """Returns a hint for an unknown name: the nearest valid name, else all of them."""
     names: Sequence[str] = sorted(valid)
     close = nearest(given, names)
     if close:
         return f"did you mean '{close}'?"
     return f"known here: {', '.join(names)}" if names else f"no {noun} is known here"
+
+
+NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_-]{0,47}$"
+"""Pattern of names in a tree file; they become part of MuJoCo's names (``arm1/wrist``), file names
+and paths of nodes."""
+
+Name: TypeAlias = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
+
+
+def is_name(text: str) -> bool:
+    """Returns whether a text is a valid name in a tree file."""
+    return re.fullmatch(NAME_PATTERN[1:-1], text) is not None
+
+
+def written_as(value: object) -> str:
+    """Returns the discriminator of a field that takes a name or a value: ``name`` or ``value``."""
+    return "name" if isinstance(value, str) else "value"
+
+
+T = TypeVar("T")
+
+
+class Named(Mapping[str, T]):
+    """An immutable mapping that suggests the nearest name for an unknown one.
+
+    Args:
+        noun: Noun for the items.
+        items: Items by name, in the order of iteration.
+    """
+
+    def __init__(self, noun: str, items: Mapping[str, T]) -> None:
+        self._noun = noun
+        self._items = dict(items)
+
+    def __getitem__(self, name: str) -> T:
+        try:
+            return self._items[name]
+        except KeyError:
+            hint = suggestion(str(name), self._items, self._noun)
+            raise NameUnknownError(f"there is no {self._noun} '{name}'; {hint}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __repr__(self) -> str:
+        return repr(self._items)

@@ -1,6 +1,6 @@
-"""How far the simulated arm, its sensors and drives are from what its controller believes.
+"""Model mismatch: how far the simulated arm, sensors and drives deviate from the nominal model.
 
-A spread is drawn with the seed, once for each arm: a seed is one robot of the batch.
+Each uncertainty is sampled with the seed, once for each arm: a seed is one robot of the batch.
 """
 
 from __future__ import annotations
@@ -10,25 +10,33 @@ from typing import Annotated, Final, Literal, TypeAlias
 
 from pydantic import BaseModel, Discriminator, Tag
 
-from bt_dualarm.spec.name import written_as
 from bt_dualarm.spec.ports import port
-from bt_dualarm.spec.spread import Bend, Degrees, Metres, Seconds, Share, Spread
-from bt_dualarm.spec.values import Duration, Value
+from bt_dualarm.spec.problems import written_as
+from bt_dualarm.spec.values import (
+    Bend,
+    Degrees,
+    Duration,
+    Meters,
+    Seconds,
+    Share,
+    Uncertainty,
+    Value,
+)
 
 RealityName: TypeAlias = Literal["ideal", "lab", "rough"]
 
 REALITY_NAMES: Final[tuple[RealityName, ...]] = ("ideal", "lab", "rough")
-"""Names of the sets, from the model itself to a neglected robot."""
+"""Names of the sets, from the nominal model to a neglected robot."""
 
-_NONE: Final = Spread()
+_NONE: Final = Uncertainty()
 
 
 class LinkErrors(Value):
-    """How far the links are from their page."""
+    """Errors of the links against the robot's description."""
 
     mass: Share = port(_NONE, "Share of a link's mass, its own for each link")
     inertia: Share = port(_NONE, "Share of a link's moments of inertia, besides that of its mass")
-    center: Metres = port(_NONE, "Offset of a link's centre of mass along each axis", unit="m")
+    center: Meters = port(_NONE, "Offset of a link's center of mass along each axis", unit="m")
     rotor: bool = port(
         False,
         "Whether joints have the inertia of their motors' rotors behind the gear, which URDFs "
@@ -37,17 +45,17 @@ class LinkErrors(Value):
 
 
 class PayloadErrors(Value):
-    """How far what is held is from the file; of the masses of objects the world's holds."""
+    """Errors of a held object against the file; the world's hold for the masses of objects."""
 
-    known: bool = port(True, "Whether the controller is told mass and centre of what is held")
+    known: bool = port(True, "Whether the controller knows mass and center of a held object")
     mass: Share = port(_NONE, "Share of an object's mass")
-    center: Metres = port(_NONE, "Offset of an object's centre of mass along each axis", unit="m")
+    center: Meters = port(_NONE, "Offset of an object's center of mass along each axis", unit="m")
 
 
 class FrictionErrors(Value):
-    """Friction of the joints: that of the robot's page, and how well it is known."""
+    """Friction of the joints as in the robot's description, and its errors."""
 
-    present: bool = port(False, "Whether the joints rub")
+    present: bool = port(False, "Whether the joints have friction")
     coulomb: Share = port(_NONE, "Share of the dry friction, its own for each joint")
     viscous: Share = port(_NONE, "Share of the friction that grows with speed, likewise")
     most: float = port(
@@ -56,7 +64,7 @@ class FrictionErrors(Value):
 
 
 class EncoderErrors(Value):
-    """What the joints' encoders do to a position, and how a velocity comes of it."""
+    """Errors of the joints' encoders, and the filter that derives velocities."""
 
     resolution: float = port(0.0, "Step of a reading; 0 for none", unit="deg", ge=0.0, le=1.0)
     noise: float = port(0.0, "Standard deviation of a reading's noise", unit="deg", ge=0.0, le=1.0)
@@ -72,7 +80,7 @@ class EncoderErrors(Value):
 
 
 class DriveErrors(Value):
-    """What becomes of a torque between the controller and the joint."""
+    """Dynamics and errors of the drives between a commanded torque and the joint."""
 
     delay: Duration = port(0.0, "Time until a torque that was commanded acts", le=0.05)
     bandwidth: float = port(
@@ -81,16 +89,16 @@ class DriveErrors(Value):
     quantum: float = port(
         0.0, "Step of a torque, as a share of the effort limit; 0 for none", ge=0.0, le=0.1
     )
-    gain: Share = port(_NONE, "Share by which a joint's torque is off, its own for each joint")
+    gain: Share = port(_NONE, "Error of a joint's torque as a share of it, its own for each joint")
 
 
 class CameraErrors(Value):
-    """How far a camera is from its calibration, and what its pictures suffer."""
+    """Errors of a camera against its calibration, and noise and blur of its pictures."""
 
-    position: Metres = port(_NONE, "Offset of the camera along each of its axes", unit="m")
+    position: Meters = port(_NONE, "Offset of the camera along each of its axes", unit="m")
     rotation: Degrees = port(_NONE, "Turn of the camera about each of its axes", unit="deg")
     focal: Share = port(_NONE, "Share of the focal length")
-    stamp: Seconds = port(_NONE, "How late or early the clock of its stamps is", unit="s")
+    stamp: Seconds = port(_NONE, "Offset of the clock of its stamps", unit="s")
     noise: float = port(
         0.0, "Standard deviation of a pixel's noise, of 255 levels", ge=0.0, le=100.0
     )
@@ -107,11 +115,7 @@ class CameraErrors(Value):
 
 
 class RealityErrors(Value):
-    """All of it, each field as it is.
-
-    Attributes:
-        links: Links of an arm; the others likewise.
-    """
+    """Resolved model mismatch of an arm, with a value for every field."""
 
     links: LinkErrors = LinkErrors()
     payload: PayloadErrors = PayloadErrors()
@@ -122,49 +126,45 @@ class RealityErrors(Value):
 
 
 class RealitySpec(Value):
-    """A set, and what differs from it: how far the plant is from what is believed of it."""
+    """Model mismatch: a set, and the fields that differ from it."""
 
     set: RealityName | None = port(
-        None, "Set that fields not given are taken from; by default the world's, there `ideal`"
+        None, "Set with the values of the other fields; by default the world's, there `ideal`"
     )
     links: LinkErrors = port(LinkErrors(), "Masses and inertias of the links")
-    payload: PayloadErrors = port(PayloadErrors(), "What is held")
+    payload: PayloadErrors = port(PayloadErrors(), "A held object")
     friction: FrictionErrors = port(FrictionErrors(), "Friction of the joints")
     encoder: EncoderErrors = port(EncoderErrors(), "Encoders of the joints")
     drive: DriveErrors = port(DriveErrors(), "Drives of the joints")
     camera: CameraErrors = port(CameraErrors(), "The camera")
 
     def over(self, base: RealityErrors) -> RealityErrors:
-        """What is given here, and all else as in ``base``."""
-        merged = {
-            name: _merged(getattr(base, name), getattr(self, name))
-            for name in self.model_fields_set - {"set"}
-        }
+        """Returns ``base`` with the fields that were given here."""
+        merged: dict[str, BaseModel] = {}
+        for name in self.model_fields_set - {"set"}:
+            given: BaseModel = getattr(self, name)
+            part: BaseModel = getattr(base, name)
+            changed = {field: getattr(given, field) for field in given.model_fields_set}
+            merged[name] = part.model_copy(update=changed)
         return base.model_copy(update=merged)
-
-
-def _merged(base: BaseModel, given: BaseModel) -> BaseModel:
-    """The fields that were given, over those of the base."""
-    changed = {name: getattr(given, name) for name in given.model_fields_set}
-    return base.model_copy(update=changed)
 
 
 Reality: TypeAlias = Annotated[
     Annotated[RealityName, Tag("name")] | Annotated[RealitySpec, Tag("value")],
     Discriminator(written_as),
 ]
-"""A set by name, or a set with what differs from it."""
+"""Name of a set, or a set with the fields that differ from it."""
 
 
 def resolved(
     world: Reality, arm: Reality | None, sets: Mapping[str, RealityErrors]
 ) -> RealityErrors:
-    """What holds for an arm: the world's, and what the arm says over it.
+    """Returns the model mismatch of an arm: the world's, with the arm's own over it.
 
     Args:
-        world: Reality of the world.
-        arm: Reality of the arm, None where it says nothing.
-        sets: The sets by name.
+        world: Model mismatch of the world.
+        arm: Model mismatch of the arm, None where it has none of its own.
+        sets: Sets by name.
     """
     base = sets["ideal"]
     for given in (world, arm):
@@ -173,3 +173,74 @@ def resolved(
         elif given is not None:
             base = given.over(base if given.set is None else sets[given.set])
     return base
+
+
+# Sets by name; docs/reality.md has the source or the reason of each number.
+
+
+_LAB: Final = RealityErrors(
+    links=LinkErrors(
+        mass=Uncertainty(uniform=0.05),
+        inertia=Uncertainty(uniform=0.05),
+        center=Uncertainty(uniform=0.002),
+        rotor=True,
+    ),
+    payload=PayloadErrors(
+        known=True, mass=Uncertainty(uniform=0.02), center=Uncertainty(uniform=0.002)
+    ),
+    friction=FrictionErrors(
+        present=True, coulomb=Uncertainty(uniform=0.3), viscous=Uncertainty(uniform=0.3), most=0.07
+    ),
+    encoder=EncoderErrors(resolution=360 / 2**19, noise=3e-4, window=0.004, cutoff=80.0),
+    drive=DriveErrors(
+        delay=0.001, bandwidth=500.0, quantum=1 / 2**12, gain=Uncertainty(uniform=0.02)
+    ),
+    camera=CameraErrors(
+        position=Uncertainty(uniform=0.001),
+        rotation=Uncertainty(uniform=0.3),
+        focal=Uncertainty(uniform=0.002),
+        stamp=Uncertainty(uniform=0.0005),
+        noise=2.0,
+        light=Uncertainty(uniform=0.02),
+        exposure=0.004,
+        k1=Uncertainty(uniform=0.005),
+        k2=Uncertainty(uniform=0.01),
+    ),
+)
+
+_ROUGH: Final = RealityErrors(
+    links=LinkErrors(
+        mass=Uncertainty(uniform=0.2),
+        inertia=Uncertainty(uniform=0.2),
+        center=Uncertainty(uniform=0.005),
+        rotor=True,
+    ),
+    payload=PayloadErrors(
+        known=False, mass=Uncertainty(uniform=0.1), center=Uncertainty(uniform=0.005)
+    ),
+    friction=FrictionErrors(
+        present=True, coulomb=Uncertainty(uniform=0.6), viscous=Uncertainty(uniform=0.6), most=0.07
+    ),
+    encoder=EncoderErrors(resolution=360 / 2**17, noise=1e-3, window=0.004, cutoff=80.0),
+    drive=DriveErrors(
+        delay=0.003, bandwidth=200.0, quantum=1 / 2**10, gain=Uncertainty(uniform=0.05)
+    ),
+    camera=CameraErrors(
+        position=Uncertainty(uniform=0.003),
+        rotation=Uncertainty(uniform=1.0),
+        focal=Uncertainty(uniform=0.01),
+        stamp=Uncertainty(uniform=0.002),
+        noise=5.0,
+        light=Uncertainty(uniform=0.1),
+        exposure=0.01,
+        k1=Uncertainty(uniform=0.02),
+        k2=Uncertainty(uniform=0.03),
+    ),
+)
+
+REALITY_SETS: Final[Mapping[str, RealityErrors]] = {
+    "ideal": RealityErrors(),
+    "lab": _LAB,
+    "rough": _ROUGH,
+}
+"""Sets by name: the nominal model, a well-kept robot, a neglected one."""

@@ -1,33 +1,36 @@
-"""Values with a notation of their own in YAML: poses, durations, angles, colours, planes, names.
+"""Values with a notation of their own in YAML: units, poses, planes, colors, names, goals.
 
-YAML speaks metres, seconds and degrees; what comes out of these types is SI, angles in radians.
+YAML has meters, seconds and degrees; these types convert to SI, with angles in radians.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, TypeAlias
+from typing import Annotated, Final, Literal, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
+    ConfigDict,
     Field,
     PlainSerializer,
     model_validator,
 )
 
-from bt_dualarm.pose import Pose, Vector
-from bt_dualarm.spec.ports import STRICT, port
-from bt_dualarm.spec.source import Data
-from bt_dualarm.spec.unit import DEGREES, QUANTITY, SECONDS, Unit
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.spec.ports import DEGREES, QUANTITY, SECONDS, STRICT, PortModel, Unit, port
+from bt_dualarm.spec.problems import suggestion
+from bt_dualarm.spec.yaml_edit import flow_text
+from bt_dualarm.spec.yaml_reader import Data, Json, with_tuples
 
 _Component: TypeAlias = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Vector3: TypeAlias = tuple[_Component, _Component, _Component]
-"""Three numbers; the field that uses it gives frame and unit."""
+"""Three numbers; the field of this type states frame and unit."""
 
 _Coordinate: TypeAlias = Annotated[float, Field(ge=-100.0, le=100.0)]
 _Turn: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
@@ -36,7 +39,7 @@ _Point: TypeAlias = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 @dataclass(frozen=True)
 class Refers:
-    """Metadata of a text port: it names something that the tree file declares.
+    """Metadata of a text port that has the name of an object or an arm.
 
     Attributes:
         to: ``"object"``, ``"arm"`` or both.
@@ -56,7 +59,7 @@ ObjectOrArmName: TypeAlias = Annotated[str, Refers(("object", "arm"))]
 
 
 def _quantity(value: Data, units: Mapping[str, float]) -> Data:
-    """A number as it is, text such as ``"500 ms"`` in the base unit."""
+    """Converts text such as ``"500 ms"`` to the base unit; leaves a number as it is."""
     if not isinstance(value, str):
         return value
     match = QUANTITY.fullmatch(value)
@@ -77,7 +80,7 @@ def _degrees(value: Data) -> Data:
 Duration: TypeAlias = Annotated[
     float, BeforeValidator(_seconds), Field(ge=0.0, le=86400.0), Unit("s", SECONDS)
 ]
-"""Seconds of simulated time, a day at most: ``0.5``, or text with a unit: ``"500 ms"``."""
+"""Seconds of simulated time, at most a day: ``0.5``, or text with a unit: ``"500 ms"``."""
 
 Angle: TypeAlias = Annotated[
     float,
@@ -87,20 +90,20 @@ Angle: TypeAlias = Annotated[
     PlainSerializer(math.degrees),
     Unit("deg", DEGREES),
 ]
-"""Radians inside; in YAML degrees, ten turns at most: ``90``, or text: ``"1.57 rad"``."""
+"""Radians; in YAML degrees, at most ten turns: ``90``, or text with a unit: ``"1.57 rad"``."""
 
 Speed: TypeAlias = Annotated[float, Field(ge=0.001, le=1.0)]
 """Share of the arm's limits of velocity, acceleration and jerk; 1.0 is the arm's maximum."""
 
 
 class Value(BaseModel):
-    """Base of value types: frozen, and strict about what YAML says."""
+    """Base of value types: frozen, with strict types."""
 
     model_config = STRICT
 
 
 class PoseSpec(Value):
-    """Where a frame is: a position, and at most one notation of its orientation."""
+    """Pose of a frame: a position, and at most one notation of its orientation."""
 
     xyz: _Point = port(..., "Position", unit="m")
     rpy: tuple[_Turn, _Turn, _Turn] | None = port(
@@ -128,24 +131,24 @@ class PoseSpec(Value):
 
     @property
     def pose(self) -> Pose:
-        """The transform; without an orientation, that of the frame it is given in."""
+        """Pose in the frame in which it is given; by default with that frame's orientation."""
         if self.quat is not None:
             quaternion = np.array(self.quat) / math.hypot(*self.quat)
             return Pose(np.array(self.xyz), quaternion)
         if self.look_at is not None:
-            return _looking(np.array(self.xyz), np.array(self.look_at))
+            return _look_at(np.array(self.xyz), np.array(self.look_at))
         roll, pitch, yaw = np.radians(self.rpy or (0.0, 0.0, 0.0))
         return Pose.from_rpy(self.xyz, (roll, pitch, yaw))
 
     def pose_from(self, current: Pose) -> Pose:
-        """The transform; without an orientation, it is turned as ``current``."""
+        """Returns the pose; without an orientation, that of ``current``."""
         if self.rpy is None and self.quat is None and self.look_at is None:
             return Pose(np.array(self.xyz), current.quaternion)
         return self.pose
 
 
-def _looking(eye: Vector, target: Vector) -> Pose:
-    """Z forward, x right, y down, as cameras have it; right is world x when looking up or down."""
+def _look_at(eye: Vector, target: Vector) -> Pose:
+    """Returns a pose with z to the target, x right, y down; right is world x along the vertical."""
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     if np.linalg.norm(right) < 1e-6:
@@ -155,3 +158,368 @@ def _looking(eye: Vector, target: Vector) -> Pose:
     matrix[:3, :3] = np.column_stack((right, np.cross(forward, right), forward))
     matrix[:3, 3] = eye
     return Pose.from_matrix(matrix)
+
+
+def _with_notations(others: Callable[[Json], list[Json]]) -> Callable[[Json], None]:
+    """Returns a change of a model's schema that allows other notations besides the mapping.
+
+    Args:
+        others: Function from the schema of the mapping to those of the other notations.
+    """
+
+    def change(schema: Json) -> None:
+        mapping = dict(schema)
+        schema.clear()
+        schema["description"] = mapping["description"]
+        schema["anyOf"] = [*others(mapping), mapping]
+
+    return change
+
+
+_TAIL: Final = 3.0
+"""Standard deviations at which a normal distribution is truncated: no mass may be negative."""
+
+
+class Uncertainty(Value):
+    """Distribution about zero; a bare number is the half-width of a uniform one."""
+
+    model_config = ConfigDict(
+        json_schema_extra=_with_notations(lambda _: [{"type": "number", "minimum": 0.0}])
+    )
+
+    uniform: Annotated[float, Field(ge=0.0, le=1e3)] = port(
+        0.0, "Half-width of a uniform distribution about zero"
+    )
+    normal: Annotated[float, Field(ge=0.0, le=1e3)] = port(
+        0.0, "Standard deviation of a normal distribution about zero, cut off at three of them"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_a_number(cls, data: Data) -> Data:
+        """Converts ``0.05`` to ``{uniform: 0.05}``."""
+        is_number = isinstance(data, int | float) and not isinstance(data, bool)
+        return {"uniform": float(data)} if is_number else data
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Uncertainty:
+        if self.uniform and self.normal:
+            raise ValueError("give uniform or normal, not both")
+        return self
+
+    @property
+    def most(self) -> float:
+        """Largest magnitude of a sample."""
+        return max(self.uniform, _TAIL * self.normal)
+
+    def draw(self, rng: np.random.Generator, size: int) -> Vector:
+        """Returns samples of shape (size,); draws as many numbers for every distribution."""
+        share = rng.uniform(-1.0, 1.0, size)
+        bell = rng.normal(0.0, 1.0, size)
+        drawn: Vector = self.uniform * share + self.normal * np.clip(bell, -_TAIL, _TAIL)
+        return drawn
+
+    def draw_one(self, rng: np.random.Generator) -> float:
+        """Returns one sample; faster than `draw`, for values that change with each picture."""
+        share = rng.uniform(-1.0, 1.0)
+        bell = rng.normal(0.0, 1.0)
+        return self.uniform * share + self.normal * min(max(bell, -_TAIL), _TAIL)
+
+
+def _below(limit: float, unit: str = "") -> Callable[[Uncertainty], Uncertainty]:
+    def check(uncertainty: Uncertainty) -> Uncertainty:
+        if uncertainty.most > limit:
+            allowed = f"{limit:g} {unit}".rstrip()
+            raise ValueError(f"may come to {uncertainty.most:g}; at most {allowed} is allowed")
+        return uncertainty
+
+    return check
+
+
+Share: TypeAlias = Annotated[Uncertainty, AfterValidator(_below(0.9))]
+"""Uncertainty as a share of the value: 0.05 is 5 %. Below 1, so that the value keeps its sign."""
+
+Bend: TypeAlias = Annotated[Uncertainty, AfterValidator(_below(0.3))]
+"""Uncertainty of a coefficient of radial distortion."""
+
+Meters: TypeAlias = Annotated[Uncertainty, AfterValidator(_below(0.1, "m"))]
+Degrees: TypeAlias = Annotated[Uncertainty, AfterValidator(_below(20.0, "deg"))]
+Seconds: TypeAlias = Annotated[Uncertainty, AfterValidator(_below(0.1, "s"))]
+
+
+class Offset(PortModel):
+    """Offset from the present pose of the tool."""
+
+    xyz: Vector3 = port((0.0, 0.0, 0.0), "Distance along x, y, z", unit="m")
+    rpy: Vector3 = port((0.0, 0.0, 0.0), "Roll, pitch, yaw", unit="deg")
+    frame: Literal["world", "tool"] = port("world", "Frame whose axes are meant")
+
+    def applied_to(self, tool: Pose) -> Pose:
+        """Returns the tool's pose in the world after the step."""
+        step = Pose.from_rpy(self.xyz, tuple(np.deg2rad(self.rpy)))
+        if self.frame == "tool":
+            return tool @ step
+        turned = Pose(np.zeros(3), step.quaternion) @ Pose(np.zeros(3), tool.quaternion)
+        return Pose(tool.position + step.position, turned.quaternion)
+
+
+_NAMED_NORMALS: Final[Mapping[str, Vector3]] = {
+    "xy": (0.0, 0.0, 1.0),
+    "yz": (1.0, 0.0, 0.0),
+    "xz": (0.0, -1.0, 0.0),
+}
+
+
+class Plane(Value):
+    """``xy``, ``yz``, ``xz`` of the world, or ``{normal: [x, y, z]}``."""
+
+    model_config = ConfigDict(
+        json_schema_extra=_with_notations(lambda _: [{"enum": list(_NAMED_NORMALS)}])
+    )
+
+    normal: Vector3 = port(..., "Normal in the world, of any length but 0")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_notation(cls, value: Data) -> Data:
+        if not isinstance(value, str):
+            return with_tuples(value)
+        if value not in _NAMED_NORMALS:
+            hint = suggestion(value, _NAMED_NORMALS, "plane")
+            raise ValueError(f"there is no plane '{value}' ({hint}); or give {{normal: [x, y, z]}}")
+        return {"normal": _NAMED_NORMALS[value]}
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> Plane:
+        if math.hypot(*self.normal) < 1e-6:
+            raise ValueError("the normal has no direction: its length is 0")
+        return self
+
+    @property
+    def axes(self) -> tuple[Vector, Vector]:
+        """Unit vectors u, v in the plane with u cross v along the normal, each of shape (3,).
+
+        v is the projection of the world's z axis; in a horizontal plane it is the world's y axis.
+        Hence yz has (y, z), xz has (x, z), xy has (x, y).
+        """
+        normal = np.array(self.normal) / math.hypot(*self.normal)
+        up = np.array([0.0, 0.0, 1.0])
+        if np.linalg.norm(np.cross(up, normal)) < 1e-6:
+            up = np.array([0.0, 1.0, 0.0])
+        v = up - (up @ normal) * normal
+        v /= np.linalg.norm(v)
+        return np.asarray(np.cross(v, normal), float), v
+
+
+ShapeName: TypeAlias = Literal["box", "cylinder", "capsule", "sphere"]
+
+SIZES: Final[Mapping[ShapeName, tuple[str, ...]]] = {
+    "box": ("x", "y", "z"),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "sphere": ("radius",),
+}
+"""Names of the numbers in the size of each shape."""
+
+SIZE_IN_WORDS: Final = (
+    "Edges of a box; radius and length of a cylinder, or of a capsule between its two half balls; "
+    "radius of a sphere"
+)
+"""Description of these numbers, which are in meters."""
+
+
+_Hue: TypeAlias = Annotated[float, Field(ge=0.0, le=360.0)]
+_Part: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
+Bounds: TypeAlias = tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]
+"""Lower and upper inclusive bound for ``cv2.inRange`` on an HSV image, each of shape (3,)."""
+
+_NAMED_HUES: Final[Mapping[str, tuple[float, float]]] = {
+    "red": (340.0, 12.0),
+    "orange": (14.0, 40.0),
+    "yellow": (42.0, 70.0),
+    "green": (80.0, 165.0),
+    "blue": (216.0, 260.0),  # excludes the blue of a UR's joints
+}
+
+
+def _short(number: float) -> int | float:
+    """Returns a whole number as an integer, so that YAML has 1 and not 1.0."""
+    return int(number) if float(number).is_integer() else number
+
+
+class HsvRange(Value):
+    """A box in hue, saturation and value (brightness), bounds inclusive."""
+
+    hue: tuple[_Hue, _Hue] = port(
+        ...,
+        "Angles on the color circle; a first bound above the second wraps through red",
+        unit="deg",
+    )
+    saturation: tuple[_Part, _Part] = port((0.4, 1.0), "Saturation from 0 (grey) to 1")
+    value: tuple[_Part, _Part] = port((0.2, 1.0), "Brightness from 0 (black) to 1")
+
+    @model_validator(mode="after")
+    def _ascending(self) -> HsvRange:
+        for name in ("saturation", "value"):
+            low, high = getattr(self, name)
+            if low > high:
+                raise ValueError(f"{name} goes from {low} down to {high}: swap the two")
+        return self
+
+    @property
+    def data(self) -> Data:
+        """Range in YAML notation, with every field."""
+        return {
+            name: [_short(end) for end in getattr(self, name)] for name in HsvRange.model_fields
+        }
+
+    @property
+    def bounds(self) -> tuple[Bounds, ...]:
+        """Boxes in OpenCV's HSV (hue 0 to 179, others 0 to 255): one, or two where hue wraps."""
+        low, high = (min(round(hue / 2), 179) for hue in self.hue)
+        hues = [(low, high)] if self.hue[0] <= self.hue[1] else [(low, 179), (0, high)]
+        return tuple((self._corner(a, 0), self._corner(b, 1)) for a, b in hues)
+
+    def _corner(self, hue: int, end: int) -> npt.NDArray[np.uint8]:
+        shares = (self.saturation[end], self.value[end])
+        return np.array([hue, *(round(255 * share) for share in shares)], np.uint8)
+
+
+class Color(Value):
+    """``yellow``, or a list of ranges any of which a pixel may lie in."""
+
+    model_config = ConfigDict(
+        json_schema_extra=_with_notations(
+            lambda mapping: [{"enum": list(_NAMED_HUES)}, mapping["properties"]["ranges"]]
+        )
+    )
+
+    name: str = port("", "Name of a color; none where ranges are given")
+    ranges: tuple[HsvRange, ...] = port(
+        ..., "Ranges, any of which a pixel may lie in", min_length=1, max_length=8
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_notation(cls, value: Data) -> Data:
+        if isinstance(value, str):
+            if value not in _NAMED_HUES:
+                hint = suggestion(value, _NAMED_HUES, "color")
+                raise ValueError(f"there is no color '{value}' ({hint})")
+            return {"name": value, "ranges": ({"hue": _NAMED_HUES[value]},)}
+        if isinstance(value, (list, tuple)):
+            return {"ranges": with_tuples(value)}
+        return with_tuples(value)
+
+    @classmethod
+    def named(cls, name: str) -> Color:
+        """Returns the color red, orange, yellow, green or blue.
+
+        Raises:
+            pydantic.ValidationError: There is no such name.
+        """
+        return cls.model_validate(name)
+
+    @property
+    def data(self) -> Data:
+        """Color in YAML notation: the name, or the list of ranges."""
+        return self.name or [item.data for item in self.ranges]
+
+    @property
+    def notation(self) -> str:
+        """Color in YAML notation on one line."""
+        return self.name or flow_text(self.data)
+
+    @property
+    def bounds(self) -> tuple[Bounds, ...]:
+        """Boxes for ``cv2.inRange``; a pixel in any of them has the color."""
+        return tuple(box for item in self.ranges for box in item.bounds)
+
+
+MarkerDictionary: TypeAlias = Literal[
+    "aruco_4x4_50", "aruco_5x5_50", "aruco_6x6_50", "apriltag_16h5", "apriltag_36h11"
+]
+
+BITS: Final[dict[str, int]] = {
+    "aruco_4x4_50": 4,
+    "aruco_5x5_50": 5,
+    "aruco_6x6_50": 6,
+    "apriltag_16h5": 4,
+    "apriltag_36h11": 6,
+}
+"""Number of cells along an edge within the black border, by dictionary."""
+
+
+class MarkerSpec(Value):
+    """A square marker, white around it, on the top face of an object."""
+
+    dictionary: MarkerDictionary = port("aruco_4x4_50", "Set of markers that it is one of")
+    id: int = port(..., "Its number in the set", ge=0, le=29)
+    size: float = port(..., "Edge of its black square", unit="m", ge=0.005, le=1.0)
+
+    @property
+    def cells(self) -> int:
+        """Number of cells along an edge with the black border."""
+        return BITS[self.dictionary] + 2
+
+    @property
+    def outer_size(self) -> float:
+        """Edge of the white square around it in m: one cell wider on each side."""
+        return self.size * (self.cells + 2) / self.cells
+
+
+# Types of ports with targets of an arm: the check knows whether the arm can reach them.
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Metadata of a target pose in the world.
+
+    Attributes:
+        carried: Whether it is the pose of the held object rather than that of the tool.
+    """
+
+    carried: bool = False
+
+
+@dataclass(frozen=True)
+class OfPosture:
+    """Metadata of a text port that has the name of a posture of the robot."""
+
+
+@dataclass(frozen=True)
+class OfJoints:
+    """Metadata of a port with a value for each of the arm's joints, or for some by name."""
+
+
+@dataclass(frozen=True)
+class OfGripper:
+    """Metadata of a set-point of the gripper, whose description has the limits.
+
+    Attributes:
+        what: ``"width"``, ``"speed"`` or ``"force"``.
+    """
+
+    what: Literal["width", "speed", "force"]
+
+
+GripWidth: TypeAlias = Annotated[float, OfGripper("width")]
+"""Opening between the pads in m; the check knows the gripper's stroke."""
+
+GripSpeed: TypeAlias = Annotated[float, OfGripper("speed")]
+"""Speed of the opening in m/s; the check knows the gripper's limits."""
+
+GripForce: TypeAlias = Annotated[float, OfGripper("force")]
+"""Force of each pad, or of a suction cup, in N; the check knows the gripper's limits."""
+
+ToolPose: TypeAlias = Annotated[PoseSpec, Goal()]
+"""Target pose of the tool in the world; the check warns if it is out of reach."""
+
+CarriedPose: TypeAlias = Annotated[PoseSpec, Goal(carried=True)]
+"""Target pose of a held object in the world; the check warns if it is out of reach."""
+
+PostureName: TypeAlias = Annotated[str, OfPosture()]
+"""Name of a posture in the robot's description, which the check knows."""
+
+JointAngles: TypeAlias = Annotated[tuple[Angle, ...] | dict[str, Angle], OfJoints()]
+"""Angles of all joints from base to tip, or of some by name; the check knows the joints."""

@@ -1,8 +1,8 @@
-"""For the tests of authors of skills: what every skill keeps to, whoever wrote it.
+"""Conformance tests for authors of skills: the laws that every skill must keep.
 
 In: a `Candidate`, a skill with the `Scenario` in which its example does its job.
-Out: silence, or a `BrokenLawError` that says which law the skill does not keep to, and how.
-Open first: `laws` (what is kept to); others: `candidate` (plays the skill), `scenario` (its world).
+Out: nothing, or a `BrokenLawError` that says which law the skill breaks, and how.
+Open first: `laws`, which has the laws, the `Candidate` and the `Scenario`.
 
 The laws are run, with pytest or anything else, over a skill in a small world of its own::
 
@@ -18,10 +18,10 @@ The laws are run, with pytest or anything else, over a skill in a small world of
 
 from __future__ import annotations
 
-from bt_dualarm.testing.candidate import Candidate as Candidate
-from bt_dualarm.testing.candidate import registry_with as registry_with
 from bt_dualarm.testing.laws import LAWS as LAWS
 from bt_dualarm.testing.laws import BrokenLawError as BrokenLawError
-from bt_dualarm.testing.scenario import Scenario as Scenario
+from bt_dualarm.testing.laws import Candidate as Candidate
+from bt_dualarm.testing.laws import Scenario as Scenario
+from bt_dualarm.testing.laws import registry_with as registry_with
 
 __all__ = ["LAWS", "BrokenLawError", "Candidate", "Scenario", "registry_with"]

@@ -15,15 +15,11 @@ from socketserver import BaseServer
 from threading import Lock
 from typing import Final
 
-from bt_dualarm.errors import DualArmError
-from bt_dualarm.share import share_dir
-from bt_dualarm.spec.color import Color
-from bt_dualarm.spec.source import Data
-from bt_dualarm.tuning.look import Look, png
-from bt_dualarm.tuning.picking import range_of
-from bt_dualarm.tuning.saving import Save
-from bt_dualarm.tuning.shot import Shot
-from bt_dualarm.tuning.wanted import color_of
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.spec.values import Color
+from bt_dualarm.spec.yaml_reader import Data
+from bt_dualarm.tuning.color import ColorView, Save, Shot, color_of, png, range_of
 
 HOST: Final = "127.0.0.1"
 _LARGEST_BODY: Final = 64 * 1024
@@ -43,7 +39,7 @@ class Tuning:
 
     Args:
         shot: Picture to tune on.
-        color: Colour to begin with.
+        color: Color to begin with.
         save: Writer that the button calls; None where there is no place to write to.
     """
 
@@ -70,7 +66,9 @@ class Tuning:
         """Range number ``range`` of ``color`` around pixel ``at``: anew, or ``widen``-ed."""
         color = _color(asked)
         try:
-            (x, y), number, widen = asked["at"], asked["range"], asked["widen"]
+            (x, y) = asked["at"]
+            number = asked["range"]
+            widen = asked["widen"]
             ranges = list(color.ranges)
             begin = ranges[number] if widen else None
             ranges[number] = range_of(self._shot.frame.image, [(int(x), int(y))], begin)
@@ -87,7 +85,7 @@ class Tuning:
             return {"said": self._save(color)}
 
     def _seen(self, color: Color) -> dict[str, Data]:
-        look = Look(self._shot.frame, color)
+        look = ColorView(self._shot.frame, color)
         mask = base64.b64encode(png(look.mask)).decode()
         return {
             "color": color.data,

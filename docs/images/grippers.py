@@ -1,4 +1,4 @@
-"""Draw the picture of docs/grippers.md: each gripper of the catalogue on a UR5, before its cube.
+"""Draw the picture of docs/grippers.md: each gripper of the catalog on a UR5, before its cube.
 
     .venv/bin/python docs/images/grippers.py
 
@@ -13,16 +13,14 @@ from typing import Final
 import cv2
 import numpy as np
 
-from bt_dualarm.pose import Pose
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.robots.gripper import FINGERS, gripper_names
+from bt_dualarm.sim.painter import StillRenderer
+from bt_dualarm.sim.renderer import Image, Viewpoint
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile, WorldSpec
-from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.grippers.gripper import FINGERS
-from bt_dualarm.world.grippers.named import gripper_names
-from bt_dualarm.world.rendering.renderer import Image
-from bt_dualarm.world.rendering.still import Still
-from bt_dualarm.world.rendering.viewpoint import Viewpoint
-from bt_dualarm.world.world import World
 
 TARGET: Final = Path(__file__).with_suffix(".png")
 SIZE: Final = (400, 400)
@@ -61,9 +59,12 @@ def world_with(gripper: str) -> World:
 def picture(gripper: str) -> Image:
     """The gripper and what is before it, of shape (height, width, 3), its name below."""
     world = world_with(gripper)
-    tool, (width, height) = world.arms["arm1"].tool_pose, SIZE
+    tool = world.arms["arm1"].tool_pose
+    (width, height) = SIZE
     eye, middle = (tool.apply(np.array(point)) for point in (EYE_M, MIDDLE_M))
-    fine = Still.of(world).draw(Viewpoint(eye, middle, FOV_DEG), FINER * width, FINER * height)
+    fine = StillRenderer.of(world).draw(
+        Viewpoint(eye, middle, FOV_DEG), FINER * width, FINER * height
+    )
     image = cv2.resize(fine, SIZE, interpolation=cv2.INTER_AREA)
     cv2.putText(
         image, gripper, (12, height - 14), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (0, 0, 0), 2, cv2.LINE_AA
@@ -72,7 +73,7 @@ def picture(gripper: str) -> Image:
 
 
 def pictures() -> Image:
-    """All of them side by side, in OpenCV's order of colours."""
+    """All of them side by side, in OpenCV's order of colors."""
     row = np.hstack([picture(name) for name in gripper_names()])
     return np.asarray(cv2.cvtColor(row, cv2.COLOR_RGB2BGR), np.uint8)
 

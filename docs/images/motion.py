@@ -18,24 +18,22 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from bt_dualarm.motion.control.controller import JointController
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.motion.paths.cartesian_path import Axes, CartesianPath
-from bt_dualarm.motion.paths.curves import lissajous
-from bt_dualarm.motion.planning.tool_path import trace
-from bt_dualarm.motion.safety.reservation import Reservations
-from bt_dualarm.motion.timing.limit_use import use_of_limits
-from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Matrix, Vector
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.problem import trace
+from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.runtime.assembly import CONTROL_PERIOD
 from bt_dualarm.runtime.plots import COLORS
-from bt_dualarm.share import share_dir
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import ObjectSpec, TreeFile
-from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.robots.robot import JointLimits
-from bt_dualarm.world.world import World
+from bt_dualarm.trajectory.paths import Axes, CartesianPath, lissajous
+from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 TARGET: Final = Path(__file__).with_suffix(".svg")
 YZ: Final[Axes] = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))
@@ -92,7 +90,8 @@ def run() -> Run:
     for mass in reversed(PAYLOADS_KG):  # what is drawn besides the error is that of the first
         world = world_with(file, mass)
         controller = JointController(world, "arm1", float(CONTROL_PERIOD), Reservations())
-        robot, start = world.robots["arm1"], controller.setpoint.q
+        robot = world.robots["arm1"]
+        start = controller.setpoint.q
         kinematics = Kinematics(robot, world.arms["arm1"].base)
         path = lissajous(kinematics.forward(start), YZ, (0.1, 0.1), (1, 2), waypoints=20)
         motion, shortest = trace(kinematics, path, start, robot.limits, float(CONTROL_PERIOD))
@@ -137,7 +136,8 @@ def draw(run: Run) -> Figure:
     grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.5))
     facts = run.facts
     _draw_path(figure.add_subplot(grid[:, 0]), run)
-    sent, limits = run.sent, run.limits
+    sent = run.sent
+    limits = run.limits
     jerk = np.diff(sent.a, axis=0, append=sent.a[-1:]) / sent.dt
     time = np.arange(len(sent)) * sent.dt
     for row, (name, values, limit) in enumerate(

@@ -7,19 +7,16 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.planning import PLANNING_S
-from bt_dualarm.arm.shared import SharedArm
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.control.controller import JointController
-from bt_dualarm.motion.planning.process import PlanningProcess
-from bt_dualarm.motion.safety.reservation import Reservations
-from bt_dualarm.motion.setpoints.set_point import SetPoint
-from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.world.touches import Touches
-from bt_dualarm.world.world import World
-from tests.world.worlds import arm, box, file_of
+from bt_dualarm.arm.arm import PLANNING_S, Arm, SharedArm
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.planning.process import PlanningProcess
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.world import Contacts, World
+from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.trajectory import Trajectory
+from tests.sim.worlds import arm, box, file_of
 
 TICK = 10  # steps
 
@@ -31,9 +28,10 @@ class Bench:
         self.world = World(file_of({"arm1": arm("ur5")}, objects))  # type: ignore[arg-type]
         self.controller = JointController(self.world, "arm1", self.world.timestep, Reservations())
         planning = planning or PlanningProcess()
-        touches = Touches(self.world)
+        touches = Contacts(self.world)
         shared = SharedArm(self.world, "arm1", self.controller, None, 1, planning, touches)
-        self.first, self.second = Arm(shared, "first"), Arm(shared, "second")
+        self.first = Arm(shared, "first")
+        self.second = Arm(shared, "second")
 
     def tick(self) -> None:
         for _ in range(TICK):

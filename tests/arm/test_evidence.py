@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from bt_dualarm.errors import Failure, Number
-from bt_dualarm.motion.planning.process import PlanningProcess
-from bt_dualarm.motion.timing.point_to_point import point_to_point
-from bt_dualarm.pose import Matrix
-from bt_dualarm.world.world import World
+from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.pose import Matrix
+from bt_dualarm.planning.process import PlanningProcess
+from bt_dualarm.sim.world import World
+from bt_dualarm.trajectory.point_to_point import point_to_point
 from tests.arm.test_arm import Bench
 from tests.arm.test_planning import WalledBench
-from tests.motion.walls import LEFT
+from tests.control.walls import LEFT
 from tests.plays import Stage
-from tests.world.worlds import box
+from tests.sim.worlds import box
 
 Story = Callable[[Stage, PlanningProcess], Matrix]
 """Plays something in which failures decide what an arm does; returns where its joints were."""
@@ -106,7 +106,8 @@ def test_rewording_the_numbers_of_failures_changes_no_motion(
 ) -> None:
     """To the bit, whatever they are called."""
     as_it_is = story(stage, planning)
-    init, reworded = Failure.__init__, []
+    init = Failure.__init__
+    reworded = []
 
     def rewording(failure: Failure, code: str, reason: str, **numbers: Number) -> None:
         reworded.append(code)

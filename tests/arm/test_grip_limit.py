@@ -23,7 +23,8 @@ def carried(mass: float, force: float, stage: Stage) -> dict[str, Any]:
 
 def test_a_loose_grip_is_carried_slower_and_says_so(stage: Stage) -> None:
     """1 kg asks for 6.1 N at rest and 11.1 N at 8 m/s²; nothing slides in either case."""
-    firm, loose = carried(1.0, 60.0, stage), carried(1.0, 20.0, stage)
+    firm = carried(1.0, 60.0, stage)
+    loose = carried(1.0, 20.0, stage)
     assert "grip_pace" not in firm
     light = carried(0.1, 20.0, stage)
     assert "grip_pace" not in light

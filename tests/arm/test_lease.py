@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.arm.lease import Lease
-from bt_dualarm.errors import Failure
+from bt_dualarm.arm.state import Lease
+from bt_dualarm.core.errors import Failure
 
 
 class Stage:
@@ -81,7 +81,8 @@ def test_there_is_never_more_than_one_holder(deeds: list[tuple[int, str]]) -> No
 
     The family: every sequence of up to 40 deeds, an arm that rests and moves in between.
     """
-    at_rest, holder = False, None
+    at_rest = False
+    holder = None
     lease = Lease("arm1", lambda: at_rest)
     leaves = [lease.for_leaf(f"leaf{number}") for number in range(4)]
     for number, deed in deeds:

@@ -8,15 +8,11 @@ from typing import cast
 import numpy as np
 import pytest
 
-from bt_dualarm.arm.carrying import Carrying
-from bt_dualarm.arm.lease import Leaseholder
-from bt_dualarm.arm.planning import PLANNING_MARGIN_M, ArmPlanner
-from bt_dualarm.arm.state import ArmState
-from bt_dualarm.motion.collision.checker import CollisionChecker
-from bt_dualarm.motion.planning.process import PlanningProcess
-from bt_dualarm.world.robots.catalogue import robot_names
-from bt_dualarm.world.world import World
-from tests.world.worlds import arm, file_of
+from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.sim.world import World
+from tests.sim.worlds import arm, file_of
 
 FAR_M = 3.0
 
@@ -29,7 +25,8 @@ def gap(world: World, other: str) -> float:
 
 def beside(robot: str, away: tuple[float, float]) -> World:
     """A UR5, one arm on its right, nearer than plans keep, another on its left, not so near."""
-    right, left = (3.0, 3.0)
+    right = 3.0
+    left = 3.0
     for _ in range(8):
         arms = {
             "arm1": arm("ur5"),
@@ -49,14 +46,7 @@ def test_a_near_arm_takes_nothing_from_what_is_kept_from_another(robot: str) -> 
     assert PLANNING_MARGIN_M < gap(world, "arm3") < 0.08
     q = world.arms["arm1"].q
     state = SimpleNamespace(world=world, name="arm1", setpoint=SimpleNamespace(q=q))
-    planner = ArmPlanner(
-        cast("ArmState", state),
-        cast("Leaseholder", None),
-        cast("PlanningProcess", None),
-        cast("Carrying", None),
-        seed=0,
-    )
-    checker = planner.checker()
+    checker = Arm.checker(cast("Arm", state))
     assert checker.free(q)
     of_third = CollisionChecker(world, "arm1", {"arm3": PLANNING_MARGIN_M})
     apart = CollisionChecker(world, "arm1")

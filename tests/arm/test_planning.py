@@ -7,16 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from bt_dualarm.arm.execution import HALT_S
-from bt_dualarm.arm.planning import PLANNING_S
-from bt_dualarm.errors import Failure
-from bt_dualarm.motion.planning.problem import PlanningProblem
-from bt_dualarm.motion.planning.process import PlanningProcess
-from bt_dualarm.motion.timing.trajectory import Trajectory
-from bt_dualarm.pose import Pose
+from bt_dualarm.arm.arm import HALT_S, PLANNING_S
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.planning.problem import PlanningProblem
+from bt_dualarm.planning.process import PlanningProcess
+from bt_dualarm.trajectory.trajectory import Trajectory
 from tests.arm.test_arm import TICK, Bench
-from tests.motion.walls import ABOVE, LEFT, RIGHT, wall
-from tests.world.worlds import box
+from tests.control.walls import ABOVE, LEFT, RIGHT, wall
+from tests.sim.worlds import box
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +43,8 @@ class WalledBench(Bench):
 
     def planned(self, *goals: object) -> tuple[Trajectory, float]:
         """A plan of the first leaf, and the simulated seconds that it took."""
-        began, found = self.world.time, []
+        began = self.world.time
+        found = []
 
         def work() -> Iterator[None]:
             found.append((yield from self.first.plan(goals, 1.0)))  # type: ignore[arg-type]
@@ -124,7 +124,8 @@ def test_a_plan_that_is_out_of_date_when_it_is_ready_is_made_anew(
 ) -> None:
     """The wall comes while the arm plans a straight motion through its place."""
     bench = WalledBench(planning, standing=False)
-    work, found = bench.first.plan([LEFT], 1.0), []
+    work = bench.first.plan([LEFT], 1.0)
+    found = []
 
     def planned() -> Iterator[None]:
         found.append((yield from work))

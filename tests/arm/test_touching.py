@@ -7,7 +7,7 @@ import pytest
 
 from bt_dualarm.spec.document import ObjectSpec
 from tests.arm.test_arm import Bench
-from tests.world.worlds import box
+from tests.sim.worlds import box
 
 
 def block(turn: float, mass: float) -> ObjectSpec:

@@ -14,6 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bt_dualarm.cli.entry import ProcessEnd
+from bt_dualarm.runtime.signals import StopRequest
+from tests.families import some
 from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
 
 PROGRAM = f"{HEEDING}import sys; import bt_dualarm.cli as cli; "
@@ -26,7 +29,7 @@ COMMANDS = {
     "bt-experiments": ("experiments", "--help"),
 }
 CODES = dict.fromkeys(COMMANDS, 0) | {"bt-run": 1, "bt-tune-color": 1}
-"""1: the duration is over before the motion is, and nothing of the colour is seen at the start."""
+"""1: the duration is over before the motion is, and nothing of the color is seen at the start."""
 
 MOMENTS = np.random.default_rng(7).uniform(0.0, 1.0, (2, len(COMMANDS)))
 """Seconds from when a program listens: while it imports, computes, prints. What it does then hangs
@@ -48,7 +51,7 @@ def in_shell(name: str, redirection: str) -> subprocess.CompletedProcess[str]:
 SIGNALLED = [
     (name, STOPPING[number % len(STOPPING)], float(moment))
     for number, (name, moment) in enumerate(
-        (name, at) for row in MOMENTS for name, at in zip(COMMANDS, row, strict=True)
+        (name, at) for row in some(MOMENTS, 2) for name, at in zip(COMMANDS, row, strict=True)
     )
 ]
 
@@ -190,3 +193,15 @@ def test_where_hanging_up_is_ignored_it_stays_ignored(tmp_path: Path) -> None:
         assert process.wait() == 1
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["ending"] == "the given duration is over"
+
+
+def test_a_last_resort_is_none_outside_of_its_block() -> None:
+    """A run that was closed after it started another monitor process, which nobody ended."""
+    end = ProcessEnd("bt-run", StopRequest())
+    end.postpone(60.0)
+    assert signal.getitimer(signal.ITIMER_VIRTUAL) == (0.0, 0.0)
+    with end:
+        end.postpone(60.0)
+        assert signal.getitimer(signal.ITIMER_VIRTUAL)[0] > 0.0
+    end.postpone(60.0)
+    assert signal.getitimer(signal.ITIMER_VIRTUAL) == (0.0, 0.0)

@@ -17,13 +17,12 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm.cli import experiments as main
-from bt_dualarm.cli.experiment_arguments import cells_of, command_line
-from bt_dualarm.errors import RendererError
-from bt_dualarm.experiments import campaign, report
-from bt_dualarm.experiments.campaign import Campaign
+from bt_dualarm.cli.bt_experiments import cells_of, command_line
+from bt_dualarm.core.errors import RendererError
+from bt_dualarm.experiments import report
 from bt_dualarm.experiments.cases import Cell
-from bt_dualarm.experiments.results import Result
-from bt_dualarm.world.rendering import choose
+from bt_dualarm.experiments.report import Campaign, Result
+from bt_dualarm.sim import gl_renderer
 from tests.experiments.test_results import made_up
 
 ONE = ("--case", "circle", "--speed", "1", "--controller", "predictive")
@@ -51,7 +50,7 @@ def test_rays_unless_opengl_is_asked_for(
     asked: tuple[str, ...], seen: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On every machine alike, whether OpenGL works there or not."""
-    monkeypatch.setattr(choose, "choose_renderer", lambda kind: kind)
+    monkeypatch.setattr(gl_renderer, "choose_renderer", lambda kind: kind)
     cells = cells_of(command_line().parse_args(["--case", "circle", *asked]))
     assert list(dict.fromkeys(cell.renderer for cell in cells)) == seen
 
@@ -64,8 +63,8 @@ def test_opengl_that_is_missing_is_said_before_anything_runs(
     def missing(kind: str) -> None:
         raise RendererError(f"no {kind} here")
 
-    monkeypatch.setattr(choose, "choose_renderer", missing)
-    monkeypatch.setattr(campaign, "run_all", lambda *_: pytest.fail("it was run"))
+    monkeypatch.setattr(gl_renderer, "choose_renderer", missing)
+    monkeypatch.setattr(report, "run_all", lambda *_: pytest.fail("it was run"))
     assert main(["--case", "circle", "--renderer", "both"]) == 2
     assert "no gl here" in capsys.readouterr().err
 
@@ -83,7 +82,7 @@ def test_settings_that_the_file_refuses_are_said(capsys: pytest.CaptureFixture[s
 @pytest.fixture
 def no_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing may be run."""
-    monkeypatch.setattr(campaign, "run_all", lambda *_: pytest.fail("it was run"))
+    monkeypatch.setattr(report, "run_all", lambda *_: pytest.fail("it was run"))
 
 
 @pytest.mark.usefixtures("no_run")
@@ -132,9 +131,10 @@ def test_a_disk_that_is_full_at_the_end_leaves_the_numbers(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
 
     done = Campaign([Result(Cell("circle", 1.0), [made_up()])])
-    monkeypatch.setattr(campaign, "run_all", lambda *_: done)
+    monkeypatch.setattr(report, "run_all", lambda *_: done)
     monkeypatch.setattr(report, "write_report", fail)
-    numbers, folder = tmp_path / "numbers.json", tmp_path / "report"
+    numbers = tmp_path / "numbers.json"
+    folder = tmp_path / "report"
     assert main([*ONE, "--json", str(numbers), "--out", str(folder)]) == 1
     out, said = capsys.readouterr()
     assert "circle 1" in out

@@ -1,4 +1,4 @@
-"""Python with its optimisations on: no assertions, no docstrings; trees run all the same."""
+"""Python with its optimizations on: no assertions, no docstrings; trees run all the same."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from bt_dualarm.runtime.compiling import compile_kernels
+from bt_dualarm.runtime.prepared import compile_kernels
 from tests.commands import BtRun
 
 TREE = """

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm import cli
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.runtime.options import NoSuchTree, find_tree, shipped_trees
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.runtime.shipped import NoSuchTree, find_tree, shipped_trees
-from bt_dualarm.share import share_dir
 
 WAITING = """\
 bt_dualarm: 1
@@ -318,7 +318,7 @@ def test_a_divergence_says_where_its_states_are(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from bt_dualarm.world.world import World
+    from bt_dualarm.sim.world import World
 
     steps = World.step
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm import cli
-from bt_dualarm.share import share_dir
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.robots.gripper import gripper_names, load_gripper
+from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.language import LANGUAGE
-from bt_dualarm.world.grippers.named import gripper_names, load_gripper
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
-from tests.world.worlds import WORLD
+from tests.sim.worlds import WORLD
 
 
 def test_all_skills_and_words_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -62,7 +62,7 @@ def test_an_unknown_name_is_code_2_with_the_nearest(capsys: pytest.CaptureFixtur
 def test_robots_fit_the_terminal(
     width: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No row of the catalogue or of a robot is folded or cut."""
+    """No row of the catalog or of a robot is folded or cut."""
     monkeypatch.setenv("COLUMNS", str(width))
     assert cli.skills(["robots"]) == 0
     out = capsys.readouterr().out
@@ -73,10 +73,11 @@ def test_robots_fit_the_terminal(
         assert row.rstrip().endswith(", ".join(robot.cameras))
         assert cli.skills([name]) == 0
         lines = capsys.readouterr().out.splitlines()
-        for word in (*robot.joints, *robot.postures, *robot.cameras):
+        for word in (*robot.joints, *robot.postures, *robot.cameras, *robot.locked):
             assert sum(line.startswith(f"  {word} ") for line in lines) == 1
-        assert sum(line.startswith(" ") for line in lines) == 3 + sum(
-            map(len, (robot.joints, robot.postures, robot.cameras))
+        heads = 4 if robot.locked else 3
+        assert sum(line.startswith(" ") for line in lines) == heads + sum(
+            map(len, (robot.joints, robot.postures, robot.cameras, robot.locked))
         )
         assert max(map(len, lines)) <= width
 

@@ -9,8 +9,8 @@ import cv2
 import pytest
 
 from bt_dualarm.cli import check, tune_color
-from bt_dualarm.runtime.shipped import find_tree
-from bt_dualarm.tuning.look import png
+from bt_dualarm.runtime.options import find_tree
+from bt_dualarm.tuning.color import png
 from tests.tuning.test_look import two_squares
 
 
@@ -25,19 +25,20 @@ def test_an_image_is_looked_at(photo: str, capsys: pytest.CaptureFixture[str]) -
     assert tune_color([photo]) == 0
     out = capsys.readouterr().out.splitlines()
     assert out[:2] == [photo, "color: yellow"]
-    assert out[2].startswith("  1  centre 30.0, 30.0 px  area 400 px²")
+    assert out[2].startswith("  1  center 30.0, 30.0 px  area 400 px²")
     assert len(out) == 4
 
 
 def test_nothing_found_is_code_1(photo: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert tune_color([photo, "--color", "blue"]) == 1
-    assert "nothing of this colour" in capsys.readouterr().out
+    assert "nothing of this color" in capsys.readouterr().out
 
 
 def test_pixels_become_ranges_a_snippet_and_a_picture(
     photo: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    snippet, picture = tmp_path / "color.yaml", tmp_path / "seen.png"
+    snippet = tmp_path / "color.yaml"
+    picture = tmp_path / "seen.png"
     arguments = ["--pick", "30,30", "--snippet", str(snippet), "--out", str(picture), "--json"]
     assert tune_color([photo, *arguments]) == 0
     said = json.loads(capsys.readouterr().out.partition("\nwritten")[0])
@@ -91,7 +92,7 @@ def test_what_cannot_be_done_is_code_2(
         (["--hue", "1", "361"], "'361' is not a hue from 0 to 360 degrees"),
         (["--value", "a", "1"], "'a' is not a number from 0 to 1"),
         (["--pick", "1;2"], "'1;2' is not a pixel X,Y"),
-        (["--color", "pnk"], "there is no colour 'pnk'"),
+        (["--color", "pnk"], "there is no color 'pnk'"),
         (["--color", "["], "not YAML"),
         (["--serve", "70000"], "'70000' is not a port"),
         (["--at", "-1"], "'-1' is not a number of seconds"),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.cli.view_folder import view_folder
+from bt_dualarm.cli.bt_run import view_folder
 
 
 @pytest.fixture

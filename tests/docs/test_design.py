@@ -1,19 +1,27 @@
-"""docs/design.md is true: its rooms are the rooms, and its walks lead through files that exist."""
+"""docs/design.md is true: packages, layers and walks are those of the code."""
 
 from __future__ import annotations
 
 import re
+import tomllib
 from itertools import pairwise
 
 import pytest
 
-from tests.source import MODULES, PACKAGE, ROOT, dotted_name, room_of
-from tests.test_layers import FACADE, FLOOR
+from tests.source import PACKAGE, ROOT
 
 PAGE = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
 LONGEST_WALK = 25
 
 Walk = list[tuple[int, str, str]]
+
+
+def layers() -> list[list[str]]:
+    """Packages and modules of the contract in pyproject.toml, those of the lowest layer first."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = settings["tool"]["importlinter"]["contracts"]
+    (lines,) = (contract["layers"] for contract in contracts if contract["id"] == "layers")
+    return [re.split(r" [|:] ", line) for line in reversed(lines)]
 
 
 def walks() -> dict[str, Walk]:
@@ -39,17 +47,23 @@ def test_a_walk_leads_through_files_and_names_that_exist(title: str) -> None:
         assert defined, f"{file} defines no {name}"
 
 
-def test_the_rooms_of_the_page_are_the_rooms_of_the_package() -> None:
-    table = PAGE.split("## Rooms")[1].split("\n## ")[0]
-    floors: dict[str, int] = {}
-    for floor, rooms in re.findall(r"^\| (\d+) \| ([^|]+) \|", table, re.MULTILINE):
-        for room in re.findall(r"`([\w/]+)`", rooms):
-            floors[room.strip("/").replace("/", ".")] = int(floor)
-    rooms = {room_of(dotted_name(path)) for path in MODULES} - {FACADE, "motion", "__main__"}
-    assert set(floors) == rooms
-    assert floors == {room: FLOOR[room] for room in rooms}
+def test_the_packages_of_the_page_are_the_layers_and_the_packages_that_there_are() -> None:
+    table = PAGE.split("## Packages")[1].split("\n## ")[0]
+    page = {
+        name: int(n) for n, name in re.findall(r"^\| (\d+) \| `(\w+)/` \|", table, re.MULTILINE)
+    }
+    held = {name: number for number, layer in enumerate(layers(), 1) for name in layer}
+    del held["__main__"]
+    assert page == held
+    assert set(page) == {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
 
 
-def test_every_file_that_the_page_names_exists() -> None:
-    for name in re.findall(r"`((?:\w+/)+\w+\.py)`", PAGE):
-        assert any((root / name).is_file() for root in (ROOT, PACKAGE)), name
+@pytest.mark.parametrize("page", ["docs/design.md", "CONTRIBUTING.md"])
+def test_every_file_that_the_page_names_exists(page: str) -> None:
+    """But for what the reader is to write: ``NAME.py``."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    names = set(re.findall(r"`((?:\w+/)+\w+\.(?:py|yaml|md))`", text))
+    assert names
+    for name in names:
+        written = "NAME" in name
+        assert written or any((root / name).is_file() for root in (ROOT, PACKAGE)), name

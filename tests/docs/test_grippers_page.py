@@ -1,4 +1,4 @@
-"""docs/grippers.md has the grippers of the catalogue."""
+"""docs/grippers.md has the grippers of the catalog."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from bt_dualarm.world.grippers.named import gripper_names
+from bt_dualarm.robots.gripper import gripper_names
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "grippers.md").read_text(encoding="utf-8")

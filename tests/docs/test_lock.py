@@ -37,7 +37,8 @@ def test_a_lock_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     tags = [f"cp{number}-cp{number}-manylinux_2_17_x86_64" for number in (311, 312, 313)]
     built = sorted(wheel(tmp_path, "built", tag) for tag in tags)
     wheel(tmp_path, "built", "cp312-cp312-win_amd64")
-    pins, made = tmp_path / "pins.txt", tmp_path / "made.lock"
+    pins = tmp_path / "pins.txt"
+    made = tmp_path / "made.lock"
     pins.write_text("plain==1.0\nbuilt==1.0\n", encoding="utf-8")
     lock.main(pins, made)
     content = made.read_text(encoding="utf-8")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.motion.safety.report import GuardReport
-from bt_dualarm.runtime.holding import Holding
-from bt_dualarm.share import share_dir
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.runtime.outcome import Holding
+from bt_dualarm.safety.guard import GuardReport
 from tests.glossary import METRICS
 
 SKILLS = sorted(share_dir("skills").glob("*.py"))

@@ -50,7 +50,7 @@ def test_the_picture_shows_what_the_program_does(script: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("script", ["limits.py"], indirect=True)
-def test_the_table_of_limits_is_the_catalogue_s(script: ModuleType) -> None:
+def test_the_table_of_limits_is_the_catalog_s(script: ModuleType) -> None:
     """After a change of a robot's page: make docs."""
     assert script.renewed(PAGE) == PAGE
     assert "| `ur5` | acceleration | 5.0 rad/s² |" in PAGE

@@ -6,11 +6,11 @@ import re
 import runpy
 from pathlib import Path
 
-from bt_dualarm.share import share_dir
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.file_sections import FILE_NAMES, OUTLINE
-from bt_dualarm.spec.language import LANGUAGE
-from bt_dualarm.spec.load import load_tree_file
+from bt_dualarm.spec.reference import FILE_NAMES, OUTLINE
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "reference.md").read_text(encoding="utf-8")

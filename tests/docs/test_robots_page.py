@@ -1,4 +1,4 @@
-"""docs/robots.md is what the catalogue and the scenes are."""
+"""docs/robots.md is what the catalog and the scenes are."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.world.composition import scene_names
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.sim.composition import scene_names
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "robots.md").read_text(encoding="utf-8")

@@ -6,8 +6,8 @@ import inspect
 import re
 from pathlib import Path
 
-from bt_dualarm.tree import composites, decorators, words
-from tests.tree.ticking import Stage, rows
+from bt_dualarm.behaviors import composites, decorators, leaf
+from tests.behaviors.ticking import Stage, rows
 
 PAGE = Path(__file__).parents[2] / "docs" / "ticking.md"
 
@@ -23,7 +23,7 @@ def test_the_table_of_the_page(tmp_path: Path) -> None:
 
 def test_the_page_has_every_code_that_the_words_fail_with() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    sources = [inspect.getsource(module) for module in (composites, decorators, words)]
-    codes = re.findall(r'Failure\(\s*"([A-Z_]+)"', "".join(sources))
+    sources = [inspect.getsource(module) for module in (composites, decorators, leaf)]
+    codes = re.findall(r'raise Failure\(\s*"([A-Z_]+)"', "".join(sources))
     assert len(codes) >= 8
     assert [code for code in codes if f"`{code}`" not in text] == []

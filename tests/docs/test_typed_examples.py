@@ -41,7 +41,7 @@ for arm in result.arms.values():
 def test_examples_and_plain_uses_are_typed(tmp_path: Path) -> None:
     """One module for each page, of all its blocks in Python, one after the other."""
     modules = {"uses": USES}
-    for page in ("README.md", "docs/python.md", "docs/skills.md"):
+    for page in ("docs/first_skill.md", "docs/python.md", "docs/skills.md"):
         blocks = blocks_of(ROOT / page)
         text = "\n".join(block.text for block in blocks if block.language == "python")
         modules[Path(page).stem.lower()] = text

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.experiments.cases import Cell, ControllerName
-from bt_dualarm.experiments.figures import over_time, overlay
-from bt_dualarm.experiments.results import Result
+from bt_dualarm.experiments.report import Result, over_time, overlay
 from tests.experiments.test_results import made_up
 
 

@@ -8,10 +8,10 @@ import pytest
 from benchmarks.following import FPS, LATENCIES, SHARES, complaints
 from benchmarks.following_trial import LOOKS, Spot, follow
 from benchmarks.vantage import BASE, vantage
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.pose import Pose
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.world.robots.catalogue import load_robot, robot_names
 
 
 def some(seed: int) -> list[Spot]:

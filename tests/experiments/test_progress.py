@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from bt_dualarm.experiments.cases import CASES, Cell
-from bt_dualarm.experiments.progress import Forecast, shown_progress
+from bt_dualarm.experiments.report import Forecast, shown_progress
 
 CELLS = [Cell(case, speed) for case, speed in CASES]
 

@@ -14,16 +14,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.experiments.bounds import estimator_bound, proportional_bound
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.experiments.cases import CASES, GAINS, TREE, UNTUNED, Cell, CurveName, best_gain
-from bt_dualarm.experiments.margins import Margins
-from bt_dualarm.experiments.report import HEADER, row, write_report
-from bt_dualarm.experiments.results import Result
-from bt_dualarm.experiments.trial import Trial
-from bt_dualarm.pose import Matrix, Vector
-from bt_dualarm.runtime.shipped import find_tree
+from bt_dualarm.experiments.report import (
+    HEADER,
+    Result,
+    estimator_bound,
+    proportional_bound,
+    row,
+    write_report,
+)
+from bt_dualarm.experiments.trials import Margins, Trial
+from bt_dualarm.runtime.options import find_tree
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import load_tree_file
 
 
 def made_up(late: float = 0.02, seed: int = 0) -> Trial:
@@ -59,7 +63,8 @@ def test_a_late_tool_is_measured_as_late() -> None:
 
 
 def test_bounds_grow_with_latency_and_noise() -> None:
-    cell, trial = Cell("circle", 1.0), made_up()
+    cell = Cell("circle", 1.0)
+    trial = made_up()
     assert estimator_bound(trial, cell) < estimator_bound(trial, replace(cell, latency=0.05))
     assert estimator_bound(trial, cell) < estimator_bound(replace(trial, sighting_sd=1e-3), cell)
     assert estimator_bound(trial, cell) < 1e-3
@@ -77,7 +82,7 @@ def test_every_case_reads_as_a_command() -> None:
     speed=st.floats(0.05, 1.0),
     fps=st.floats(5.0, 200.0),
 )
-def test_a_gain_is_that_of_its_neighbours_in_the_table(
+def test_a_gain_is_that_of_its_neighbors_in_the_table(
     case: CurveName, speed: float, fps: float
 ) -> None:
     """Each cell that was tuned has its own; others lie between those, never beyond."""

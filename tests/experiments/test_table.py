@@ -13,9 +13,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from bt_dualarm.experiments.cases import CASES, UNTUNED, Cell, ControllerName
-from bt_dualarm.experiments.report import row
-from bt_dualarm.experiments.results import Result
-from bt_dualarm.experiments.table import table_of
+from bt_dualarm.experiments.report import Result, row, table_of
 from tests.experiments.test_results import made_up
 
 CELLS = (*(Cell(case, speed) for case, speed in CASES), *UNTUNED)

@@ -9,12 +9,13 @@ import pytest
 from benchmarks.tracking_bench import Bench
 from bt_dualarm.experiments import trials
 from bt_dualarm.experiments.cases import Cell
-from bt_dualarm.experiments.trial import Trial, TrialError
+from bt_dualarm.experiments.trials import Trial, TrialError
 from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.skill.registry import Registry
 from tests.experiments.test_results import made_up
 
-ROUND, EIGHT = Cell("circle", 1.0), Cell("lissajous", 1.0)
+ROUND = Cell("circle", 1.0)
+EIGHT = Cell("lissajous", 1.0)
 
 
 @pytest.fixture

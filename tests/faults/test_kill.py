@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.families import some
 from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
 
 ENDLESS = """\
@@ -74,7 +75,7 @@ def check_whole(folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "seconds"), EARLY)
+@pytest.mark.parametrize(("number", "seconds"), some(EARLY, 2))
 def test_killed_while_it_starts(tmp_path: Path, number: signal.Signals, seconds: float) -> None:
     """No record where no leaf has begun; else a whole one. Nothing in between."""
     with begun(tmp_path) as process:
@@ -91,7 +92,7 @@ def test_killed_while_it_starts(tmp_path: Path, number: signal.Signals, seconds:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "lines"), LATE)
+@pytest.mark.parametrize(("number", "lines"), some(LATE, 2))
 def test_killed_while_it_runs(tmp_path: Path, number: signal.Signals, lines: int) -> None:
     with begun(tmp_path) as process:
         say(process, lines)
@@ -130,7 +131,8 @@ def test_killed_outright_it_leaves_what_has_happened(tmp_path: Path) -> None:
     assert {event["arm"] for event in events} == {"arm1"}
     assert not (tmp_path / "out" / "summary.json").exists()
     parts = tmp_path / "out" / "samples.parts"
-    time, tool = np.load(parts / "time.npy"), np.load(parts / "tool_arm1.npy")
+    time = np.load(parts / "time.npy")
+    tool = np.load(parts / "tool_arm1.npy")
     assert len(time) >= 200, "all but the last two seconds"
     assert tool.shape == (len(time), 3)
     assert not np.isnan(tool).any()

@@ -74,7 +74,8 @@ def test_record_log_and_report_tell_of_it(
 
     The leaf that comes after the broken one never begins.
     """
-    file, record = tmp_path / "raising.yaml", tmp_path / "record"
+    file = tmp_path / "raising.yaml"
+    record = tmp_path / "record"
     tree = f"{{sequence: [{{raiser: {{phase: {phase}}}}}, {{circle: {{}}}}]}}"
     file.write_text("bt_dualarm: 1\n" + textwrap.dedent(TWO_ARMS.format(tree=tree)))
     options = ("--skills", HERE / "skills", "--renderer", "ray", "--record", record)

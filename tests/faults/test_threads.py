@@ -12,7 +12,7 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm import Arm, PortModel, Skill, port
-from bt_dualarm.errors import SkillError
+from bt_dualarm.core.errors import SkillError
 from bt_dualarm.testing import registry_with
 from tests.plays import Stage
 

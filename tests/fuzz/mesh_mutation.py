@@ -56,7 +56,8 @@ def _mutate(mesh: bytes, dice: random.Random) -> bytes:
     found = list(_NUMBER.finditer(mesh))
     if not found:
         return mesh[:start] + bytes(end - start) + mesh[end:]
-    number, value = dice.choice(found)[0], dice.choice(NUMBERS)
+    number = dice.choice(found)[0]
+    value = dice.choice(NUMBERS)
     where = [match for match in found if match[0] == number]
     for match in reversed(where if dice.random() < 0.5 else where[:1]):
         mesh = mesh[: match.start()] + value + mesh[match.end() :]

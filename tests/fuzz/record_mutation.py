@@ -17,12 +17,10 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from bt_dualarm.recording.block import Block
-from bt_dualarm.recording.columns import pack
-from bt_dualarm.recording.history_file import MAGIC, read_history
+from bt_dualarm.recording.history_file import MAGIC, Block, pack, read_history
 
 ESCAPES: Final = "\x1b]0;owned\x07\x1b[2J\x1b[31m\x9b1m\u202e\x7f"
-"""What a terminal must never get: title, clearing, colour, direction."""
+"""What a terminal must never get: title, clearing, color, direction."""
 
 VALUES: Final[tuple[Any, ...]] = (
     None, True, False, 0, -1, 1, 3.5, -0.0, 1e300, 1e-320, 2**31, 2**63, 10**40, float("nan"),
@@ -155,7 +153,9 @@ class Files:
         """The first model as MuJoCo writes it."""
         part = next(part for part in self.history if part.kind == "model")
         rest: bytes = part.arrays["rest"].tobytes()
-        whole, at, taken = b"", 0, 0
+        whole = b""
+        at = 0
+        taken = 0
         for start, end, digest in part.data["cuts"]:
             whole += rest[taken : taken + start - at] + part.arrays[digest].tobytes()
             taken += start - at
@@ -339,7 +339,9 @@ def _edit_model_bytes(files: Files, dice: random.Random) -> None:
 
 def _edit_bytes(files: Files, dice: random.Random) -> None:
     name = dice.choice(["run.history", "run.frames", "events.jsonl", "summary.json"])
-    deed, share, bit = dice.randrange(4), dice.random(), dice.randrange(8)
+    deed = dice.randrange(4)
+    share = dice.random()
+    bit = dice.randrange(8)
 
     def changed(content: bytes) -> bytes:
         at = int(share * len(content))
@@ -378,12 +380,21 @@ MUTATIONS: Final = (
 
 def mutated(files: Files, dice: random.Random) -> tuple[str, Files]:
     """A record with one thing changed, now and then two, and what was done to it."""
-    mutant, done = files.copy(), []
+    mutant = files.copy()
+    done = []
     for _ in range(dice.choice([1, 1, 1, 2])):
         mutation = dice.choice(MUTATIONS)
         try:
             mutation(mutant, dice)
-        except (LookupError, TypeError, ValueError, AttributeError, AssertionError, RecursionError):
+        except (
+            LookupError,
+            TypeError,
+            ValueError,
+            AttributeError,
+            AssertionError,
+            RecursionError,
+            StopIteration,
+        ):
             continue  # the first change left nothing to change here
         done.append(mutation.__name__)
     return " ".join(done), mutant

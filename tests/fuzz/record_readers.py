@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Final
 
 from bt_dualarm import cli
-from bt_dualarm.errors import DualArmError
-from bt_dualarm.live.past_answers import RecordView
-from bt_dualarm.runtime.record_folder import RecordFolder
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.runtime.recorder import RecordFolder
+from bt_dualarm.viewer.past import RecordView
 
 LONGEST_S: Final = 120
 """Seconds on the wall for one reading of one small record: none needs ten where nothing else runs."""
@@ -115,12 +115,14 @@ def fault_of(reader: Callable[[Path, Path], int], sandbox: Path) -> tuple[bool, 
     Nothing may be raised but what becomes a sentence, nothing written but below ``sandbox/out``,
     and no control character printed.
     """
-    out, here = sandbox / "out", sandbox / "here"
+    out = sandbox / "out"
+    here = sandbox / "here"
     for folder in (out, here):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
     before = _listed(sandbox)
-    text, errors = io.StringIO(), io.StringIO()
+    text = io.StringIO()
+    errors = io.StringIO()
     stands = Path.cwd()
     os.chdir(here)
     try:
@@ -152,7 +154,8 @@ def fault_of(reader: Callable[[Path, Path], int], sandbox: Path) -> tuple[bool, 
         letter for letter in said if letter != "\n" and unicodedata.category(letter) in _ACTED_ON
     }
     if raw:
-        return code == 2, f"printed {raw}"
+        at = min(said.index(letter) for letter in raw)
+        return code == 2, f"printed {raw}: {said[max(0, at - 60) : at + 20]!r}"
     after = {path for path in _listed(sandbox) if not path.startswith("out/")}
     if after != {path for path in before if not path.startswith("out/")}:
         return code == 2, f"written elsewhere: {sorted(after ^ before)[:3]}"

@@ -16,7 +16,7 @@ from tests.fuzz.seeds import dice_of
 from tests.fuzz.test_robots import TIMES
 
 CHUNKS = 4
-MUTANTS = int(TIMES * 40 / CHUNKS)
+MUTANTS = int(TIMES * 16 / CHUNKS)
 """Mutants of a chunk; each is read by three of the readers that take little time."""
 
 MOST_MB = 1024

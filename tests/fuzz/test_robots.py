@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 import yaml
 
-from bt_dualarm.motion.kinematics.chain import Chain
-from bt_dualarm.preflight.check import check
+from bt_dualarm.kinematics.chain import Chain
+from bt_dualarm.runtime.file_check import check
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.world.world import World
 from tests.fuzz import mesh_mutation, page_mutation, urdf_mutation
 from tests.fuzz.seeds import dice_of
-from tests.world.robots.test_mesh_check import BOX, ascii_stl, obj, stl
-from tests.world.urdf.small_arm import PAGE, URDF
+from tests.robots.small_arm import PAGE, URDF
+from tests.robots.test_mesh_check import BOX, ascii_stl, obj, stl
 
 TIMES = float(os.environ.get("BT_DUALARM_FUZZ_TIMES", "1"))
-"""How many times as many: once takes 40 s of one core; `make fuzz` takes longer."""
+"""How many times as many: once takes 20 s of one core; `make fuzz` takes longer."""
 
 CHUNKS = 4
 """So that workers share the work; each has its own seed."""
@@ -34,7 +34,7 @@ LONGEST_S = 10.0
 """Seconds of the processor for one mutant: none needs two of them where nothing else runs, and what
 grows without bound needs all of them anywhere."""
 
-URDFS, PAGES, MESHES = (int(TIMES * count / CHUNKS) for count in (2000, 2000, 500))
+URDFS, PAGES, MESHES = (int(TIMES * count / CHUNKS) for count in (500, 500, 120))
 
 TREE = """\
 bt_dualarm: 1
@@ -147,7 +147,8 @@ def survivors(
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_mutated_urdfs(chunk: int, tmp_path: Path, registry: Registry) -> None:
     """No other exception, none that takes long, none accepted that then does not run."""
-    tree, dice = folder_with_an_arm(tmp_path), dice_of(chunk)
+    tree = folder_with_an_arm(tmp_path)
+    dice = dice_of(chunk)
     assert accepted(tree, registry)
     root = ET.fromstring(urdf_with("box.stl"))  # noqa: S314 - our own
 
@@ -163,7 +164,8 @@ def test_mutated_urdfs(chunk: int, tmp_path: Path, registry: Registry) -> None:
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_mutated_pages(chunk: int, tmp_path: Path, registry: Registry) -> None:
     """Likewise."""
-    tree, dice = folder_with_an_arm(tmp_path), dice_of(chunk)
+    tree = folder_with_an_arm(tmp_path)
+    dice = dice_of(chunk)
     data = yaml.safe_load(page())
 
     def mutate(_: int) -> str:
@@ -178,7 +180,8 @@ def test_mutated_pages(chunk: int, tmp_path: Path, registry: Registry) -> None:
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_mutated_meshes(chunk: int, tmp_path: Path, registry: Registry) -> None:
     """Likewise."""
-    tree, dice = folder_with_an_arm(tmp_path), dice_of(chunk)
+    tree = folder_with_an_arm(tmp_path)
+    dice = dice_of(chunk)
 
     def mutate(number: int) -> bytes:
         suffix = dice.choice(tuple(MESHES_OF))

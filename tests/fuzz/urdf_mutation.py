@@ -77,7 +77,8 @@ def _change_value(element: ET.Element, elements: list[ET.Element], dice: random.
     if not names:
         element.set(dice.choice(ATTRIBUTES), dice.choice(VALUES))
         return
-    name, choice = dice.choice(names), dice.random()
+    name = dice.choice(names)
+    choice = dice.random()
     if choice < 0.6:
         element.set(name, dice.choice(VALUES))
     elif choice < 0.7:
@@ -94,7 +95,8 @@ def _rename_everywhere(elements: list[ET.Element], dice: random.Random) -> None:
     named = [element.attrib["name"] for element in elements if "name" in element.attrib]
     if not named:
         return
-    old, new = dice.choice(named), dice.choice(VALUES)
+    old = dice.choice(named)
+    new = dice.choice(VALUES)
     for element in elements:
         for attribute in ("name", "link", "joint"):
             if element.attrib.get(attribute) == old:

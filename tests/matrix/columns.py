@@ -14,15 +14,15 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import yaml
 
-from bt_dualarm.pose import Pose
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.robots.gripper import gripper_names
+from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.runtime.outcome import Ending
-from bt_dualarm.share import share_dir
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, TreeFile
-from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
-from bt_dualarm.world.grippers.named import gripper_names
-from bt_dualarm.world.robots.catalogue import robot_names
-from bt_dualarm.world.world import World
 
 Tree: TypeAlias = dict[str, Any]
 """Content of a tree file."""

@@ -6,7 +6,6 @@ import base64
 import csv
 import hashlib
 import json
-import os
 import re
 import zlib
 from collections import Counter
@@ -26,21 +25,19 @@ from PIL import Image
 from pyarrow import parquet
 
 import bt_dualarm as bt
-from bt_dualarm.errors import RendererError
-from bt_dualarm.live.past_answers import RecordView
-from bt_dualarm.live.served import Served
-from bt_dualarm.live.view import LiveView
-from bt_dualarm.replay.kept_pictures import kept_pictures
+from bt_dualarm.core.errors import RendererError
 from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.scene import recorded_frames
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.world.rendering.choose import choose_renderer
-from tests.live.browsers import Browser
+from bt_dualarm.sim.gl_renderer import choose_renderer
+from bt_dualarm.viewer.live_view import LiveView
+from bt_dualarm.viewer.past import RecordView
+from bt_dualarm.viewer.server import Served
+from tests.families import WHOLE
 from tests.matrix.columns import Column
 from tests.matrix.recordings import Recording, Recordings, driven, run_of, said_by
-
-ALL: Final = "BT_DUALARM_MATRIX"
-"""Environment variable that is set where every cell is to be tested."""
+from tests.viewer.browsers import Browser
 
 
 @dataclass(frozen=True)
@@ -72,7 +69,7 @@ class Cell:
         """The recording of which films are made, which take longer than runs: by ``make matrix``
         the whole one of generated trees, else the first moments.
         """
-        if os.environ.get(ALL) and self.column.content is not None:
+        if WHOLE and self.column.content is not None:
             return self.recording
         return self.recordings.beginning(self.column)
 
@@ -164,7 +161,8 @@ def record(cell: Cell) -> None:
         assert cell.column.outcome in of.said.out
         for path in of.folder.glob("*.png"):
             assert cv2.imread(str(path)) is not None
-    summary, ending = of.summary, cell.column.ending
+    summary = of.summary
+    ending = cell.column.ending
     assert (summary["outcome"], summary["ending"]) == (cell.column.outcome, ending)
     assert of.record.torn == ""
     digest = hashlib.sha256()
@@ -202,10 +200,10 @@ def frames(cell: Cell) -> None:
     folder = cell.folder / "record"
     result = run_of(cell.column, cell.tree, record=folder, frames=True, renderer="ray")
     cell.is_the_same_run(result)
-    kept = Counter(picture.arm for picture in kept_pictures(Record.read(folder)))
+    kept = Counter(picture.arm for picture in recorded_frames(Record.read(folder)))
     assert kept == cell.recording.pictures
     page = RecordView(folder)
-    lasts = {picture.arm: picture for picture in kept_pictures(Record.read(folder))}
+    lasts = {picture.arm: picture for picture in recorded_frames(Record.read(folder))}
     for arm, last in lasts.items():
         shown = page.questions["eye"]({"arm": arm, "t": f"{last.time + 1e-4:.4f}"}).content
         assert shown == last.whole, arm
@@ -215,7 +213,7 @@ def frames(cell: Cell) -> None:
         schemas = [schema for schema, _, _ in make_reader(file).iter_messages()]
     images = [schema for schema in schemas if schema and schema.name == "foxglove.CompressedImage"]
     assert len(images) == sum(kept.values())
-    for picture in kept_pictures(Record.read(folder)):
+    for picture in recorded_frames(Record.read(folder)):
         camera = cell.recording.record.arms[picture.arm]["camera"]
         assert picture.image.shape == (*camera["resolution"][::-1], 3)
         assert len(np.unique(picture.image.reshape(-1, 3), axis=0)) > 1
@@ -312,7 +310,8 @@ def renderer_ray(cell: Cell) -> None:
 
 def view(cell: Cell) -> None:
     """The page shows the run from its begin to its end, and changes nothing of it."""
-    of, stop = cell.recording, StopRequest()
+    of = cell.recording
+    stop = StopRequest()
     options = {"renderer": "ray", "record": cell.folder / "record", **cell.column.options}
     with bt.open(cell.tree, stop=stop, **options) as shown, LiveView(shown, stop) as live:
         live.gate.set_speed(None)
@@ -487,7 +486,8 @@ def resume_two_thirds(cell: Cell) -> None:
 
 def _resumed(cell: Cell, share: float) -> Path:
     """Folder of the record of the run that went on."""
-    of, column = cell.recording, cell.column
+    of = cell.recording
+    column = cell.column
     place = f"{of.folder}@{share * of.record.until:.3f}"
     given = list(column.arguments)
     if column.stop_at is not None:  # the run as it is stopped has no end of its own
@@ -509,7 +509,8 @@ def _resumed(cell: Cell, share: float) -> Path:
 
 def why(cell: Cell) -> None:
     """``bt-why`` names what decided the run, and at any time what was running then."""
-    of, column = cell.recording, cell.column
+    of = cell.recording
+    column = cell.column
     told = json.loads(said_by("bt-why", of.folder, "--json").out)["stories"]
     text = said_by("bt-why", of.folder)
     assert text.code == (0 if told else 1)

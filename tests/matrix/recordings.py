@@ -15,13 +15,14 @@ import mujoco
 
 import bt_dualarm as bt
 from bt_dualarm.replay.record import Record
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.world.robots.catalogue import load_robot
 from tests.commands import in_this_process
+from tests.families import WHOLE
 from tests.matrix.columns import Column
 
-BEGINNING_S = 0.7
+BEGINNING_S = 0.7 if WHOLE else 0.4
 """Simulated seconds of a recording of which films are made where whole ones would take too long."""
 
 
@@ -50,7 +51,8 @@ class Said:
 
 def said_by(program: str, *arguments: str | Path) -> Said:
     """Run a command in this process."""
-    out, err = io.StringIO(), io.StringIO()
+    out = io.StringIO()
+    err = io.StringIO()
     code = in_this_process(program, arguments, out, err)
     said = Said(code, out.getvalue(), err.getvalue())
     assert "Traceback" not in said.err, said.err
@@ -207,7 +209,8 @@ class Recordings:
     def _made(self, column: Column, name: str) -> Recording:
         tree = self.tree(column)
         folder = self._folder / column.name
-        record, note = folder / name, folder / f"{name}.json"
+        record = folder / name
+        note = folder / f"{name}.json"
         with (folder / "lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not note.exists():

@@ -5,14 +5,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.families import WHOLE
 from tests.matrix.columns import Column, columns
-from tests.matrix.operations import ALL, FILMS, ROWS, WITHOUT_A_RUN, Cell
+from tests.matrix.operations import FILMS, ROWS, WITHOUT_A_RUN, Cell
 from tests.matrix.recordings import Recordings
 
 SHORT = (
@@ -41,7 +41,7 @@ ONE_IN = 6
 def chosen() -> Iterator[tuple[Column, str]]:
     """Cells that are tested, column by column, so that a run that was made is used at once."""
     for number, column in enumerate(columns()):
-        if os.environ.get(ALL):
+        if WHOLE:
             rows = list(ROWS)
         elif column.name in SHORT:
             first = SHORT.index(column.name)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from bt_dualarm.recording.columns import pack, unpack
+from bt_dualarm.recording.history_file import pack, unpack
 
 SHAPES = hnp.array_shapes(min_dims=1, max_dims=3, min_side=0, max_side=7)
 ARRAYS = st.sampled_from(["<f8", "<f4", "<u4", "|u1"]).flatmap(

@@ -9,8 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.recording.block import Block
-from bt_dualarm.recording.history_file import MAGIC, HistoryError, HistoryWriter, read_history
+from bt_dualarm.recording.history_file import (
+    MAGIC,
+    Block,
+    HistoryError,
+    HistoryWriter,
+    read_history,
+)
 
 BLOCKS = [
     Block("start", {"name": "a"}),
@@ -32,7 +37,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def ends(content: bytes) -> list[int]:
     """Length of the file after its magic and after each block."""
-    found, at = [len(MAGIC)], len(MAGIC)
+    found = [len(MAGIC)]
+    at = len(MAGIC)
     for block in BLOCKS:
         at += 12 + len(block.encoded())
         found.append(at)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from bt_dualarm.recording.untrusted import Budget, HistoryError, parsed, read_regular
+from bt_dualarm.recording.history_file import HistoryError, ReadBudget, parsed, read_regular
 
 
 @pytest.mark.parametrize(
@@ -46,12 +46,12 @@ def test_a_device_is_not_read() -> None:
 )  # fmt: skip
 def test_what_is_no_finite_json_is_refused(text: bytes) -> None:
     with pytest.raises(ValueError, match=r".+"):
-        parsed(text, Budget())
+        parsed(text, ReadBudget())
 
 
 @pytest.mark.parametrize("text", [b'"1234567890123456789012"', b"1e-300", b"[1.7976e+308]"])
 def test_what_only_looks_large_is_read(text: bytes) -> None:
-    assert parsed(text, Budget()) is not None
+    assert parsed(text, ReadBudget()) is not None
 
 
 @pytest.mark.parametrize(
@@ -70,9 +70,9 @@ def test_memory_is_refused_before_it_is_taken(text: bytes) -> None:
     import tracemalloc
 
     tracemalloc.start()
-    data: Any = parsed(text, Budget())
+    data: Any = parsed(text, ReadBudget())
     taken = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     assert data
     with pytest.raises(ValueError, match="of memory"):
-        parsed(text, Budget(int(0.99 * taken) - 1000))
+        parsed(text, ReadBudget(int(0.99 * taken) - 1000))

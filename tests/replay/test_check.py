@@ -12,8 +12,8 @@ import pytest
 
 import bt_dualarm
 from bt_dualarm import cli
-from bt_dualarm.replay.check import check_record
 from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.rerun import check_record
 from bt_dualarm.skill.registry import Registry
 from tests.replay.runs import recorded
 

@@ -12,11 +12,9 @@ import pytest
 from PIL import Image
 
 from bt_dualarm import cli
-from bt_dualarm.replay.film_camera import clear_corner, followed
-from bt_dualarm.replay.film_panel import FilmPanel
+from bt_dualarm.export.tables import tables_of
+from bt_dualarm.export.video import FilmPanel, clear_corner, followed, write_animation
 from bt_dualarm.replay.record import Record
-from bt_dualarm.replay.tables import tables_of
-from bt_dualarm.replay.video import write_animation
 from tests.replay.runs import SHORT, recorded
 
 BACK = 'reach_to_pose: {offset: "{goal}"}'
@@ -48,7 +46,8 @@ def test_tables_have_what_the_record_has(failed: Record) -> None:
 def test_the_command_writes_them(
     failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page, tables = tmp_path / "a.html", tmp_path / "deep" / "tables"
+    page = tmp_path / "a.html"
+    tables = tmp_path / "deep" / "tables"
     command = ["export", str(failed.folder), "--html", str(page), "--csv", str(tables)]
     assert cli.record(command) == 0
     assert capsys.readouterr().out == f"written: {page}\nwritten: {tables}\n"
@@ -68,7 +67,7 @@ def test_a_film_has_25_pictures_a_second(
     good, first = reader.read()
     assert good
     assert first.shape == (720, 1280, 3)
-    assert len(np.unique(first[:, :880])) > 50, "a scene, not one colour"
+    assert len(np.unique(first[:, :880])) > 50, "a scene, not one color"
     assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
     nowhere = str(tmp_path / "no" / "a.mp4")
     assert cli.record(["export", str(failed.folder), "--mp4", nowhere]) == 2
@@ -97,7 +96,8 @@ def test_the_panel_marks_what_runs_and_says_why_it_failed(failed: Record) -> Non
     (end,) = [event["time_s"] for event in failed.events if event["code"] and event["reason"]][:1]
     during = np.asarray(panel.draw(end / 2.0)).reshape(-1, 3).tolist()
     after = np.asarray(panel.draw(end)).reshape(-1, 3).tolist()
-    lit, red = [255, 240, 214], [200, 30, 40]
+    lit = [255, 240, 214]
+    red = [200, 30, 40]
     assert during.count(lit) > 1000
     assert after.count(red) > during.count(red) + 50
 
@@ -137,7 +137,8 @@ def test_no_cell_is_a_formula(failed: Record) -> None:
         "code": "",
         "kind": "\tx",
     }
-    event["metrics"], event["time_s"] = {"a": "\x1b[2J"}, -0.5
+    event["metrics"] = {"a": "\x1b[2J"}
+    event["time_s"] = -0.5
     tables = dict(tables_of(replace(failed, events=(event,))))
     rows = [*csv.DictReader(tables["events.csv"].splitlines())]
     assert rows[0]["path"] == "'@x"

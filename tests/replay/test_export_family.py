@@ -1,6 +1,6 @@
 """Every export of every robot with every gripper has all joints, fingers, cups and objects.
 
-A run has one robot four times: with each gripper of the catalogue, and one more without that is
+A run has one robot four times: with each gripper of the catalog, and one more without that is
 spawned and removed while the others close their grippers; one of them fails. Each export is read
 back by the reader of its field.
 """
@@ -23,14 +23,13 @@ from pyarrow import parquet
 
 import bt_dualarm
 from bt_dualarm import cli
-from bt_dualarm.replay.arm_parts import finger_joints, gripper_kind, held_over_time
-from bt_dualarm.replay.message_schemas import schema_of
+from bt_dualarm.export.mcap import schema_of
 from bt_dualarm.replay.record import Record
-from bt_dualarm.world.grippers.named import gripper_names
-from bt_dualarm.world.rendering.painter import ScenePainter
-from bt_dualarm.world.rendering.raycast import fan_of
-from bt_dualarm.world.rendering.still import Still, best_viewpoint
-from bt_dualarm.world.robots.catalogue import robot_names
+from bt_dualarm.replay.scene import finger_joints, gripper_kind, held_over_time
+from bt_dualarm.robots.gripper import gripper_names
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.sim.painter import ScenePainter, StillRenderer, best_viewpoint
+from bt_dualarm.sim.ray_renderer import fan_of
 
 FAMILY = """\
 bt_dualarm: 1
@@ -79,7 +78,7 @@ def family(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     return Record.read(folder)
 
 
-def test_every_gripper_of_the_catalogue_is_in_the_family() -> None:
+def test_every_gripper_of_the_catalog_is_in_the_family() -> None:
     used = {name for name in gripper_names() if f"gripper: {name}\n" in FAMILY}
     assert used == set(gripper_names())
 
@@ -164,7 +163,8 @@ def test_a_data_set_has_all_joints_grippers_and_objects(family: Record, tmp_path
     assert cli.record(["export", str(family.folder), "--lerobot", str(folder)]) == 0
     info = json.loads((folder / "meta" / "info.json").read_text())
     features = info["features"]
-    state, action = features["observation.state"]["names"], features["action"]["names"]
+    state = features["observation.state"]["names"]
+    action = features["action"]["names"]
     grip = {name for name in state if ".gripper." in name}
     assert grip == {"first.gripper.width", "second.gripper.width", "third.gripper.vacuum"}
     assert {name for name in action if ".gripper." in name} == {
@@ -186,7 +186,8 @@ def test_a_data_set_has_all_joints_grippers_and_objects(family: Record, tmp_path
     actions = np.array(frames["action"].to_pylist())
     for frame in (0, 5, info["total_frames"] - 1):
         row = family.index_at(family.times[0] + frame / info["fps"])
-        first, third = family.gripper("first", row), family.gripper("third", row)
+        first = family.gripper("first", row)
+        third = family.gripper("third", row)
         assert first is not None
         assert third is not None
         assert states[frame, state.index("first.gripper.width")] == pytest.approx(first.width)
@@ -262,7 +263,7 @@ def test_a_demonstration_of_a_grasp_shows_when_what_is_held(tmp_path: Path) -> N
 def test_pictures_show_every_gripper(family: Record) -> None:
     """What a film and `scene.png` are drawn by sees fingers, palms and cups."""
     moment = family.moment(10)
-    still = Still(family.model(moment.generation), moment.qpos, moment.time)
+    still = StillRenderer(family.model(moment.generation), moment.qpos, moment.time)
     view = best_viewpoint([still], 880 / 720)
     assert view is not None
     met = ScenePainter(still.model).trace(still.data, fan_of(view, 880, 720)).geoms

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.replay.evidence import Cause
-from bt_dualarm.replay.story import stories
+from bt_dualarm.diagnosis.evidence import Cause
+from bt_dualarm.diagnosis.story import stories
 from tests.replay.runs import recorded
 
 FILE = """\

@@ -12,16 +12,15 @@ import pytest
 
 import bt_dualarm
 from bt_dualarm import cli
-from bt_dualarm.errors import RunError
-from bt_dualarm.pose import Pose
+from bt_dualarm.core.errors import RunError
+from bt_dualarm.core.pose import Pose
 from bt_dualarm.recording.history_file import HistoryError, HistoryWriter
-from bt_dualarm.replay.kept_pictures import kept_pictures
 from bt_dualarm.replay.record import Record
-from bt_dualarm.replay.rerun import Changed
-from bt_dualarm.replay.resume import resumed
-from bt_dualarm.runtime.picture_file import PictureFile
+from bt_dualarm.replay.rerun import Changed, resumed
+from bt_dualarm.replay.scene import recorded_frames
+from bt_dualarm.runtime.observations import PictureFile
+from bt_dualarm.sim.frame import Frame
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.world.cameras.frame import Frame
 from tests.replay.runs import WATCHING
 
 
@@ -29,10 +28,10 @@ def test_every_picture_is_kept_as_it_was_exposed(tmp_path: Path) -> None:
     with bt_dualarm.open(WATCHING, record=tmp_path / "out", frames=True) as run:
         run.finish()
         arm: Any = run.assembly.arms.present[0]
-        last: Frame = arm._eye.camera.latest
+        last: Frame = arm._camera.camera.latest
     record = Record.read(tmp_path / "out")
     noted = [(note["stamp"], note["region"]) for note in record.notes if note["kind"] == "frame"]
-    kept = [*kept_pictures(record)]
+    kept = [*recorded_frames(record)]
     assert [(picture.stamp, [*picture.region]) for picture in kept] == noted
     assert len({picture.region for picture in kept}) > 1  # a tracker exposes what it needs
     same = next(picture for picture in kept if picture.stamp == last.stamp)
@@ -57,7 +56,7 @@ def frame(stamp: float) -> Frame:
 def read(folder: Path) -> list[float]:
     """Stamps of the pictures that a folder kept."""
     record = Record(folder, {"arms": {"arm1": {}}}, (), {}, (), (), None, None, "")
-    return [picture.stamp for picture in kept_pictures(record)]
+    return [picture.stamp for picture in recorded_frames(record)]
 
 
 def test_there_are_no_more_than_there_is_room_for(

@@ -10,8 +10,7 @@ import pytest
 
 import bt_dualarm
 from bt_dualarm.replay.record import Record
-from bt_dualarm.replay.rerun import Changed
-from bt_dualarm.replay.resume import PastChangedError, resumed
+from bt_dualarm.replay.rerun import Changed, PastChangedError, resumed
 from bt_dualarm.skill.registry import Registry
 
 REGISTRY = Registry.load()
@@ -57,7 +56,7 @@ def of_tracking(record: Record) -> float:
 
 def test_no_picture_of_before_is_drawn_and_the_hash_is_the_same(record: Record) -> None:
     with resumed(record, of_tracking(record), REGISTRY, Changed()) as run:
-        sights = run.assembly.sights["arm1"]
+        sights = run.assembly.frame_logs["arm1"]
         frames = [n for n in record.notes if n["kind"] == "frame" and n["time_s"] < run.time]
         assert (sights.taken, sights.drawn) == (len(frames), 0)
         assert len(frames) > 50
@@ -73,7 +72,7 @@ def test_a_question_that_is_not_in_the_record_is_asked_of_the_same_picture(recor
     ]
     time = of_tracking(record)
     with resumed(replace(record, notes=tuple(forgotten)), time, REGISTRY, Changed()) as run:
-        assert 0 < run.assembly.sights["arm1"].drawn < run.assembly.sights["arm1"].taken
+        assert 0 < run.assembly.frame_logs["arm1"].drawn < run.assembly.frame_logs["arm1"].taken
         result = run.finish()
     assert record.end is not None
     assert result.state_sha256 == record.end["state_sha256"]
@@ -88,14 +87,14 @@ def test_answers_that_lead_elsewhere_are_dropped_and_all_is_drawn(
         caplog.at_level(logging.WARNING),
         resumed(false, of_tracking(record), REGISTRY, Changed()) as run,
     ):
-        assert run.assembly.sights["arm1"].taken == 0
+        assert run.assembly.frame_logs["arm1"].taken == 0
         result = run.finish()
     assert "what the record has of pictures leads elsewhere from" in caplog.text
     assert record.end is not None
     assert result.state_sha256 == record.end["state_sha256"]
 
 
-def test_another_colour_is_looked_for_anew(record: Record, tmp_path: Path) -> None:
+def test_another_color_is_looked_for_anew(record: Record, tmp_path: Path) -> None:
     tree = tmp_path / "looking.yaml"
     tree.write_text(TREE.replace("track: {color: yellow", "track: {color: red"))
     with pytest.raises(PastChangedError, match=r"sequence/track began at .* has another color now"):

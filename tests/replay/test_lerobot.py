@@ -16,12 +16,11 @@ from pyarrow import parquet
 
 import bt_dualarm
 from bt_dualarm import cli
-from bt_dualarm.recording.block import Block
-from bt_dualarm.replay.lerobot_episode import episode_of
-from bt_dualarm.replay.lerobot_export import write_dataset
-from bt_dualarm.replay.messages import messages_of
+from bt_dualarm.export.lerobot import episode_of, write_dataset
+from bt_dualarm.export.mcap import messages_of
+from bt_dualarm.export.tables import tables_of
+from bt_dualarm.recording.history_file import Block
 from bt_dualarm.replay.record import Record, ReplayError
-from bt_dualarm.replay.tables import tables_of
 from tests.replay.runs import SHORT, WATCHING, recorded
 
 OF_ALL = {
@@ -359,8 +358,8 @@ def test_large_files_are_followed_by_new_ones(
     watching: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("MOST_DATA_MB", "MOST_VIDEO_MB"):
-        monkeypatch.setattr(f"bt_dualarm.replay.lerobot_tables.{name}", 0)
-    monkeypatch.setattr("bt_dualarm.replay.lerobot_tables.FILES_A_CHUNK", 2)
+        monkeypatch.setattr(f"bt_dualarm.export.lerobot.{name}", 0)
+    monkeypatch.setattr("bt_dualarm.export.lerobot.FILES_A_CHUNK", 2)
     folder = tmp_path / "set"
     assert export([watching.folder] * 3, folder) == 0
     rows = table(folder, "meta/episodes/chunk-000/file-000.parquet").to_pylist()

@@ -15,10 +15,7 @@ from mcap.reader import make_reader
 
 import bt_dualarm
 from bt_dualarm import cli
-from bt_dualarm.replay.mcap_export import write_mcap
-from bt_dualarm.replay.message import Message
-from bt_dualarm.replay.message_schemas import schema_of
-from bt_dualarm.replay.messages import messages_of
+from bt_dualarm.export.mcap import Message, messages_of, schema_of, write_mcap
 from bt_dualarm.replay.record import Record
 from tests.replay.runs import WATCHING, recorded
 

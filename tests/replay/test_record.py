@@ -144,7 +144,8 @@ def test_a_full_disk_leaves_what_was_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Half of a block fits: the run goes on, the blocks before can be read, the end says so."""
-    write, blocks = os.write, []
+    write = os.write
+    blocks = []
 
     def full(file: int, content: bytes) -> int:
         if b"BLCK" in content[:40]:

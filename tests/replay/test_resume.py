@@ -8,8 +8,7 @@ import pytest
 
 from bt_dualarm import cli
 from bt_dualarm.replay.record import Record, ReplayError
-from bt_dualarm.replay.rerun import Changed
-from bt_dualarm.replay.resume import PastChangedError, parse_place, resumed
+from bt_dualarm.replay.rerun import Changed, PastChangedError, parse_place, resumed
 from bt_dualarm.skill.registry import Registry
 from tests.replay.runs import PARTS, SHORT, recorded, write_short
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import pytest
@@ -14,20 +13,21 @@ from benchmarks.why_mistake import Mistake
 from benchmarks.why_mistakes import mistakes
 from benchmarks.why_mistakes_unseen import unseen
 from bt_dualarm import cli
+from bt_dualarm.diagnosis.story import stories
 from bt_dualarm.replay.record import Record
-from bt_dualarm.replay.story import stories
+from tests.families import some
 from tests.replay.runs import SHORT, recorded
 
 QUICK = (
     "a pose too far for a panda",
     "a post where the tool is to be",
-    "another colour asked for in visual_tracking",
+    "another color asked for in visual_tracking",
     "a screen before the camera",
     "nobody picks the cube",
     "a key that was never written",
     "a timeout of 0.2 s",
     "two leaves move one arm",
-    "a pose in centimetres",
+    "a pose in centimeters",
     "nobody took the cube with fingers",
     "an arm is removed while it waits",
     "home and fail after a far target",
@@ -37,13 +37,14 @@ QUICK = (
 BACK = 'reach_to_pose: {offset: "{goal}"}'
 FAILING = SHORT.replace(BACK, "reach_to_pose: {offset: {xyz: [3, 0, 0]}}")
 
-IN_ALL = os.environ.get("BT_DUALARM_MATRIX") == "all"
 TAKEN = [
     mistake
-    for number, mistake in enumerate(interactions())
-    if IN_ALL or mistake.name in QUICK or number % 3 == 0
+    for one_in, family in ((3, [*mistakes(), *unseen()]), (6, interactions()))
+    for chosen in [some(family, one_in)]
+    for mistake in family
+    if mistake in chosen or mistake.name in QUICK
 ]
-"""A third of the mistakes in which two features meet; ``make matrix`` plants all of them."""
+"""Some of the mistakes of each family; ``make matrix`` plants all of them."""
 
 MISTAKES = [
     pytest.param(
@@ -51,7 +52,7 @@ MISTAKES = [
         id=mistake.name.replace(" ", "_"),
         marks=[] if mistake.name in QUICK else [pytest.mark.slow],
     )
-    for mistake in (*mistakes(), *unseen(), *TAKEN)
+    for mistake in TAKEN
 ]
 
 

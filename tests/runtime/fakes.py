@@ -8,19 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from bt_dualarm.errors import DivergenceError
-from bt_dualarm.motion.setpoints.set_point import SetPoint
-from bt_dualarm.runtime.arm_runtime import ArmParts
-from bt_dualarm.runtime.arms import Arms
-from bt_dualarm.runtime.events import Watch
-from bt_dualarm.runtime.outcome import Leniency
-from bt_dualarm.runtime.parts import Observer, RunView
-from bt_dualarm.runtime.result import RunResult
+from bt_dualarm.behaviors.report import LeafReport, LeafReports, NodeView, StatusChange, StatusName
+from bt_dualarm.core.errors import DivergenceError
+from bt_dualarm.runtime.arm_runtime import ArmParts, Arms, Observer, RunView
+from bt_dualarm.runtime.events import StatusFeed
+from bt_dualarm.runtime.outcome import Leniency, RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
 from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.spec.node import NodeSpec
-from bt_dualarm.tree.leaf_reports import LeafReports
-from bt_dualarm.tree.report import LeafReport, NodeView, StatusChange, StatusName
+from bt_dualarm.spec.node_types import NodeSpec
+from bt_dualarm.trajectory.limits import SetPoint
 
 Diary = list[str]
 """What happened, in order: ``"2 tick arm1"`` is a tick in the third physics step."""
@@ -90,7 +86,9 @@ class FakeController:
 class FakeTree:
     """One leaf that runs a generator: a yield is a tick, its end is SUCCESS, an error escapes."""
 
-    def __init__(self, name: str, world: FakeWorld, watch: Watch, script: Iterator[object]) -> None:
+    def __init__(
+        self, name: str, world: FakeWorld, watch: StatusFeed, script: Iterator[object]
+    ) -> None:
         self.name = name
         self.status: StatusName = "INVALID"
         self.leaves = LeafReports()
@@ -125,7 +123,7 @@ class FakeTree:
         change = StatusChange(
             self._world.time, self.name, "work", "work", self.status, status, code
         )
-        self._watch.note(change)
+        self._watch.add(change)
         self.status = status
         if self._leaf is not None:
             self._leaf.status = status
@@ -194,7 +192,7 @@ class Stage:
         self.stop = StopRequest()
         self.witness = Witness()
         self.observers: list[Observer] = [self.witness]
-        self.watch = Watch()
+        self.watch = StatusFeed()
         self.trees: dict[str, FakeTree] = {}
         self.controllers: dict[str, FakeController] = {}
         self.eyes: dict[str, FakeEye] = {}
@@ -210,10 +208,10 @@ class Stage:
             robot="fake",
             tree=self.trees[name],
             controller=controller,
-            eye=self.eyes.get(name),
+            camera=self.eyes.get(name),
             tick_period=Fraction(2, 100),
             control_period=Fraction(1, 100),
-            watch=lambda: None,
+            monitor=lambda: None,
         )
 
     def run(self) -> RunResult:

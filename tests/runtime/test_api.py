@@ -24,7 +24,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bt_dualarm as bt
-from bt_dualarm.errors import RunError
+from bt_dualarm.core.errors import RunError
 from bt_dualarm.runtime.options import MOST_SEED
 
 REACH = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}}}
@@ -296,7 +296,8 @@ def test_looking_at_a_run_changes_nothing(alone: dict[str, str]) -> None:
 def test_a_run_knows_arms_that_are_not_there_yet() -> None:
     late = {"robot": "ur3", "base": {"xyz": [0, 1.5, 0]}, "spawned": False, "tree": REACH}
     with bt.open({**ONE, "arms": {**ONE["arms"], "late": late}}) as run:
-        arm, tree = run.arms["late"], run.trees["late"]
+        arm = run.arms["late"]
+        tree = run.trees["late"]
         assert (arm.is_present, arm.outcome, tree.status) == (False, None, "INVALID")
         assert tree.snapshot().kind == "reach_to_pose"
         with pytest.raises(bt.WorldError, match="no arm 'late' in the world"):
@@ -574,7 +575,7 @@ def test_ctrl_c_in_the_middle_of_a_run_leaves_no_process() -> None:
         "signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's & ignores it\n"
         "import bt_dualarm as bt\n"
         f"tree = {AROUND!r}\n"
-        "from bt_dualarm.motion.planning import process\n"
+        "from bt_dualarm.planning import process\n"
         "spawn = process.spawn\n"
         "def spawning():\n"
         "    made = spawn()\n"
@@ -617,7 +618,7 @@ def test_importing_it_costs_nothing() -> None:
 def test_the_module_is_bt_run() -> None:
     command = [sys.executable, "-m", "bt_dualarm"]
     done = subprocess.run([*command, "--help"], capture_output=True, text=True, check=True)
-    assert "Run the behaviour trees of a file" in done.stdout
+    assert "Run the behavior trees of a file" in done.stdout
     subprocess.run([*command, "circle", "--display", "quiet"], check=True)
 
 

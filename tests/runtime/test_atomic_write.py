@@ -9,9 +9,10 @@ from typing import BinaryIO
 
 import pytest
 
-from bt_dualarm.runtime.atomic_write import write_atomically, write_text
+from bt_dualarm.core.share import write_atomically, write_text
 
-WRITERS, ROUNDS = 8, 25
+WRITERS = 8
+ROUNDS = 25
 LONG = 40_000
 """Characters of a content: more than one write of a buffer."""
 

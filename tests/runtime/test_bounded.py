@@ -14,21 +14,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bt_dualarm.runtime import holding, series, tracks
-from bt_dualarm.runtime.growing_array import GrowingArray
-from bt_dualarm.runtime.holding import Holdings
-from bt_dualarm.runtime.journal import Journal
-from bt_dualarm.runtime.log_capture import MOST_LINES, LogCapture
-from bt_dualarm.runtime.record import Recorder
-from bt_dualarm.runtime.record_folder import PARTS, RecordError, RecordFolder
-from bt_dualarm.runtime.sample_files import SampleFiles
-from bt_dualarm.runtime.series import SeriesLog
+from bt_dualarm.behaviors.report import MOST_RUNS, BoundedLog, LeafReport, LeafReports
+from bt_dualarm.runtime import outcome, series
+from bt_dualarm.runtime.events import MOST_LINES, Journal, LogCapture
+from bt_dualarm.runtime.observations import StateLog
+from bt_dualarm.runtime.outcome import Holdings
+from bt_dualarm.runtime.recorder import (
+    PARTS,
+    GrowingArray,
+    Recorder,
+    RecordError,
+    RecordFolder,
+    SampleFiles,
+)
+from bt_dualarm.runtime.series import Sample, SeriesLog, Tracks
 from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.runtime.state_log import StateLog
-from bt_dualarm.runtime.tracks import Sample, Tracks
-from bt_dualarm.tree.first_and_last import FirstAndLast
-from bt_dualarm.tree.leaf_reports import MOST_RUNS, LeafReports
-from bt_dualarm.tree.report import LeafReport
 from tests.runtime.test_record import CHANGE, FallingWorld, Held, View, result
 
 THINGS = ("tool_arm1", "object_cube", "object_ball")
@@ -36,7 +36,7 @@ THINGS = ("tool_arm1", "object_cube", "object_ball")
 
 @given(st.integers(1, 6), st.lists(st.integers(), max_size=40))
 def test_first_and_last(each: int, items: list[int]) -> None:
-    kept: FirstAndLast[int] = FirstAndLast(each)
+    kept: BoundedLog[int] = BoundedLog(each)
     for item in items:
         kept.add(item)
     if len(items) <= 2 * each:
@@ -67,7 +67,8 @@ def test_a_long_series_is_thinned_evenly(batches: list[int], columns: int) -> No
     total = sum(batches)
     time = 0.004 * np.arange(total)
     values = np.random.default_rng(total).normal(size=(total, columns))
-    log, first = SeriesLog(), 0
+    log = SeriesLog()
+    first = 0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(series, "MOST_SAMPLES", 64)
         for count in batches:
@@ -89,7 +90,8 @@ def test_a_growing_file_can_be_read_at_any_moment(
 ) -> None:
     """Also where the process died after the rows and before the header that counts them."""
     path = tmp_path_factory.mktemp("growing") / "one.npy"
-    array, rng = GrowingArray(path, shape), np.random.default_rng(len(batches))
+    array = GrowingArray(path, shape)
+    rng = np.random.default_rng(len(batches))
     whole = np.empty((0, *shape))
     for count in batches:
         rows = rng.normal(size=(count, *shape))
@@ -104,7 +106,8 @@ def test_a_growing_file_can_be_read_at_any_moment(
 
 def samples(seed: int, count: int) -> list[Sample]:
     """Things come and go."""
-    rng, found = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    found = []
     names: tuple[str, ...] = THINGS[:1]
     for number in range(count):
         if rng.random() < 0.05:
@@ -120,7 +123,8 @@ def test_an_archive_has_every_sample(
 ) -> None:
     """NaN where a thing was not in the world; the parts are gone once it is there."""
     folder = tmp_path_factory.mktemp("samples")
-    files, taken = SampleFiles(folder / PARTS), samples(seed, count)
+    files = SampleFiles(folder / PARTS)
+    taken = samples(seed, count)
     for sample in taken:
         files.add(sample)
     with (folder / "samples.npz").open("wb") as file:
@@ -158,7 +162,9 @@ class Stage:
 def test_a_holding_knows_how_far_it_was_lifted(seed: int) -> None:
     """As the whole path, looked at afterwards, says: from the first sample of it to the highest."""
     rng = np.random.default_rng(seed)
-    stage, time, heights = Stage(), [], []
+    stage = Stage()
+    time = []
+    heights = []
     spans: list[list[float]] = []
     holdings = Holdings(stage)
     for number in range(300):
@@ -183,13 +189,14 @@ def test_a_holding_knows_how_far_it_was_lifted(seed: int) -> None:
 
 def test_an_attachment_that_is_over_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Else a record of many of them takes a time that grows with their square."""
-    looks, look = [], holding._Open.look
+    looks = []
+    update = outcome._Lift.update
 
-    def counted(self: holding._Open, sample: Sample) -> None:
+    def counted(self: outcome._Lift, sample: Sample) -> None:
         looks.append(sample.time)
-        look(self, sample)
+        update(self, sample)
 
-    monkeypatch.setattr(holding._Open, "look", counted)
+    monkeypatch.setattr(outcome._Lift, "update", counted)
     stage = Stage()
     holdings = Holdings(stage)
     for number in range(3000):
@@ -197,20 +204,21 @@ def test_an_attachment_that_is_over_is_not_looked_at_again(monkeypatch: pytest.M
         holdings.after_ticks(0.01 * number)
         holdings.sampled(Sample(0.01 * number, ("object_cube",), np.zeros((1, 3))))
     assert len(looks) <= 2 * 3000
-    assert holdings.left_out == 3000 - 2 * holding.MOST_HOLDINGS
-    assert len(holdings.as_dicts()) == 2 * holding.MOST_HOLDINGS
+    assert holdings.left_out == 3000 - 2 * outcome.MOST_HOLDINGS
+    assert len(holdings.as_dicts()) == 2 * outcome.MOST_HOLDINGS
 
 
 def test_what_a_recorder_keeps_does_not_grow(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Ten times as long, no more memory: events, log, samples, holdings, series."""
-    monkeypatch.setattr(tracks, "MOST_POINTS", 1 << 10)
+    monkeypatch.setattr(series, "MOST_POINTS", 1 << 10)
     monkeypatch.setattr(series, "MOST_SAMPLES", 1 << 8)
-    monkeypatch.setattr(holding, "MOST_HOLDINGS", 10)
+    monkeypatch.setattr(outcome, "MOST_HOLDINGS", 10)
     peaks = {}
     for length in (4_000, 40_000):
-        world, log = FallingWorld(), SeriesLog()
+        world = FallingWorld()
+        log = SeriesLog()
         folder = tmp_path / str(length)
         folder.mkdir()
         recorder = Recorder(folder, world, StateLog(world), lambda: ["a line"])
@@ -237,7 +245,7 @@ def test_what_a_recorder_keeps_does_not_grow(
 
 
 def test_pictures_of_a_long_run_still_have_its_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracks, "MOST_POINTS", 1 << 8)
+    monkeypatch.setattr(series, "MOST_POINTS", 1 << 8)
     world = FallingWorld()
     kept = Tracks(world)
     for _ in range(3000):
@@ -252,7 +260,8 @@ def test_pictures_of_a_long_run_still_have_its_ends(monkeypatch: pytest.MonkeyPa
 
 def test_a_record_whose_folder_went_away_is_not_complete(tmp_path: Path) -> None:
     """It was not there to be written to; nothing is said to be whole that is not."""
-    folder, world = tmp_path / "out", FallingWorld()
+    folder = tmp_path / "out"
+    world = FallingWorld()
     taken = RecordFolder(folder, ["arm1"])
     recorder = Recorder(folder, world, StateLog(world), list)
     recorder.on_event(CHANGE)

@@ -12,23 +12,23 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
-from bt_dualarm.runtime.arm_runtime import halted
+from bt_dualarm.behaviors.report import NodeView, StatusChange
+from bt_dualarm.runtime.arm_runtime import ArmView, halted
 from bt_dualarm.runtime.display import (
     Caption,
     LiveDisplay,
     LogDisplay,
     Mode,
+    Picture,
     QuietDisplay,
+    draw_tree,
     open_display,
+    shared_heights,
     suited_mode,
     suited_symbols,
 )
-from bt_dualarm.runtime.drawing import draw_tree
-from bt_dualarm.runtime.layout import Picture, shared_heights
 from bt_dualarm.runtime.outcome import Outcome
-from bt_dualarm.runtime.parts import ArmView
-from bt_dualarm.runtime.symbols import ASCII, UNICODE, Symbols
-from bt_dualarm.tree.report import NodeView, StatusChange
+from bt_dualarm.runtime.report import ASCII, UNICODE, Symbols
 
 GOLDEN = Path(__file__).parent / "golden"
 
@@ -233,7 +233,8 @@ def drawn(console: Console) -> str:
 
 
 def test_live_draws_ten_times_a_second_at_most() -> None:
-    console, clock = live_terminal(), Clock()
+    console = live_terminal()
+    clock = Clock()
     with LiveDisplay(console, UNICODE, Caption("task"), clock) as display:
         for tick in range(1000):  # ten seconds of the wall, a tick each 10 ms
             clock.now = tick * 0.01
@@ -255,7 +256,8 @@ def test_live_gives_the_cursor_back_even_when_the_run_breaks() -> None:
 
 
 def test_live_leaves_the_last_state_standing() -> None:
-    console, clock = live_terminal(), Clock()
+    console = live_terminal()
+    clock = Clock()
     with LiveDisplay(console, UNICODE, Caption("task"), clock) as display:
         display.after_ticks(Run())
         late = Run()
@@ -266,7 +268,8 @@ def test_live_leaves_the_last_state_standing() -> None:
 
 def test_the_last_picture_leaves_the_pace_to_the_report() -> None:
     """Two figures for one thing, two lines apart, differed by what stopping the arms took."""
-    console, clock = live_terminal(), Clock()
+    console = live_terminal()
+    clock = Clock()
     with LiveDisplay(console, UNICODE, Caption("task"), clock) as display:
         for clock.now in (0.0, 10.0):
             display.after_ticks(Run())
@@ -294,7 +297,7 @@ def test_the_mode_suits_the_terminal(
     assert suited_mode(console, wish) == mode
 
 
-def test_no_color_takes_the_colours_only() -> None:
+def test_no_color_takes_the_colors_only() -> None:
     console = Console(file=io.StringIO(), force_terminal=True, width=80, _environ={"NO_COLOR": "1"})
     console.print(Picture("task", 1.0, None, "", ARMS, UNICODE))
     assert "\x1b[31m" not in drawn(console)

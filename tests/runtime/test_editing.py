@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 import bt_dualarm
-from bt_dualarm.live.past import Past
-from bt_dualarm.replay.check import check_record
+from bt_dualarm.behaviors.report import NodeView
 from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.rerun import check_record
 from bt_dualarm.replay.timeline import Timeline
 from bt_dualarm.runtime.api import registry_of
-from bt_dualarm.runtime.file_watch import FileWatch
+from bt_dualarm.runtime.hot_reload import FileWatch
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.tree.report import NodeView
+from bt_dualarm.viewer.past import PastView
 from tests.replay.runs import PARTS, SHORT, write_short
 
 REGISTRY = registry_of()
@@ -138,7 +138,7 @@ def test_the_record_knows_of_the_edit(edited: Edited) -> None:
     record = Record.read(edited.record)
     kinds = [[node.kind for node in Timeline(record, at).leaves()] for at in (0.2, None)]
     assert [each[-1] for each in kinds] == ["reach_to_pose", "wait"]
-    past = Past(edited.record)
+    past = PastView(edited.record)
     shown = [past.moment(at)["arms"][0]["nodes"][-1]["kind"] for at in (0.2, record.until)]
     assert shown == ["reach_to_pose", "wait"]
     assert past.moment(record.until)["arms"][0]["nodes"][-1]["status"] == "SUCCESS"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import bt_dualarm as bt
-from bt_dualarm.vision.localise import Sighting
+from bt_dualarm.perception.localization import Sighting
 
 COMING_AND_GOING = """
 bt_dualarm: 1
@@ -54,7 +54,8 @@ def no_search() -> Iterator[None]:
 def test_the_world_of_a_run_is_gone_with_the_run(no_search: None, tree: str) -> None:
     with bt.open(tree, duration=6.0, seed=1) as run:
         result = run.finish()
-        world, arms = weakref.ref(run.world), weakref.ref(run.assembly.arms)
+        world = weakref.ref(run.world)
+        arms = weakref.ref(run.assembly.arms)
     assert run.arms["arm1"].outcome is result.arms["arm1"].outcome, "it can be looked at"
     del run
     assert (world(), arms()) == (None, None)
@@ -66,7 +67,8 @@ def test_so_is_that_of_a_run_that_was_recorded(no_search: None, tmp_path: Path) 
     for name in ("first", "second"):
         with bt.open("circle", duration=0.2, record=tmp_path / name) as run:
             run.finish()
-            world, arms = weakref.ref(run.world), weakref.ref(run.assembly.arms)
+            world = weakref.ref(run.world)
+            arms = weakref.ref(run.assembly.arms)
         del run
     assert (world(), arms()) == (None, None)
 

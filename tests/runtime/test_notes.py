@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bt_dualarm.runtime.notes import Notes
+from bt_dualarm.runtime.observations import TraceEvents
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,9 @@ class Held:
     by_gripper: bool
 
 
-CUBE, PEG, LID = Held("arm1", "cube", True), Held("arm1", "peg", False), Held("arm2", "lid", True)
+CUBE = Held("arm1", "cube", True)
+PEG = Held("arm1", "peg", False)
+LID = Held("arm2", "lid", True)
 
 
 def test_who_holds_what_is_noted_as_it_changes() -> None:
@@ -27,7 +29,7 @@ def test_who_holds_what_is_noted_as_it_changes() -> None:
     lid             | arm1 nothing
     nothing         | arm2 nothing
     """
-    notes = Notes(clock=lambda: 0.5)
+    notes = TraceEvents(clock=lambda: 0.5)
     noted = []
     for held in ([], [CUBE], [CUBE], [CUBE, PEG, LID], [LID], []):
         notes.of_holding(held)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.runtime.pacing import RealTime
+from bt_dualarm.runtime.clock import RealTime
 
 
 class Clock:

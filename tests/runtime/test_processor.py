@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from bt_dualarm.runtime.processor import Processor, processor
+from bt_dualarm.runtime.report import Processor, processor
 
 HERE = processor()
 
@@ -25,8 +25,8 @@ OTHERS = {
 def elsewhere(**environment: str) -> Processor:
     """The kind that a process of its own finds."""
     code = (
-        "import json; from bt_dualarm.runtime import processor;"
-        "print(json.dumps(processor.processor()))"
+        "import json; from bt_dualarm.runtime.report import processor;"
+        "print(json.dumps(processor()))"
     )
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", code],

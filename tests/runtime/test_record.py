@@ -15,24 +15,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from bt_dualarm.errors import SkillError
-from bt_dualarm.pose import Pose
-from bt_dualarm.runtime import pictures, plots
-from bt_dualarm.runtime.atomic_write import write_atomically, write_text
-from bt_dualarm.runtime.holding import Holding
-from bt_dualarm.runtime.log_capture import LogCapture
-from bt_dualarm.runtime.outcome import Ending, Outcome
-from bt_dualarm.runtime.parts import ArmView
-from bt_dualarm.runtime.record import Recorder
-from bt_dualarm.runtime.record_folder import RecordError, RecordFolder
-from bt_dualarm.runtime.result import ArmResult, RunResult
-from bt_dualarm.runtime.series import SeriesLog
+from bt_dualarm.behaviors.report import LeafReport, StatusChange
+from bt_dualarm.core.errors import SkillError
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.share import write_atomically, write_text
+from bt_dualarm.runtime import observations, plots
+from bt_dualarm.runtime.arm_runtime import ArmView
+from bt_dualarm.runtime.events import LogCapture
+from bt_dualarm.runtime.observations import StateLog
+from bt_dualarm.runtime.outcome import ArmResult, Ending, Holding, Outcome, RunResult
+from bt_dualarm.runtime.recorder import Recorder, RecordError, RecordFolder
+from bt_dualarm.runtime.report import json_ready
+from bt_dualarm.runtime.series import SeriesLog, Tracks
 from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.runtime.state_log import StateLog
-from bt_dualarm.runtime.summary import json_ready
-from bt_dualarm.runtime.tracks import Tracks
-from bt_dualarm.tree.report import LeafReport, StatusChange
-from bt_dualarm.world.rendering.still import Still, best_viewpoint
+from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
 
 MODEL = """
 <mujoco>
@@ -289,11 +285,11 @@ def test_plots_are_pictures(tmp_path: Path) -> None:
 def test_the_scene_shows_start_and_end_and_changes_nothing() -> None:
     """A state that diverged cannot be drawn: then the start stands alone."""
     world = FallingWorld()
-    start = Still.of(world)
+    start = StillRenderer.of(world)
     for _ in range(100):
         world.step()
     before = world.data.qpos.copy(), world.data.xpos.copy(), world.data.cam_xpos.copy()
-    stills = (start, Still.of(world))
+    stills = (start, StillRenderer.of(world))
     viewpoint = best_viewpoint(stills, 4 / 3)
     assert viewpoint is not None
     figure: Figure = plots.scene(stills, viewpoint)
@@ -304,7 +300,7 @@ def test_the_scene_shows_start_and_end_and_changes_nothing() -> None:
     after = world.data.qpos, world.data.xpos, world.data.cam_xpos
     assert all((a == b).all() for a, b in zip(before, after, strict=True))
     world.data.qpos[0] = np.nan
-    assert not Still.of(world).is_sound
+    assert not StillRenderer.of(world).is_sound
 
 
 def test_an_urgent_end_leaves_out_the_plots_only(tmp_path: Path) -> None:
@@ -313,7 +309,7 @@ def test_an_urgent_end_leaves_out_the_plots_only(tmp_path: Path) -> None:
     assert (tmp_path / "samples.npz").exists()
 
 
-def test_an_error_plot_is_in_millimetres() -> None:
+def test_an_error_plot_is_in_millimeters() -> None:
     series = SeriesLog()
     series.add("arm1", "circle", "planned", [0.0, 1.0], [[0, 0, 0], [0, 1, 0]])
     series.add("arm1", "circle", "executed", [0.0, 1.0], [[0.0, 0.0, 0.0], [0.0, 1.0, 0.002]])
@@ -326,7 +322,8 @@ def test_an_error_plot_is_in_millimetres() -> None:
 
 def curve(leaf: str = "arm1") -> SeriesLog:
     """A circle of 2 cm, during the first second."""
-    series, turn = SeriesLog(), np.linspace(0.0, 2 * np.pi, 51)
+    series = SeriesLog()
+    turn = np.linspace(0.0, 2 * np.pi, 51)
     points = 0.02 * np.column_stack((np.cos(turn), np.sin(turn), 0 * turn))
     for name in ("planned", "executed"):
         series.add("arm1", leaf, name, turn / (2 * np.pi), points)
@@ -334,11 +331,11 @@ def curve(leaf: str = "arm1") -> SeriesLog:
 
 
 def test_a_plane_shows_what_its_own_arm_holds_and_nothing_else() -> None:
-    """Another arm's cube a metre away made a blob of the curve."""
+    """Another arm's cube a meter away made a blob of the curve."""
     time = np.linspace(0.0, 2.0, 21)
     away = np.column_stack((1.0 + time, time, time))
     paths = {"object_mine": 0.1 * away, "object_other": away}
-    carried = pictures._carried([Holding("arm1", "mine", 0.5, 1.5)], time, paths)
+    carried = observations._carried([Holding("arm1", "mine", 0.5, 1.5)], time, paths)
     figure: Figure = plots.in_plane(curve().of("arm1"), time, carried, "arm1")
     (axes,) = figure.axes
     assert [line.get_label() for line in axes.lines] == ["mine", "executed", "planned"]
@@ -371,7 +368,7 @@ def test_a_leaf_that_says_its_plane_is_shown_in_it(
 
 
 def test_the_overview_shows_tools_that_stand_still_and_every_base() -> None:
-    """A motion of a millimetre left it empty."""
+    """A motion of a millimeter left it empty."""
     still = np.tile([0.5, 0.2, 0.3], (4, 1)) + np.linspace(0, 1e-3, 4)[:, None]
     paths = {"tool_arm1": still, "object_cube": still}
     base = np.array([0.0, -0.4, 0.7])
@@ -421,7 +418,9 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
 
 
 def test_the_log_keeps_tracebacks(tmp_path: Path) -> None:
-    logger, world, log = logging.getLogger("bt_dualarm.test"), FallingWorld(), LogCapture()
+    logger = logging.getLogger("bt_dualarm.test")
+    world = FallingWorld()
+    log = LogCapture()
     recorder = Recorder(tmp_path, world, StateLog(world), log.take)
     with log.during():
         try:
@@ -443,7 +442,7 @@ def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("bt_dualarm.runtime.record.write_text", full)
+    monkeypatch.setattr("bt_dualarm.runtime.recorder.write_text", full)
     with pytest.raises(RecordError, match="not complete: No space left"):
         recorder.write(result(), StopRequest())
 
@@ -457,7 +456,7 @@ def test_a_picture_that_cannot_be_drawn_is_left_out_and_told(
     def broken(*_: object) -> None:
         raise ZeroDivisionError("in a plot")
 
-    monkeypatch.setattr(pictures, "overview", broken)
+    monkeypatch.setattr(observations, "overview", broken)
     with pytest.raises(RecordError, match=r"overview\.png could not be made: ZeroDivisionError"):
         record(tmp_path / "torn")
     left = {path.name for path in (tmp_path / "torn").iterdir()}

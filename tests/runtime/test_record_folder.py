@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.runtime.record_folder import LOCK, RecordError, RecordFolder
+from bt_dualarm.runtime.recorder import LOCK, RecordError, RecordFolder
 
 OF_A_RECORD = (
     "summary.json",
@@ -94,7 +94,7 @@ def test_a_folder_that_a_killed_run_has_left_is_free(tmp_path: Path) -> None:
     """Whatever it had written by then; the system has let go of its lock."""
     program = (
         "import os, sys; from pathlib import Path; "
-        "from bt_dualarm.runtime.record_folder import RecordFolder; "
+        "from bt_dualarm.runtime.recorder import RecordFolder; "
         "folder = RecordFolder(Path(sys.argv[1]), []); "
         "Path(sys.argv[1], 'events.jsonl').write_text('x'); os.kill(os.getpid(), 9)"
     )
@@ -108,7 +108,7 @@ def test_files_that_a_killed_run_was_writing_are_taken_away(tmp_path: Path) -> N
     """Its own only: they are hidden, and nobody else would find them."""
     program = (
         "import os, sys; from pathlib import Path; "
-        "from bt_dualarm.runtime.atomic_write import write_atomically; "
+        "from bt_dualarm.core.share import write_atomically; "
         "write_atomically(Path(sys.argv[1]), lambda file: os.kill(os.getpid(), 9))"
     )
     for name in ("arm1_time.png", "mine.png"):

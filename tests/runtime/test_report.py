@@ -6,11 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.runtime.outcome import Ending, Outcome
-from bt_dualarm.runtime.report import Report, in_words
-from bt_dualarm.runtime.result import ArmResult, RunResult
-from bt_dualarm.runtime.symbols import UNICODE
-from bt_dualarm.tree.report import LeafReport
+from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.runtime.outcome import ArmResult, Ending, Outcome, RunResult
+from bt_dualarm.runtime.report import UNICODE, Report, in_words
 from tests.runtime.test_display import check_golden, plain_console, printed
 
 CIRCLE = LeafReport(

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.runtime.assembly import control_period
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.outcome import Ending, Outcome
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.load import load_tree_file
 
 FILE = """\
 bt_dualarm: 1

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from bt_dualarm.runtime.lives import MOST_LIVES
+from bt_dualarm.behaviors.report import StatusChange
+from bt_dualarm.runtime.arm_runtime import MOST_LIVES, RunView
 from bt_dualarm.runtime.outcome import Ending, Leniency, Outcome
-from bt_dualarm.runtime.parts import RunView
 from bt_dualarm.runtime.runner import Limit
-from bt_dualarm.tree.report import StatusChange
 from tests.runtime.fakes import FakeController, FakeEye, Stage, ticks
 
 

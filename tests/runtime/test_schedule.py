@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.runtime.schedule import Periodic, exact
+from bt_dualarm.runtime.clock import Periodic, exact
 
 
 def due_steps(period: Fraction, timestep: Fraction, steps: int, first: int = 0) -> list[int]:

@@ -6,8 +6,8 @@ import logging
 
 import pytest
 
-from bt_dualarm.runtime.slow_ticks import MOST, SLOW_S, SlowTicks
-from bt_dualarm.tree.report import LeafReport
+from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.runtime.outcome import MOST, SLOW_S, SlowTicks
 
 
 def test_a_slow_tick_names_the_leaves_that_ran_in_it(caplog: pytest.LogCaptureFixture) -> None:
@@ -18,8 +18,8 @@ def test_a_slow_tick_names_the_leaves_that_ran_in_it(caplog: pytest.LogCaptureFi
     ]
     slow = SlowTicks("arm1")
     with caplog.at_level(logging.WARNING):
-        slow.note(1.0, SLOW_S - 0.01, leaves)
-        slow.note(2.0, SLOW_S + 0.5, leaves)
+        slow.check(1.0, SLOW_S - 0.01, leaves)
+        slow.check(2.0, SLOW_S + 0.5, leaves)
     (tick,) = slow.slowest
     assert (tick.time_s, tick.wall_s) == (2.0, SLOW_S + 0.5)
     assert tick.leaves == ("sequence/second", "sequence/third")
@@ -31,7 +31,7 @@ def test_a_slow_tick_names_the_leaves_that_ran_in_it(caplog: pytest.LogCaptureFi
 def test_the_slowest_are_kept_in_the_order_of_time() -> None:
     slow = SlowTicks("arm1")
     for number in range(2 * MOST):
-        slow.note(float(number), SLOW_S + (number * 7) % (2 * MOST), [])
+        slow.check(float(number), SLOW_S + (number * 7) % (2 * MOST), [])
     kept = slow.slowest
     assert len(kept) == MOST
     assert [tick.time_s for tick in kept] == sorted(tick.time_s for tick in kept)

@@ -7,10 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bt_dualarm.errors import Failure
-from bt_dualarm.skill.following_error import FollowingError
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.skill.tracking import FollowingError
 
-BOUND_M, PATIENCE_S = 0.01, 2.0
+BOUND_M = 0.01
+PATIENCE_S = 2.0
 RATES = (5, 15, 60, 200)
 
 
@@ -18,7 +19,8 @@ def judged(
     error: Callable[[float], float], seconds: float, fps: int, noise: float = 0.0
 ) -> tuple[FollowingError, Failure | None, float]:
     """The judge after these seconds, or what it failed with, and when."""
-    judge, rng = FollowingError(BOUND_M, PATIENCE_S), np.random.default_rng(fps)
+    judge = FollowingError(BOUND_M, PATIENCE_S)
+    rng = np.random.default_rng(fps)
     for stamp in np.arange(10.0, 10.0 + seconds, 1.0 / fps).tolist():
         try:
             judge.take(stamp, np.array((error(stamp - 10.0), 0.0)) + rng.normal(0.0, noise, 2))

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from bt_dualarm.errors import SkillError
+from bt_dualarm.core.errors import SkillError
 from bt_dualarm.runtime.plots import in_plane, over_time
 from bt_dualarm.runtime.series import SeriesLog
-from bt_dualarm.skill.samples import Samples
+from bt_dualarm.skill.skill import Samples
 
 NAMES = st.sampled_from(["planned", "executed", "target", "error_m", "error", "m", "_", "ü\n_m"])
 NUMBERS = st.floats(-1e6, 1e6) | st.sampled_from([float("nan"), float("inf"), 0.0, 1e300, -1e-300])
@@ -93,10 +93,13 @@ def test_a_series_goes_on_where_it_ended_and_stays_what_it_was() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_whatever_was_kept_can_be_drawn(seed: int) -> None:
     """Nothing that was accepted at the call can break the pictures at the end of a run."""
-    rng, log = np.random.default_rng(seed), SeriesLog()
+    rng = np.random.default_rng(seed)
+    log = SeriesLog()
     for number in range(10):
-        leaf, name = rng.choice(["draw", "track/x", "a b"]), rng.choice(["planned", "error_m", "m"])
-        count, columns = rng.integers(1, 6), rng.choice([1, 3])
+        leaf = rng.choice(["draw", "track/x", "a b"])
+        name = rng.choice(["planned", "error_m", "m"])
+        count = rng.integers(1, 6)
+        columns = rng.choice([1, 3])
         values = rng.choice([0.0, 1e-9, 1.0, 1e12]) * rng.normal(size=(count, columns))
         with suppress(SkillError):
             log.add("arm1", str(leaf), str(name), number + np.linspace(0.0, 0.5, count), values)

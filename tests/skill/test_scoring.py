@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bt_dualarm.perception.tracker import PLACES, Sightings
 from bt_dualarm.skill import scoring
-from bt_dualarm.skill.path_sums import OVERLAP
-from bt_dualarm.skill.scoring import TrackingScore
-from bt_dualarm.spec.plane import Plane
-from bt_dualarm.vision.sightings import PLACES, Sightings
+from bt_dualarm.skill.scoring import OVERLAP, TrackingScore
+from bt_dualarm.spec.values import Plane
 
-PERIOD_S, LATE_S, COUNT = 0.02, 0.05, 3000
+PERIOD_S = 0.02
+LATE_S = 0.05
+COUNT = 3000
 OFFSET = np.array((0.35, 0.01, -0.02))
 
 
@@ -25,7 +26,8 @@ def where(time: float) -> Any:
 
 def followed(count: int, *, still: bool = False) -> tuple[TrackingScore, Any]:
     """A score of so many samples of an arm that is late, and what it was tracking by."""
-    rng, seen = np.random.default_rng(4), Sightings()
+    rng = np.random.default_rng(4)
+    seen = Sightings()
     tracking: Any = SimpleNamespace(
         in_view=True, target=where(0.0), sightings=seen.places, forget_sightings=seen.forget
     )
@@ -61,7 +63,7 @@ def test_sums_mark_as_all_samples_do(still: bool, monkeypatch: pytest.MonkeyPatc
 
 def test_memory_is_bounded_and_the_path_is_thinned_evenly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scoring, "_MOST", 3 * OVERLAP)
-    monkeypatch.setattr("bt_dualarm.skill.path_sums._MOST_KEPT", 500)
+    monkeypatch.setattr("bt_dualarm.skill.scoring._MOST_KEPT", 500)
     score, _ = followed(COUNT)
     assert len(score.times) < 500 + 3 * OVERLAP
     steps = np.round(np.diff(score.times) / PERIOD_S)
@@ -71,7 +73,8 @@ def test_memory_is_bounded_and_the_path_is_thinned_evenly(monkeypatch: pytest.Mo
 
 
 def test_places_that_nobody_forgets_go_in_the_end() -> None:
-    seen, one = Sightings(), SimpleNamespace(stamp=0.0, point=np.zeros(3))
+    seen = Sightings()
+    one = SimpleNamespace(stamp=0.0, point=np.zeros(3))
     for _ in range(2 * PLACES):
         seen.append(one)  # type: ignore[arg-type]
     assert len(seen) == 2 * PLACES

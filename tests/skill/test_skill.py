@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.skill.skill import STANDARD_FAILURES, Skill, SkillContext
-from bt_dualarm.spec.kind import NoPorts
+from bt_dualarm.spec.node_types import NoPorts
 
 if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 def make(written: list[tuple[str, Any]] | None = None) -> Skill:
     arm = cast("Arm", object())
-    log, rng = logging.getLogger("test"), np.random.default_rng(0)
+    log = logging.getLogger("test")
+    rng = np.random.default_rng(0)
     context = SkillContext("leaf", arm, lambda: 1.5, rng, log)
     return Skill(NoPorts(), context, lambda *item: (written or []).append(item))
 

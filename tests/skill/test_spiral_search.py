@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.skill.spiral_search import SEARCH_SPEED, Spiral
+from bt_dualarm.skill.tracking import SEARCH_SPEED, Spiral
 
 places = st.builds(lambda x, y: np.array((x, y)), *[st.floats(-0.3, 0.3)] * 2)
 
@@ -15,7 +15,7 @@ def test_a_search_stays_between_its_start_and_its_radius(
     start: np.ndarray, center: np.ndarray, radius: float, elapsed: float
 ) -> None:
     """Nearer to the center than where it began, or within the radius."""
-    away = float(np.linalg.norm(Spiral(start, center, radius).place(elapsed) - center))
+    away = float(np.linalg.norm(Spiral(start, center, radius).position(elapsed) - center))
     assert away <= max(radius, float(np.linalg.norm(start - center))) + 1e-9
 
 
@@ -25,13 +25,13 @@ def test_a_search_is_steady_and_slow(
 ) -> None:
     """No jumps, and nowhere faster than is declared, but where the spiral meets its rim."""
     search = Spiral(start, center, radius)
-    step = search.place(elapsed + 1e-3) - search.place(elapsed)
+    step = search.position(elapsed + 1e-3) - search.position(elapsed)
     assert float(np.linalg.norm(step)) <= 1.02 * SEARCH_SPEED * 1e-3
 
 
 def test_a_search_begins_where_the_tool_stands_and_ends_on_its_rim() -> None:
     search = Spiral(np.zeros(2), np.array((0.03, 0.04)), 0.02)
-    assert search.place(0.0) == pytest.approx(np.zeros(2))
-    assert search.place(0.5) == pytest.approx(np.array((0.03, 0.04)))
-    rim = [float(np.linalg.norm(search.place(t) - search.center)) for t in (2.0, 3.0, 9.0)]
+    assert search.position(0.0) == pytest.approx(np.zeros(2))
+    assert search.position(0.5) == pytest.approx(np.array((0.03, 0.04)))
+    rim = [float(np.linalg.norm(search.position(t) - search.center)) for t in (2.0, 3.0, 9.0)]
     assert rim == pytest.approx([0.02, 0.02, 0.02])

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from bt_dualarm.testing.scenario import Scenario as Scenario
-from bt_dualarm.testing.scenario import Tree as Tree
-from bt_dualarm.testing.scenario import after as after
-from bt_dualarm.testing.scenario import node_of as node_of
+from bt_dualarm.testing.laws import Scenario as Scenario
+from bt_dualarm.testing.laws import Tree as Tree
+from bt_dualarm.testing.laws import after as after
+from bt_dualarm.testing.laws import node_of as node_of
 
 ABOVE = {"xyz": [0, 0, 0.40]}
 CUBE = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1, "color": "yellow"}

@@ -7,8 +7,8 @@ from typing import Final
 
 import pytest
 
-from bt_dualarm.arm import planning
-from bt_dualarm.motion.planning.problem import PlanningProblem
+from bt_dualarm.arm import arm
+from bt_dualarm.planning.problem import PlanningProblem
 
 SOON_GIVEN_UP: Final = 20_000
 """Configurations that a search may look at: a tenth, and of the seconds that it takes, too. One of
@@ -18,4 +18,4 @@ SOON_GIVEN_UP: Final = 20_000
 def give_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every search of the test look at so many."""
     soon = partial(PlanningProblem, checks=SOON_GIVEN_UP)
-    monkeypatch.setattr(planning, "PlanningProblem", soon)
+    monkeypatch.setattr(arm, "PlanningProblem", soon)

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 import pytest
 
-from bt_dualarm.tree.report import LeafReport
+from bt_dualarm.behaviors.report import LeafReport
 from tests.plays import Stage
 
 Things: TypeAlias = dict[str, dict[str, Any]]
@@ -55,7 +55,8 @@ def beside(kind: dict[str, Any]) -> float:
     return float(kind["size"][0] * (1 if kind["shape"] == "box" else 2))
 
 
-C15, S15 = 0.9659258, 0.2588190
+C15 = 0.9659258
+S15 = 0.2588190
 
 
 @pytest.mark.parametrize("kind", [CUBE, CAN], ids=["cubes", "cans"])
@@ -105,6 +106,41 @@ class TestEachKind:
         assert (leaf.code, leaf.metrics["other_size"]) == ("AMBIGUOUS", 1), leaf.reason
         leaf = count(stage, kind, things, reality, others=True)
         assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1)
+
+
+LOW = [
+    {"shape": "cylinder", "size": [0.02, 0.021]},
+    {"shape": "cylinder", "size": [0.033, 0.021]},
+    {"shape": "cylinder", "size": [0.02, 0.01]},
+    {"shape": "box", "size": [0.04, 0.04, 0.01]},
+]
+"""Cans and plates of which two on one another are no higher than a cube."""
+
+
+@pytest.mark.parametrize("reality", ["lab", "rough"])
+@pytest.mark.parametrize("kind", LOW, ids=["can", "wide can", "low can", "plate"])
+def test_low_ones_on_one_another_are_not_counted_as_one(
+    kind: dict[str, Any], reality: str, stage: Stage
+) -> None:
+    """Straight from above: the upper one is nearer by less than one picture shows."""
+    things: Things = {name: {"at": (0, 0, z * kind["size"][-1])} for z, name in enumerate("ab")}
+    leaf = count(stage, kind, things, reality)
+    assert (leaf.code, leaf.metrics["found"]) == ("AMBIGUOUS", 0), leaf.reason
+
+
+@pytest.mark.parametrize("reality", ["lab", "rough"])
+def test_a_low_one_is_counted_where_the_picture_tells_or_somebody_says(
+    reality: str, stage: Stage
+) -> None:
+    """21 mm are enough for one picture; of 10 mm it takes somebody who knows."""
+    alone: Things = {"a": {"at": (0.02, 0.01, 0)}}
+    leaf = count(stage, LOW[0], alone, reality)
+    assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1), leaf.reason
+    leaf = count(stage, LOW[2], alone, reality)
+    assert (leaf.code, leaf.metrics["maybe_stacked"]) == ("AMBIGUOUS", 1)
+    assert "stacked: false" in leaf.reason
+    leaf = count(stage, LOW[2], alone, reality, stacked=False)
+    assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1), leaf.reason
 
 
 def test_what_is_half_covered_is_in_doubt(stage: Stage) -> None:

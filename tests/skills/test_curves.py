@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from bt_dualarm.pose import Pose
-from bt_dualarm.spec.plane import Plane
-from bt_dualarm.world.world import World
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.values import Plane
 from tests.plays import STOPPED, Play, Stage
 from tests.skills.scenarios import PRESENTING, Scenario, Tree
 

@@ -40,7 +40,7 @@ def test_of_twins_the_one_is_taken_that_was_seen(stage: Stage) -> None:
 
 
 ASIDE = {"robotiq_2f85": 0.05, "panda_hand": 0.035}
-"""Metres by which the cube is believed to be beside its place, so that a finger meets it."""
+"""Meters by which the cube is believed to be beside its place, so that a finger meets it."""
 
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bt_dualarm.world.world import World
+from bt_dualarm.sim.world import World
 from tests.plays import Play, Stage
 from tests.skills.scenarios import CUBE, GRASP, GRIPPING, ON_TABLE, Scenario, Tree
 

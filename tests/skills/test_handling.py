@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.world.world import World
+from bt_dualarm.sim.world import World
 from tests.plays import Stage
 from tests.skills.scenarios import CUBE, ON_TABLE, PICK, PRESENTING, SCENARIOS, Scenario, Tree
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bt_dualarm as bt
-from bt_dualarm.pose import Pose
+from bt_dualarm.core.pose import Pose
 from tests.plays import Play, Stage
 
 AWAY_M = 0.32
@@ -98,7 +98,7 @@ def test_another_height_is_not_the_declared_one(stage: Stage) -> None:
 @pytest.mark.parametrize("reality", ["lab", "rough"])
 @pytest.mark.parametrize("robot", ["panda", "ur3", "ur5", "ur10", "xarm7"])
 def test_every_robot_knows_where_a_marker_is(robot: str, reality: str, stage: Stage) -> None:
-    """Within 1 mm and half a degree, on a grey block that no colour tells."""
+    """Within 1 mm and half a degree, on a grey block that no color tells."""
     x, y = (0.35, -0.36) if robot == "ur3" else (0.37, -0.45)
     file: dict[str, Any] = {
         "world": {"scene": "table", "time_limit": 60, "reality": reality},
@@ -147,7 +147,7 @@ TABLE = """
         ("{object: d, count: '{count}'}", 1),
     ],
 )
-def test_things_of_another_colour_or_shape_are_left_alone(
+def test_things_of_another_color_or_shape_are_left_alone(
     what: str, count: int, stage: Stage
 ) -> None:
     """Two red cubes, a red ball and a blue cube, all in one picture."""
@@ -260,7 +260,7 @@ def test_the_truth_is_read_for_the_score_alone(stage: Stage) -> None:
 
 
 def on_desk(color: list[float], thing: dict[str, Any]) -> dict[str, Any]:
-    """A thing on a desk of a colour, before an arm that looks down on it."""
+    """A thing on a desk of a color, before an arm that looks down on it."""
     desk = {"shape": "box", "size": [0.58, 0.48, 0.01], "mass": 5, "fixed": True, "color": color}
     height = 0.41 + 0.5 * thing["size"][-1]
     look = {"look_at": {"at": {"xyz": [0.35, -0.45, 0.42]}, "distance": 0.4}}
@@ -290,7 +290,7 @@ def test_sides_in_the_shade_count_on_any_ground(
     assert np.degrees(turned) < 1.0
 
 
-def test_a_ground_of_the_things_colour_is_told(stage: Stage) -> None:
+def test_a_ground_of_the_things_color_is_told(stage: Stage) -> None:
     can = {"shape": "cylinder", "size": [0.025, 0.08], "color": "orange"}
     leaf = stage.run(on_desk([0.45, 0.28, 0.12], can)).leaf("locate")
     assert leaf.code == "NOT_SEEN"

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from bt_dualarm.pose import Pose
+from bt_dualarm.behaviors.report import LeafReport, StatusChange
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.world import World
 from bt_dualarm.testing import Candidate
-from bt_dualarm.tree.report import LeafReport, StatusChange
-from bt_dualarm.world.world import World
 from tests.plays import Deed, Stage
 from tests.skills.candidates import REGISTRY
 from tests.skills.scenarios import CUBE, WALL, Scenario, Tree

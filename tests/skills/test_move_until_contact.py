@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from bt_dualarm.motion.kinematics.arm_kinematics import Kinematics
-from bt_dualarm.pose import Pose
-from bt_dualarm.world.robots.catalogue import load_robot
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot
 from tests.plays import Stage
 from tests.skills.scenarios import ABOVE, Tree
 
@@ -65,9 +65,11 @@ def test_what_fingers_hold_is_pressed_on_the_floor_and_does_not_slide(
         },
         seed=3,
     )
-    leaf, world = play.leaf("move_until_contact"), play.world
+    leaf = play.leaf("move_until_contact")
+    world = play.world
     assert leaf.status == "SUCCESS", leaf.reason
-    cube_now, held = world.object_pose("cube"), world.attachments.find("arm1", "cube")
+    cube_now = world.object_pose("cube")
+    held = world.attachments.find("arm1", "cube")
     assert held is not None
     assert cube_now.position[2] == pytest.approx(0.025, abs=1e-3), "it stopped in the air"
     believed = world.arms["arm1"].tool_link_pose @ held.relative

@@ -8,7 +8,8 @@ import pytest
 
 import bt_dualarm
 
-START, GOAL = (0.40, -0.45), (0.30, -0.35)
+START = (0.40, -0.45)
+GOAL = (0.30, -0.35)
 
 
 def _hover(place: tuple[float, float], height: float) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bt_dualarm as bt
-from bt_dualarm.pose import Pose
+from bt_dualarm.core.pose import Pose
 from tests.plays import Play, Stage
 
 TREE = Path(__file__).parents[2] / "trees" / "pick_by_sight.yaml"
@@ -49,8 +49,10 @@ def test_a_cube_that_was_moved_is_picked(x: float, y: float, stage: Stage) -> No
 def ways(stage: Stage, *, poison: bool, text: str = TEXT) -> tuple[Any, Play]:
     """Everything's way in truth; with a poison, who asks where the cube is, is told nonsense."""
     play = stage.play(text, seed=7)
-    world, way = play.world, list[Any]()
-    true, weld = world.object_pose, world.attach
+    world = play.world
+    way = list[Any]()
+    true = world.object_pose
+    weld = world.attach
 
     def false(name: str) -> Pose:
         pose = true(name)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.motion.planning.problem import PlanningProblem
-from bt_dualarm.motion.planning.process import PendingMotion, PlanningProcess
-from bt_dualarm.pose import Pose
-from bt_dualarm.world.robots.catalogue import load_robot
-from bt_dualarm.world.world import World
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.planning.problem import PlanningProblem
+from bt_dualarm.planning.process import PendingMotion, PlanningProcess
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.sim.world import World
 from tests.plays import Play, Stage, joints
 from tests.skills.scenarios import ABOVE, Scenario, Tree
 
@@ -110,7 +110,7 @@ def test_it_goes_around_what_is_in_the_way(
 
 
 @pytest.mark.parametrize("robot", ["ur3", "ur10", "panda", "xarm7"])
-def test_every_arm_of_the_catalogue(robot: str, stage: Stage) -> None:
+def test_every_arm_of_the_catalog(robot: str, stage: Stage) -> None:
     """A step down and to the side, from the home posture, and back home."""
     scenario = Scenario(arm={"robot": robot, "base": ABOVE})
     _, start, end = reached(stage, {"offset": {"xyz": [0, 0.08, -0.05]}}, scenario)

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm import PortModel, Skill, port
-from bt_dualarm.runtime import slow_ticks
+from bt_dualarm.runtime import outcome
+from bt_dualarm.sim.world import World
 from bt_dualarm.testing import registry_with
-from bt_dualarm.world.world import World
 from tests.plays import Deed, Play, Stage
 from tests.skills.candidates import candidate
 from tests.skills.scenarios import SCENARIOS, Tree, node_of
@@ -36,7 +36,7 @@ def file_of(skill: str, example: str, remover: Tree, name: str) -> Tree:
 def spotless(play: Play, caplog: pytest.LogCaptureFixture) -> bool:
     """Whether a run broke nothing and blamed nobody; how long a tick took is the machine's."""
     assert play.result is not None
-    lines = [line for line in caplog.records if line.name != slow_ticks.__name__]
+    lines = [line for line in caplog.records if line.name != outcome.__name__]
     faults = [play.result.error, lines, *(arm.fault for arm in play.result.arms.values())]
     runs = [run for arm in play.result.arms.values() for run in arm.runs]
     return not any(faults) and all(run.status != "FAILURE" for run in runs)
@@ -59,7 +59,8 @@ def test_an_arm_is_taken_away_while_it_works(
         }
         deeds: list[tuple[float, Deed]] = []
         if name == "last":
-            take, deeds = idle, [(at + 0.006, partial(World.remove_arm, name="arm1"))]
+            take = idle
+            deeds = [(at + 0.006, partial(World.remove_arm, name="arm1"))]
         caplog.clear()
         with caplog.at_level(logging.WARNING):
             file = file_of(skill, example, take, f"arm{2 * (number % 2)}")

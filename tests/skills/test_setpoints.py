@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.motion.control.controller import JointController
-from bt_dualarm.motion.setpoints.set_point import SetPoint
-from bt_dualarm.motion.timing.limit_use import use_of_limits
-from bt_dualarm.motion.timing.trajectory import Trajectory
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 from tests.plays import Stage
 from tests.skills.scenarios import LOOKING, PRESENTING, TARGET, Scenario, Tree
 

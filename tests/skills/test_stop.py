@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.world.robots.catalogue import load_robot
+from bt_dualarm.robots.robot_description import load_robot
 from tests.plays import STOPPED, Stage, joints
 
 WORLD = """
@@ -31,7 +31,8 @@ def test_stop_ends_the_motion_of_another_leaf(stage: Stage) -> None:
           - sequence: [{wait: {seconds: 1.0}}, stop]
     """
     play = stage.run(WORLD.replace("TREE", tree), duration=4.0)
-    circle, stop = play.leaf("circle"), play.leaf("stop")
+    circle = play.leaf("circle")
+    stop = play.leaf("stop")
     assert (circle.status, circle.code) == ("FAILURE", "INTERRUPTED")
     assert 0.0 < float(stop.metrics["stopping_s"]) < 1.0
     assert stop.ended_s is not None

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.pose import Pose
-from bt_dualarm.world.world import World
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.world import World
 from tests.plays import Play, Stage
 
 WORLD = """
@@ -124,7 +124,7 @@ def test_move_through_rounds_corners_within_the_blend_and_does_not_stop(stage: S
         assert np.linalg.norm(places[nearest + 1] - places[nearest]) > 1e-5  # in one step of 2 ms
 
 
-def test_circle_leans_towards_its_middle(stage: Stage) -> None:
+def test_circle_leans_toward_its_middle(stage: Stage) -> None:
     """Tool axis along x, circle in yz: the axes of all places meet in one point."""
     play = staged(stage, "circle: {plane: yz, radius: 0.05, tilt: 20}")
     start = tool(play.world)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.errors import OverlapError
-from bt_dualarm.pose import Pose
-from bt_dualarm.world.world import World
+from bt_dualarm.core.errors import OverlapError
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.world import World
 from tests.plays import Stage
 from tests.skills.scenarios import Tree
 
@@ -59,7 +59,7 @@ def put_wall(world: World) -> None:
 
 @pytest.mark.parametrize("robot", ["ur5", "xarm7", "panda"])
 def test_who_runs_into_something_harder_than_it_may_has_failed(robot: str, stage: Stage) -> None:
-    """Two centimetres before its tool there is a wall, all at once."""
+    """Two centimeters before its tool there is a wall, all at once."""
     node: Tree = {"move_linear": {"offset": {"xyz": [0, 0.12, 0]}, "speed": 1.0}}
     wall: Tree = {"shape": "box", "size": [0.06, 0.06, 0.06], "mass": 100, "spawned": False}
     arm: Tree = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}, "force_limit": 20, "tree": node}

@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bt_dualarm.pose import Vector
-from bt_dualarm.skill.tracking_reference import stale_after
-from bt_dualarm.world.world import World
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.sim.world import World
+from bt_dualarm.skill.tracking import stale_after
 from tests.plays import STOPPED, Deed, Play, Stage
 from tests.skills.scenarios import CUBE, LOOKING, SCENARIOS, Scenario, Tree
 
 CENTER = np.array((0.68, 0.11, 0.70))
 TRACK: Tree = {"track": {"duration": 6.0, "score": "cube"}}
-STALE_S, HOLD_S = 0.1, 0.5  # as the skill promises
+# as the skill promises
+STALE_S = 0.1
+HOLD_S = 0.5
 PERIOD_S = 1 / 30
 BRAKING_S = 0.4  # more than the tool takes to come to rest
 
@@ -28,7 +30,7 @@ def scenario(camera: dict[str, Any] | None = None, **objects: Any) -> Scenario:
 
 
 def carried(place: Callable[[float], Vector]) -> Callable[[World], None]:
-    """Somebody carries the cube along a curve around the centre, in the YZ plane."""
+    """Somebody carries the cube along a curve around the center, in the YZ plane."""
 
     def carry(world: World) -> None:
         if "cube" in world.objects:
@@ -38,7 +40,7 @@ def carried(place: Callable[[float], Vector]) -> Callable[[World], None]:
 
 
 def circling(time: float) -> Vector:
-    """0.1 m around the centre in 4 s, wound up in two seconds."""
+    """0.1 m around the center in 4 s, wound up in two seconds."""
     grown = min(1.0, time / 2.0)
     radius = 0.1 * grown**3 * (10 - 15 * grown + 6 * grown**2)
     angle = 2 * np.pi * time / 4.0
@@ -96,7 +98,7 @@ def test_a_metric_that_names_a_plane_is_of_that_plane(sideways: float, stage: St
 
 
 def test_proportional_control_works_at_low_speed(stage: Stage) -> None:
-    """It lags behind, as it must, but within some centimetres and without a loss."""
+    """It lags behind, as it must, but within some centimeters and without a loss."""
     node: Tree = {"track": TRACK["track"] | {"controller": "proportional", "duration": 10.0}}
     leaf = follow(stage, node, scenario(), swaying).leaf("track")
     assert leaf.status == "SUCCESS", leaf.reason
@@ -105,7 +107,7 @@ def test_proportional_control_works_at_low_speed(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("controller", ["predictive", "proportional"])
-def test_others_of_another_colour_and_of_the_same_do_not_distract(
+def test_others_of_another_color_and_of_the_same_do_not_distract(
     controller: str, stage: Stage
 ) -> None:
     """A red cube beside the target, and later a larger yellow one at the edge of the image."""
@@ -132,7 +134,9 @@ def lost_at(time: float) -> tuple[tuple[float, Deed], ...]:
 @pytest.mark.parametrize("controller", ["predictive", "proportional"])
 def test_a_lost_target_means_hold_then_search_then_failure(controller: str, stage: Stage) -> None:
     """Nothing moves by what was seen more than 0.1 s ago; the search stays within its radius."""
-    gone, timeout, radius = 3.0, 2.0, 0.05
+    gone = 3.0
+    timeout = 2.0
+    radius = 0.05
     ports = {"controller": controller, "lost_timeout": timeout, "search_radius": radius}
     play = stage.play(scenario().file({"track": TRACK["track"] | ports}), deeds=lost_at(gone))
     place = circling if controller == "predictive" else swaying
@@ -175,7 +179,8 @@ def test_set_points_only_brake_on_old_data(stage: Stage) -> None:
     play.watchers.append(note)
     play.run()
     # The last frame with the target is up to a period older; jerk takes a little to turn around.
-    begin, end = gone + STALE_S + 0.05, gone - PERIOD_S + STALE_S + HOLD_S
+    begin = gone + STALE_S + 0.05
+    end = gone - PERIOD_S + STALE_S + HOLD_S
     falling = np.array([speed for at, speed in speeds if begin < at < end])
     assert falling[0] > 0.05
     assert (np.diff(falling) <= 1e-9).all()
@@ -256,7 +261,7 @@ def test_data_is_old_after_a_tenth_of_a_second(fps: float, latency: float, limit
     assert stale_after(latency, 1 / fps) == pytest.approx(limit)
 
 
-def test_no_motion_towards_old_data_where_images_can_be_newer(stage: Stage) -> None:
+def test_no_motion_toward_old_data_where_images_can_be_newer(stage: Stage) -> None:
     """80 ms and a frame of 17 ms are below 0.1 s: after a lost frame it brakes until the next."""
     camera = {"fps": 60, "latency": 0.08, "drop": 0.3}
     leaf = follow(stage, TRACK, scenario(camera), circling).leaf("track")
@@ -299,6 +304,38 @@ def test_what_appears_elsewhere_is_not_the_target(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize(
+    ("size", "away", "after", "why"),
+    [
+        ([0.05, 0.05, 0.05], 0.15, 0.0, "from where the target can"),
+        ([0.08, 0.08, 0.08], 0.0, 1.3, "times as wide"),
+    ],
+    ids=["near by", "larger"],
+)
+def test_a_decoy_is_refused_and_the_reason_said(
+    size: list[float], away: float, after: float, why: str, stage: Stage
+) -> None:
+    """The cube goes at 1.5 s; a decoy comes in that instant, or where it was, and later."""
+
+    def act(world: World) -> None:
+        gone = world.time > 1.5
+        come = world.time > 1.5 + after
+        world.model.body_pos[world.object_body("cube")] = CENTER - (0, 0, 2.0 * gone)
+        world.model.body_pos[world.object_body("decoy")] = CENTER + np.array(
+            (0, away, 3.0 * (not come))
+        )
+
+    decoy = SCENARIOS["track"].objects["cube"] | {"size": size, "pose": {"xyz": [2, 2, 2]}}
+    node: Tree = {"track": {"duration": 6.0, "lost_timeout": 3.0, "reach": 0.5}}
+    play = stage.play(scenario({"fov": 90}, decoy=decoy).file(node))
+    play.watchers.append(act)
+    play.run()
+    leaf = play.leaf("track")
+    assert leaf.code == "LOST", leaf
+    assert why in leaf.reason
+    assert leaf.metrics["refused_sightings"] > 10
+
+
+@pytest.mark.parametrize(
     ("camera", "size"),
     [
         ({"fps": 60}, 0.012),
@@ -310,7 +347,9 @@ def test_until_still_waits_for_a_movement_and_for_its_end(
     camera: dict[str, Any], size: float, stage: Stage
 ) -> None:
     """No shake is taken for a movement; then the end is known as soon as images show it."""
-    began, length, rest = 2.5, 0.5, 1.0
+    began = 2.5
+    length = 0.5
+    rest = 1.0
     shown = began + length + camera.get("latency", 0.0)
     node: Tree = {"track": {"until_still": rest, "score": "cube"}}
     leaf = follow(stage, node, scenario(camera), moved_once(size, began, length)).leaf("track")

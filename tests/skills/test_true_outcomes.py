@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from bt_dualarm.sim.composition import add_weld
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.problems import SpecError
 from tests.plays import Play, Stage
 
@@ -48,6 +50,28 @@ def test_letting_go_in_the_air_fails_at_a_thousand_ticks_a_second(stage: Stage) 
     leaf = run(stage, leaves, tick_hz=1000, timestep=0.001).leaf("detach")
     assert (leaf.status, leaf.code) == ("FAILURE", "NOT_AT_REST")
     assert float(leaf.metrics["moved_m"]) > 0.1
+
+
+def test_what_is_glued_to_the_tool_is_not_let_go_of_where_it_stands(stage: Stage) -> None:
+    """The floor bears it, and no sensor tells before the arm goes: it would go along."""
+    leaves = "[{approach_and_attach: {object: cube}}, {detach: {object: cube}}]"
+    play = stage.play(ONE_ARM.format(
+        leaves=leaves, cube="fixed: false", tick_hz=50, timestep=0.002, beside="[2, 0, 0]"
+    ))  # fmt: skip
+
+    def glue(world: World) -> None:
+        held = world.attachments.find("arm1", "cube")
+        if held is not None and "glue" not in {tie.name for tie in world._spec.equalities}:
+            weld = world._spec.equality(held.name)
+            add_weld(world._spec, "glue", weld.name1, weld.name2, held.relative)
+            world._recompile()
+
+    play.watchers.append(glue)
+    play.run()
+    assert play.leaf("approach_and_attach").status == "SUCCESS"
+    leaf = play.leaf("detach")
+    assert (leaf.code, leaf.metrics["moved_m"]) == ("STILL_HELD", pytest.approx(0.0, abs=1e-3))
+    assert "would go along" in leaf.reason
 
 
 def test_a_fixed_object_is_not_attached(stage: Stage) -> None:

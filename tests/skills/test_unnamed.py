@@ -34,7 +34,7 @@ def task(*leaves: dict[str, Any], gripper: str = "robotiq_2f85", **cube: Any) ->
 
 @pytest.mark.parametrize("gripper", ["robotiq_2f85", "suction_cup"])
 def test_it_is_taken_carried_and_set_down(gripper: str) -> None:
-    """Two millimetres beside where it is said to lie, and turned: fingers centre it."""
+    """Two millimeters beside where it is said to lie, and turned: fingers center it."""
     beside = {"xyz": [0.401, -0.4483, 0.425], "rpy": [0, 0, 2]}
     result = bt.run(task(TAKE, CARRY, PUT, gripper=gripper, pose=beside))
     leaves = result.arms["arm1"].leaves

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from bt_dualarm.testing.scenario import after
-from bt_dualarm.world.grippers.gripper import FINGERS
-from bt_dualarm.world.world import World
+from bt_dualarm.robots.gripper import FINGERS
+from bt_dualarm.sim.world import World
+from bt_dualarm.testing.laws import after
 from tests.plays import Deed
 from tests.skills.scenarios import (
     ABOVE,
@@ -70,13 +70,13 @@ def pushes(body: str, newton: float) -> Deed:
     return push
 
 
-def slides_in_hand(name: str, metres: float) -> Deed:
+def slides_in_hand(name: str, meters: float) -> Deed:
     """Move an object along the pads that hold it, across the tool."""
 
     def slide(world: World) -> None:
         across = world.arms["arm1"].tool_pose.rotation_matrix[:, 0]
         start = world.pose_address(name)
-        world.data.qpos[start : start + 3] += metres * across
+        world.data.qpos[start : start + 3] += meters * across
 
     return slide
 
@@ -96,11 +96,11 @@ def hides(name: str) -> Deed:
     return lambda world: world.remove_object(name)
 
 
-def shifts(name: str, metres: float) -> Deed:
+def shifts(name: str, meters: float) -> Deed:
     """Move a fixed object along y."""
 
     def shift(world: World) -> None:
-        world.model.body_pos[world.object_body(name), 1] += metres
+        world.model.body_pos[world.object_body(name), 1] += meters
 
     return shift
 
@@ -217,6 +217,34 @@ STOP_AT_ONCE: Tree = {"delay": {"seconds": 1.0, "child": {"stop": {"longest": 0.
 CARRY: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.3, -0.4, 0.6]}}}
 LET_GO: Tree = {"detach": {"object": "cube"}}
 TRACK: Tree = {"track": {"duration": 3.0, "lost_timeout": 0.5, "wait": 1.0, "reach": 0.1}}
+LOW_CAMERA = {"mount": "wrist", "resolution": [160, 120], "fov": 60, "fps": 20}
+FOLLOWED: Tree = {
+    "cube": CUBE | {"pose": {"xyz": [0.45, -0.45, 0.425]}},
+    "other": CUBE
+    | {
+        "size": [0.045] * 3,
+        "color": "red",
+        "fixed": True,
+        "pose": {"xyz": [0.30, -0.45, 0.4225]},
+    },
+}
+BLOCK: Tree = {
+    "block": CUBE
+    | {
+        "size": [0.04, 0.04, 0.21],
+        "color": "blue",
+        "fixed": True,
+        "pose": {"xyz": [0.30, -0.275, 0.505]},
+    }
+}
+LOOK_HOLDING: tuple[Tree, ...] = (
+    GRASP,
+    {"look_at": {"at": {"xyz": [0.30, -0.45, 0.42]}, "distance": 0.35}},
+)
+FOLLOW_HOLDING: Tree = {
+    "track": {"color": "red", "plane": "xy", "distance": 0.35, "duration": 4.0, "max_error": 0.1}
+}
+"""With the cube in the hand, at x = 0.30, y = -0.38, 0.19 m above the table."""
 LOOK: Tree = {"look_at": {"at": {"xyz": [0.68, 0.11, 0.7]}, "direction": [-1, 0, 0]}}
 SCAN: Tree = {"scan": {"object": "cube", "center": [0.4, -0.4, 0.4], "width": 0.2, "depth": 0.2}}
 WAIT_FOR: Tree = {"wait_for": {"object": "cube"}}
@@ -525,7 +553,22 @@ TRIALS: dict[tuple[str, str], Trial] = {
         deeds=((1.0, shifts("cube", 0.05)),),
         moves=True,
     ),
-    ("track", "UNREACHABLE"): Trial(TRACK, deeds=((1.0, shifts("cube", 0.14)),), moves=True),
+    ("track", "IN_COLLISION"): Trial(
+        FOLLOW_HOLDING,
+        {
+            "objects": FOLLOWED | BLOCK,
+            "arm": GRIPPING | {"camera": LOW_CAMERA},
+            "scene": "table",
+            "before": LOOK_HOLDING,
+        },
+        deeds=((5.6, shifts("other", 0.08)),),
+        moves=True,
+    ),
+    ("track", "UNREACHABLE"): Trial(  # at 0.1 m/s: what jumps there is not the target
+        TRACK,
+        deeds=tuple((1.0 + 0.02 * step, shifts("cube", 0.002)) for step in range(70)),
+        moves=True,
+    ),
     **moving("track", TRACK, 1.0, "arm1/panda_hand"),
     # Seeing
     ("locate", "NO_CAMERA"): Trial(LOCATE, {"arm": BLIND}),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bt_dualarm.preflight.check import check
+from bt_dualarm.runtime.file_check import check
 from bt_dualarm.skill.registry import Registry
 
 HEAD = "bt_dualarm: 1\n"

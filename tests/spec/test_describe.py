@@ -6,11 +6,11 @@ from typing import Literal
 
 import pytest
 
+from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.describe import PortDescription, describe, ports_of
-from bt_dualarm.spec.kind import Kind
-from bt_dualarm.spec.language import LANGUAGE
+from bt_dualarm.spec.node_types import NodeType
 from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.reference import PortDescription, describe, ports_of
 from bt_dualarm.spec.values import Angle, Duration, ObjectOrArmName, PoseSpec, Speed
 
 
@@ -50,12 +50,12 @@ def test_a_port_in_words(expected: PortDescription) -> None:
     assert expected in ports_of(Ports)
 
 
-def kinds() -> list[Kind]:
+def kinds() -> list[NodeType]:
     return [*LANGUAGE.values(), *Registry.load().kinds.values()]
 
 
 @pytest.mark.parametrize("kind", kinds(), ids=lambda kind: kind.name)
-def test_no_type_is_left_in_the_words_of_python(kind: Kind) -> None:
+def test_no_type_is_left_in_the_words_of_python(kind: NodeType) -> None:
     """What has no words yet would show brackets or dots."""
     told = describe(kind)
     assert [port for port in told.ports + told.outputs if set(port.type) & set("[].<_")] == [

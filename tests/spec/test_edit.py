@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.runtime.shipped import find_tree
-from bt_dualarm.spec.edit import flow_text, with_value
+from bt_dualarm.runtime.options import find_tree
 from bt_dualarm.spec.problems import SpecError
-from bt_dualarm.spec.reader import read_text
+from bt_dualarm.spec.yaml_edit import flow_text, with_value
+from bt_dualarm.spec.yaml_reader import read_text
 
 RANGES = [{"hue": [10, 20], "saturation": [0.5, 1]}]
 WRITTEN = "[{hue: [10, 20], saturation: [0.5, 1]}]"
@@ -98,7 +98,7 @@ def test_comments_in_a_value_are_not_lost() -> None:
 
 
 def test_an_edit_that_would_touch_more_is_refused() -> None:
-    with pytest.raises(SpecError, match="neighbours"):
+    with pytest.raises(SpecError, match="neighbors"):
         with_value("a: |\n  yellow\nb: 1\n", "t.yaml", ("a",), RANGES)
 
 
@@ -121,7 +121,8 @@ def test_any_scalar_of_a_shipped_tree_can_be_changed_alone(name: str) -> None:
     for path, span in source.values.items():
         if isinstance(source.get(path), (dict, list)):
             continue
-        before, after = text.split("\n"), with_value(text, name, path, "other").split("\n")
+        before = text.split("\n")
+        after = with_value(text, name, path, "other").split("\n")
         old = before.pop(span.line)
         new = after.pop(span.line)
         assert after == before

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.share import share_dir
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.schema import schema_text
+from bt_dualarm.spec.reference import schema_text
 
 SCHEMA = share_dir("assets") / "schema" / "tree.schema.json"
 TREES = sorted(share_dir("trees").rglob("*.yaml"))
@@ -17,7 +18,9 @@ MODELINE = "# yaml-language-server: $schema="
 
 def test_the_schema_is_what_the_code_says() -> None:
     renew = f"stale: renew it with: bt-skills --schema {SCHEMA}"
-    assert SCHEMA.read_text(encoding="utf-8") == schema_text(Registry.load().kinds), renew
+    assert SCHEMA.read_text(encoding="utf-8") == schema_text(
+        {**LANGUAGE, **Registry.load().kinds}
+    ), renew
 
 
 @pytest.mark.parametrize("path", TREES, ids=lambda path: path.stem)

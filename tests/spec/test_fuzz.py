@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 import yaml
 
-from bt_dualarm.share import share_dir
+from bt_dualarm.behaviors.build import build_tree
+from bt_dualarm.behaviors.load import check_file, load_tree_file
+from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import SkillContext
-from bt_dualarm.spec.load import check_file, load_tree_file
 from bt_dualarm.spec.problems import errors
-from bt_dualarm.tree.build import build_tree
 from tests.fuzz.seeds import dice_of
 from tests.spec.mutation import mutated
 from tests.spec.test_mistakes import FOLDER
 
-FILES = int(os.environ.get("BT_DUALARM_FUZZ_FILES", "20000"))
-"""How many: half a minute of two cores; a longer run sets the variable to more, say 200000."""
+FILES = int(os.environ.get("BT_DUALARM_FUZZ_FILES", "4000"))
+"""How many: half a minute of one core; a longer run sets the variable to more, say 200000."""
 
 CHUNKS = 8
 """So that workers share the work; each has its own seed."""
@@ -53,7 +53,8 @@ def build(path: Path, registry: Registry) -> None:
     """Build every tree of an accepted file; nothing is ticked."""
     arm: Any = SimpleNamespace(release=lambda: None, trouble=lambda: None, enter=lambda **_: None)
     arm.touched = lambda _: {}
-    log, rng = logging.getLogger("fuzz"), np.random.default_rng(0)
+    log = logging.getLogger("fuzz")
+    rng = np.random.default_rng(0)
     context = SkillContext("leaf", arm, lambda: 0.0, rng, log)
     file = load_tree_file(path, registry.kinds)
     for name, spec in file.arms.items():
@@ -71,10 +72,12 @@ grows without bound needs all of them anywhere."""
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_mutated_files(chunk: int, tmp_path: Path, registry: Registry) -> None:
     """No other exception, none that takes long, none that is accepted and then not built."""
-    dice, data = dice_of(chunk), seeds()
+    dice = dice_of(chunk)
+    data = seeds()
     for module in {module for skill in registry.skills.values() for module in skill.needs}:
         importlib.import_module(module)  # takes a second by itself, once
-    path, accepted = tmp_path / "task.yaml", 0
+    path = tmp_path / "task.yaml"
+    accepted = 0
     for number in range(FILES // CHUNKS):
         text = mutated(dice.choice(data), dice)
         path.write_text(text)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.behaviors.load import check_file
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.language import LANGUAGE
-from bt_dualarm.spec.load import check_file
 from tests.spec.writing import SKILLS, task
 
 BEFORE = """

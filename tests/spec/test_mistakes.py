@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.spec.load import check_file
+from bt_dualarm.behaviors.load import check_file
 from tests.spec.writing import SKILLS
 
 FOLDER = Path(__file__).parent.parent / "golden" / "mistakes"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.spec.load import check_file, load_tree_file
+from bt_dualarm.behaviors.load import check_file, load_tree_file
 from tests.spec.writing import SKILLS, write
 
 FILE = """

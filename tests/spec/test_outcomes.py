@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.spec.ends import Ends
-from bt_dualarm.spec.load import check_file
-from bt_dualarm.spec.outcomes import ends_below
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.behaviors.load import check_file
+from bt_dualarm.spec.checks import outcomes_in
+from bt_dualarm.spec.node_types import Outcomes
 from tests.spec.writing import SKILLS, said, task, tree_of
 
 ENDS = {
@@ -46,7 +47,7 @@ ENDS = {
 @pytest.mark.parametrize("tree", ENDS)
 def test_how_a_node_can_end(tree: str, tmp_path: Path) -> None:
     root = tree_of(task(tmp_path, tree))
-    assert ends_below(root)[root] == Ends("S" in ENDS[tree], "F" in ENDS[tree])
+    assert outcomes_in(root, LANGUAGE)[root] == Outcomes("S" in ENDS[tree], "F" in ENDS[tree])
 
 
 WARNINGS = {

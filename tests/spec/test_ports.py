@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError, model_validator
 
-from bt_dualarm.spec.leaf_words import Log
+from bt_dualarm.behaviors.leaf import Log
 from bt_dualarm.spec.ports import (
     PortModel,
     as_text,
@@ -100,8 +100,8 @@ def test_units() -> None:
 
 
 def test_a_text_with_keys_in_it_is_no_reference() -> None:
-    assert templates_of(Log) == {"message"}
-    assert references_in(Log, {"message": "{a}", "level": "{b}"}) == {"level": "b"}
+    assert templates_of(Log.Ports) == {"message"}
+    assert references_in(Log.Ports, {"message": "{a}", "level": "{b}"}) == {"level": "b"}
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from bt_dualarm.spec.problems import Place, Problem, SpecError, errors, suggestion
+from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, suggestion
 
 
 def test_text_of_a_problem() -> None:
-    place = Place("t.yaml", 12, 12, 6, "  circle: {raduis: 0.1}")
+    place = Location("t.yaml", 12, 12, 6, "  circle: {raduis: 0.1}")
     assert str(Problem(place, "unknown port 'raduis'", "did you mean 'radius'?")) == (
         "t.yaml:12:12: error: unknown port 'raduis'\n"
         "   12 |   circle: {raduis: 0.1}\n"
@@ -16,28 +16,29 @@ def test_text_of_a_problem() -> None:
 
 
 def test_a_problem_of_the_whole_file_has_no_excerpt() -> None:
-    assert str(Problem(Place("t.yaml"), "no such file")) == "t.yaml: error: no such file"
+    assert str(Problem(Location("t.yaml"), "no such file")) == "t.yaml: error: no such file"
 
 
 def test_long_lines_are_cut_around_the_place() -> None:
     line = "x" * 300 + "HERE" + "y" * 300
-    excerpt = Place("t", 1, 301, 4, line).excerpt.splitlines()
+    excerpt = Location("t", 1, 301, 4, line).excerpt.splitlines()
     assert len(excerpt[0]) < 120
     start = excerpt[1].index("^")
     assert excerpt[0][start : start + 4] == "HERE"
 
 
 def test_control_characters_are_not_shown() -> None:
-    assert "\x1b" not in Place("t", 1, 1, 1, "\x1b[31mred").excerpt
+    assert "\x1b" not in Location("t", 1, 1, 1, "\x1b[31mred").excerpt
 
 
 def test_problems_are_in_the_order_of_the_file_and_each_once() -> None:
-    late, early = Problem(Place("t", 9, 1), "late"), Problem(Place("t", 2, 5), "early")
+    late = Problem(Location("t", 9, 1), "late")
+    early = Problem(Location("t", 2, 5), "early")
     assert SpecError([late, early, late]).problems == (early, late)
 
 
 def test_warnings_are_no_errors() -> None:
-    warning = Problem(Place("t", 1, 1), "hm", severity="warning")
+    warning = Problem(Location("t", 1, 1), "hm", severity="warning")
     assert errors([warning]) == ()
     assert warning.as_dict()["severity"] == "warning"
 

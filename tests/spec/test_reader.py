@@ -11,9 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.spec.mapping import read_mapping
 from bt_dualarm.spec.problems import SpecError
-from bt_dualarm.spec.reader import MAX_BYTES, MAX_DEPTH, MAX_NODES, read_file, read_text
+from bt_dualarm.spec.yaml_reader import (
+    MAX_BYTES,
+    MAX_DEPTH,
+    MAX_NODES,
+    read_file,
+    read_mapping,
+    read_text,
+)
 
 
 def complaints(text: str) -> list[str]:
@@ -25,11 +31,11 @@ def complaints(text: str) -> list[str]:
 def test_data_and_places() -> None:
     source = read_text("a: 1\nb:\n  - {c: 'x y', d: [2, 3]}\n", "f")
     assert source.data == {"a": 1, "b": [{"c": "x y", "d": [2, 3]}]}
-    assert str(source.place(("a",))) == "f:1:4"
-    assert str(source.key_place(("b", 0, "d"))) == "f:3:16"
-    assert str(source.place(("b", 0, "d", 1))) == "f:3:23"
-    assert source.place(("b", 0, "c")).width == len("'x y'")
-    assert str(source.place(("b", 0, "d", 7))) == "f:3:19"
+    assert str(source.location(("a",))) == "f:1:4"
+    assert str(source.key_location(("b", 0, "d"))) == "f:3:16"
+    assert str(source.location(("b", 0, "d", 1))) == "f:3:23"
+    assert source.location(("b", 0, "c")).width == len("'x y'")
+    assert str(source.location(("b", 0, "d", 7))) == "f:3:19"
 
 
 def test_block_text_and_quotes_are_text() -> None:
@@ -116,7 +122,9 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         tmp_path: "is not a regular file",
         tmp_path / "nul\0.yaml": "no such file",
     }
-    big, latin, fifo = tmp_path / "big.yaml", tmp_path / "latin.yaml", tmp_path / "fifo.yaml"
+    big = tmp_path / "big.yaml"
+    latin = tmp_path / "latin.yaml"
+    fifo = tmp_path / "fifo.yaml"
     big.write_text("a: " + "x" * MAX_BYTES)
     latin.write_bytes(b"a: \xe9\n")
     os.mkfifo(fifo)
@@ -135,7 +143,7 @@ def test_byte_order_mark_and_windows_line_ends(tmp_path: Path) -> None:
     file.write_bytes("\ufeffa: 1\r\nb: ö\r\n".encode())
     source = read_file(file)
     assert source.data == {"a": 1, "b": "ö"}
-    assert str(source.place(("b",))).endswith(":2:4")
+    assert str(source.location(("b",))).endswith(":2:4")
 
 
 PIECES = [

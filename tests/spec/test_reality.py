@@ -7,13 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bt_dualarm.errors import RunError
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.errors import RunError
 from bt_dualarm.runtime.options import checked_reality
-from bt_dualarm.spec.load import load_tree_file
 from bt_dualarm.spec.problems import SpecError
-from bt_dualarm.spec.reality import REALITY_NAMES, RealityErrors, RealitySpec, resolved
-from bt_dualarm.spec.reality_sets import REALITY_SETS
-from bt_dualarm.spec.spread import Spread
+from bt_dualarm.spec.reality import (
+    REALITY_NAMES,
+    REALITY_SETS,
+    RealityErrors,
+    RealitySpec,
+    resolved,
+)
+from bt_dualarm.spec.values import Uncertainty
 
 FILE = """\
 bt_dualarm: 1
@@ -61,8 +66,8 @@ def test_an_arm_without_a_set_changes_what_the_world_says() -> None:
 
 def test_a_number_is_uniform_and_a_mapping_says_which() -> None:
     one, _ = held("ideal", "{links: {mass: 0.1, inertia: {normal: 0.02}}}")
-    assert one.links.mass == Spread(uniform=0.1)
-    assert one.links.inertia == Spread(normal=0.02)
+    assert one.links.mass == Uncertainty(uniform=0.1)
+    assert one.links.inertia == Uncertainty(normal=0.02)
 
 
 @pytest.mark.parametrize(
@@ -84,15 +89,18 @@ def test_what_makes_no_sense_is_refused_where_it_stands(reality: str, words: str
     assert words in message
 
 
-@pytest.mark.parametrize("spread", [Spread(), Spread(uniform=0.2), Spread(normal=0.2)])
-def test_one_value_is_the_first_of_several(spread: Spread) -> None:
-    one, several = np.random.default_rng(7), np.random.default_rng(7)
+@pytest.mark.parametrize(
+    "spread", [Uncertainty(), Uncertainty(uniform=0.2), Uncertainty(normal=0.2)]
+)
+def test_one_value_is_the_first_of_several(spread: Uncertainty) -> None:
+    one = np.random.default_rng(7)
+    several = np.random.default_rng(7)
     for _ in range(500):
         assert spread.draw_one(one) == spread.draw(several, 1)[0]
 
 
-@pytest.mark.parametrize("spread", [Spread(uniform=0.2), Spread(normal=0.2)])
-def test_a_spread_is_about_zero_and_keeps_to_its_bound(spread: Spread) -> None:
+@pytest.mark.parametrize("spread", [Uncertainty(uniform=0.2), Uncertainty(normal=0.2)])
+def test_a_spread_is_about_zero_and_keeps_to_its_bound(spread: Uncertainty) -> None:
     drawn = spread.draw(np.random.default_rng(0), 20_000)
     assert abs(drawn.mean()) < 0.005
     assert 0.95 * spread.most < np.abs(drawn).max() <= spread.most
@@ -107,7 +115,7 @@ def test_each_set_is_farther_from_the_model_than_the_one_before() -> None:
     for group in RealityErrors.model_fields:
         for name in type(getattr(lab, group)).model_fields:
             less, more = (getattr(getattr(one, group), name) for one in (lab, rough))
-            if isinstance(less, Spread):
+            if isinstance(less, Uncertainty):
                 assert 0 < less.most <= more.most, name
     assert 0 < lab.drive.delay < rough.drive.delay
     assert lab.drive.bandwidth > rough.drive.bandwidth > 0

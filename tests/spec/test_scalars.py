@@ -9,7 +9,7 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from bt_dualarm.spec.scalars import ScalarError, plain_value
+from bt_dualarm.spec.yaml_reader import ScalarError, plain_value
 
 
 @pytest.mark.parametrize(

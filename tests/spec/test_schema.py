@@ -8,15 +8,16 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
-from bt_dualarm.share import share_dir
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.behaviors.load import check_file
+from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import check_file
 from bt_dualarm.spec.problems import errors
-from bt_dualarm.spec.reader import read_file
-from bt_dualarm.spec.schema import json_schema
+from bt_dualarm.spec.reference import json_schema
+from bt_dualarm.spec.yaml_reader import read_file
 from tests.spec.writing import SKILLS, task, write
 
-SCHEMA = json_schema(SKILLS)
+SCHEMA = json_schema({**LANGUAGE, **SKILLS})
 is_valid = Draft202012Validator(SCHEMA).is_valid
 
 GOOD = {
@@ -119,7 +120,7 @@ SHIPPED = sorted(share_dir("trees").rglob("*.yaml"))
 def test_shipped_trees_pass_both(path: Path) -> None:
     kinds = Registry.load().kinds
     assert check_file(path, kinds) == ()
-    assert Draft202012Validator(json_schema(kinds)).is_valid(read_file(path).data)
+    assert Draft202012Validator(json_schema({**LANGUAGE, **kinds})).is_valid(read_file(path).data)
 
 
 def test_the_schema_is_one() -> None:
@@ -133,7 +134,7 @@ def test_the_schema_is_json_with_every_reference_defined() -> None:
 
 
 def test_every_field_of_a_file_is_explained_to_editors() -> None:
-    schema = json_schema(SKILLS)
+    schema = json_schema({**LANGUAGE, **SKILLS})
     parts = [schema["properties"]["world"], schema["$defs"]["CameraSpec"]]
     parts += [schema["properties"][name]["additionalProperties"] for name in ("objects", "arms")]
     for part in parts:

@@ -1,4 +1,4 @@
-"""Words of other libraries of behaviour trees lead to ours."""
+"""Words of other libraries of behavior trees lead to ours."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.spec.language import LANGUAGE
-from bt_dualarm.spec.synonyms import SYNONYMS, kind_hint
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.spec.node_types import NodeType, kind_hint, synonyms_in
 
 PAGE = Path(__file__).parents[2] / "docs" / "ticking.md"
+SYNONYMS = synonyms_in(LANGUAGE.values())
 
 
 @pytest.mark.parametrize(
@@ -33,12 +34,12 @@ def test_hint(given: str, hint: str) -> None:
 
 
 def test_what_is_like_nothing_is_told_all_names_and_where_skills_come_from() -> None:
-    hint = kind_hint("frobnicate", ["go", "look"])
+    hint = kind_hint("frobnicate", {name: NodeType(name, "") for name in ("go", "look")})
     assert hint == "known here: go, look (skills of your own: --skills DIR)"
 
 
 def test_every_synonym_is_of_a_word_and_none_is_one() -> None:
-    assert {word.partition(",")[0] for word in SYNONYMS.values()} <= LANGUAGE.keys()
+    assert {meant.partition(",")[0] for meant in SYNONYMS.values()} <= LANGUAGE.keys()
     assert not {name.lower() for name in SYNONYMS} & {word.replace("_", "") for word in LANGUAGE}
 
 

@@ -11,15 +11,21 @@ import numpy as np
 import pytest
 import yaml
 
-from bt_dualarm.share import share_dir
+from bt_dualarm.behaviors.load import Loaded, load
+from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import Loaded, load
-from bt_dualarm.spec.mapping import dotted, read_mapping
 from bt_dualarm.spec.problems import SpecError
-from bt_dualarm.spec.reader import MAX_BYTES, MAX_DEPTH, MAX_NODES, read_text
-from bt_dualarm.spec.scalars import LARGEST_INTEGER
-from bt_dualarm.spec.source import Data
-from bt_dualarm.spec.tree_input import is_yaml
+from bt_dualarm.spec.yaml_reader import (
+    LARGEST_INTEGER,
+    MAX_BYTES,
+    MAX_DEPTH,
+    MAX_NODES,
+    Data,
+    dotted,
+    is_yaml,
+    read_mapping,
+    read_text,
+)
 from tests.spec.test_mistakes import FILES
 from tests.spec.writing import SKILLS
 
@@ -48,7 +54,8 @@ def written(loaded: Loaded) -> dict[str, Any]:
 
 @pytest.mark.parametrize("path", SHIPPED, ids=[path.stem for path in SHIPPED])
 def test_a_text_and_a_mapping_mean_what_the_file_means(path: Path, registry: Registry) -> None:
-    text, folder = path.read_text(encoding="utf-8"), path.parent
+    text = path.read_text(encoding="utf-8")
+    folder = path.parent
     of_file = load(path, registry.kinds)
     of_text = load(text, registry.kinds, folder=folder)
     of_data = load(read_text(text).data, registry.kinds, folder=folder)
@@ -73,7 +80,8 @@ def readable() -> list[Path]:
 def test_a_mapping_is_refused_as_its_file_is(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(file.parent)
     data = read_text(file.read_text(encoding="utf-8")).data
-    of_file, of_data = load(Path(file.name), SKILLS), load(data, SKILLS)
+    of_file = load(Path(file.name), SKILLS)
+    of_data = load(data, SKILLS)
     assert [problem.message for problem in of_data.problems] == [
         problem.message.replace(file.name, "<mapping>") for problem in of_file.problems
     ]

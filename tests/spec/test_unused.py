@@ -7,9 +7,9 @@ from textwrap import dedent
 
 import pytest
 
-from bt_dualarm.share import share_dir
+from bt_dualarm.behaviors.load import check_file
+from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.load import check_file
 from tests.spec.writing import SKILLS, write
 
 FILE = """

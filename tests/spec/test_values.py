@@ -10,11 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from bt_dualarm.spec.color import Color, HsvRange
-from bt_dualarm.spec.plane import Plane
 from bt_dualarm.spec.ports import PortModel, port, validated
-from bt_dualarm.spec.reader import read_text
-from bt_dualarm.spec.values import Angle, Duration, PoseSpec, Speed
+from bt_dualarm.spec.values import Angle, Color, Duration, HsvRange, Plane, PoseSpec, Speed
+from bt_dualarm.spec.yaml_reader import read_text
 
 
 class Ports(PortModel):
@@ -23,7 +21,7 @@ class Ports(PortModel):
     time: Duration = port("500 ms", "A time", le=120)
     speed: Speed = port(1.0, "A speed")
     plane: Plane = port("yz", "A plane")
-    color: Color = port("red", "A colour")
+    color: Color = port("red", "A color")
 
 
 def read(**ports: object) -> Ports:
@@ -120,19 +118,19 @@ def test_axes_of_a_plane(normal: tuple[float, float, float]) -> None:
     assert np.cross(u, v) == pytest.approx(np.array(normal) / math.hypot(*normal), abs=1e-6)
 
 
-def test_red_wraps_around_the_colour_circle() -> None:
+def test_red_wraps_around_the_color_circle() -> None:
     boxes = Color.named("red").bounds
     assert [(low[0], high[0]) for low, high in boxes] == [(170, 179), (0, 6)]
 
 
 @pytest.mark.parametrize("hue", [(0, 360), (0, 359), (0, 358)])
-def test_the_whole_colour_circle_is_every_hue(hue: tuple[int, int]) -> None:
+def test_the_whole_color_circle_is_every_hue(hue: tuple[int, int]) -> None:
     ((low, high),) = Color(ranges=(HsvRange(hue=hue),)).bounds
     assert (low[0], high[0]) == (0, 179)
 
 
 @pytest.mark.parametrize("notation", ["red", [{"hue": [350, 10], "value": [0.25, 1]}]])
-def test_a_colour_reads_as_it_is_written(notation: object) -> None:
+def test_a_color_reads_as_it_is_written(notation: object) -> None:
     color = Color.model_validate(notation)
     assert Color.model_validate(read_text(color.notation).data) == color
 

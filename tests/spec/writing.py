@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from textwrap import dedent, indent
 
-from bt_dualarm.spec.kind import Kind
-from bt_dualarm.spec.load import check_file, load_tree_file
-from bt_dualarm.spec.node import NodeSpec
+from bt_dualarm.behaviors.load import check_file, load_tree_file
+from bt_dualarm.spec.node_types import NodeSpec, NodeType
 from bt_dualarm.spec.ports import PortModel, port
 from bt_dualarm.spec.problems import Problem
 from bt_dualarm.spec.values import ArmName, Duration, ObjectName, PoseSpec
@@ -21,7 +20,7 @@ class Look(PortModel):
 class Seen(PortModel):
     where: PoseSpec = port(..., "Where it is")
     size: float = port(..., "How large", unit="m")
-    color: str = port(..., "Its colour")
+    color: str = port(..., "Its color")
 
 
 class Go(PortModel):
@@ -37,10 +36,10 @@ class Bring(PortModel):
     arm: ArmName | None = port(None, "Which arm")
 
 
-SKILLS: Mapping[str, Kind] = {
-    "look": Kind("look", "Looks.", Look, Seen),
-    "go": Kind("go", "Goes.", Go),
-    "spawn": Kind("spawn", "Spawns.", Bring, brings_in=frozenset({"object", "arm"})),
+SKILLS: Mapping[str, NodeType] = {
+    "look": NodeType("look", "Looks.", Look, Seen),
+    "go": NodeType("go", "Goes.", Go),
+    "spawn": NodeType("spawn", "Spawns.", Bring, brings_in=frozenset({"object", "arm"})),
 }
 
 

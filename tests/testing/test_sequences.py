@@ -112,3 +112,8 @@ def test_referee_sees_a_traceback(registry: Registry, monkeypatch: pytest.Monkey
     monkeypatch.setattr(registry.skills["stop"], "run", breaks)
     _, breaches = judged(written(stop={"stop": {}}), registry)
     assert "traceback" in kinds(breaches)
+
+
+def test_a_sequence_with_no_free_place_is_written_all_the_same() -> None:
+    """It drew places for ever."""
+    assert generate(1008, 2, "lab").steps

@@ -5,10 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from bt_dualarm.spec.color import Color
-from bt_dualarm.tuning.look import Look, png
-from bt_dualarm.tuning.shot import still
-from bt_dualarm.world.rendering.renderer import Image
+from bt_dualarm.sim.renderer import Image
+from bt_dualarm.spec.values import Color
+from bt_dualarm.tuning.color import ColorView, png, still
 
 
 def two_squares() -> Image:
@@ -19,7 +18,7 @@ def two_squares() -> Image:
 
 
 def test_the_largest_comes_first() -> None:
-    look = Look(still(two_squares()), Color.named("yellow"))
+    look = ColorView(still(two_squares()), Color.named("yellow"))
     assert [one["centroid_px"] for one in look.table] == [[30.0, 30.0], [65.0, 15.0]]
     assert [one["area_px"] for one in look.table] == [400.0, 100.0]
     assert int((look.mask > 0).sum()) == 500
@@ -27,11 +26,14 @@ def test_the_largest_comes_first() -> None:
 
 def test_the_picture_has_three_panels_as_wide_as_each_other() -> None:
     """Image as it is, mask in white, then what lies outside of the mask darkened."""
-    picture = Look(still(two_squares()), Color.named("yellow")).picture("two")
-    zoom, bar, gap = 6, 26, 4
+    picture = ColorView(still(two_squares()), Color.named("yellow")).picture("two")
+    zoom = 6
+    bar = 26
+    gap = 4
     assert picture.shape == (60 * zoom + bar, 3 * 80 * zoom + 2 * gap, 3)
     panels = [picture[bar:, start : start + 480] for start in (0, 484, 968)]
-    inside, outside = (25 * zoom, 25 * zoom), (50 * zoom, 50 * zoom)
+    inside = (25 * zoom, 25 * zoom)
+    outside = (50 * zoom, 50 * zoom)
     assert panels[0][inside].tolist() == panels[2][inside].tolist() == [242, 217, 13]
     assert panels[0][outside].tolist() == [128, 128, 128]
     assert panels[1][inside].tolist() == [255, 255, 255]
@@ -42,12 +44,12 @@ def test_the_picture_has_three_panels_as_wide_as_each_other() -> None:
 
 
 def test_nothing_found_is_a_picture_too() -> None:
-    look = Look(still(two_squares()), Color.named("blue"))
+    look = ColorView(still(two_squares()), Color.named("blue"))
     assert look.found == ()
     assert look.picture("none").shape[2] == 3
 
 
-def test_png_keeps_the_order_of_colours() -> None:
+def test_png_keeps_the_order_of_colors() -> None:
     image = two_squares()
     read = cv2.imdecode(np.frombuffer(png(image), np.uint8), cv2.IMREAD_COLOR)
     assert read is not None

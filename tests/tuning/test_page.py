@@ -13,10 +13,9 @@ import cv2
 import numpy as np
 import pytest
 
-from bt_dualarm.spec.color import Color
+from bt_dualarm.spec.values import Color
+from bt_dualarm.tuning.color import AsSnippet, Shot, still
 from bt_dualarm.tuning.page import HOST, PageError, Tuning, page_server
-from bt_dualarm.tuning.saving import AsSnippet
-from bt_dualarm.tuning.shot import Shot, still
 from tests.tuning.test_look import two_squares
 
 

@@ -9,17 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.spec.color import Color, HsvRange
-from bt_dualarm.tuning.picking import Pixel, PixelError, range_of
-from bt_dualarm.tuning.wanted import ColorError, adjusted
-from bt_dualarm.vision.colors import ColorFilter
-from bt_dualarm.world.rendering.renderer import Image
+from bt_dualarm.perception.detection import ColorFilter
+from bt_dualarm.sim.renderer import Image
+from bt_dualarm.spec.values import Color, HsvRange
+from bt_dualarm.tuning.color import ColorError, Pixel, PixelError, adjusted, range_of
 
 shares = st.floats(0.0, 1.0)
 
 
 def stripes(*colors: tuple[float, float, float]) -> Image:
-    """A stripe 8 pixels wide of each colour, given as hue in degrees, saturation, value."""
+    """A stripe 8 pixels wide of each color, given as hue in degrees, saturation, value."""
     rgb = [colorsys.hsv_to_rgb(hue / 360, *rest) for hue, *rest in colors]
     row = np.repeat(np.array(rgb), 8, axis=0)
     return np.asarray(np.tile(np.rint(255 * row), (8, 1, 1)), np.uint8)
@@ -29,7 +28,7 @@ def middle(stripe: int) -> Pixel:
     return 8 * stripe + 4, 4
 
 
-def test_a_picked_pixel_is_found_and_its_neighbours_in_colour_are_not() -> None:
+def test_a_picked_pixel_is_found_and_its_neighbors_in_color_are_not() -> None:
     image = stripes((54, 0.9, 0.9), (120, 0.9, 0.9))
     mask = ColorFilter(Color(ranges=(range_of(image, [middle(0)]),))).mask(image)
     assert (mask[:, :8] == 255).all()

@@ -1,4 +1,4 @@
-"""A colour goes where it came from, and nothing else in the file changes."""
+"""A color goes where it came from, and nothing else in the file changes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.preflight.check import check
+from bt_dualarm.runtime.file_check import check
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.problems import SpecError, errors
-from bt_dualarm.tuning.color_port import NoColorPortError
-from bt_dualarm.tuning.saving import AsSnippet, IntoTree, SavingError
+from bt_dualarm.spec.values import Color
+from bt_dualarm.tuning.color import AsSnippet, IntoTree, NoColorPortError, SavingError
 
 TREE = """\
 # A comment before all.
@@ -65,7 +64,7 @@ def write(folder: Path, tree: str) -> Path:
 
 
 @pytest.mark.parametrize("name", HOMES)
-def test_homes_of_a_colour(name: str, tmp_path: Path, registry: Registry) -> None:
+def test_homes_of_a_color(name: str, tmp_path: Path, registry: Registry) -> None:
     before, after = HOMES[name]
     path = write(tmp_path, before)
     color = Color.named("red") if name == "a name again" else SAVED
@@ -89,11 +88,11 @@ def test_a_parameter_of_type_color_is_its_home(tmp_path: Path, registry: Registr
 @pytest.mark.parametrize(
     ("tree", "says"),
     [
-        ('      track: {color: "{word}"}', "the parameter 'word', which is no colour but a text"),
-        ("      subtree: {use: watch}", "this colour is '{what}', a parameter of the subtree"),
+        ('      track: {color: "{word}"}', "the parameter 'word', which is no color but a text"),
+        ("      subtree: {use: watch}", "this color is '{what}', a parameter of the subtree"),
     ],
 )
-def test_colours_that_are_not_of_one_leaf_are_refused_with_their_place(
+def test_colors_that_are_not_of_one_leaf_are_refused_with_their_place(
     tree: str, says: str, tmp_path: Path, registry: Registry
 ) -> None:
     path = write(tmp_path, tree)
@@ -119,7 +118,7 @@ def test_of_several_leaves_one_is_named_by_its_line(tmp_path: Path, registry: Re
 
 def test_a_tree_without_a_camera_leaf_has_no_home(tmp_path: Path, registry: Registry) -> None:
     path = write(tmp_path, "      wait: 1")
-    with pytest.raises(NoColorPortError, match="no leaf of arm1 looks for a colour"):
+    with pytest.raises(NoColorPortError, match="no leaf of arm1 looks for a color"):
         IntoTree(path, "arm1", None, registry)(SAVED)
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from bt_dualarm.runtime.shipped import find_tree
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.runtime.options import find_tree
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.color import Color
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.load import load_tree_file
-from bt_dualarm.tuning.look import Look
-from bt_dualarm.tuning.shot import Moment, ShotError, camera_arm, camera_shot
+from bt_dualarm.spec.values import Color
+from bt_dualarm.tuning.color import ColorView, ShotError, ShotTime, camera_arm, camera_shot
 
 TREE = """\
 bt_dualarm: 1
@@ -49,19 +48,19 @@ def test_a_shot_is_of_its_moment_without_the_faults_of_the_camera(
     file: TreeFile, registry: Registry
 ) -> None:
     """Standing, then still standing at the same place: equal pictures; later the arm has moved."""
-    first = camera_shot(file, registry, "arm1", Moment())
-    later = camera_shot(file, registry, "arm1", Moment(0.1))
-    last = camera_shot(file, registry, "arm1", Moment(0.7))
+    first = camera_shot(file, registry, "arm1", ShotTime())
+    later = camera_shot(file, registry, "arm1", ShotTime(0.1))
+    last = camera_shot(file, registry, "arm1", ShotTime(0.7))
     assert [shot.frame.stamp for shot in (first, later)] == pytest.approx([0.0, 0.1])
     assert "arm1 at 0.100 s, renderer ray" in later.what
-    seen = [Look(shot.frame, Color.named("yellow")).found for shot in (first, later, last)]
+    seen = [ColorView(shot.frame, Color.named("yellow")).found for shot in (first, later, last)]
     assert seen[0][0].centroid_px == pytest.approx(seen[1][0].centroid_px, abs=0.3)
     assert abs(seen[2][0].centroid_px[1] - seen[0][0].centroid_px[1]) > 3
 
 
 def test_a_posture_is_where_the_arm_starts(file: TreeFile, registry: Registry) -> None:
     poses = [
-        camera_shot(file, registry, "arm1", Moment(posture=posture)).frame.pose
+        camera_shot(file, registry, "arm1", ShotTime(posture=posture)).frame.pose
         for posture in (None, "look_out", "home")
     ]
     assert poses[0].distance(poses[1]) == 0.0
@@ -69,7 +68,7 @@ def test_a_posture_is_where_the_arm_starts(file: TreeFile, registry: Registry) -
 
 
 def test_a_run_that_ends_earlier_says_so(file: TreeFile, registry: Registry) -> None:
-    shot = camera_shot(file, registry, "arm1", Moment(60.0))
+    shot = camera_shot(file, registry, "arm1", ShotTime(60.0))
     assert "where the run ended" in shot.what
     assert shot.frame.stamp < 20
 
@@ -77,7 +76,7 @@ def test_a_run_that_ends_earlier_says_so(file: TreeFile, registry: Registry) -> 
 def test_an_arm_that_is_not_there_has_no_picture(file: TreeFile, registry: Registry) -> None:
     for seconds in (0.0, 0.05):
         with pytest.raises(ShotError, match="arm2 is not in the world at"):
-            camera_shot(file, registry, "arm2", Moment(seconds))
+            camera_shot(file, registry, "arm2", ShotTime(seconds))
 
 
 @pytest.mark.parametrize(

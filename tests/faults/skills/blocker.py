@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
 from bt_dualarm import PortModel, Skill, SkillContext, port
-from bt_dualarm.motion.setpoints.set_point import SetPoint
+from bt_dualarm.trajectory.limits import SetPoint
 
 
 def spin() -> None:
@@ -32,7 +32,8 @@ def swallow() -> None:
 
 def deadlock() -> None:
     """In C, where no signal leads out of."""
-    library, mutex = ctypes.CDLL(None), ctypes.create_string_buffer(128)
+    library = ctypes.CDLL(None)
+    mutex = ctypes.create_string_buffer(128)
     for _ in range(2):
         library.pthread_mutex_lock(mutex)
 

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bt_dualarm import PortModel, Skill, SkillContext, port
-from bt_dualarm.motion.setpoints.set_point import SetPoint
-from bt_dualarm.world.cameras.frame import Window
+from bt_dualarm.sim.frame import Window
+from bt_dualarm.trajectory.limits import SetPoint
 
 
 class Raiser(Skill):

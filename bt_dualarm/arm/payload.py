@@ -1,0 +1,300 @@
+"""What an arm can carry: its payload, its joints' efforts and the friction of its grip."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload, within_efforts
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.grasping.grasp import (
+    SHAKEN_WAYS,
+    CupMeasures,
+    JawMeasures,
+    pinching_forces,
+    suction_forces,
+)
+from bt_dualarm.robots.gripper import Gripper, GripperShape
+from bt_dualarm.sim.arm_models import NominalLoad
+from bt_dualarm.sim.world import World
+from bt_dualarm.sim.world_view import Attachment
+from bt_dualarm.trajectory.sources import at_scale
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+IN_HAND: Final = 1.2
+"""Safety factor of the grip force over the force that a motion needs."""
+
+SLOWEST: Final = 0.1
+"""Smallest time scale to which a weak grip slows a motion."""
+
+UNKNOWN_KG: Final = 1.0
+"""Mass in kg that is assumed until it is declared or estimated."""
+
+_GRAVITY: Final = np.array([0.0, 0.0, -9.81])
+_SAMPLE_S: Final = 0.012  # between samples from which the tool's acceleration is differenced
+_LEVER_M: Final = 0.005  # effective radius of a pad's torsional friction about its normal
+_BISECTIONS: Final = 8
+_THICK_M: Final = 0.02  # assumed of a finger whose shape is a mesh
+
+
+class PayloadCheck:
+    """Check of one arm's load against its payload, its joints' efforts and its grip.
+
+    Args:
+        world: World that the arm is in.
+        name: Name of the arm.
+
+    Attributes:
+        grip_pace: Time scale, up to 1, to which the grip limited the last motion.
+    """
+
+    def __init__(self, world: World, name: str) -> None:
+        self._world = world
+        self._name = name
+        self._loads: tuple[NominalLoad, ...] | None = None
+        self.grip_pace = 1.0
+
+    def within_efforts(self, motion: Trajectory) -> Trajectory:
+        """Slow a motion to what the joints' efforts and the grip allow; itself if it need not.
+
+        Raises:
+            Failure: ``OVERLOADED`` if the joints' efforts do not suffice at any speed.
+        """
+        nominal = self._world.nominal[self._name]
+        if self._loads is not nominal.loads:
+            self._loads = nominal.loads
+            self._dynamics = ArmDynamics(nominal, self._loads)
+        feasible = within_efforts(motion, nominal.robot, self._dynamics)
+        self.grip_pace = grip_speed_scale(feasible, self._world, self._name)
+        return feasible if self.grip_pace >= 1.0 else at_scale(feasible, self.grip_pace)
+
+    def refuse(self, name: str, q: Vector, tool_link: Pose, seen: Pose | None = None) -> None:
+        """Check, before an object is picked, whether the arm can hold it, if its mass is known.
+
+        Args:
+            name: Name of the object.
+            q: Configuration in which it is picked, of shape (dof,), rad.
+            tool_link: Pose of the tool's link in that configuration, in the world.
+            seen: Estimated pose of the object in the world; its true one by default.
+
+        Raises:
+            Failure: ``OVERLOADED`` if it exceeds the arm's payload, or what its joints can hold in
+                that configuration.
+        """
+        world = self._world
+        nominal = world.nominal[self._name]
+        robot = nominal.robot
+        pose = tool_link.inverse @ (seen or world.object_pose(name))
+        new = NominalLoad.of(name, world.objects[name], pose, known=not nominal.weighs)
+        loads = (*nominal.loads, new)
+        mass = sum(load.mass for load in loads if load.mass is not None)
+        if robot.payload is not None and mass > robot.payload:
+            raise Failure(
+                "OVERLOADED",
+                f"{self._name} would hold {mass:.3g} kg; "
+                f"the payload of {robot.name} is {robot.payload:g} kg",
+                mass_kg=mass,
+                payload_kg=robot.payload,
+            )
+        refuse_overload(ArmDynamics(nominal, loads).at_rest(q)[None], robot)
+
+
+def grip_speed_scale(motion: Trajectory, world: World, arm: str) -> float:
+    """Largest uniform time scale of a motion, up to 1, at which friction holds what is gripped.
+
+    The grip has to bear mass times (gravity minus acceleration of the load's center), where the
+    acceleration grows with the square of the scale; see `pinching_forces` and `suction_forces` for
+    what pads and cup bear.
+
+    Args:
+        motion: Motion from rest to rest.
+        world: World that the arm is in.
+        arm: Name of the arm; without a gripped object the scale is 1.
+    """
+    scales = [
+        _speed_scale(motion, world, held, load)
+        for held in world.attachments.gripped_by(arm)
+        for load in world.nominal[arm].loads
+        if load.object == held.object
+    ]
+    return min(scales, default=1.0)
+
+
+def grip_force_for(world: World, held: Attachment, load: NominalLoad, shake: float) -> float:
+    """Force in N that holds an estimated load in the tool's present orientation, with `IN_HAND`.
+
+    Args:
+        world: World that the arm is in.
+        held: Attachment of the load to the gripper.
+        load: Load as the arm has estimated it; the upper bound of its mass counts.
+        shake: Acceleration that the grip has to bear in any direction, m/s².
+
+    Returns:
+        Force of each pad, or of a cup; 0 where the mass is unknown, infinite where no force holds.
+    """
+    if load.mass is None:
+        return 0.0
+    nominal = world.nominal[held.arm]
+    turn = nominal.tool_link_pose_at(world.hardware[held.arm].q).rotation_matrix
+    mass = load.mass + load.mass_doubt
+    accelerations = shake * SHAKEN_WAYS
+    turns = np.broadcast_to(turn, (len(accelerations), 3, 3))
+    return _Grip(world, held, load).force_for(mass, turns, accelerations)
+
+
+def min_grip_force(page: Gripper, friction: float, load: NominalLoad) -> float:
+    """Least force in N of each pad, or of a cup, that holds a load at rest, with `IN_HAND`.
+
+    Only the mass counts: the estimate of the center is too uncertain for a bound.
+
+    Args:
+        page: Description of the gripper.
+        friction: Coefficient of friction.
+        load: Load; the force is 0 where its mass is unknown.
+    """
+    weight = -_GRAVITY[2] * (load.mass or 0.0)
+    share = 2.0 * friction if page.fingers else 1.0  # two pads bear by friction, a cup by suction
+    return float(IN_HAND * weight / max(share, 1e-9))
+
+
+def _speed_scale(motion: Trajectory, world: World, held: Attachment, load: NominalLoad) -> float:
+    mass = UNKNOWN_KG if load.mass is None else load.mass + load.mass_doubt
+    accelerations, turns = _accelerations(motion, world, held.arm, load)
+    grip = _Grip(world, held, load)
+    if grip.bears(mass, turns, accelerations):
+        return 1.0
+    least = SLOWEST
+    most = 1.0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (least + most)
+        if grip.bears(mass, turns, middle**2 * accelerations):
+            least = middle
+        else:
+            most = middle
+    return least
+
+
+def _accelerations(
+    motion: Trajectory, world: World, arm: str, load: NominalLoad
+) -> tuple[Matrix, np.ndarray]:
+    """Accelerations of the load's center in the world, (n, 3), m/s²; the link's axes, (n, 3, 3)."""
+    nominal = world.nominal[arm]
+    stride = max(1, round(_SAMPLE_S / motion.dt))
+    count = max(2, (len(motion) - 1) // stride + 1)
+    rows = np.minimum(np.arange(-1, count + 1) * stride, len(motion) - 1).clip(0)
+    positions, turns = nominal.tool_link_frames_at(motion.rows(rows)[0])
+    centers = positions + turns @ load.pose.position
+    return np.diff(centers, 2, axis=0) / (stride * motion.dt) ** 2, turns[1:-1]
+
+
+class _Grip:
+    """A gripper's commanded hold on an object.
+
+    Args:
+        world: World that the arm is in.
+        held: Attachment of the object to the gripper.
+        load: Mass and center of it.
+    """
+
+    def __init__(self, world: World, held: Attachment, load: NominalLoad) -> None:
+        hardware = world.grippers[held.arm]
+        page = hardware.gripper
+        friction = world.objects[held.object].friction
+        self._tool = world.robots[held.arm].tool
+        self._force = hardware.commanded.force
+        self._offset = (self._tool.inverse @ load.pose).position
+        self._width = hardware.width
+        self._cup = None if page.fingers else cup_measures(page, friction)
+        self._friction = max(page.friction, friction)
+        if page.fingers:
+            pad_center = jaw_measures(page, friction).pad_center
+            self._offset = self._offset - np.array((0.0, 0.0, pad_center))
+
+    def bears(self, mass: float, turns: np.ndarray, accelerations: Matrix) -> bool:
+        """Whether the commanded force holds a mass that is accelerated so, with `IN_HAND`.
+
+        Args:
+            mass: Mass in kg.
+            turns: Axes of the tool's link in the world at each sample, of shape (n, 3, 3).
+            accelerations: Accelerations of the load's center in the world, of shape (n, 3), m/s².
+        """
+        return self.force_for(mass, turns, accelerations) <= self._force
+
+    def force_for(self, mass: float, turns: np.ndarray, accelerations: Matrix) -> float:
+        """Force in N that holds it, with `IN_HAND`; arguments as of `bears`."""
+        in_link = np.einsum("nij,ni->nj", turns, mass * (_GRAVITY - accelerations))
+        forces = in_link @ self._tool.rotation_matrix
+        if self._cup is not None:
+            needed = suction_forces(forces, self._offset, np.array((0.0, 0.0, -1.0)), self._cup)
+        else:
+            closing = np.array((0.0, 1.0, 0.0))
+            needed = pinching_forces(
+                forces, self._offset, closing, self._width, _LEVER_M, self._friction
+            )
+        return float((IN_HAND * needed).max())
+
+
+def jaw_measures(page: Gripper, friction: float) -> JawMeasures:
+    """Measures of two fingers that decide where they can grasp.
+
+    Args:
+        page: Description of the gripper.
+        friction: Coefficient of friction of the object.
+    """
+    finger = page.fingers[0]
+    in_tool = page.tool.inverse @ finger.pose
+    pad = in_tool @ finger.pad.pose
+    width, thickness, length = finger.pad.size
+    corners = [_corners(in_tool @ one.pose, one) for one in (finger.pad, *finger.part.collision)]
+    points = np.vstack([one for one in corners if one is not None])
+    # More than the pad's own eight corners: the finger has a shape that is no mesh.
+    outside = float(np.abs(points[:, 1]).max()) if len(points) > 8 else thickness + _THICK_M
+    return JawMeasures(
+        least_opening=0.0,
+        widest_opening=page.stroke,
+        pad_length=length,
+        pad_width=width,
+        palm=-float(in_tool.position[2]),
+        tip=float(points[:, 2].max()),
+        thickness=outside,
+        least_force=page.force.least,
+        most_force=page.force.most,
+        friction=max(page.friction, friction),
+        pad_center=float(pad.position[2]),
+    )
+
+
+def cup_measures(page: Gripper, friction: float) -> CupMeasures:
+    """Measures of a suction cup that decide where it can grasp.
+
+    Args:
+        page: Description of the gripper.
+        friction: Coefficient of friction of the object.
+
+    Raises:
+        ValueError: It has no cup.
+    """
+    if page.cup is None:
+        raise ValueError(f"{page.name} has no cup")
+    return CupMeasures(
+        radius=page.cup.radius,
+        bends=1e-3,
+        most_force=page.force.most,
+        friction=max(page.friction, friction),
+    )
+
+
+def _corners(pose: Pose, solid: GripperShape) -> Vector | None:
+    """Corners of the box around a shape, of shape (8, 3), m; None for a mesh."""
+    if solid.kind == "mesh":
+        return None
+    size = solid.size
+    if solid.kind == "box":
+        half = 0.5 * np.asarray(size)
+    else:
+        half = np.array([size[0], size[0], 0.5 * size[1] if len(size) > 1 else size[0]])
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    corners: Vector = pose.apply(signs * half)
+    return corners

@@ -1,0 +1,4 @@
+"""Node types of the tree language, loading of tree files, and trees that tick.
+
+Open first: `language`.
+"""

@@ -1,0 +1,412 @@
+"""Composites: node types whose children follow each other, or depend on a choice or a condition."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Mapping
+from typing import Annotated, Final, Literal, Self, TypeAlias, cast
+
+from py_trees import composites
+from py_trees.behaviour import Behaviour
+from py_trees.common import Status
+from pydantic import Field
+
+from bt_dualarm.behaviors.blackboard import BoundPorts
+from bt_dualarm.behaviors.node import (
+    Became,
+    Children,
+    ChildSwap,
+    MemoryPorts,
+    NodeParts,
+    ReportingNode,
+    halt_running,
+    reset,
+)
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.spec.node_types import (
+    SUCCESS,
+    ChildOutcomes,
+    LanguageNode,
+    NodeSpec,
+    Outcomes,
+    Slot,
+    always,
+)
+from bt_dualarm.spec.ports import PortModel, one_line, port
+from bt_dualarm.spec.problems import Problem
+
+Ticks: TypeAlias = Generator[Behaviour, None, Status]
+"""Yields the nodes that are ticked, as py_trees expects, and returns the new status."""
+
+
+def _in_order(
+    name: str, summary: str, example: str, synonyms: Mapping[str, str], *, advances_on: bool
+) -> LanguageNode:
+    """Node type whose children follow each other: after a success (``advances_on``) or failure."""
+
+    def outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
+        through = True
+        stopped = False
+        for child in children:
+            passes, stops = (child.succeeds, child.fails)[:: 1 if advances_on else -1]
+            stopped |= through and stops
+            through &= passes
+        return Outcomes(through, stopped) if advances_on else Outcomes(stopped, through)
+
+    return LanguageNode(
+        name,
+        summary,
+        MemoryPorts,
+        many=True,
+        fixed=frozenset({"memory"}),
+        example=example,
+        outcomes=outcomes,
+        advances_on=advances_on,
+        revisits=lambda node: node.ports.get("memory") is False,
+        synonyms=synonyms,
+    )
+
+
+class Sequence(ChildSwap, composites.Sequence):
+    """py_trees' sequence."""
+
+    node_type = _in_order(
+        "sequence",
+        "Children one after the other until one fails",
+        "sequence: [{wait: 1}, {log: a second is over}]",
+        {"ReactiveSequence": "memory: false", "SequenceWithMemory": ""},
+        advances_on=True,
+    )
+
+    @classmethod
+    def of(cls, parts: NodeParts) -> Self:
+        """Returns a sequence with or without memory, as its ports say."""
+        return cls(parts.name, _memory(parts), parts.children)
+
+
+class Selector(ChildSwap, composites.Selector):
+    """py_trees' selector; a new start also resets the children."""
+
+    node_type = _in_order(
+        "selector",
+        "Children one after the other until one succeeds",
+        "selector: [{compare: {value: 1, to: 2}}, {log: they differ}]",
+        {"Fallback": "", "ReactiveFallback": "memory: false"},
+        advances_on=False,
+    )
+
+    @classmethod
+    def of(cls, parts: NodeParts) -> Self:
+        """Returns a selector with or without memory, as its ports say."""
+        return cls(parts.name, _memory(parts), parts.children)
+
+    def initialise(self) -> None:
+        """Reset the children, as py_trees' Sequence and Parallel do."""
+        reset(self.children)
+
+
+def _memory(parts: NodeParts) -> bool:
+    return cast("MemoryPorts", parts.ports.now()).memory
+
+
+class Node(ReportingNode, composites.Composite):
+    """Base of the node types with children that py_trees does not have, or has differently.
+
+    Args:
+        parts: Name, children and ports.
+
+    Attributes:
+        ports: Ports with the blackboard's values of the last start.
+    """
+
+    ports: PortModel
+
+    def __init__(self, parts: NodeParts) -> None:
+        super().__init__(parts.name, parts.children)
+        self._bound = parts.ports
+
+    @classmethod
+    def of(cls, parts: NodeParts) -> Self:
+        """Returns a node of this class."""
+        return cls(parts)
+
+    def tick(self) -> Iterator[Behaviour]:
+        """Tick the children that are due, and take the status that follows from theirs."""
+        try:
+            if self.status is not Status.RUNNING:
+                self.code = self.reason = ""
+                reset(self.children)
+                self.ports = self._bound.now()
+                self.initialise()
+            new_status = yield from self.tick_children()
+        except Failure as failure:
+            self.code = failure.code
+            self.reason = one_line(failure.reason)
+            new_status = Status.FAILURE
+        if new_status is Status.RUNNING:
+            self.status = new_status
+        else:
+            halt_running(self.children)
+            self.stop(new_status)
+        yield self
+
+    def swap_ports(self, ports: BoundPorts) -> bool:
+        """Take other ports; a running node starts counting, or waiting, again."""
+        self._bound = ports
+        if self.status is Status.RUNNING:
+            try:
+                self.ports = ports.now()
+                self.initialise()
+            except Failure:
+                return False
+        return True
+
+    def tick_children(self) -> Ticks:
+        """Tick children and return the new status.
+
+        Raises:
+            Failure: The node fails, with this code and reason.
+        """
+        raise NotImplementedError
+
+
+def _parallel_outcomes(node: NodeSpec, children: ChildOutcomes) -> Outcomes:
+    policy = node.ports.get("policy", "all")
+    needed: int = {"all": len(children), "any": 1}.get(policy) or policy
+    succeed = sum(child.succeeds for child in children)
+    fail = sum(child.fails for child in children)
+    tolerated = len(children) - needed if node.ports.get("on_failure") == "continue" else 0
+    return Outcomes(succeed >= needed, fail > tolerated)
+
+
+def _too_many_needed(node: NodeSpec) -> Iterator[Problem]:
+    policy = node.ports.get("policy")
+    if isinstance(policy, int) and policy > len(node.children):
+        message = f"{node.kind}: policy: {policy} of {len(node.children)} cannot succeed"
+        hint = "all, any, or at most as many as children"
+        yield node.port_problem(("policy",), message, hint)
+
+
+def _only_child(node: NodeSpec, children: ChildOutcomes) -> str:
+    return f"a {node.kind} of one child does nothing" if len(children) == 1 else ""
+
+
+class Parallel(Node):
+    """Ticks all children until enough have succeeded.
+
+    Replaces py_trees' parallel, which has no "N of M" and fails with any child whatever its policy.
+    """
+
+    class Ports(PortModel):
+        """Ports of parallel."""
+
+        policy: Literal["all", "any"] | Annotated[int, Field(ge=1, le=1_000_000)] = port(
+            "all", "How many children must succeed: all, any, or a number"
+        )
+        on_failure: Literal["fail", "continue"] = port(
+            "fail", "Whether one failed child fails it, or only that enough can no longer succeed"
+        )
+
+    node_type = LanguageNode(
+        "parallel",
+        "All children at once",
+        Ports,
+        many=True,
+        fixed=frozenset({"policy", "on_failure"}),
+        example="parallel: {policy: any, children: [{wait: 1}, {wait: 2}]}",
+        outcomes=_parallel_outcomes,
+        revisits=always,
+        problems=_too_many_needed,
+        no_effect=_only_child,
+        synonyms={"ParallelAll": "policy: all"},
+    )
+    ports: Ports
+
+    def tick_children(self) -> Ticks:
+        """Tick the children that have not ended; none is started a second time."""
+        for child in self.children:
+            if child.status is Status.RUNNING or child.status is Status.INVALID:
+                yield from child.tick()
+        statuses = [child.status for child in self.children]
+        succeeded = statuses.count(Status.SUCCESS)
+        failed = statuses.count(Status.FAILURE)
+        policy = self.ports.policy
+        needed = {"all": len(statuses), "any": 1}[policy] if isinstance(policy, str) else policy
+        if failed and self.ports.on_failure != "continue":
+            child = next(child for child in self.children if child.status is Status.FAILURE)
+            raise Failure("CHILD_FAILED", f"'{child.name}' failed")
+        if succeeded >= needed:
+            return Status.SUCCESS
+        if len(statuses) - failed < needed:
+            raise Failure("TOO_MANY_FAILED", f"{failed} of {len(statuses)} failed, {needed} needed")
+        return Status.RUNNING
+
+
+def _switch_outcomes(node: NodeSpec, children: ChildOutcomes) -> Outcomes:
+    fails = "default" not in node.slots or any(child.fails for child in children)
+    return Outcomes(any(child.succeeds for child in children), fails)
+
+
+class Switch(Node):
+    """Runs the child whose case equals the value at the start."""
+
+    class Ports(PortModel):
+        """Ports of switch."""
+
+        value: str | int | bool = port(..., "What to compare with the names of the cases")
+
+    node_type = LanguageNode(
+        "switch",
+        "The child whose case equals a value",
+        Ports,
+        cases=True,
+        slots=(Slot("default", required=False),),
+        example="switch: {value: red, cases: {red: {log: stop}, green: {log: go}}, default: fail}",
+        outcomes=_switch_outcomes,
+        synonyms={"Switch2": "", "Switch3": ""},
+    )
+    ports: Ports
+
+    def __init__(self, parts: NodeParts) -> None:
+        super().__init__(parts)
+        self._by_case = dict(zip(parts.slots, self.children, strict=True))
+        self._chosen: Behaviour | None = None
+
+    def initialise(self) -> None:
+        """Choose the child whose case equals the value.
+
+        Raises:
+            Failure: ``NO_CASE``: no case equals it, and there is no default.
+        """
+        value = self.ports.value
+        case = str(value).lower() if isinstance(value, bool) else str(value)
+        self._chosen = self._by_case.get(case, self._by_case.get("default"))
+        if self._chosen is None:
+            raise Failure("NO_CASE", f"no case for '{case}' and no default")
+
+    def swap_children(self, children: Children, slots: tuple[str, ...], became: Became) -> bool:
+        """Continue with the chosen child; False where it is gone."""
+        super().swap_children(children, slots, became)
+        self._by_case = dict(zip(slots, self.children, strict=True))
+        self._chosen = became.get(self._chosen) if self._chosen else None
+        return self._chosen is not None or self.status is not Status.RUNNING
+
+    def tick_children(self) -> Ticks:
+        """Tick the chosen child."""
+        assert self._chosen is not None  # noqa: S101 - `initialise` has chosen or failed
+        yield from self._chosen.tick()
+        return self._chosen.status
+
+
+def _if_outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
+    condition, then, *other = children
+    reached = [then] * condition.succeeds + (other or [SUCCESS]) * condition.fails
+    return Outcomes(any(child.succeeds for child in reached), any(child.fails for child in reached))
+
+
+class If(Node):
+    """Evaluates a condition once, then runs one child or the other; without "else", succeeds."""
+
+    node_type = LanguageNode(
+        "if",
+        "One child or the other, as a condition says once at the start",
+        slots=(
+            Slot("condition"),
+            Slot("then", after=True),
+            Slot("else", required=False, after=False),
+        ),
+        example="if: {condition: {compare: {value: 1, to: 2}}, then: succeed, else: fail}",
+        outcomes=_if_outcomes,
+        synonyms={"IfThenElse": ""},
+    )
+    _chosen: Behaviour | None = None
+
+    def initialise(self) -> None:
+        """Evaluate the condition again."""
+        self._chosen = None
+
+    def swap_children(self, children: Children, slots: tuple[str, ...], became: Became) -> bool:
+        """Continue with the chosen child; evaluate the condition again where it is gone."""
+        super().swap_children(children, slots, became)
+        self._chosen = became.get(self._chosen) if self._chosen else None
+        return True
+
+    def tick_children(self) -> Ticks:
+        """Tick the condition until it ends, then the child that follows from its result."""
+        condition, *branches = self.children
+        if self._chosen is None:
+            yield from condition.tick()
+            if condition.status is Status.RUNNING:
+                return Status.RUNNING
+            chosen = branches[0:1] if condition.status is Status.SUCCESS else branches[1:2]
+            if not chosen:
+                return Status.SUCCESS
+            self._chosen = chosen[0]
+        yield from self._chosen.tick()
+        return self._chosen.status
+
+
+_CONDITION_AND_CHILD: Final = (Slot("condition"), Slot("child", after=True))
+
+
+def _while_outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
+    condition, child = children
+    return Outcomes(condition.fails, condition.succeeds and child.fails)
+
+
+class While(Node):
+    """Evaluates a condition before each start of its child; succeeds once the condition fails."""
+
+    node_type = LanguageNode(
+        "while",
+        "Starts its child again and again as long as a condition holds",
+        slots=_CONDITION_AND_CHILD,
+        example="while: {condition: {compare: {value: 1, to: 2}}, child: {wait: 1}}",
+        outcomes=_while_outcomes,
+        revisits=always,
+    )
+
+    def tick_children(self) -> Ticks:
+        """Start the child at most once per tick, so that an endless loop cannot block."""
+        condition, child = self.children
+        if child.status is not Status.RUNNING:
+            yield from condition.tick()
+            if condition.status is Status.FAILURE:
+                return Status.SUCCESS
+            if condition.status is Status.RUNNING:
+                return Status.RUNNING
+        yield from child.tick()
+        return Status.FAILURE if child.status is Status.FAILURE else Status.RUNNING
+
+
+def _guard_outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
+    condition, child = children
+    return Outcomes(condition.succeeds and child.succeeds, condition.fails or child.fails)
+
+
+class Guard(Node):
+    """Evaluates a condition before each tick of its child; halts it and fails once that fails.
+
+    While the condition is running, the child is not started, but continues if it runs already.
+    py_trees' EternalGuard takes a Python function, which YAML must not name.
+    """
+
+    node_type = LanguageNode(
+        "guard",
+        "Halts its child and fails once a condition no longer holds",
+        slots=_CONDITION_AND_CHILD,
+        example="guard: {condition: {compare: {value: 1, to: 1}}, child: {wait: 5}}",
+        outcomes=_guard_outcomes,
+        revisits=always,
+        synonyms={"EternalGuard": ""},
+    )
+
+    def tick_children(self) -> Ticks:
+        """Tick the condition, then the child."""
+        condition, child = self.children
+        yield from condition.tick()
+        if condition.status is Status.FAILURE:
+            raise Failure("GUARD", f"'{condition.name}' no longer holds")
+        if condition.status is Status.RUNNING and child.status is not Status.RUNNING:
+            return Status.RUNNING
+        yield from child.tick()
+        return child.status

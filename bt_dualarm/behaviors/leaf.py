@@ -1,0 +1,613 @@
+"""Leaves: skills run as py_trees behaviors that catch their exceptions; the language's leaves."""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import traceback
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping
+from pathlib import Path
+from types import GeneratorType, MappingProxyType
+from typing import Annotated, ClassVar, Final, Literal, Protocol, TypeAlias
+from weakref import WeakSet
+
+from py_trees.behaviour import Behaviour
+from py_trees.common import Status
+from pydantic import Field, WithJsonSchema
+
+from bt_dualarm.behaviors.node import NAMES, AcyclicNode, StatusReporter, reached
+from bt_dualarm.behaviors.report import LeafReport, LeafReports
+from bt_dualarm.core.errors import RAISED_BY_SKILLS, Failure, Number, Overrun, SkillError
+from bt_dualarm.skill.skill import (
+    Skill,
+    plain,
+    progress_of,
+    refuse_code,
+    refuse_metrics,
+    refuse_return,
+    wrong_metrics,
+)
+from bt_dualarm.spec.node_types import LanguageNode, failure, success
+from bt_dualarm.spec.ports import KEY, PortModel, Template, WrittenKey, in_words, one_line, port
+from bt_dualarm.spec.values import Duration
+from bt_dualarm.spec.yaml_reader import Data
+
+_PACKAGE: Final = Path(__file__).parents[1]
+_UNCLOSED: Final[WeakSet[SkillRun]] = WeakSet()
+
+
+class SkillRun:
+    """One run of a skill: its generator, with what it yields, returns and raises checked.
+
+    Args:
+        make: Function that makes the skill; may raise, as every call of a skill may.
+
+    Raises:
+        RuntimeError: The skill has raised StopIteration before its first step.
+        TypeError: Its ``run`` is no generator.
+
+    Attributes:
+        progress: Last progress from 0 to 1 that it yielded or set; None if it reports none.
+    """
+
+    def __init__(self, make: Callable[[], Skill]) -> None:
+        self.progress: float | None = None
+        try:
+            self._skill = make()
+            steps = self._skill.run()
+        except StopIteration as error:  # would look like the end of the generator
+            raise RuntimeError("StopIteration was raised before the first step") from error
+        if not isinstance(steps, Iterator):
+            raise TypeError(f"run() of {type(self._skill).__name__} has no yield")
+        self._steps = steps
+        _UNCLOSED.add(self)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Texts among its ports, which include the names of all objects in its task."""
+        values = self._skill.ports.__dict__.values()
+        return frozenset(value for value in values if isinstance(value, str))
+
+    def step(self, fault: BaseException | None) -> bool:
+        """Run to the next ``yield``; returns False at the end, which is success.
+
+        Args:
+            fault: Exception to raise where the skill waits, None for none.
+
+        Raises:
+            Failure: The skill fails.
+            SkillError: It violates the protocol of skills.
+            Exception: Any other exception of the skill.
+        """
+        try:
+            yielded = next(self._steps) if fault is None else self._raise(fault)
+        except StopIteration as end:
+            try:
+                refuse_return(self._skill, end.value)
+                refuse_metrics(self._skill)
+            except SkillError as error:
+                raise _located(self._declared_at(), error) from error.__cause__
+            return False
+        except SkillError as error:
+            name = type(self._skill).__name__
+            raise _located(f"{_authors_line(error)}: {name}", error) from error.__cause__
+        except Failure as failure:
+            try:
+                refuse_code(self._skill, failure)
+            except SkillError as error:
+                raise _located(_authors_line(failure), error) from error.__cause__
+            raise
+        try:
+            if yielded is not None:
+                self._skill.progress = progress_of(self._skill, yielded)
+            self.progress = progress_of(self._skill, self._skill.progress)
+        except SkillError as error:
+            raise _located(self._waiting_at(), error) from error.__cause__
+        return True
+
+    def close(self) -> None:
+        """Let the skill clean up; no effect after its end.
+
+        Raises:
+            Exception: Any exception of the clean-up.
+        """
+        _UNCLOSED.discard(self)
+        if isinstance(self._steps, Generator):
+            self._steps.close()
+
+    def measured(self, numbers: Mapping[str, Number]) -> tuple[dict[str, Number], list[str]]:
+        """Returns its metrics with the numbers of its failure, and the violations among them."""
+        skill = self._skill
+        metrics = {**plain(skill.metrics), **plain(numbers)}
+        return metrics, [*wrong_metrics(skill, skill.metrics), *wrong_metrics(skill, numbers)]
+
+    def _raise(self, fault: BaseException) -> float | None:
+        """Raise where the skill waits; only generators can handle it."""
+        if isinstance(self._steps, Generator):
+            progress: float | None = self._steps.throw(fault)
+            return progress
+        raise fault
+
+    def _declared_at(self) -> str:
+        """Returns file and line at which ``run`` begins."""
+        code = type(self._skill).run.__code__
+        return f"{Path(code.co_filename).name}:{code.co_firstlineno}"
+
+    def _waiting_at(self) -> str:
+        """Returns file and line of the ``yield`` at which the skill waits."""
+        steps: object = self._steps
+        while isinstance(steps, GeneratorType) and isinstance(steps.gi_yieldfrom, GeneratorType):
+            steps = steps.gi_yieldfrom
+        if not isinstance(steps, GeneratorType):
+            return self._declared_at()
+        frame = steps.gi_frame
+        code = steps.gi_code
+        line = code.co_firstlineno if frame is None else frame.f_lineno
+        return f"{Path(code.co_filename).name}:{line}"
+
+
+def _located(location: str, error: SkillError) -> SkillError:
+    """Returns the error with a location in the skill's file in front."""
+    return SkillError(f"{location}: {error}")
+
+
+def _authors_line(error: Exception) -> str:
+    """Returns file and line of the last frame of an error that is outside of this package."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if not Path(frame.filename).is_relative_to(_PACKAGE)]
+    last = own[-1] if own else frames[-1]
+    return f"{Path(last.filename).name}:{last.lineno}"
+
+
+@atexit.register
+def _close_all() -> None:
+    """Let skills clean up that were not closed, while their modules can still be imported."""
+    for left in tuple(_UNCLOSED):
+        left.close()
+
+
+_log = logging.getLogger(__name__)
+
+_ENDS_PROGRAM: Final = (SystemExit, KeyboardInterrupt, GeneratorExit)
+"""Exceptions that end programs and generators, which no skill has a use for."""
+
+
+class HeldArm(Protocol):
+    """Interface of the arm that a leaf uses itself, besides its skill."""
+
+    def enter(self, *, anew: bool) -> None:
+        """Mark this thread as the one that ticks or halts the leaf; ``anew`` starts a new run."""
+
+    def trouble(self) -> BaseException | None:
+        """Returns the fault of a motion that the leaf has started, None if there is none.
+
+        It is raised in the skill where it waits, so that no skill has to poll for it.
+        """
+
+    def release(self) -> None:
+        """Stop the motion that the leaf has started, if there is one."""
+
+    def touched(self, asked: Collection[str]) -> Mapping[str, Number]:
+        """Returns metrics of contacts while the leaf moved the arm, except with ``asked``."""
+
+
+class Leaf(AcyclicNode):
+    """A py_trees behavior that runs a skill and catches all of its exceptions.
+
+    ``tick`` and ``stop`` replace those of py_trees, which cost 4 to 7 times as much, mostly for
+    debug log lines.
+
+    Args:
+        name: Name for display.
+        begin: Function that makes a skill for a new run; may raise, as every call of a skill may.
+        arm: Arm that this leaf uses.
+        reports: Reports to which each run is added.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        begin: Callable[[], Skill],
+        arm: HeldArm,
+        reports: LeafReports,
+    ) -> None:
+        self.path = name
+        self.kind = name
+        self.since = 0.0
+        self.code = ""
+        self.reason = ""
+        self._run: SkillRun | None = None
+        self._begin = begin
+        self._held_arm = arm
+        self._reports = reports
+        self._report: LeafReport | None = None
+        self._reporter: StatusReporter | None = None
+        super().__init__(name)
+
+    def attach(self, reporter: StatusReporter, path: str, kind: str) -> None:
+        """Make the leaf part of an arm's tree; arguments as `ReportingNode.attach`."""
+        self._reporter = reporter
+        self.path = path
+        self.kind = kind
+
+    def tick(self) -> Iterator[Behaviour]:
+        """Run the skill to its next ``yield``."""
+        try:
+            self._held_arm.enter(anew=self._run is None)
+            if self._run is None:
+                fault = None
+                self._run = self._start()
+            else:
+                fault = self._held_arm.trouble()
+            continues = self._run.step(fault)
+        except Failure as failure:
+            self._fail(failure.code, failure.reason, failure.numbers)
+        except SkillError as error:
+            self._log_problem(str(error))
+            self._close()
+            cause = error.__cause__
+            numbers = cause.numbers if isinstance(cause, Failure) else {}
+            self._fail("EXCEPTION", str(error), numbers)
+        except Overrun as overrun:
+            self._fail("OVERRUN", str(overrun), {})
+        except RAISED_BY_SKILLS as error:
+            self._log_exception("in its run")
+            self._fail("EXCEPTION", _one_line(error), {})
+        else:
+            if not continues:
+                self._let_go()  # no skill supervises a motion that was left running any more
+                self._end(Status.SUCCESS)
+            elif self.status is not Status.RUNNING:
+                self._become(Status.RUNNING, {})
+        yield self
+
+    def update(self) -> Status:
+        """Not used, because `tick` is replaced."""
+        return self.status
+
+    def stop(self, new_status: Status = Status.INVALID) -> None:
+        """Halt the skill if it is running."""
+        if self._run is not None:
+            self._held_arm.enter(anew=False)
+            problem = self._close()
+            self.code = "HALTED"
+            self.reason = problem
+            self._end(new_status)
+        elif self.status is not new_status:
+            self._become(new_status, {})
+
+    @property
+    def halted(self) -> bool:
+        """Whether the last run was halted before its end."""
+        return self.status is Status.INVALID and self.code == "HALTED"
+
+    @property
+    def progress(self) -> float | None:
+        """Progress from 0 to 1 of a running skill that reports it, else None."""
+        return None if self._run is None else self._run.progress
+
+    def _start(self) -> SkillRun:
+        self.code = self.reason = ""
+        time = self._reporter.clock() if self._reporter else 0.0
+        self._report = LeafReport(self.path, self.kind, "RUNNING", time)
+        self._reports.add(self._report)
+        return SkillRun(self._begin)
+
+    def _close(self) -> str:
+        """Let the skill clean up; returns the failure of that, empty if there is none."""
+        try:
+            if self._run is not None:
+                self._run.close()
+        except Overrun as overrun:
+            return f"its clean-up was interrupted: {overrun}"
+        except RAISED_BY_SKILLS as error:
+            self._log_exception("in its clean-up")
+            return f"its clean-up raised {_one_line(error)}"
+        finally:
+            self._let_go()
+        return ""
+
+    def _let_go(self) -> None:
+        try:
+            self._held_arm.release()
+        except RAISED_BY_SKILLS:
+            self._log_exception("while its arm was released")
+
+    def _fail(self, code: str, reason: str, numbers: Mapping[str, Number]) -> None:
+        self.code = code
+        self.reason = one_line(reason)
+        self._let_go()
+        self._end(Status.FAILURE, numbers)
+
+    def _end(self, status: Status, numbers: Mapping[str, Number] = MappingProxyType({})) -> None:
+        metrics = self._measured(numbers)
+        self._run = None
+        self._become(status, metrics)
+        if self._report is not None:
+            self._report.status = NAMES[status]
+            self._report.ended_s = self.since
+            self._report.code = self.code
+            self._report.reason = self.reason
+            self._report.metrics = metrics
+
+    def _measured(self, numbers: Mapping[str, Number]) -> Mapping[str, Number]:
+        """Returns the metrics of the skill with the numbers of its failure; logs violations."""
+        if self._run is None:  # it failed before there was a skill
+            return numbers
+        metrics, problems = self._run.measured(numbers)
+        for problem in problems:
+            self._log_problem(problem)
+        return {**metrics, **self._held_arm.touched(self._run.names)}
+
+    def _become(self, new: Status, metrics: Mapping[str, Number]) -> None:
+        old = self.status
+        self.status = new
+        if new is Status.INVALID and old is not Status.RUNNING:
+            self.code = self.reason = ""
+        if self._reporter is not None:
+            self.since = self._reporter.clock()
+        if self._reporter is not None and new is not old:
+            self._reporter.report(self, old, new, metrics)
+
+    def _log_exception(self, when: str) -> None:
+        _log.exception("%s: %s: the skill raised %s", self._arm, self.path, when)
+
+    def _log_problem(self, problem: str) -> None:
+        _log.error("%s: %s: %s", self._arm, self.path, problem)
+
+    @property
+    def _arm(self) -> str:
+        return self._reporter.arm if self._reporter else "?"
+
+
+def _one_line(error: BaseException) -> str:
+    try:
+        text = one_line(str(error))
+    except Exception:  # noqa: BLE001 - from a skill's own class, or a number with too many digits
+        text = "its text cannot be made"
+    name = type(error).__name__
+    sentence = f"{name}: {text}" if text else name
+    if isinstance(error, _ENDS_PROGRAM):
+        sentence += ' (a skill ends no program: it returns, or raises Failure("CODE", "why"))'
+    return sentence
+
+
+# The language's leaves: skills that do not use the arm.
+
+
+_Message: TypeAlias = Annotated[str, Field(max_length=500), Template()]
+
+
+class LanguageLeaf(Skill):
+    """Base of the language's leaves.
+
+    Attributes:
+        node_type: Declaration of the node type that a class implements.
+    """
+
+    node_type: ClassVar[LanguageNode]
+
+    @classmethod
+    def declares(cls, code: str) -> bool:  # noqa: ARG003 - any code is
+        """Returns True for any failure code: the tree file chooses those of ``fail``."""
+        return True
+
+
+class Wait(LanguageLeaf):
+    """Succeeds after a time."""
+
+    class Ports(PortModel):
+        """Ports of wait."""
+
+        seconds: Duration = port(..., "Simulated time", gt=0.0)
+
+    node_type = LanguageNode(
+        "wait",
+        "Succeeds after a time",
+        Ports,
+        shorthand="seconds",
+        example="wait: 500 ms",
+        outcomes=success,
+        synonyms={"Sleep": "seconds", "Timer": "seconds"},
+    )
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Wait until the time is over."""
+        began = self.time
+        while not reached(self.time, began + self.ports.seconds):
+            self.progress = (self.time - began) / self.ports.seconds
+            yield
+
+
+class Set(LanguageLeaf):
+    """Writes a key of the blackboard."""
+
+    class Ports(PortModel):
+        """Ports of set."""
+
+        key: Annotated[
+            str,
+            WrittenKey("value"),
+            WithJsonSchema({"type": "string", "pattern": f"^{KEY.pattern}$"}),
+        ] = port(..., "Key of the blackboard to write")
+        value: Data = port(..., "What to write: a value, or another key")
+
+    Outputs: ClassVar[type[PortModel]] = Ports
+    node_type = LanguageNode(
+        "set",
+        "Writes a key of the blackboard",
+        Ports,
+        example="set: {key: height, value: 0.2}",
+        outcomes=success,
+        synonyms={"SetBlackboard": ""},
+    )
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Write the value."""
+        self.output("value", self.ports.value)
+        yield from ()
+
+
+class Compare(LanguageLeaf):
+    """Succeeds if a comparison holds."""
+
+    class Ports(PortModel):
+        """Ports of compare."""
+
+        value: Data = port(..., "Left side, usually a key")
+        relation: Literal[
+            "equal", "not_equal", "less", "less_or_equal", "greater", "greater_or_equal", "near"
+        ] = port("equal", "The comparison")
+        to: Data = port(..., "Right side")
+        tolerance: float = port(
+            1e-6, "Largest difference of two numbers that are near", ge=0.0, le=1e9
+        )
+
+    node_type = LanguageNode(
+        "compare",
+        "Succeeds if a comparison holds",
+        Ports,
+        example="compare: {value: 1, relation: less, to: 2}",
+        synonyms={"ScriptCondition": ""},
+    )
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Compare the two sides.
+
+        Raises:
+            Failure: ``FALSE``: the comparison does not hold; ``NOT_COMPARABLE``: values that are
+                no numbers have no order and no distance.
+        """
+        value = self.ports.value
+        relation = self.ports.relation
+        to = self.ports.to
+        if relation in _ORDER and not (_is_number(value) and _is_number(to)):
+            raise Failure(
+                "NOT_COMPARABLE",
+                f"{in_words(value)} and {in_words(to)} have no order, only numbers have",
+            )
+        if relation == "near":
+            holds = near(value, to, self.ports.tolerance)
+        elif relation in _ORDER:
+            holds = _ORDER[relation](value, to)
+        else:
+            holds = same(value, to) == (relation == "equal")
+        if not holds:
+            raise Failure("FALSE", f"{in_words(value)} {_NOT[relation]} {in_words(to)}")
+        yield from ()
+
+
+class Log(LanguageLeaf):
+    """Writes a line to the log."""
+
+    class Ports(PortModel):
+        """Ports of log."""
+
+        message: _Message = port(..., "Text; {key} in it is replaced by the key's value")
+        level: Literal["info", "warning", "error"] = port("info", "How important it is")
+
+    node_type = LanguageNode(
+        "log",
+        "Writes a line to the log",
+        Ports,
+        shorthand="message",
+        example="log: the cube is there",
+        outcomes=success,
+    )
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Write the message."""
+        level = logging.getLevelNamesMapping()[self.ports.level.upper()]
+        self.context.log.log(level, "%s", one_line(self.ports.message))
+        yield from ()
+
+
+class Fail(LanguageLeaf):
+    """Fails at once."""
+
+    class Ports(PortModel):
+        """Ports of fail."""
+
+        code: str = port("FAIL", "Code for programs", pattern="^[A-Z][A-Z0-9_]{0,31}$")
+        reason: _Message = port("the tree says so", "Sentence for people")
+
+    node_type = LanguageNode(
+        "fail",
+        "Fails at once",
+        Ports,
+        shorthand="reason",
+        example="fail: {code: NO_CUBE, reason: the table is empty}",
+        outcomes=failure,
+        synonyms={"AlwaysFailure": "", "Failure": ""},
+    )
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Fail with the given code and reason."""
+        yield from ()
+        raise Failure(self.ports.code, self.ports.reason)
+
+
+class Succeed(LanguageLeaf):
+    """Succeeds at once."""
+
+    node_type = LanguageNode(
+        "succeed",
+        "Succeeds at once",
+        example="succeed",
+        outcomes=success,
+        synonyms={"AlwaysSuccess": "", "Success": ""},
+    )
+
+    def run(self) -> Iterator[None]:
+        """Succeed in the first tick."""
+        yield from ()
+
+
+_NOT: Final[Mapping[str, str]] = {
+    "equal": "does not equal",
+    "not_equal": "equals",
+    "less": "is not less than",
+    "less_or_equal": "is greater than",
+    "greater": "is not greater than",
+    "greater_or_equal": "is less than",
+    "near": "is not near",
+}
+_ORDER: Final[Mapping[str, Callable[[float, float], bool]]] = {
+    "less": lambda a, b: a < b,
+    "less_or_equal": lambda a, b: a <= b,
+    "greater": lambda a, b: a > b,
+    "greater_or_equal": lambda a, b: a >= b,
+}
+
+
+def same(a: Data, b: Data) -> bool:
+    """Returns whether YAML data are equal; unlike in Python, true is not 1."""
+    if isinstance(a, bool) or isinstance(b, bool):
+        return a is b
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    return bool(a == b)
+
+
+def near(a: Data, b: Data, tolerance: float) -> bool:
+    """Returns whether two numbers, or the items of two lists, differ by at most ``tolerance``.
+
+    Raises:
+        Failure: ``NOT_COMPARABLE``: two values are not both numbers.
+    """
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(near(x, y, tolerance) for x, y in zip(a, b, strict=True))
+    if not (_is_number(a) and _is_number(b)):
+        raise Failure("NOT_COMPARABLE", f"{in_words(a)} and {in_words(b)} are not both numbers")
+    return bool(abs(a - b) <= tolerance)
+
+
+def _is_number(value: Data) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)

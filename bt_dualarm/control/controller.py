@@ -1,0 +1,383 @@
+"""Joint controller of one arm: follows motions through the guard and the set-point limiter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.control.collision_detection import CollisionDetector
+from bt_dualarm.control.computed_torque import ComputedTorque, ForceLimit
+from bt_dualarm.core.errors import (
+    RAISED_BY_SKILLS,
+    Failure,
+    ForceLimitFailure,
+    HitFailure,
+    Number,
+    TouchFailure,
+)
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.robots.robot import Robot
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.safety.guard import ArmGuard
+from bt_dualarm.sim.world import World
+from bt_dualarm.trajectory.limits import SetPoint, SetPointLimiter, SetPointSource
+from bt_dualarm.trajectory.point_to_point import point_to_point, stop
+from bt_dualarm.trajectory.sources import Stream, StreamSource, TrajectorySource
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+_AFFECTED: Final = 0.5
+"""Share of its threshold at which a joint counts as affected by a detected collision."""
+
+
+def tracking_failure(robot: Robot, error: Vector) -> Failure:
+    """Failure for a joint too far from its set-point; errors of shape (dof,), rad."""
+    joint = int(np.argmax(np.abs(error)))
+    worst = float(np.abs(error[joint]))
+    return Failure(
+        "TRACKING_ERROR",
+        f"joint {robot.joints[joint]} is {np.degrees(worst):.1f}° behind its set-point: "
+        "the arm is blocked or its torque does not suffice",
+        joint_error_rad=worst,
+    )
+
+
+def overspeed_failure(robot: Robot, shares: Vector) -> Failure:
+    """Failure for a joint that is too fast; speeds as shares of their limits, of shape (dof,)."""
+    joint = int(np.argmax(shares))
+    share = float(shares[joint])
+    return Failure(
+        "TRACKING_ERROR",
+        f"joint {robot.joints[joint]} was {share:.2f} times as fast as the robot allows: "
+        "the arm was pushed or its torque does not suffice",
+        joint_speed_share=share,
+    )
+
+
+def collision_failure(robot: Robot, detector: CollisionDetector, jacobian: Matrix) -> HitFailure:
+    """Failure for a detected collision.
+
+    A contact force affects the joints between the base and the contact, not those beyond: the last
+    affected joint bounds the contact location. The force is the one at the tool that explains the
+    torques best; nearer to the base it would have to be larger.
+
+    Args:
+        robot: Robot that collided.
+        detector: Detector with torque changes above their thresholds.
+        jacobian: Linear Jacobian of the tool, of shape (3, dof).
+    """
+    shares = np.abs(detector.change) / detector.threshold
+    joint = int(np.argmax(shares))
+    last = int(np.flatnonzero(shares > _AFFECTED)[-1])
+    force = float(np.linalg.norm(np.linalg.pinv(jacobian.T) @ detector.change))
+    torque = float(abs(detector.change[joint]))
+    threshold = float(detector.threshold[joint])
+    return HitFailure(
+        f"joint {robot.joints[joint]} felt {torque:.1f} N m that nothing explains, {threshold:.1f} "
+        f"are usual at most: the arm was hit, at {robot.joints[last]} or beyond, "
+        f"by {force:.0f} N if at the tool",
+        joint=robot.joints[joint],
+        beyond=robot.joints[last],
+        torque_nm=torque,
+        threshold_nm=threshold,
+        force_n=force,
+    )
+
+
+CONTACTS = (TouchFailure, ForceLimitFailure, HitFailure)
+"""Failures after which an arm retreats, instead of only stopping."""
+
+BACK_OFF_S = 0.1
+"""Planned time by which an arm retreats along its motion after a contact, s."""
+
+RECOIL_RAD = 0.02
+"""Least retreat of the joint that moves farthest after too much force, rad. With less, only the
+set-point returns: the observer compensates the contact force, and the arm keeps pressing."""
+
+
+def retreat_target(
+    motion: SetPointSource,
+    refusal: Failure,
+    q: Vector,
+    v: Vector,
+    is_free: Callable[[Vector], bool],
+) -> Vector:
+    """Configuration on the path already traveled to which an arm retreats, of shape (dof,), rad.
+
+    Args:
+        motion: Motion that is being followed.
+        refusal: Failure that causes the retreat.
+        q: Joint positions, of shape (dof,), rad.
+        v: Velocities of the last set-point, of shape (dof,), rad/s; a stream is retraced along
+            them, as its past is not stored.
+        is_free: Collision check of a configuration of shape (dof,), rad. After too much force an
+            arm retreats until it is free: no plan could start earlier.
+    """
+    if not isinstance(motion, TrajectorySource):
+        return q - BACK_OFF_S * v
+    presses = isinstance(refusal, ForceLimitFailure)
+    least = RECOIL_RAD if presses else 0.0
+    now = motion.parameter.s
+    ago = BACK_OFF_S
+    current = motion.configuration(now)
+    while True:
+        target = motion.configuration(max(now - ago, 0.0))
+        enough = float(np.abs(target - current).max()) >= least
+        if ago >= now or (enough and (not presses or is_free(target))):
+            return target
+        ago *= 2.0
+
+
+MAX_POSITION_ERROR = 0.1
+"""Joint position error at which a motion fails, rad: the arm is blocked, or lacks torque."""
+
+OVERSPEED = 1.05
+"""Measured joint speed, as a share of its limit, at which a motion fails. Set-points keep the
+limit: an arm that is that fast was pushed, or could not brake."""
+
+_STANDSTILL = 0.005
+"""Joint speed that counts as rest, rad/s: a tool at 0.8 m moves by less than 4 mm/s."""
+
+
+class JointController:
+    """Joint controller of one arm: follows motions, and holds the last set-point without one.
+
+    Each period passes through the guard (may the motion continue?), the motion source (the next
+    set-point), the limiter (joint limits) and the control law (torques).
+
+    Args:
+        world: World that contains the arm.
+        name: Name of the arm.
+        period: Seconds between set-points, a multiple of the world's time step.
+        reservations: Reservations of all arms of the world; a reservation left by a previous
+            controller of this arm is withdrawn.
+
+    Attributes:
+        fault: Exception that ended the last motion; raised by the skill that started it.
+        touch: Momentum observer, which estimates external torques.
+        compliance: Compliance of the arm.
+    """
+
+    def __init__(self, world: World, name: str, period: float, reservations: Reservations) -> None:
+        reservations.withdraw(name)
+        self.period = period
+        self.fault: BaseException | None = None
+        self._world = world
+        self._robot = world.robots[name]
+        self._hardware = world.hardware[name]
+        self._nominal = world.nominal[name]
+        self._limiter = SetPointLimiter(self._robot.limits, period, world.hardware[name].q)
+        self._name = name
+        self._motion: SetPointSource | None = None
+        self._followed: SetPointSource | None = None
+        self._may_touch = False
+        self._guard = ArmGuard(world, name, period, reservations)
+        self._torque = ComputedTorque(world, name, period)
+        self.touch = self._torque.touch
+        self.compliance = self._torque.compliance
+        self._force = ForceLimit(world, name, self.touch)
+        self._hold = self.setpoint
+
+    @property
+    def setpoint(self) -> SetPoint:
+        """The last set-point that was sent: where the next motion has to begin."""
+        return self._limiter.sent
+
+    @property
+    def clipped(self) -> int:
+        """Number of set-points that broke a limit and were limited."""
+        return self._limiter.clipped
+
+    @property
+    def saturated(self) -> int:
+        """Number of periods in which torques were scaled down to the effort limits."""
+        return self._torque.saturated
+
+    @property
+    def guard(self) -> Mapping[str, Number]:
+        """Report of the guard so far, see `GuardReport`."""
+        self._guard.report.saturated = self.saturated
+        return self._guard.report.as_dict()
+
+    @property
+    def neighbors(self) -> tuple[str, ...]:
+        """Names of the arms whose workspace this arm can approach."""
+        return self._guard.neighbors
+
+    @property
+    def motion(self) -> SetPointSource | None:
+        """Motion that is being followed, None while holding."""
+        return self._motion
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether no motion is commanded and the arm is at standstill."""
+        return self._motion is None and bool(
+            (np.abs(self._torque.mean_velocity) < _STANDSTILL).all()
+        )
+
+    def follow(
+        self,
+        trajectory: Trajectory,
+        *,
+        along_path: bool = False,
+        may_touch: bool = False,
+        compliant: bool = False,
+    ) -> TrajectorySource:
+        """Start following a trajectory; it must begin at the last set-point.
+
+        Args:
+            trajectory: Trajectory from rest to rest.
+            along_path: Whether the tool's path matters, not only its end.
+            may_touch: Whether contact is intended: collision detection is disabled.
+            compliant: Whether the arm is compliant, during the motion and afterwards.
+
+        Raises:
+            Failure: ``TRACKING_ERROR`` if it starts elsewhere.
+        """
+        away = float(np.abs(trajectory.start - self.setpoint.q).max())
+        if away > 1e-6:
+            raise Failure(
+                "TRACKING_ERROR",
+                f"the motion starts {np.degrees(away):.3g}° from where the arm is",
+                start_error_rad=away,
+            )
+        motion = TrajectorySource(trajectory, along_path)
+        self._motion = motion
+        self.fault = None
+        self._followed = motion
+        self._may_touch = may_touch
+        self.compliance.active = compliant
+        return motion
+
+    def stream(self, source: Stream, *, may_touch: bool = False) -> None:
+        """Follow a stream of set-points until ``stop``; ``may_touch`` as in ``follow``."""
+        jerk = self._robot.limits.jerk
+        self._motion = StreamSource(source, self.setpoint, self.period, jerk)
+        self._followed = self._motion
+        self.fault = None
+        self._may_touch = may_touch
+        self.compliance.active = False
+
+    def stop(self) -> None:
+        """Brake with bounded jerk and hold; no effect at rest or while the arm already brakes."""
+        self.compliance.hold_force()
+        if self._motion is not None and self._motion is not self._followed:
+            return
+        sent = self.setpoint
+        if not sent.v.any() and not sent.a.any():
+            self._motion = None
+            self._hold = sent
+            self._guard.rests(sent.q, self._world.time)
+            return
+        candidates = [stop(sent.q, sent.v, sent.a, self._robot.limits, self.period)]
+        if isinstance(self._motion, TrajectorySource):
+            on_path = self._motion.halt(self._robot.limits)
+            if on_path is not None:
+                candidates.insert(0, on_path)
+        self._switch_to(self._guard.stop(self._motion, candidates, self._world.time))
+
+    def update(self, time: float) -> None:
+        """Send the set-point for ``time`` and command the torques until the next one.
+
+        Raises:
+            DivergenceError: A torque is not finite.
+        """
+        guard = self._guard
+        limiter = self._limiter
+        if self._motion is not None and self._motion is self._followed:
+            self._abort(guard.look(self._motion, limiter.sent, time))
+        desired = self._desired(time)
+        if isinstance(self._motion, StreamSource) and not guard.is_free(time):
+            # The guard judges set-points of a stream one by one, after limiting.
+            sent = limiter.bend(desired)
+            refusal = guard.permits(self._motion, sent, time)
+            if refusal is not None:
+                self._abort(refusal)
+                sent = limiter.bend(self._desired(time))
+            limiter.sent = self._torque.command(sent, time)
+        else:
+            limiter.sent = self._torque.send(desired, limiter, time)
+        self._monitor(*self._torque.telemetry.tolist())
+
+    def _abort(self, refusal: Failure | None) -> None:
+        """Abort the motion because of a failure, if there is one: stop, or retreat from contact."""
+        if refusal is None or self.fault is not None:
+            return
+        self.fault = refusal
+        motion = self._motion
+        if motion is None or not isinstance(refusal, CONTACTS):
+            self.stop()
+        else:
+            q = self._hardware.q
+            v = self.setpoint.v
+            self._retreat(retreat_target(motion, refusal, q, v, self._is_free))
+
+    def _is_free(self, q: Vector) -> bool:
+        """Whether a configuration is free of collisions in the sensed world."""
+        return CollisionChecker(self._world, self._name).contact(q) is None
+
+    def _desired(self, time: float) -> SetPoint:
+        """Next set-point of the motion, or the one that is held."""
+        motion = self._motion
+        if motion is None:
+            return self._hold
+        if isinstance(motion, TrajectorySource) and motion.along_path:
+            motion.measure(self._nominal.tool_position_at(self._hardware.q))
+        try:
+            desired = motion.next(time)
+        except RAISED_BY_SKILLS as error:
+            self.fault = error
+            self.stop()
+            return self._desired(time)
+        if motion.done:
+            self._motion = None
+            self._hold = SetPoint(desired.q, np.zeros_like(desired.q), np.zeros_like(desired.q))
+            self._guard.rests(desired.q, time)
+        return desired
+
+    def _monitor(self, speed_share: float, position_error: float, contact_square: float) -> None:
+        """Abort the motion on contact force, overspeed, position error, or a collision.
+
+        Arguments are the telemetry of the control law, see `kernel_rows`.
+        """
+        excess = self._force.look(contact_square)
+        if excess is not None:
+            # Contact of a link is never allowed, and the more specific failure.
+            self._abort(self._guard.touch() or excess)
+        report = self._guard.report
+        report.fastest_share = max(report.fastest_share, speed_share)
+        if speed_share > OVERSPEED and self.fault is None:
+            shares = np.abs(self._hardware.v) / self._torque.top_speed
+            self.fault = overspeed_failure(self._robot, shares)
+            self.stop()
+        if self._motion is None:
+            return
+        if position_error > MAX_POSITION_ERROR and self.fault is None:
+            self.fault = tracking_failure(self._robot, self.setpoint.q - self._hardware.q)
+            self._retreat(self._hardware.q)
+        detector = self._torque.collision_detector
+        if detector is None or self._may_touch or self._motion is not self._followed:
+            return
+        if self._torque.collision_detected:
+            jacobian = self._nominal.tool_jacobian_at(self._hardware.q)[:3]
+            self._abort(collision_failure(self._robot, detector, jacobian))
+
+    def _retreat(self, q: Vector) -> None:
+        """Brake, then move the set-point to ``q``, of shape (dof,), rad, to relieve the contact."""
+        limits = self._robot.limits
+        sent = self.setpoint
+        target = np.clip(q, limits.lower, limits.upper)
+        braking = stop(sent.q, sent.v, sent.a, limits, self.period)
+        back = braking.then(point_to_point(braking.q[-1], target, limits, self.period))
+        self._switch_to(self._guard.stop(self._motion, (back, braking), self._world.time))
+
+    def _switch_to(self, motion: Trajectory) -> None:
+        """Follow a trajectory whose first set-point is the one that was sent last."""
+        self._motion = TrajectorySource(motion)
+        self._motion.next(self._world.time)
+        if self._motion.done:
+            self._motion = None
+            self._hold = self.setpoint

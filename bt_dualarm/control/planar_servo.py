@@ -1,0 +1,208 @@
+"""Visual servoing in a plane at the control rate, within the arm's limits.
+
+The servo law (`servo_kernels`) computes the tool's acceleration in the plane from the limits that
+the joints impose there. The distance to the plane and the orientation are held; they have priority
+where joint acceleration or jerk limits do not suffice for both. Joint accelerations follow from
+``q'' = J⁺(x'' - J'q')`` and are integrated, so that positions, velocities and accelerations are
+always consistent (closed-loop inverse kinematics, Siciliano et al., Robotics, 3.7.1 and 8.6.1).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from bt_dualarm.control.kernel_rows import (
+    ANGLE_ERROR,
+    DAMPING,
+    DISPLACEMENT,
+    HELD,
+    JACOBIAN_BEFORE,
+    NOW_A,
+    NOW_Q,
+    NOW_V,
+    OBSERVED,
+    PLANE_ERROR,
+    POSTURE,
+    SERVO_STATE,
+    TOO_LATE,
+    PlaneLimits,
+)
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.kinematics.chain_kernel_arrays import LINK, STEP, links_from_jacobian
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.trajectory.limits import OnlineStep, SetPoint, limit_rows
+
+SLACK_M = 1.5e-4
+"""Jump of a target that may use all of the jerk, m: a few times the noise of an estimate."""
+
+
+class PlaneTarget(NamedTuple):
+    """Target of the tool in the plane, relative to its start: m, m/s, m/s², each of shape (2,)."""
+
+    position: Vector
+    velocity: Vector
+    acceleration: Vector
+
+
+TargetOf: TypeAlias = Callable[[float, Vector], PlaneTarget | None]
+"""Target at a simulated time in s, given the tool's displacement in the plane, of shape (2,), m;
+None to come to rest."""
+
+
+class PlanarServo:
+    """Stream of set-points that follows a target in a plane.
+
+    Args:
+        kinematics: Kinematics of the arm.
+        limits: Joint limits, already scaled by the allowed speed.
+        period: Seconds between set-points.
+        start: The last set-point that was sent.
+        axes: Orthogonal unit vectors of the plane in the world, of shape (2, 3).
+        target: Returns the target, see `TargetOf`.
+        bandwidth: Upper bound of the following bandwidth, rad/s; the joints' jerk may allow less.
+        slack: Jump of the target that may use all of the jerk, m.
+
+    Attributes:
+        time_scale: Share of the velocity in [0, 1]; set by the guard.
+    """
+
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        limits: JointLimits,
+        period: float,
+        start: SetPoint,
+        axes: Matrix,
+        target: TargetOf,
+        bandwidth: float,
+        slack: float = SLACK_M,
+    ) -> None:
+        from bt_dualarm.control.servo_kernels import observe_tool, servo_step
+
+        self._servo_step = servo_step
+        self._observe_tool = observe_tool
+        self._period = float(period)
+        self._parameters = self._period, float(bandwidth), float(slack)
+        self._target = target
+        self._sent = start
+        self._now = start
+        self._brake = OnlineStep(limits, period)
+        plane = np.array((*axes, np.cross(axes[0], axes[1])))
+        self._arm = (*_chain(kinematics, start.q), plane)
+        self._work = np.zeros((SERVO_STATE, len(start.q)))
+        self._seen = np.zeros(OBSERVED)
+        self._work[:5] = limit_rows(limits)
+        self._work[POSTURE] = start.q
+        self._work[JACOBIAN_BEFORE : JACOBIAN_BEFORE + 6] = kinematics.jacobian(start.q)
+        # Views: indexing a row costs as much as filling it.
+        self._set_point_rows = tuple(self._work[row] for row in (NOW_Q, NOW_V, NOW_A))
+        self._goal = np.zeros((3, 2))
+        self._displacement = self._seen[DISPLACEMENT : DISPLACEMENT + 2]
+        self.time_scale = 1.0
+        self._is_held = self._observe_from(start)
+
+    def __call__(self, time: float) -> SetPoint:
+        """The set-point for ``time``.
+
+        Raises:
+            Failure: ``UNREACHABLE`` when the arm can no longer hold the plane or the orientation.
+        """
+        if not self._is_held:
+            distance, *rotation = self._seen[PLANE_ERROR : ANGLE_ERROR + 3].tolist()
+            angle = math.hypot(*rotation)
+            raise Failure(
+                "UNREACHABLE",
+                f"the tool cannot follow there: it is {abs(distance) * 1e3:.0f} mm out of its "
+                f"plane and {math.degrees(angle):.0f}° from its orientation",
+                plane_error_m=abs(distance),
+                angle_error_rad=angle,
+            )
+        now = self._now
+        goal = self._goal
+        target = self._target(time, self._displacement)
+        if target is not None:
+            goal[0], goal[1], goal[2] = target
+        found = np.empty((3, len(now.q)))
+        wanted = self.time_scale, target is not None, goal
+        outcome = self._servo_step(
+            *self._parameters, *wanted, *self._arm, self._work, self._seen, found
+        )
+        if outcome == TOO_LATE:  # after this acceleration a joint could not stop: brake fully
+            q, v, a = self._brake.to_rest(np.array(self._sent))
+            dt = self._period
+            self._sent = SetPoint(q, v, a)
+            self._now = SetPoint(q + v * dt + 0.5 * a * dt**2, v + a * dt, a)
+            self._is_held = self._observe_from(self._now)
+        else:
+            a, q, v = found
+            self._sent = SetPoint(now.q, now.v, a)
+            self._now = SetPoint(q, v, a)
+            self._is_held = outcome == HELD
+        return self._sent
+
+    def _observe_from(self, now: SetPoint) -> bool:
+        """Observe the tool at a set-point; return whether plane and orientation are held there."""
+        for row, values in zip(self._set_point_rows, now, strict=True):
+            row[:] = values
+        return self._observe_tool(*self._arm, self._period, self._work, self._seen)
+
+
+def plane_limits(
+    kinematics: Kinematics, limits: JointLimits, q: Vector, axes: Matrix
+) -> PlaneLimits:
+    """Acceleration and jerk that the joints allow the tool in any direction of a plane.
+
+    Args:
+        kinematics: Kinematics of the arm.
+        limits: Joint limits.
+        q: Configuration of shape (dof,), rad.
+        axes: Unit vectors of the plane in the world, of shape (2, 3).
+    """
+    jacobian = kinematics.jacobian(q)
+    inverse = np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), jacobian)
+    rates = axes @ inverse[:3]
+    per_unit = np.maximum(np.hypot(rates[0], rates[1]), 1e-6)
+    return PlaneLimits(
+        float((limits.acceleration / per_unit).min()), float((limits.jerk / per_unit).min())
+    )
+
+
+def _chain(kinematics: Kinematics, start: Vector) -> tuple[Matrix, Matrix]:
+    """Links and tool frames of an arm, as in `servo_kernels.observe_tool`."""
+    zero = np.zeros_like(start)
+    tool = kinematics.matrix(zero)
+    links = links_from_jacobian(tool, kinematics.jacobian(zero))
+    origin = kinematics.matrix(start)
+    frames = np.zeros((3, 12))
+    frames[:2, :9], frames[:2, 9:] = origin[:3, :3].ravel(), origin[:3, 3]
+    frames[2, :9] = tool[:3, :3].ravel()
+    frames[2, 9:] = tool[:3, 3] - links[:, STEP : STEP + 3].sum(axis=0)
+    return links, frames
+
+
+def warm_up_servo() -> None:
+    """Compile the kernels of servo and limiter, by calling them with arrays of the final types."""
+    from bt_dualarm.control.servo_kernels import jerk_bandwidth, observe_tool, servo_step
+    from bt_dualarm.trajectory import limit_kernels as limit_kernels
+
+    work = np.ones((SERVO_STATE, 1))
+    seen = np.ones(OBSERVED)
+    state = np.ones((3, 1))
+    links = np.ones((1, LINK))
+    frames = np.ones((3, 12))
+    plane = np.ones((3, 3))
+    observe_tool(links, frames, plane, 1.0, work, seen)
+    goal = np.ones((3, 2))
+    servo_step(1.0, 1.0, 1.0, 1.0, True, goal, links, frames, plane, work, seen, state)
+    limit_kernels.keeps_limits(work[:5].copy(), 1.0, state, state)
+    limit_kernels.can_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
+    limit_kernels.max_displacement_before_rest(1.0, 1.0, 1.0, 1.0)
+    limit_kernels.max_displacement(work[:5].copy(), 0, 1.0, 1.0, 1.0)
+    jerk_bandwidth(1.0, 1.0)
+    limit_kernels.within(np.ones((3, 1, 1)), 1.0, 1.0, state)

@@ -1,0 +1,396 @@
+"""Causes of failures in motions: contacts and forces, workspace, time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.diagnosis.evidence import LOOK_BACK_S, Cause, Evidence
+from bt_dualarm.diagnosis.object_causes import carried
+from bt_dualarm.kinematics.solver import Workspace
+from bt_dualarm.replay.scene import ContactPoint
+from bt_dualarm.replay.timeline import TimelineNode
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.spec.values import PoseSpec
+from bt_dualarm.spec.yaml_reader import with_tuples
+
+_DEFAULT_LIMIT_N: Final = 280.0
+"""Default force limit of an arm."""
+
+_RESTING_M: Final = 1e-6
+
+
+def contact_causes(e: Evidence) -> Iterator[Cause]:
+    """Yields causes in the contacts of the arm."""
+    if e.code == "FORCE_LIMIT":
+        yield from _pressed(e)
+    if e.code == "COLLISION":
+        yield from _collided(e)
+    if e.code in ("TRACKING_ERROR", "NOT_REACHED", "PROXIMITY_NOT_REACHED"):
+        yield from _blocked(e)
+    if e.code == "NO_CONTACT":
+        yield _nothing_there(e)
+
+
+def _nothing_there(e: Evidence) -> Cause:
+    """Cause for a contact or support that was not found within the search distance."""
+    if "search" in e.ports:
+        below = 1e3 * float(e.ports["search"])
+        sentence = f"there is no ground within {below:.0f} mm below the place: {e.reason}"
+        return e.cause("NOTHING_THERE", sentence, "a lower `at`, or a longer `search`")
+    distance = 1e3 * float(e.numbers.get("distance_m", 0.0))
+    sentence = f"there was nothing to touch within {distance:.0f} mm"
+    return e.cause("NOTHING_THERE", sentence, "a longer distance, or another direction")
+
+
+def _pressed(e: Evidence) -> Iterator[Cause]:
+    limit = float(e.record.arms[e.arm]["force_limit"])
+    second = e.numbers.get("second", "something")
+    wanted = e.ports.get("force")
+    if limit < _DEFAULT_LIMIT_N:
+        asked = f"; the leaf itself asks for {wanted} N" if wanted is not None else ""
+        sentence = (
+            f"the force limit of {e.arm} is {limit:g} N, and it pressed on {second} with "
+            f"{float(e.numbers.get('force_n', 0.0)):.0f} N{asked}"
+        )
+        yield e.cause("LOW_FORCE_LIMIT", sentence, "a higher force_limit, or a slower motion")
+    else:
+        yield e.cause("PRESSED", e.reason, f"move {second} away, or go slower")
+
+
+def _collided(e: Evidence) -> Iterator[Cause]:
+    threshold = float(e.record.arms[e.arm]["collision"]["threshold"])
+    met = _obstacles(e)
+    if met:
+        touch = met[0]
+        sentence = f"{touch.own} ran into {touch.other}: {e.reason}"
+        yield e.cause("RAN_INTO", sentence, f"move {touch.other} away, or go another way")
+    elif threshold < 1.0:
+        sentence = f"the threshold of a hit is {threshold:g} times the usual one: {e.reason}"
+        yield e.cause("LOW_THRESHOLD", sentence, "collision: {threshold: 1.0}")
+    else:
+        yield e.cause("HIT", e.reason)
+
+
+def _blocked(e: Evidence) -> Iterator[Cause]:
+    met = _obstacles(e)
+    if met:
+        touch = met[0]
+        other = touch.other.partition("/")[0]
+        kind = "OTHER_ARM" if other in e.record.arms else "BLOCKED"
+        sentence = f"{touch.own} was blocked by {touch.other}: {e.reason}"
+        yield e.cause(kind, sentence, f"move {other} away, or go another way")
+        return
+    saturated = int(e.numbers.get("saturated", 0) or _guard_saturated(e))
+    held = e.scene(e.ended).held(e.arm)
+    if held and saturated:
+        objects = e.record.start["objects"]
+        mass = sum(float(objects[name]["mass"]) for name in held if name in objects)
+        sentence = f"{e.arm} was too weak for the {mass:g} kg that it held: {e.reason}"
+        yield e.cause("OVERLOADED", sentence, "a lighter object, or a slower motion")
+
+
+def _obstacles(e: Evidence) -> list[ContactPoint]:
+    """Contacts that are new in the last second, else all of that second, most frequent first."""
+    held = carried(e)  # includes objects held by fingers, without a weld
+    before = {(touch.own, touch.other) for touch in e.scene(e.ended - LOOK_BACK_S).touches(e.arm)}
+    found: Counter[tuple[str, str]] = Counter()
+    deepest: dict[tuple[str, str], ContactPoint] = {}
+    for scene in e.moments(25, since=e.ended - LOOK_BACK_S):
+        for touch in scene.touches(e.arm):
+            if touch.other in held:
+                continue
+            pair = touch.own, touch.other
+            if touch.depth_m > _RESTING_M:
+                found[pair] += 1
+                deepest.setdefault(pair, touch)
+    new = [pair for pair, _ in found.most_common() if pair not in before]
+    return [deepest[pair] for pair in new or [pair for pair, _ in found.most_common()]]
+
+
+def _guard_saturated(e: Evidence) -> int:
+    if e.record.summary is None:
+        return 0
+    return int(e.record.summary["arms"].get(e.arm, {}).get("guard", {}).get("saturated", 0))
+
+
+_TOO_FAR: Final = frozenset({"UNREACHABLE", "OUT_OF_REACH", "PATH_BROKEN", "SINGULAR"})
+_LEAST_GAP_M: Final = 1e-3
+
+_DRIFT_M: Final = 0.03
+"""Smallest distance in m between the first and the last start that counts as drift."""
+
+_STRAIGHT: Final = 0.7
+"""Smallest ratio of that distance to the sum of all steps, for a drift in one direction."""
+
+_ABSURD_M: Final = 5.0
+"""Distance of a target from the origin in m beyond which another unit may be intended."""
+
+
+def reach_causes(e: Evidence) -> Iterator[Cause]:
+    """Yields causes that kept the arm from its target."""
+    if e.code in _TOO_FAR | {"IN_COLLISION", "NO_PLAN", "JOINT_LIMIT"}:
+        yield from _drifted(e)
+    if e.code in ("IN_COLLISION", "NO_PLAN", "OUT_OF_REACH", "TIMED_OUT", "PATH_BROKEN"):
+        yield from _in_the_way(e)
+    if "reach_m" in e.numbers:
+        yield _outside(e)
+    elif e.code in _TOO_FAR and e.leaf.kind != "track" and "grasps" not in e.numbers:
+        yield from _too_far(e)
+    if e.code == "JOINT_LIMIT":
+        yield e.cause("JOINT_LIMIT", e.reason, "an angle within the joint's limits")
+
+
+def _drifted(e: Evidence) -> Iterator[Cause]:
+    """Yields a cause for a relative motion that is repeated from where it ended."""
+    loops = [node for node in e.root_cause.chain if node.kind in ("repeat", "while")]
+    if not loops or e.ports.get("to") is not None or e.ports.get("object") is not None:
+        return
+    begun = loops[-1].last("RUNNING", before=e.root_cause.end.index if e.root_cause.end else None)
+    since = 0.0 if begun is None else begun.time
+    times = [e.leaf.begun(end).time for end in e.leaf.changes if end.new == "SUCCESS"]
+    times = [time for time in times if since <= time < e.began]
+    tools = [e.scene(time).tool(e.arm) for time in (*times, e.began)]
+    points = np.array([tool for tool in tools if tool is not None])
+    if len(points) < 2:
+        return
+    whole = points[-1] - points[0]
+    distance = float(np.linalg.norm(whole))
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    if distance < _DRIFT_M or distance < _STRAIGHT * float(steps.sum()):
+        return
+    each = ", ".join(f"{1e3 * x:.0f}" for x in whole / len(steps))
+    sentence = (
+        f"{e.leaf.path!r} ({e.leaf.kind}) begins each time where it has ended before: from run to "
+        f"run the tool moved on by ({each}) mm, {distance:.2f} m in {len(steps)} runs; "
+        f"then {e.reason}"
+    )
+    remedy = f"go back to one place before each {e.leaf.kind}"
+    if e.ports.get("end") == "rim":
+        remedy = "end: center, or go back to one place before each turn"
+    yield e.cause("DRIFT", sentence, remedy, leaf=e.leaf.path)
+
+
+def _outside(e: Evidence) -> Cause:
+    """Cause for a target outside of the arm's workspace."""
+    away = float(e.numbers["distance_m"])
+    reach = float(e.numbers["reach_m"])
+    wanted = target_of(e)
+    what = "the target" if wanted is None else wanted[0]
+    slip = "" if wanted is None else _unit_slip(e, wanted[1])
+    if slip:
+        return e.cause("OUT_OF_REACH", f"{what} is {away:.0f} m away: {slip}", "meters in the file")
+    sentence = (
+        f"{what} is {1e3 * (away - reach):.0f} mm outside the reach of {e.robot} from this base: "
+        f"{away:.2f} m from its first joint, and its tool reaches {reach:.2f} m"
+    )
+    remedy = f"bring {what} or the base of {e.arm} at least that much nearer"
+    return e.cause("OUT_OF_REACH", sentence, remedy)
+
+
+def _in_the_way(e: Evidence) -> Iterator[Cause]:
+    """Yields a cause for the body with which the arm would collide."""
+    first = str(e.numbers.get("first", ""))
+    second = str(e.numbers.get("second", ""))
+    if not second:
+        return
+    held = e.scene(e.ended).held(e.arm)
+    if second in held and second != first:  # two shapes of one arm, in whichever order
+        first, second = second, first
+    if second.startswith(f"{e.arm}/"):
+        what = first if first.startswith(f"{e.arm}/") else f"{first}, which {e.arm} holds,"
+        sentence = f"the arm would be in its own way: {what} would touch {second}"
+        yield e.cause("SELF_COLLISION", sentence)
+        return
+    other = second.partition("/")[0]
+    holders = [arm for arm in e.record.arms if other in e.scene(e.ended).held(arm)]
+    if other in e.record.arms or holders:
+        cause = other_arm(e, (holders or [other])[0])
+        more = f"; {first} would touch {other}, which it holds" if holders else ""
+        yield e.cause(cause.kind, cause.sentence + more, cause.remedy, leaf=cause.leaf)
+        return
+    holds = f", which {e.arm} holds," if "/" not in first else ""
+    remedy = f"move {other} away, or go another way"
+    yield e.cause("IN_THE_WAY", f"{second} is in the way: {first}{holds} would touch it", remedy)
+
+
+def other_arm(e: Evidence, other: str) -> Cause:
+    """Cause for another arm in the path of this one, with the leaf that it was running."""
+    root = e.timeline.roots[other]
+    doing = [leaf.path for leaf in root.leaves_at(e.ended, "RUNNING")]
+    state = root.status_at(e.ended)
+    if doing:
+        what = f"{other} was there, at {doing[0]!r}"
+    else:
+        what = f"{other} stands there; its tree has ended ({state})"
+    remedy = f"let {other} leave, or let {e.arm} wait for it before {e.leaf.path!r}"
+    leaf = doing[0] if doing else ""
+    return e.cause("OTHER_ARM", f"{e.arm} could not pass {other}: {what}", remedy, leaf=leaf)
+
+
+def _too_far(e: Evidence) -> Iterator[Cause]:
+    base = np.array(e.record.arms[e.arm]["base"]["xyz"])
+    named = target_of(e)
+    short = float(e.numbers.get("residual_m", 0.0) or 0.0)
+    if named is None:
+        how = f": {e.reason}"
+        remedy = "a smaller curve or step, a base nearer by, or another posture to begin from"
+        yield e.cause("OUT_OF_REACH", f"the way leaves the reach of {e.robot}{how}", remedy)
+        return
+    what, point = named
+    gap = _gap(e, point)
+    away = float(np.linalg.norm(point - base))
+    slip = _unit_slip(e, point)
+    if slip:
+        sentence = f"{what} is {away:.0f} m away from {e.arm}: {slip}"
+        yield e.cause("OUT_OF_REACH", sentence, "meters in the file")
+        return
+    if gap is not None and gap > _LEAST_GAP_M:
+        sentence = (
+            f"{what} is {1e3 * gap:.0f} mm outside the reach of {e.robot} from this base, "
+            f"{away:.2f} m away from it"
+        )
+        remedy = f"bring {what} or the base of {e.arm} at least {1e3 * gap:.0f} mm nearer"
+        yield e.cause("OUT_OF_REACH", sentence, remedy)
+        return
+    sentence = f"{e.robot} cannot have its tool at {what} with this orientation: {e.reason}"
+    more = f"; it stays {1e3 * short:.0f} mm away" if short else ""
+    remedy = "another orientation, or a base elsewhere"
+    yield e.cause("OUT_OF_REACH", sentence + more, remedy)
+
+
+def _unit_slip(e: Evidence, point: Vector) -> str:
+    """Clause on a distant point that would be within reach in another unit; else empty."""
+    if np.linalg.norm(point) < _ABSURD_M:
+        return ""
+    for unit, meters in (("centimeters", 0.01), ("millimeters", 0.001)):
+        gap = _gap(e, meters * point)
+        if gap is not None and gap <= _LEAST_GAP_M:
+            return f"it would be within reach if these were {unit}, but they are meters"
+    return ""
+
+
+def target_of(e: Evidence) -> tuple[str, Vector] | None:
+    """Target of the leaf: its name and its position in the world, of shape (3,), m."""
+    to = e.ports.get("to")
+    name = e.ports.get("object")
+    if isinstance(to, dict) and "xyz" in to:
+        point = np.array(to["xyz"], dtype=float)
+        return f"({', '.join(f'{x:g}' for x in point)})", point
+    if isinstance(name, str) and e.scene(e.began).has(name):
+        return name, e.scene(e.began).position(name)
+    offset = e.ports.get("offset")
+    tool = e.scene(e.began).tool(e.arm)
+    if isinstance(offset, dict) and offset.get("frame") == "world" and tool is not None:
+        point = tool + np.array(offset["xyz"], dtype=float)
+        return f"({', '.join(f'{x:.3g}' for x in point)})", point
+    return None
+
+
+def _gap(e: Evidence, point: Vector) -> float | None:
+    """Smallest distance in m of the tool from a point; None for an unknown robot."""
+    facts = e.record.arms[e.arm]
+    try:
+        root = Path(e.record.start["path"]).parent
+        robot = load_robot(facts["robot"], root, facts.get("locked"))
+        return Workspace(robot, PoseSpec.model_validate(with_tuples(facts["base"])).pose).gap(point)
+    except (DualArmError, OSError, ValueError):
+        return None
+
+
+_STILL_M: Final = 2e-3
+"""Largest displacement in m of the tool of an arm that has not moved."""
+
+_AT_TARGET_M: Final = 0.15
+"""Distance in m from a target within which a body blocks tool or wrist."""
+
+
+def time_causes(e: Evidence) -> Iterator[Cause]:
+    """Yields causes of a leaf that ran out of time, was halted, or was still running."""
+    if e.code not in ("", "HALTED", "TIMED_OUT"):
+        return
+    held_up = _held_up(e)
+    if held_up is not None:
+        yield held_up
+        return
+    if e.code == "TIMED_OUT":
+        yield e.cause("TOO_LITTLE_TIME", e.reason)
+        return
+    limit = next((node for node in reversed(e.root_cause.chain) if node.kind == "timeout"), None)
+    ran = f"{e.leaf.path!r} had run for {e.ended - e.began:.2f} s"
+    if e.root_cause.at is None and limit is not None and limit.last("FAILURE") is not None:
+        seconds = limit.ports.get("seconds")
+        sentence = f"the timeout {limit.path!r} of {seconds} s ended it: {ran}"
+        faster = ", or a faster motion" if "speed" in e.ports else ""
+        remedy = f"more seconds than {seconds}{faster}"
+        yield e.cause("TOO_LITTLE_TIME", sentence + _usual(e), remedy, leaf=limit.path)
+    elif e.root_cause.at is not None:
+        yield _at_work(e)
+    elif e.root_cause.end is None or _ended_with_run(e):
+        sentence = f"the run ended at {e.record.until:.2f} s: {ran}{_usual(e)}"
+        yield e.cause("TOO_LITTLE_TIME", sentence, "a later time_limit or --duration")
+
+
+def _at_work(e: Evidence) -> Cause:
+    """Cause for a leaf that was running at the requested time, with its later outcome."""
+    later = [each for each in e.leaf.changes if each.time > e.ended and each.old == "RUNNING"]
+    came = "it was still running at the end of the record"
+    if later:
+        end = later[0]
+        what = {"SUCCESS": "it succeeded", "FAILURE": f"it failed with {end.code}"}
+        came = f"{what.get(end.new, 'it was halted')} at {end.time:.2f} s"
+    waits = ": it waits for its time to pass" if e.leaf.kind == "wait" else ""
+    sentence = f"{e.leaf.path!r} had run for {e.ended - e.began:.2f} s{waits}; {came}"
+    return e.cause("RUNNING", sentence)
+
+
+def _held_up(e: Evidence) -> Cause | None:
+    """Cause for another arm that this one waited for, by its guard."""
+    said = e.notes("guard", since=e.began, until=e.ended + 0.05)
+    reasons = [e.reason, *(str(note["reason"]) for note in reversed(said[-3:]))]
+    if e.code != "TIMED_OUT" and not (said and said[-1]["does"] == "stopped"):
+        return _waited_for(e)
+    for reason in reasons:
+        for other in e.record.arms:
+            if other != e.arm and f"{other}/" in reason:
+                cause = other_arm(e, other)
+                return e.cause(cause.kind, f"{cause.sentence}; {reason}", cause.remedy)
+    return None
+
+
+def _waited_for(e: Evidence) -> Cause | None:
+    """Cause for another arm at the target of a leaf that has not moved its own arm."""
+    wanted = target_of(e)
+    tools = [e.scene(time).tool(e.arm) for time in (e.began, e.ended)]
+    if wanted is None or tools[0] is None or tools[1] is None:
+        return None
+    if float(np.linalg.norm(tools[1] - tools[0])) > _STILL_M:
+        return None
+    for body in e.scene(e.ended).near(wanted[1], _AT_TARGET_M):
+        owner = body.partition("/")[0]
+        holders = [arm for arm in e.record.arms if owner in e.scene(e.ended).held(arm)]
+        other = (holders or [owner])[0]
+        if other in e.record.arms and other != e.arm:
+            cause = other_arm(e, other)
+            sentence = f"{cause.sentence}; {body} is where the tool is to be"
+            return e.cause(cause.kind, sentence, cause.remedy, leaf=cause.leaf)
+    return None
+
+
+def _usual(e: Evidence) -> str:
+    """Clause on the longest successful run of the same leaf; empty if there is none."""
+    took = [end.time - e.leaf.begun(end).time for end in e.leaf.changes if end.new == "SUCCESS"]
+    return f"; it took {max(took):.2f} s another time" if took else ""
+
+
+def _ended_with_run(e: Evidence) -> bool:
+    """Whether the root was halted at the same time."""
+    root: TimelineNode = e.root_cause.chain[0]
+    last = root.changes[-1] if root.changes else None
+    return last is not None and last.new == "INVALID" and abs(last.time - e.root_cause.time) < 1e-6

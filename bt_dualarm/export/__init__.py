@@ -1,0 +1,4 @@
+"""Records in other formats: tables, MCAP, LeRobot data sets, films.
+
+Open first: `tables`.
+"""

@@ -1,0 +1,136 @@
+"""Export of a record as CSV tables: states, arms, grippers, events, notes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import astuple
+from typing import Final
+
+import mujoco
+
+from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.scene import file_part, held_over_time
+from bt_dualarm.spec.ports import escaped
+
+_FORMULAS: Final = frozenset("=+-@\t\r\n\uff1d\uff0b\uff0d\uff20")
+"""Characters with which a cell begins that a spreadsheet takes for a formula, wide ones too."""
+
+
+def tables_of(record: Record) -> Iterator[tuple[str, str]]:
+    """Yields the name and content of each table, with numbers in SI units.
+
+    ``events.csv`` has changes of status, ``notes.csv`` ports, keys, pictures and what was found in
+    them; ``arm_NAME.csv`` set-points and torques, ``gripper_NAME.csv`` what the arm's gripper
+    sensed, was asked for and held, and ``states_N.csv`` positions and velocities of generation N of
+    the world, all at 50 Hz.
+
+    Raises:
+        ReplayError: An arm has a name that no tree file can give to it.
+    """
+    columns = ("time_s", "arm", "path", "kind", "old", "new", "code", "reason", "metrics")
+    events = [[_cell(event[name]) for name in columns] for event in record.events]
+    yield "events.csv", _table(columns, events)
+    yield "notes.csv", _table(("time_s", "arm", "kind", "content"), _notes(record))
+    for arm in record.arms:
+        rows = [*_arm_rows(record, arm)]
+        if rows:
+            yield f"arm_{file_part(arm)}.csv", _table(_arm_columns(len(rows[0]) // 4), rows)
+        rows = [*_gripper_rows(record, arm)]
+        if rows:
+            yield f"gripper_{file_part(arm)}.csv", _table(_GRIPPER_COLUMNS, rows)
+    for generation in sorted(record.models):
+        states = [*_state_rows(record, generation)]
+        if states:
+            yield f"states_{generation}.csv", _table(_state_columns(record, generation), states)
+
+
+def _table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(map(_inert, columns))
+    writer.writerows([*map(_inert, row)] for row in rows)
+    return text.getvalue()
+
+
+def _notes(record: Record) -> Iterator[Sequence[object]]:
+    for note in record.notes:
+        rest = {name: note[name] for name in note.keys() - {"kind", "arm", "time_s"}}
+        yield note["time_s"], note["arm"], note["kind"], json.dumps(rest, sort_keys=True)
+
+
+def _cell(value: object) -> object:
+    return json.dumps(value) if isinstance(value, dict) else value
+
+
+def _inert(cell: object) -> object:
+    """A cell that no spreadsheet interprets as a formula, as OWASP recommends (CSV injection).
+
+    Numbers stay as they are. Characters that a terminal would act on are written out.
+    """
+    if not isinstance(cell, str):
+        return cell
+    text = escaped(cell)
+    return f"'{text}" if cell and cell[0] in _FORMULAS else text
+
+
+def _arm_columns(dof: int) -> list[str]:
+    names = ("q_rad", "v_rad_s", "a_rad_s2", "torque_nm")
+    return ["time_s", *(f"{name}[{joint}]" for name in names for joint in range(dof))]
+
+
+def _arm_rows(record: Record, arm: str) -> Iterator[list[object]]:
+    for index, time in enumerate(record.times.tolist()):
+        row = record.arm_row(arm, index)
+        if row is not None:
+            yield [time, *(float(f"{x:.7g}") for part in row for x in part)]
+
+
+_GRIPPER_COLUMNS: Final = (
+    "time_s",
+    "width_m",
+    "speed_m_s",
+    "force_n",
+    "vacuum",
+    "commanded_width_m",
+    "commanded_speed_m_s",
+    "commanded_force_n",
+    "held",
+)
+
+
+def _gripper_rows(record: Record, arm: str) -> Iterator[list[object]]:
+    """State and command of a gripper, and the objects that it was believed to hold."""
+    changes = held_over_time(record, arm)
+    held: tuple[str, ...] = ()
+    for index, time in enumerate(record.times.tolist()):
+        while changes and changes[0][0] <= time + 1e-9:
+            held = changes.pop(0)[1]
+        state = record.gripper(arm, index)
+        if state is not None:
+            numbers = (float(f"{value:.7g}") for value in astuple(state))
+            yield [time, *numbers, " ".join(held)]
+
+
+def _state_columns(record: Record, generation: int) -> list[str]:
+    model = record.model(generation)
+    columns = ["time_s"]
+    kinds = (("q", model.jnt_qposadr, model.nq), ("v", model.jnt_dofadr, model.nv))
+    for what, starts, count in kinds:
+        ends = [*starts[1:].tolist(), count]
+        for joint, (first, end) in enumerate(zip(starts.tolist(), ends, strict=True)):
+            columns += [f"{what} {_joint(model, joint)}[{place}]" for place in range(end - first)]
+    return columns
+
+
+def _joint(model: mujoco.MjModel, joint: int) -> str:
+    return str(model.joint(joint).name or model.body(int(model.jnt_bodyid[joint])).name)
+
+
+def _state_rows(record: Record, generation: int) -> Iterator[list[object]]:
+    for index in range(len(record.times)):
+        moment = record.moment(index)
+        if moment.generation == generation:
+            yield [moment.time, *moment.qpos.tolist(), *moment.qvel.tolist()]

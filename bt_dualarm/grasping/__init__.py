@@ -1,0 +1,4 @@
+"""Where a gripper can grasp a shape, and with what force.
+
+Open first: `candidates`.
+"""

@@ -1,0 +1,353 @@
+"""Inverse kinematics of one arm on PlaCo: for single poses, and along whole paths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.kinematics.chain import SINGULAR_CONDITION, TOOL, Chain, broken
+from bt_dualarm.kinematics.solver import (
+    EXACT,
+    NEAR,
+    STEP,
+    Continuation,
+    FrameTask,
+    Multistart,
+    Tolerance,
+    Workspace,
+    branches,
+    different,
+    target_matrix,
+    unreachable,
+)
+from bt_dualarm.robots.robot import JointLimits, Robot
+
+
+def refuse_beyond(joints: Sequence[str], q: Vector, limits: JointLimits) -> None:
+    """Check a target configuration, of shape (dof,), rad, before anything moves.
+
+    Raises:
+        Failure: ``INVALID_TARGET`` for a wrong shape or an element that is not finite;
+            ``JOINT_LIMIT`` with the joint that is farthest beyond its limit.
+    """
+    if q.shape != (len(joints),) or not np.isfinite(q).all():
+        raise Failure("INVALID_TARGET", f"{q.tolist()} are no angles of {len(joints)} joints")
+    beyond = np.maximum(limits.lower - q, q - limits.upper)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > 1e-9:
+        limit = limits.lower[worst] if q[worst] < limits.lower[worst] else limits.upper[worst]
+        raise Failure(
+            "JOINT_LIMIT",
+            f"{joints[worst]} would be {np.rad2deg(beyond[worst]):.1f}° beyond its limit of "
+            f"{np.rad2deg(limit):.1f}°",
+            joint=joints[worst],
+            beyond_rad=float(beyond[worst]),
+        )
+
+
+Preference: TypeAlias = Literal["nearest", "conditioned"]
+"""Order of solutions: nearest to a given configuration first, or best conditioned first."""
+
+_TASKS = (FrameTask(TOOL),)
+
+_ROOM = 0.1
+"""Distance to a position limit below which a well conditioned solution still comes last, rad."""
+
+_PATH_ROOM = 0.05
+"""Distance that a redundant arm keeps from its limits along a path where possible, rad."""
+
+_TOO_NEAR = 0.002
+"""Distance to a limit below which another branch of a path is preferred, rad."""
+
+_EVERY = 8
+"""Samples of a path per evaluation of the condition number."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """Branch in which a path was followed to its end.
+
+    Attributes:
+        rows: Configurations, of shape (n, dof), rad.
+        cramped: Whether a joint comes nearer to its limit than `_TOO_NEAR`.
+        condition: Largest condition number of the Jacobian.
+    """
+
+    rows: Matrix
+    cramped: bool
+    condition: float
+
+    @property
+    def good(self) -> bool:
+        """Whether it is away from singularities and limits, so that no other branch is needed."""
+        return self.condition <= SINGULAR_CONDITION and not self.cramped
+
+
+class Kinematics(Chain):
+    """Forward and inverse kinematics of one arm.
+
+    All poses are of the tool frame in the world. Equal arguments give equal results (to 1e-8 rad),
+    independent of earlier calls. Solutions keep the position limits. Not thread-safe.
+
+    Args:
+        robot: Robot description.
+        base: Pose of its base link in the world.
+        seed: Seed of the start configurations for difficult targets.
+    """
+
+    def __init__(self, robot: Robot, base: Pose, seed: int = 0) -> None:
+        super().__init__(robot, base)
+        self._search = Multistart(self.bare, _TASKS, seed)
+        self._continuations = [self._search.continuation]
+        if self._search.redundant:
+            roomy = Chain(robot, base, _PATH_ROOM)
+            self._continuations.insert(0, Continuation(roomy, STEP, _TASKS, redundant=True))
+
+    def residual(self, q: Vector, target: Pose) -> tuple[float, float]:
+        """Distance in m and angle in rad between the tool at ``q`` and a target."""
+        return self._search.residuals(q, (target_matrix(target),))[0]
+
+    def solve(
+        self,
+        target: Pose,
+        near: Vector,
+        tolerance: Tolerance = EXACT,
+        prefer: Preference = "nearest",
+    ) -> Vector:
+        """Configuration, of shape (dof,), rad, with the tool on a target.
+
+        The solution nearest to ``near``, of shape (dof,), rad, or the best conditioned one. A first
+        solution within `NEAR` is returned without a search for others.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` for an invalid pose, or one outside the workspace;
+                ``UNREACHABLE`` with the smallest residual found.
+        """
+        if prefer != "nearest":
+            return self.solutions(target, near, tolerance, prefer)[0]
+        goals = (target_matrix(target),)
+        self._refuse_outside(goals)
+        return self._answers(goals, near, tolerance, near_enough=NEAR)[0]
+
+    def solutions(
+        self,
+        target: Pose,
+        near: Vector,
+        tolerance: Tolerance = EXACT,
+        prefer: Preference = "nearest",
+        *,
+        every_branch: bool = False,
+    ) -> list[Vector]:
+        """Different configurations with the tool on a target, the preferred one first.
+
+        Args:
+            target: Pose of the tool in the world.
+            near: Configuration of shape (dof,), rad.
+            tolerance: Tolerance of the residual.
+            prefer: Order of the solutions. With ``"conditioned"``, all starts are tried, and
+                solutions whose redundant joints were not moved toward ``near`` are included.
+            every_branch: Try all starts, instead of stopping when three solutions are found.
+
+        Raises:
+            Failure: As ``solve``.
+        """
+        goals = (target_matrix(target),)
+        every = every_branch or prefer == "conditioned"
+        self._refuse_outside(goals)
+        found = self._answers(goals, near, tolerance, every=every)
+        if prefer == "nearest":
+            return found
+        if self._search.redundant:  # not only those that have been pulled toward ``near``
+            found += self._search.answers(goals, near, tolerance, every=True, pull=False)[0]
+        return sorted(found, key=lambda q: (self.room(q) < _ROOM, self.condition(q)))
+
+    def _answers(
+        self,
+        goals: Sequence[Matrix],
+        near: Vector,
+        tolerance: Tolerance,
+        *,
+        every: bool = False,
+        near_enough: float = 0.0,
+    ) -> list[Vector]:
+        """Solutions, nearest first; arguments as in `Multistart.answers`."""
+        found, closest = self._search.answers(
+            goals, near, tolerance, every=every, near_enough=near_enough
+        )
+        if not found:
+            raise unreachable(*self._search.residuals(closest, goals)[0])
+        return sorted(found, key=lambda q: float(np.linalg.norm(q - near)))
+
+    def follow(
+        self,
+        poses: Sequence[Pose],
+        near: Vector,
+        tolerance: Tolerance = EXACT,
+        *,
+        max_step: float = 0.2,
+    ) -> Matrix:
+        """Configurations, of shape (n, dof), along a path of the tool, without a jump.
+
+        It is the first of `branches_along`: the branch nearest to ``near`` in which the whole path
+        is followed away from singularities and limits; if there is none, the best conditioned of
+        those in which it can be followed at all. The first row may thus be far from ``near``; to
+        go on from a configuration, see `follow_on`.
+
+        Args:
+            poses: Poses of the tool in the world, close enough together that a joint moves less
+                than ``max_step`` between two of them.
+            near: Configuration before the path, of shape (dof,), rad.
+            tolerance: Tolerance of each pose's residual.
+            max_step: Movement of a joint between two poses, in rad, that counts as a jump.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` for what is no pose, or outside the workspace;
+                ``UNREACHABLE`` for the first pose; ``PATH_BROKEN`` with the largest ``fraction``
+                of the path that could be followed, or ``SINGULAR`` if a singularity of the arm is
+                what ends it there.
+        """
+        return next(self.branches_along(poses, near, tolerance, max_step=max_step))
+
+    def branches_along(
+        self,
+        poses: Sequence[Pose],
+        near: Vector,
+        tolerance: Tolerance = EXACT,
+        *,
+        max_step: float = 0.2,
+    ) -> Iterator[Matrix]:
+        """A path of the tool in every branch in which the whole of it can be followed.
+
+        Redundant joints stay near their start, so that a closed path closes in the joints too, and
+        3° from their limits where that is possible.
+
+        Yields:
+            Configurations, of shape (n, dof), rad: those away from singularities and limits first,
+            nearest to ``near`` first, found one by one as they are asked for; then the others, the
+            best conditioned first.
+
+        Raises:
+            Failure: As `follow`, if there is none at all.
+        """
+        goals = [(target_matrix(pose),) for pose in poses]
+        self._refuse_outside([goal for (goal,) in goals])
+        ends: list[Vector] = []  # a redundant arm is followed in two ways, often to the same end
+        others: list[_Followed] = []
+        failed: list[tuple[Vector, list[Vector]]] = []
+        for start, rows in self._attempts(poses[0], goals, near, tolerance, max_step):
+            if len(rows) < len(goals):
+                failed.append((start, rows))
+                continue
+            path = self._judged(np.array(rows))
+            if not path.good:
+                others.append(path)
+            elif different(ends, path.rows[-1]):
+                ends.append(path.rows[-1])
+                yield path.rows
+        for path in sorted(others, key=lambda path: (path.cramped, path.condition)):
+            if different(ends, path.rows[-1]):
+                ends.append(path.rows[-1])
+                yield path.rows
+        if not ends:
+            start, rows = max(failed, key=lambda attempt: len(attempt[1]))
+            share = len(rows) / len(goals)
+            branches = len(failed) // len(self._continuations)
+            raise broken(self, (rows or [start])[-1], poses[len(rows)], share, branches)
+
+    def follow_on(
+        self,
+        poses: Sequence[Pose],
+        start: Vector,
+        tolerance: Tolerance = EXACT,
+        *,
+        max_step: float = 0.2,
+    ) -> Matrix:
+        """Configurations, of shape (n, dof), along a path, from a given configuration on.
+
+        The branch is that of ``start``, and the first row is ``start`` itself: a motion along these
+        rows begins where the arm stands. `follow` may choose another branch.
+
+        Args:
+            poses: Poses of the tool in the world; the first is the one that it has at ``start``.
+            start: Configuration of shape (dof,), rad.
+            tolerance: Tolerance of each pose's residual.
+            max_step: Movement of a joint between two poses, in rad, that counts as a jump.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` for what is no pose, or outside the workspace;
+                ``PATH_BROKEN`` or ``SINGULAR`` with the ``fraction`` that could be followed.
+        """
+        goals = [(target_matrix(pose),) for pose in poses[1:]]
+        if not goals:
+            return start[None].copy()
+        self._refuse_outside([goal for (goal,) in goals])
+        longest: list[Vector] = []
+        cramped: Matrix | None = None
+        for continuation in self._continuations:
+            within = continuation.mechanism
+            if (
+                continuation is not self._search.continuation
+                and not ((start >= within.lower) & (start <= within.upper)).all()
+            ):
+                continue  # from beyond its narrower limits the roomy one would jump to them
+            rows = self._search.along(continuation, goals, start, tolerance, max_step)
+            if len(rows) < len(goals):
+                longest = max(longest, rows, key=len)
+                continue
+            followed = np.vstack((start, rows))
+            if self.room(followed) >= _TOO_NEAR:
+                return followed
+            cramped = followed if cramped is None else cramped
+        if cramped is not None:
+            return cramped
+        share = (1 + len(longest)) / (1 + len(goals))
+        raise broken(self, (longest or [start])[-1], poses[1 + len(longest)], share, 1)
+
+    def _attempts(
+        self,
+        first: Pose,
+        goals: Sequence[tuple[Matrix]],
+        near: Vector,
+        tolerance: Tolerance,
+        max_step: float,
+    ) -> Iterator[tuple[Vector, list[Vector]]]:
+        """Each branch at the first pose, followed in each way: its start, and as far as it gets."""
+        for start in self._branches(first, near, tolerance):
+            for continuation in self._continuations:
+                yield start, self._search.along(continuation, goals, start, tolerance, max_step)
+
+    def _judged(self, rows: Matrix) -> _Followed:
+        """Quality of configurations along a path, of shape (n, dof), rad."""
+        condition = max(self.condition(q) for q in rows[::_EVERY])
+        return _Followed(rows, self.room(rows) < _TOO_NEAR, condition)
+
+    @cached_property
+    def _reach(self) -> float:
+        """Reach of the tool from the first joint for error messages, m; takes 30 ms."""
+        return Workspace(self.robot, Pose.identity()).farthest()
+
+    def _refuse_outside(self, goals: Sequence[Matrix]) -> None:
+        """Check that targets, each of shape (4, 4), are within the outer bound of the workspace."""
+        center, radius = self.bounding_ball
+        away = np.linalg.norm(np.array(goals)[:, :3, 3] - center, axis=1)
+        worst = int(np.argmax(away))
+        if away[worst] > radius:
+            place = ", ".join(f"{x:.3f}" for x in goals[worst][:3, 3])
+            reach = self._reach
+            raise Failure(
+                "INVALID_TARGET",
+                f"({place}) m is outside the workspace: {away[worst]:.2f} m from the first joint "
+                f"of this {self.robot.name}, whose tool reaches {reach:.2f} m",
+                distance_m=float(away[worst]),
+                reach_m=reach,
+            )
+
+    def _branches(self, first: Pose, near: Vector, tolerance: Tolerance) -> Iterator[Vector]:
+        """Different solutions for the first pose: the nearest ones, then all others."""
+        return branches(lambda every: self.solutions(first, near, tolerance, every_branch=every))

@@ -1,0 +1,241 @@
+"""Inverse kinematics of several arms as one problem: what one tool does depends on the others.
+
+Two tools can keep their distance while one of them goes along a path, an object can be held by
+both, or an arm can be told where its tool is to be in the frame of another one's. An arm that no
+target names stays where it is.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.kinematics.chain import TOOL, Chain, Mechanism, origin, with_tool
+from bt_dualarm.kinematics.solver import (
+    EXACT,
+    NEAR,
+    FrameTask,
+    Multistart,
+    Tolerance,
+    branches,
+    target_matrix,
+)
+from bt_dualarm.robots.robot import Robot
+
+_WORLD = "bt_dualarm_world"
+
+
+@dataclass(frozen=True, eq=False)
+class ToolTarget:
+    """Where a tool is to be.
+
+    Attributes:
+        arm: Arm whose tool it is.
+        pose: Pose of its tool frame.
+        seen_from: Arm in whose tool frame the pose is given; the world if none.
+    """
+
+    arm: str
+    pose: Pose
+    seen_from: str | None = None
+
+
+class MultiArmKinematics(Mechanism):
+    """Several arms, or one, in one world. Not for use by two threads at once.
+
+    Configurations are by arm, each of shape (dof,), rad. Equal arguments give equal answers (to
+    1e-8 rad), whatever was asked before. Answers keep the position limits.
+
+    Args:
+        arms: Robot and pose of its base link in the world, by name.
+        seed: Seed of the configurations from which difficult targets are tried.
+    """
+
+    def __init__(self, arms: Mapping[str, tuple[Robot, Pose]], seed: int = 0) -> None:
+        self._seed = seed
+        self._searches: dict[tuple[FrameTask, ...], Multistart] = {}
+        self._slices: dict[str, slice] = {}
+        root = ET.Element("robot", name="arms")
+        joints: list[str] = []
+        ET.SubElement(root, "link", name=_WORLD)
+        for name, (robot, base) in arms.items():
+            self._slices[name] = slice(len(joints), len(joints) + len(robot.joints))
+            joints += [f"{name}/{joint}" for joint in robot.joints]
+            root.extend(_prefixed(name, robot, base))
+        limits = [robot.limits for robot, _ in arms.values()]
+        super().__init__(
+            ET.tostring(root, encoding="unicode"),
+            joints,
+            np.concatenate([one.lower for one in limits]),
+            np.concatenate([one.upper for one in limits]),
+        )
+
+    def forward(self, arm: str, q: Mapping[str, Vector]) -> Pose:
+        """An arm's tool in the world."""
+        self.set_state(self._joined(q))
+        return Pose.from_matrix(self.frame(_tool(arm)))
+
+    def solve(
+        self,
+        targets: Sequence[ToolTarget],
+        near: Mapping[str, Vector],
+        tolerance: Tolerance = EXACT,
+    ) -> dict[str, Vector]:
+        """Configurations that fulfil all targets; of the answers found the nearest to ``near``.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` for targets that make no sense; ``UNREACHABLE`` with the one
+                that is missed by most where the search has come closest, and by how much.
+        """
+        return self._parted(self._solutions(targets, near, tolerance, every=False)[0])
+
+    def follow(
+        self,
+        steps: Sequence[Sequence[ToolTarget]],
+        near: Mapping[str, Vector],
+        tolerance: Tolerance = EXACT,
+        *,
+        max_step: float = 0.2,
+    ) -> dict[str, Matrix]:
+        """Configurations along a path, by arm of shape (n, dof), without a jump.
+
+        The branch is chosen once, as for one arm: of all answers to the first step, nearest first,
+        the first one from which the whole path can be followed.
+
+        Args:
+            steps: Targets of the same tools at each sample, close together.
+            near: Configurations before the path.
+            tolerance: Tolerance of each target at each step.
+            max_step: Movement of a joint between two steps, in rad, that counts as a jump.
+
+        Raises:
+            Failure: As ``solve`` for the first step; ``PATH_BROKEN`` with the largest ``fraction``
+                of the path that could be followed.
+        """
+        keys = [_tasks(step) for step in steps]
+        _require(
+            len(steps) > 0 and len(set(keys)) == 1, "the targets of a path must be of one kind"
+        )
+        search = self._search(steps[0])
+        goals = [_goals(step) for step in steps]
+        tried = longest = 0
+        for start in self._branches(steps[0], near, tolerance):
+            rows = search.along(search.continuation, goals, start, tolerance, max_step)
+            if len(rows) == len(goals):
+                return self._parted_rows(np.array(rows))
+            tried = tried + 1
+            longest = max(longest, len(rows))
+        fraction = longest / len(goals)
+        raise Failure(
+            "PATH_BROKEN",
+            f"the arms can follow only {100.0 * fraction:.0f} % of the path together",
+            fraction=fraction,
+            branches=tried,
+        )
+
+    def _branches(
+        self, targets: Sequence[ToolTarget], near: Mapping[str, Vector], tolerance: Tolerance
+    ) -> Iterator[Vector]:
+        """Different configurations for the first step: the nearest ones, then all others."""
+        return branches(lambda every: self._solutions(targets, near, tolerance, every=every))
+
+    def _solutions(
+        self,
+        targets: Sequence[ToolTarget],
+        near: Mapping[str, Vector],
+        tolerance: Tolerance,
+        *,
+        every: bool,
+    ) -> list[Vector]:
+        search = self._search(targets)
+        goals = _goals(targets)
+        start = self._joined(near)
+        found, closest = search.answers(goals, start, tolerance, every=every, near_enough=NEAR)
+        if not found:
+            raise _missed(targets, search.residuals(closest, goals))
+        return sorted(found, key=lambda q: float(np.linalg.norm(q - start)))
+
+    def _search(self, targets: Sequence[ToolTarget]) -> Multistart:
+        """For targets of one kind; PlaCo's problem is set up once for each."""
+        _require(len(targets) > 0, "there is no target")
+        for target in targets:
+            for arm in (target.arm, target.seen_from):
+                _require(arm is None or arm in self._slices, f"there is no arm {arm!r}")
+            _require(target.arm != target.seen_from, f"{target.arm} is to be seen from itself")
+        key = _tasks(targets)
+        _require(len({target.arm for target in targets}) == len(key), "a tool has two targets")
+        if key not in self._searches:
+            self._searches[key] = Multistart(self.bare, key, self._seed)
+        return self._searches[key]
+
+    def _joined(self, q: Mapping[str, Vector]) -> Vector:
+        return np.concatenate([q[name] for name in self._slices])
+
+    def _parted_rows(self, rows: Matrix) -> dict[str, Matrix]:
+        return {name: rows[:, part] for name, part in self._slices.items()}
+
+    def _parted(self, q: Vector) -> dict[str, Vector]:
+        return {name: q[part].copy() for name, part in self._slices.items()}
+
+
+def _tool(arm: str) -> str:
+    return f"{arm}/{TOOL}"
+
+
+def _tasks(targets: Sequence[ToolTarget]) -> tuple[FrameTask, ...]:
+    return tuple(
+        FrameTask(_tool(one.arm), None if one.seen_from is None else _tool(one.seen_from))
+        for one in targets
+    )
+
+
+def _goals(targets: Sequence[ToolTarget]) -> list[Matrix]:
+    return [target_matrix(target.pose) for target in targets]
+
+
+def _missed(targets: Sequence[ToolTarget], residuals: Sequence[tuple[float, float]]) -> Failure:
+    """The refusal of targets, with the one that is missed by most."""
+    worst = max(range(len(targets)), key=lambda number: sum(residuals[number]))
+    target = targets[worst]
+    (distance, angle) = residuals[worst]
+    place = "" if target.seen_from is None else f" seen from {target.seen_from}"
+    return Failure(
+        "UNREACHABLE",
+        f"the tool of {target.arm}{place} gets no closer to its target than "
+        f"{1e3 * distance:.1f} mm and {np.rad2deg(angle):.1f}°",
+        arm=target.arm,
+        residual_m=distance,
+        residual_rad=angle,
+    )
+
+
+def _require(holds: bool, reason: str) -> None:
+    if not holds:
+        raise Failure("INVALID_TARGET", reason)
+
+
+def _prefixed(name: str, robot: Robot, base: Pose) -> list[ET.Element]:
+    """Links and joints of an arm under names of its own, with its base where it belongs."""
+    arm = ET.fromstring(with_tool(robot))  # noqa: S314  # made from our own element
+    parts = [*arm.findall("link"), *arm.findall("joint")]
+    for part in parts:
+        part.set("name", f"{name}/{part.get('name')}")
+        for end in (*part.findall("parent"), *part.findall("child")):
+            end.set("link", f"{name}/{end.get('link')}")
+    children = {end.get("link") for part in parts for end in part.findall("child")}
+    (first,) = (part for part in parts if part.tag == "link" and part.get("name") not in children)
+    chain = Chain(robot, base)
+    chain.set_state(robot.postures["home"])
+    there = Pose.from_matrix(chain.frame(str(first.get("name")).removeprefix(f"{name}/")))
+    return [
+        *parts,
+        ET.fromstring(  # noqa: S314  # as above
+            f'<joint name="{name}/{_WORLD}" type="fixed">{origin(there)}'
+            f'<parent link="{_WORLD}"/><child link="{first.get("name")}"/></joint>'
+        ),
+    ]

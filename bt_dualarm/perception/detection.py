@@ -1,0 +1,307 @@
+"""Finding a colored target in a frame: colors, blobs, and how much of each pixel it covers."""
+
+from __future__ import annotations
+
+import colorsys
+import math
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+from typing import Final, TypeAlias
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.sim.frame import Frame, Plain
+from bt_dualarm.sim.renderer import Image, Region
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import Color
+
+# Color of a declared object
+
+
+_HUE_ROOM: Final = 14.0
+"""Degrees of hue to either side: what light and a camera's noise make of it."""
+
+_LEAST: Final = (0.55, 0.35)
+"""Saturation and brightness below which a color is too grey or too dark to be told by its hue."""
+
+
+class ColorlessError(DualArmError):
+    """An object cannot be told from its surroundings by its color."""
+
+
+def color_of(thing: ObjectSpec) -> Color:
+    """The color to look for, by what the file says of an object.
+
+    Raises:
+        ColorlessError: It is grey, white, black or nearly so.
+    """
+    if isinstance(thing.color, str):
+        try:
+            return Color.named(thing.color)
+        except ValueError:
+            raise ColorlessError(f"{thing.color} is no color that a camera finds") from None
+    hue, saturation, value = colorsys.rgb_to_hsv(*thing.rgba[:3])
+    if saturation < _LEAST[0] or value < _LEAST[1]:
+        red, green, blue = thing.rgba[:3]
+        written = f"[{red:g}, {green:g}, {blue:g}]"
+        raise ColorlessError(f"{written} is too grey or too dark for a camera to find")
+    middle = 360.0 * hue
+    bounds = [math.fmod(middle + side * _HUE_ROOM + 360.0, 360.0) for side in (-1.0, 1.0)]
+    return Color.model_validate([{"hue": bounds}])
+
+
+Mask: TypeAlias = npt.NDArray[np.uint8]
+"""255 where a pixel belongs, else 0, of shape (height, width)."""
+
+
+class ColorFilter:
+    """A color, ready for use on many images.
+
+    Args:
+        color: A pixel that lies in any of its ranges has it.
+
+    Attributes:
+        name: Text of its ranges, which tells it from others.
+    """
+
+    def __init__(self, color: Color) -> None:
+        self._boxes = color.bounds
+        self.name = " ".join(f"{low.tolist()}-{high.tolist()}" for low, high in self._boxes)
+
+    def mask(self, image: Image) -> Mask:
+        """Which pixels have the color, of an image (red, green, blue) of shape (h, w, 3)."""
+        hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
+        mask = cv2.inRange(hsv, *self._boxes[0])
+        for box in self._boxes[1:]:
+            cv2.bitwise_or(mask, cv2.inRange(hsv, *box), dst=mask)
+        return np.asarray(mask, dtype=np.uint8)
+
+
+# Detection: color range, opening and closing, contours (OpenCV), pixel coverage
+
+
+_KERNEL = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
+_MARGIN_PX = 3
+_CLEARED_PX = 2  # about what has the color: opening and closing reach so far
+
+
+@dataclass(frozen=True)
+class Detection:
+    """A target in an image.
+
+    Attributes:
+        stamp: Simulated time of the exposure in s.
+        centroid: Offset from the image center, x to the right and y down; the edges are at -1, 1.
+        centroid_px: Centroid in pixels from the top left corner of the image.
+        area_px: Area in square pixels, edge pixels counted by the share that is covered.
+        size: Root of the area as a share of the image height.
+        bounds_px: Bounding box: left, top, right, bottom (right and bottom outside).
+        confidence: Share of its filled outline that has the color, 0..1.
+        touches_border: True where it reaches the edge of what was exposed, which shifts its
+            centroid.
+    """
+
+    stamp: float
+    centroid: tuple[float, float]
+    centroid_px: tuple[float, float]
+    area_px: float
+    size: float
+    bounds_px: Region
+    confidence: float
+    touches_border: bool
+
+    @classmethod
+    def at(
+        cls,
+        frame: Frame,
+        place: tuple[float, float],
+        area: float,
+        bounds: Region,
+        confidence: float = 1.0,
+        touches_border: bool = False,
+    ) -> Detection:
+        """One in a frame, by what was measured: place and bounds in px, area in square px."""
+        x, y = place
+        return cls(
+            stamp=frame.stamp,
+            centroid=(2.0 * x / frame.width - 1.0, 2.0 * y / frame.height - 1.0),
+            centroid_px=(x, y),
+            area_px=area,
+            size=math.sqrt(area) / frame.height,
+            bounds_px=bounds,
+            confidence=confidence,
+            touches_border=touches_border,
+        )
+
+    @property
+    def plain(self) -> Plain:
+        """What was measured, as `Frame.answer` has it."""
+        measured = [self.centroid_px, self.area_px, self.bounds_px, self.confidence]
+        return [*measured, self.touches_border]
+
+    @classmethod
+    def of_plain(cls, frame: Frame, plain: Plain) -> Detection:
+        """The detection of that frame again, to the last bit."""
+        (x, y), area, (left, top, right, bottom), confidence, touches_border = plain
+        box = (left, top, right, bottom)
+        return cls.at(frame, (x, y), area, box, confidence, touches_border)
+
+
+def detect(
+    frame: Frame,
+    color: ColorFilter,
+    min_area: float = 12.0,
+    max_area: float = math.inf,
+    expected_px: tuple[float, float] | None = None,
+) -> Detection | None:
+    """Find one target, or none.
+
+    Args:
+        frame: Exposure, of which only the exposed region is looked at.
+        color: Filter of the target's color.
+        min_area: Least area of a target, in square pixels.
+        max_area: Largest area of a target, in square pixels.
+        expected_px: Pixel at which the target should be. Of several, the nearest to it is
+            taken; without it, the largest.
+
+    Returns:
+        ``None`` says that the target is not in the image: an answer, not a failure.
+    """
+    found = detect_all(frame, color, min_area, max_area)
+    if expected_px is None:
+        return max(found, key=lambda seen: seen.area_px, default=None)
+    return min(found, key=lambda seen: math.dist(seen.centroid_px, expected_px), default=None)
+
+
+def detect_all(
+    frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
+) -> list[Detection]:
+    """All targets of the color and of a fitting area, in no particular order."""
+    if frame.memory is None:
+        return [found for found, _ in detect_blobs(frame, color, min_area, max_area)]
+
+    def look() -> Plain:
+        return [found.plain for found, _ in detect_blobs(frame, color, min_area, max_area)]
+
+    found = frame.answer(f"detect {color.name} from {min_area!r} to {max_area!r} px", look)
+    return [Detection.of_plain(frame, each) for each in found]
+
+
+def detect_blobs(
+    frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
+) -> list[tuple[Detection, Blob]]:
+    """As `detect_all`, each with its pixels."""
+    step = frame.stride
+    part = frame.blocks
+    if part.size == 0:
+        return []
+    raw = color.mask(part)
+    x, y, width, height = cv2.boundingRect(raw)
+    if width == 0:
+        return []
+    left = max(x - _CLEARED_PX, 0)
+    top = max(y - _CLEARED_PX, 0)
+    near = raw[top : y + height + _CLEARED_PX, left : x + width + _CLEARED_PX]
+    cleaned = _open_and_close(near) if step == 1 else near
+    contours, _ = cv2.findContours(
+        cleaned, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(left, top)
+    )
+    found = []
+    for contour in contours:
+        x, y, width, height = cv2.boundingRect(contour)
+        if width * height * step**2 >= min_area:
+            blob = Blob.cut(part, raw, contour, (x, y, x + width, y + height))
+            found.append((_measure(frame, blob), blob))
+    return [(d, blob) for d, blob in found if min_area <= d.area_px <= max_area]
+
+
+@dataclass(frozen=True, eq=False)
+class Blob:
+    """One outline and the pixels around it; all arrays of the same height and width.
+
+    Attributes:
+        rgb: Colors.
+        raw: Which of them have the color that is looked for.
+        filled: Which lie within the outline.
+        origin: Top left sample of the arrays within the exposed region.
+        bounds: Box around the outline.
+        limits: Number of samples of the region (width, height).
+    """
+
+    rgb: Image
+    raw: Mask
+    filled: Mask
+    origin: tuple[int, int]
+    bounds: Region
+    limits: tuple[int, int]
+
+    @classmethod
+    def cut(cls, rgb: Image, raw: Mask, contour: cv2.typing.MatLike, bounds: Region) -> Blob:
+        """The part of an image that one contour needs."""
+        height, width = raw.shape
+        left = max(bounds[0] - _MARGIN_PX, 0)
+        top = max(bounds[1] - _MARGIN_PX, 0)
+        part = slice(top, bounds[3] + _MARGIN_PX), slice(left, bounds[2] + _MARGIN_PX)
+        filled = np.zeros_like(raw[part])
+        cv2.drawContours(filled, [contour], -1, 255, cv2.FILLED, offset=(-left, -top))
+        colors = np.ascontiguousarray(rgb[part])
+        alike = np.ascontiguousarray(raw[part])
+        return cls(colors, alike, filled, (left, top), bounds, (width, height))
+
+
+def _measure(frame: Frame, blob: Blob) -> Detection:
+    step = frame.stride
+    (left, top) = frame.region[:2]
+    area, by_column, by_row, filled, colored = _kernels().measure_coverage(
+        blob.rgb, blob.raw, blob.filled
+    )
+    total = max(area, 1e-9)
+    # Half a sample: moments count a pixel at its index, a frame at its center.
+    x = left + step * (blob.origin[0] + by_column / total + 0.5)
+    y = top + step * (blob.origin[1] + by_row / total + 0.5)
+    x0, y0, x1, y1 = blob.bounds
+    return Detection.at(
+        frame,
+        (x, y),
+        total * step**2,
+        (left + x0 * step, top + y0 * step, left + x1 * step, top + y1 * step),
+        colored / max(filled, 1),
+        x0 == 0 or y0 == 0 or x1 == blob.limits[0] or y1 == blob.limits[1],
+    )
+
+
+def coverage(blob: Blob) -> npt.NDArray[np.float32]:
+    """Share of each pixel that the target covers, 0..1, of the shape of the blob's arrays.
+
+    Inside the outline all of it. A pixel at the edge is a linear mixture of target and
+    background: along the line between their mean colors, its place between the extremes of its
+    neighborhood is the share.
+    """
+    share = np.empty(blob.filled.shape, dtype=np.float32)
+    _kernels().cover(blob.rgb, blob.filled, share)
+    return share
+
+
+@cache
+def _kernels() -> ModuleType:
+    """The kernels of coverage: an import statement costs as much as they do."""
+    from bt_dualarm.perception import image_kernels
+
+    return image_kernels
+
+
+def warm_up_detection() -> None:
+    """Have all kernels of detection compiled."""
+    nothing = np.zeros((3, 3), np.uint8)
+    _kernels().measure_coverage(np.zeros((3, 3, 3), np.uint8), nothing, nothing)
+    coverage(Blob(np.zeros((3, 3, 3), np.uint8), nothing, nothing, (0, 0), (0, 0, 3, 3), (3, 3)))
+
+
+def _open_and_close(mask: Mask) -> Mask:
+    """Remove specks, then fill pinholes."""
+    opened = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _KERNEL)
+    return np.asarray(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, _KERNEL), dtype=np.uint8)

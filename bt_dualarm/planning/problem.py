@@ -1,0 +1,485 @@
+"""Motion planning of one arm: from a problem to a collision-free path and a timed motion.
+
+A straight line in joint space is taken if it is free. Otherwise a compiled RRT-Connect searches a
+path (`QuickSearch`), or OMPL where that one finds none; its corners are then rounded as far as
+obstacles allow, and the path is timed.
+
+Planning is in scaled joint angles, the distance in m that the farthest point of the arm moves, so
+that one resolution holds for shoulder and wrist alike. It ends after a number of checks, not after
+a time, and depends on the problem and its seed alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bt_dualarm.collision.checker import FINE, CollisionChecker, interpolated
+from bt_dualarm.collision.swept import UnknownShapeError, is_clear, swept
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics, refuse_beyond
+from bt_dualarm.kinematics.solver import EXACT, Tolerance
+from bt_dualarm.planning.ompl_planner import DEFAULT_PLANNER, Budget, OmplSearch, Planner
+from bt_dualarm.planning.rrt_connect import QuickSearch
+from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.trajectory.paths import CartesianPath, corner_curve
+from bt_dualarm.trajectory.point_to_point import TimedPath, point_to_point, time_path, timed_path
+from bt_dualarm.trajectory.trajectory import LONG, Trajectory
+
+_COARSE = 0.03
+"""Initial resolution of a search: largest motion of the arm between two checks, m. A path that
+fails the fine check is searched again at half of it."""
+
+_FINEST = 0.002
+"""Finest resolution, m. OMPL measures along the diagonal, the fine check joint by joint."""
+
+_ATTEMPTS = ((1.5, 0.1), (0.7, 0.4), (0.35, 1.0))
+"""Longest edge of the search trees, as motion of the arm in m, and the share of all checks after
+which the next one is tried: long edges are fast, short ones find narrow passages."""
+
+CHECKS = 240_000
+"""Maximum number of configurations that are checked; a few seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningProblem:
+    """Everything that a plan depends on; can be pickled, and has the same solution in any process.
+
+    Attributes:
+        checker: Collision checker of the arm, with the world as it was when created.
+        start: Configuration of shape (dof,), rad.
+        goals: Configurations, each of shape (dof,), rad, the preferred one first; at least one.
+        limits: Limits of the arm, scaled by the speed.
+        dt: Time between set-points, s.
+        seed: Seed of the random search; at least 0.
+        planner: Name of the planner that searches if the straight path is not free.
+        checks: Maximum number of configurations that are checked.
+    """
+
+    checker: CollisionChecker
+    start: Vector
+    goals: tuple[Vector, ...]
+    limits: JointLimits
+    dt: float
+    seed: int = 0
+    planner: Planner = DEFAULT_PLANNER
+    checks: int = CHECKS
+
+    @property
+    def straight(self) -> Matrix:
+        """Straight path to the preferred goal, of shape (2, dof), rad, free or not."""
+        return np.array((self.start, self.goals[0]))
+
+
+def admitted(problem: PlanningProblem) -> PlanningProblem:
+    """The same problem with valid goals only, and a checker that is stricter between the ends.
+
+    Raises:
+        Failure: ``IN_COLLISION`` or ``JOINT_LIMIT`` of the start, or of the preferred goal if no
+            goal is valid.
+    """
+    _check_end(problem, problem.start)
+    refusals = []
+    goals = []
+    for goal in problem.goals:
+        try:
+            _check_end(problem, goal)
+        except Failure as refusal:
+            # Its traceback refers to this frame, which must not refer back: it would stay.
+            refusals.append(refusal.with_traceback(None))
+        else:
+            goals.append(goal)
+    if not goals:
+        raise refusals.pop(0)
+    strict = problem.checker.keeping_off((problem.start, *goals))
+    return replace(problem, checker=strict, goals=tuple(goals))
+
+
+def is_free(checker: CollisionChecker, corners: Matrix) -> bool:
+    """Whether straight lines from corner to corner, of shape (n, dof), are free of collisions."""
+    clear = is_clear(checker, corners)
+    if clear is not None:
+        return clear
+    pieces = (interpolated(a, b, checker.radii, FINE) for a, b in itertools.pairwise(corners))
+    return all(checker.first_contact(rows) is None for rows in pieces)
+
+
+def path_by_ompl(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False) -> Matrix:
+    """Corners of a collision-free path to one of the goals, of shape (n, dof), rad.
+
+    Between corners the path is straight in joint space, and checked every `FINE` meters. A short
+    search to the preferred goal comes first, then longer ones to any goal; a free straight path to
+    another goal is taken instead if it is shorter than the path that was found.
+
+    Args:
+        problem: Admitted problem whose straight path is not free.
+        abandoned: Polled during the search; ends it when the plan is no longer needed.
+
+    Raises:
+        Failure: ``NO_PLAN``.
+    """
+    radii = problem.checker.radii
+    budget = Budget(abandoned)
+    resolution = _COARSE
+    seed = problem.seed
+    for number, (longest_edge, share) in enumerate(_ATTEMPTS):
+        goals = problem.goals if number else problem.goals[:1]
+        budget.limit = round(share * problem.checks)
+        while not budget.is_spent():
+            seed += 1
+            search = OmplSearch(problem.checker, problem.start, goals, problem.limits, radii, seed)
+            corners = search.run(problem.planner, longest_edge, resolution, budget)
+            if corners is None:
+                break
+            if is_free(problem.checker, corners):
+                return _shorter_straight(problem, corners)
+            resolution = max(resolution / 2, _FINEST)
+    raise _no_plan(problem, budget)
+
+
+def _shorter_straight(problem: PlanningProblem, corners: Matrix) -> Matrix:
+    """Shortest free straight path to a goal if shorter than the given path; else that path."""
+    radii = problem.checker.radii
+    least = float((np.abs(np.diff(corners, axis=0)) @ radii).sum())
+    paths = [np.array((problem.start, goal)) for goal in problem.goals]
+    lengths = [float(np.abs(path[1] - path[0]) @ radii) for path in paths]
+    for length, path in sorted(zip(lengths, paths, strict=True), key=lambda one: one[0]):
+        if length < least and is_free(problem.checker, path):
+            return path
+    return corners
+
+
+def _check_end(problem: PlanningProblem, q: Vector) -> None:
+    refuse_beyond(problem.checker.joints, q, problem.limits)
+    contact = problem.checker.contact(q)
+    if contact is not None:
+        raise contact.failure()
+
+
+def _no_plan(problem: PlanningProblem, budget: Budget) -> Failure:
+    if budget.given_up:
+        return Failure("INTERRUPTED", "nobody waits for this plan any more")
+    goals = "" if len(problem.goals) == 1 else f" to any of {len(problem.goals)} configurations"
+    return Failure(
+        "NO_PLAN",
+        f"no way free of collisions{goals} was found "
+        f"({problem.planner}, {budget.states} configurations)",
+        planner=problem.planner,
+        states=budget.states,
+    )
+
+
+_CUTS = (0.5, 0.3, 0.18, 0.1, 0.05)
+"""Shares of the shorter segment at a corner that are tried for its blend, longest first."""
+
+_SPACING = 0.02
+"""Largest motion of a point of the arm between two samples, m."""
+
+
+def rounded(corners: Matrix, radii: Vector, is_free: Callable[[Matrix], bool]) -> list[Matrix]:
+    """Smooth pieces, each of shape (m, dof), rad, along a path given by its corners.
+
+    At a corner that cannot be rounded without a collision, one piece ends and the next begins: the
+    arm stops there.
+
+    Args:
+        corners: Corners of the path, of shape (n, dof), rad.
+        radii: Largest motion of the arm per radian of each joint, of shape (dof,), m/rad.
+        is_free: Whether a path of straight segments, given by its corners, is free.
+    """
+    pieces: list[list[Matrix]] = [[]]
+    begin = corners[0]
+    for i in range(1, len(corners) - 1):
+        cut = _cut(corners[i - 1], corners[i], corners[i + 1], radii, is_free)
+        enter = corners[i] if cut is None else cut[0]
+        pieces[-1].append(interpolated(begin, enter, radii, _SPACING))
+        if cut is None:
+            pieces.append([])
+            begin = corners[i]
+        else:
+            pieces[-1].append(cut)
+            begin = cut[-1]
+    pieces[-1].append(interpolated(begin, corners[-1], radii, _SPACING))
+    return [np.vstack(piece) for piece in pieces]
+
+
+def _cut(
+    before: Vector,
+    corner: Vector,
+    after: Vector,
+    radii: Vector,
+    is_free: Callable[[Matrix], bool],
+) -> Matrix | None:
+    """Longest free blend of a corner between its two segments; None if there is none."""
+    arriving = before - corner
+    leaving = after - corner
+    length = min(np.abs(arriving) @ radii, np.abs(leaving) @ radii)
+    for share in _CUTS:
+        start = corner + arriving * (share * length / (np.abs(arriving) @ radii))
+        end = corner + leaving * (share * length / (np.abs(leaving) @ radii))
+        curve = corner_curve(start, corner, end)
+        if is_free(curve):
+            return curve
+    return None
+
+
+_SAMPLES = 12
+"""Number of configurations of a path at which MuJoCo confirms the result of the compiled search."""
+
+_NEAR_ENDS_M = 0.005
+"""Motion of the arm from either end within which MuJoCo confirms all configurations, m: there the
+arm may be in an allowed contact."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathSearch:
+    """Collision-free path of straight segments in joint space, and the checks it was found with.
+
+    Attributes:
+        corners: Corners, of shape (n, dof), rad.
+        checker: Collision checker of the path.
+        quick: Compiled search that found it; None if OMPL did.
+    """
+
+    corners: Matrix
+    checker: CollisionChecker
+    quick: QuickSearch | None
+
+    def is_free(self, corners: Matrix) -> bool:
+        """Whether another path, given by its corners of shape (n, dof), rad, is free."""
+        if self.quick is None:
+            return is_free(self.checker, corners)
+        return self.quick.is_free(corners)
+
+    def keeps_off(self, rows: Matrix) -> bool:
+        """Whether a dense path, of shape (n, dof), rad, is free by the compiled search."""
+        if self.quick is None or not self.quick.keeps_off(rows):
+            return False
+        moved = np.abs(np.diff(rows, axis=0)) @ self.checker.radii
+        near = np.cumsum(moved) < _NEAR_ENDS_M, np.cumsum(moved[::-1]) < _NEAR_ENDS_M
+        first, last = (int(side.sum()) for side in near)
+        return _is_confirmed(
+            self.checker, rows, (*range(first), *range(len(rows) - last, len(rows)))
+        )
+
+
+def path_around(
+    problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False
+) -> PathSearch:
+    """Collision-free path to one of the goals.
+
+    The compiled search serves the default planner; if it finds nothing, and for other planners,
+    OMPL searches.
+
+    Args:
+        problem: Admitted problem whose straight path is not free.
+        abandoned: Polled during the search; ends it when the plan is no longer needed.
+
+    Raises:
+        Failure: ``NO_PLAN``.
+    """
+    if problem.planner == DEFAULT_PLANNER:
+        quick = _quick_search(problem)
+        corners = None if quick is None else quick.shortest_path(problem.checks, abandoned)
+        if corners is not None and _is_confirmed(problem.checker, corners):
+            return PathSearch(corners, problem.checker, quick)
+    return PathSearch(path_by_ompl(problem, abandoned), problem.checker, None)
+
+
+def _quick_search(problem: PlanningProblem) -> QuickSearch | None:
+    """Compiled search for a problem; None if it does not support all of its shapes."""
+    try:
+        arm = swept(problem.checker, (problem.start, *problem.goals))
+    except UnknownShapeError:
+        return None
+    return QuickSearch(
+        arm, problem.start, problem.goals, problem.limits, problem.checker.radii, problem.seed
+    )
+
+
+def _is_confirmed(checker: CollisionChecker, rows: Matrix, more: Sequence[int] = ()) -> bool:
+    """Whether MuJoCo finds no contact in a sample of configurations, which includes both ends."""
+    picked = np.linspace(0, len(rows) - 1, _SAMPLES).astype(int).tolist()
+    return all(checker.free(rows[i]) for i in {*picked, *more})
+
+
+def straight_motion(problem: PlanningProblem) -> Trajectory | None:
+    """Straight motion to the preferred goal of an admitted problem; None if it is not free."""
+    if not is_free(problem.checker, problem.straight):
+        return None
+    return point_to_point(problem.start, problem.goals[0], problem.limits, problem.dt)
+
+
+def motion_around(
+    problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False
+) -> Trajectory:
+    """Motion around obstacles to one of the goals of an admitted problem.
+
+    Args:
+        problem: Admitted problem whose straight path is not free.
+        abandoned: Polled during the search; ends it when the plan is no longer needed.
+
+    Raises:
+        Failure: ``NO_PLAN``.
+    """
+    path = path_around(problem, abandoned)
+    motion = Trajectory.rest(path.corners[0], problem.dt)
+    for piece in rounded(path.corners, problem.checker.radii, path.is_free):
+        motion = motion.then(time_path(piece, problem.limits, problem.dt))
+    if path.keeps_off(outline(motion, problem.checker.radii, FINE)):
+        return motion
+    try:
+        refuse_contact(problem.checker, motion)
+    except Failure:
+        # The spline deviates from its samples by more than the clearance: go straight from corner
+        # to corner instead, and stop at each.
+        motion = Trajectory.rest(path.corners[0], problem.dt)
+        for begin, end in itertools.pairwise(path.corners):
+            motion = motion.then(point_to_point(begin, end, problem.limits, problem.dt))
+    return motion
+
+
+def refuse_contact(checker: CollisionChecker, path: Matrix | Trajectory) -> None:
+    """Check configurations as they will be sent, every `FINE` meters.
+
+    Contacts that exist at neither end are not tolerated in between, however shallow: of a thin
+    obstacle, two successive checks may see no more than that.
+
+    Args:
+        checker: Collision checker.
+        path: Configurations, of shape (n, dof), rad, or a trajectory.
+
+    Raises:
+        Failure: ``IN_COLLISION`` at the first configuration in contact.
+    """
+    radii = checker.radii
+    rows = outline(path, radii, FINE) if isinstance(path, Trajectory) else path
+    strict = checker.keeping_off((rows[0], rows[-1]))
+    if is_clear(strict, rows):
+        return
+    last = rows[0]
+    for i, q in enumerate(rows):
+        moved = abs(q - last) @ radii
+        if 0 < i < len(rows) - 1 and moved + _step(rows, i, radii) <= FINE:
+            continue
+        last = q
+        contact = strict.contact(q)
+        if contact is not None:
+            raise contact.failure()
+
+
+def outline(motion: Trajectory, radii: Vector, most: float) -> Matrix:
+    """Configurations of a motion, of shape (n, dof), rad; a subset if the motion is long.
+
+    In the subset, no point of the arm moves more than half of ``most`` between two rows.
+
+    Args:
+        motion: Motion.
+        radii: Largest motion of the arm per radian of each joint, of shape (dof,), m/rad.
+        most: Distance, m.
+    """
+    if len(motion) <= LONG:
+        return motion.q
+    index = np.linspace(0, len(motion) - 1, LONG).astype(int)
+    rows = motion.rows(index)[0]
+    while True:
+        wide = np.abs(np.diff(rows, axis=0)) @ radii > 0.5 * most
+        wide &= np.diff(index) > 1
+        if not wide.any():
+            return rows
+        middle = (index[:-1][wide] + index[1:][wide]) // 2
+        after = np.flatnonzero(wide) + 1
+        index = np.insert(index, after, middle)
+        rows = np.insert(rows, after, motion.rows(middle)[0], axis=0)
+
+
+def _step(rows: Matrix, i: int, radii: Vector) -> float:
+    return float(abs(rows[i + 1] - rows[i]) @ radii)
+
+
+def joint_path(
+    arm: Kinematics, path: CartesianPath, near: Vector, tolerance: Tolerance = EXACT
+) -> Matrix:
+    """Configurations along all passes of a tool path, of shape (n, dof), rad, without jumps.
+
+    A closed path is solved once and repeated.
+
+    Raises:
+        Failure: As ``Kinematics.follow``.
+    """
+    once = arm.follow(path.poses, near, tolerance)
+    if path.closed:
+        once[-1] = once[0]  # equal poses; removes the solver's rounding, below 1e-9 rad
+    return np.vstack((once, *(once[1:] for _ in range(path.repeats - 1))))
+
+
+def trace(
+    arm: Kinematics, path: CartesianPath, near: Vector, limits: JointLimits, dt: float
+) -> TimedPath:
+    """Joint motion that takes the tool along a path, from rest to rest.
+
+    Its first set-point may be far from ``near``, in another branch: check before it is sent.
+
+    Args:
+        arm: Kinematics of the arm.
+        path: Path of the tool, in the world.
+        near: Configuration before the path, of shape (dof,), rad.
+        limits: Joint limits, scaled by the speed.
+        dt: Time between set-points, s.
+
+    Raises:
+        Failure: ``UNREACHABLE``, ``PATH_BROKEN`` or ``SINGULAR``.
+    """
+    rows = joint_path(arm, path, near)
+    return timed_path(rows, limits, dt, path.closed)
+
+
+_YIELD_SAMPLES = 60  # random configurations that are tried
+_CHOICES = 3  # configurations that are returned
+_TURN_COST = 0.05  # m/rad: gain of distance that a joint motion must be worth
+
+
+def yielding_configurations(
+    checker: CollisionChecker,
+    others: Sequence[Vector],
+    postures: Sequence[Vector],
+    limits: JointLimits,
+    rng: np.random.Generator,
+) -> list[Vector]:
+    """Configurations in which the arm is far from other arms' bases, the best one first.
+
+    The targets of the other arms are not known, but their motions start from their bases.
+
+    Args:
+        checker: Collision checker of the arm.
+        others: Base positions of the other arms, each of shape (3,), m.
+        postures: Candidate configurations, each of shape (dof,), rad.
+        limits: Joint limits.
+        rng: Random generator of further candidates.
+
+    Returns:
+        At most three configurations, each of shape (dof,), rad, free of collisions.
+    """
+    lower = np.maximum(limits.lower, -np.pi)
+    upper = np.minimum(limits.upper, np.pi)
+    drawn = rng.uniform(lower, upper, (_YIELD_SAMPLES, len(lower)))
+    # The wrist hardly affects the distance, but its motion takes time.
+    drawn[:, 4:] = checker.present[4:]
+    worth: list[tuple[float, Vector]] = []
+    for q in (*postures, *drawn):
+        if checker.free(q):
+            turn = float(np.abs(q - checker.present).max())
+            worth.append((_distance(checker, others) - _TURN_COST * turn, q))
+    worth.sort(key=lambda one: -one[0])
+    return [q for _, q in worth[:_CHOICES]]
+
+
+def _distance(checker: CollisionChecker, others: Sequence[Vector]) -> float:
+    """Distance in m from the arm, as the checker placed it last, to the nearest base."""
+    shapes = checker.data.geom_xpos[checker.moving]
+    away = np.linalg.norm(shapes[:, None] - np.array(others), axis=2)
+    return float((away - checker.model.geom_rbound[checker.moving, None]).min())

@@ -1,0 +1,381 @@
+"""A first description file for a robot, measured on its URDF."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.core.errors import CatalogError
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.robots.meshes import mesh_problems
+from bt_dualarm.robots.mjspec import TOOL_SITE, robot_spec
+from bt_dualarm.robots.robot import Flange, JointFriction, JointLimits, Robot
+from bt_dualarm.robots.robot_description import RANGES
+from bt_dualarm.robots.urdf import TURNING, KinematicTree, Selection, read_urdf, stops_of
+from bt_dualarm.robots.urdf_arm import Urdf, mesh_finder, robot_data_dir, turning_joints
+from bt_dualarm.robots.urdf_xml import Complaints, DescriptionError
+from bt_dualarm.spec.yaml_reader import ScalarError, plain_value
+
+# Random postures: links that always touch, a start posture, joint torques
+
+
+_POSTURES: Final = 400
+_ALWAYS: Final = 0.95  # of the postures: such links touch by how they are modeled
+_STAND: Final = "stand/"
+_STAND_SIZE: Final = (0.11, 0.11, 1.0)  # m, half lengths; as wide as a pedestal
+_ROOM: Final = 0.1  # rad that home stays away from limits, where there is so much
+
+
+@dataclass(frozen=True, eq=False)
+class PostureSurvey:
+    """What postures by chance say of an arm.
+
+    Attributes:
+        always: Pairs of links that touch in nearly all postures.
+        home: Posture to begin from, rad, whole degrees, of shape (dof,).
+        gravity: Torques that hold the arm there, N m, of shape (dof,).
+        most_gravity: The largest torques of all postures, likewise.
+        inertia: Diagonal of the mass matrix there, kg m², of shape (dof,).
+    """
+
+    always: tuple[tuple[str, str], ...]
+    home: Vector
+    gravity: Vector
+    most_gravity: Vector
+    inertia: Vector
+
+
+def survey_of(robot: Robot) -> PostureSurvey:
+    """Try postures of an arm, the same ones each time.
+
+    Raises:
+        CatalogError: Links touch in every posture.
+    """
+    arm = _Arm(_on_a_stand(robot).compile(), robot)
+    postures = _postures(robot)
+    touching = [arm.touching(q) for q in postures]
+    most = np.max([np.abs(arm.gravity(q)) for q in postures], axis=0)
+    pairs = {pair for some in touching for pair in some if _STAND not in pair}
+    always = {p for p in pairs if sum(p in some for some in touching) >= _ALWAYS * len(touching)}
+    met = [(q, some - always) for q, some in zip(postures, touching, strict=True)]
+    free = [q for q, some in met if not some]
+    free = free or [q for q, some in met if all(_STAND in pair for pair in some)]
+    if not free:
+        often = max(pairs - always, key=lambda p: sum(p in some for some in touching))
+        raise CatalogError(
+            f"no posture of {len(postures)} is free of contacts of the arm with itself; most often "
+            f"{' and '.join(sorted(often))} touch: name the pair in 'exclude' if they may"
+        )
+    home = max(free, key=arm.quality)
+    named = sorted((min(pair), max(pair)) for pair in always)
+    return PostureSurvey(tuple(named), home, arm.gravity(home), most, arm.inertia(home))
+
+
+def _on_a_stand(robot: Robot) -> mujoco.MjSpec:
+    """The arm on a pedestal, which the link that is mounted there may touch."""
+    spec = robot_spec(robot, visuals=False)
+    stand = spec.worldbody.add_body(name=_STAND, pos=(0.0, 0.0, -_STAND_SIZE[2]))
+    stand.add_geom(name=_STAND, type=mujoco.mjtGeom.mjGEOM_BOX, size=_STAND_SIZE)
+    first = spec.joint(robot.joints[0]).parent.name
+    spec.add_exclude(bodyname1=_STAND, bodyname2=first)
+    return spec
+
+
+def _postures(robot: Robot) -> list[Vector]:
+    """The middle, zero, and some by chance, in whole degrees within the limits."""
+    rng = np.random.default_rng(0)
+    lower = robot.limits.lower
+    upper = robot.limits.upper
+    room = np.minimum(_ROOM, (upper - lower) / 8)
+    low = np.maximum(lower + room, -np.pi)
+    high = np.minimum(upper - room, np.pi)
+    low, high = np.minimum(low, high), np.maximum(low, high)
+    drawn = rng.uniform(low, high, (_POSTURES, robot.dof))
+    several = [np.clip(np.zeros(robot.dof), low, high), (low + high) / 2, *drawn]
+    return [np.clip(np.radians(np.round(np.degrees(q))), lower, upper) for q in several]
+
+
+class _Arm:
+    """One arm alone in MuJoCo."""
+
+    def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
+        self.model = model
+        self.robot = robot
+        self.data = mujoco.MjData(model)
+        self.ids = np.array([int(model.joint(name).qposadr[0]) for name in robot.joints])
+        self.site = model.site(TOOL_SITE).id
+
+    def _at(self, q: Vector) -> None:
+        self.data.qpos[self.ids] = q
+        mujoco.mj_fwdPosition(self.model, self.data)
+
+    def touching(self, q: Vector) -> set[frozenset[str]]:
+        """Pairs of links that touch."""
+        self._at(q)
+        bodies = self.model.geom_bodyid
+        return {
+            frozenset(self.model.body(int(bodies[geom])).name for geom in contact.geom)
+            for contact in itertools.islice(self.data.contact, self.data.ncon)
+        }
+
+    def gravity(self, q: Vector) -> Vector:
+        """Torques that hold the arm, N m, of shape (dof,)."""
+        self._at(q)
+        self.data.qvel[:] = 0.0
+        mujoco.mj_fwdVelocity(self.model, self.data)
+        torques: Vector = self.data.qfrc_bias[self.ids].copy()
+        return torques
+
+    def inertia(self, q: Vector) -> Vector:
+        """Diagonal of the mass matrix, kg m², of shape (dof,)."""
+        self._at(q)
+        mass = np.empty((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self.data, mass)
+        diagonal: Vector = np.diag(mass)[self.ids].copy()
+        return diagonal
+
+    def quality(self, q: Vector) -> float:
+        """How well the arm can move on from a posture: free of limits and of singularities."""
+        self._at(q)
+        jacobian = np.empty((6, self.model.nv))
+        mujoco.mj_jacSite(self.model, self.data, jacobian[:3], jacobian[3:], self.site)
+        values = np.linalg.svd(jacobian[:, self.ids], compute_uv=False)
+        limits = self.robot.limits
+        room = np.minimum(q - limits.lower, limits.upper - q) / (limits.upper - limits.lower)
+        weight = np.abs(self.gravity(q)) / limits.effort
+        strength = max(0.01, 1.0 - float(weight.max()))
+        return float(values[-1] / values[0] * min(room.min(), 0.15) * strength)
+
+
+# Template of a description from a URDF: joints, limits, a home posture free of contacts.
+#
+# What a URDF does not contain is guessed, and a comment beside each guessed number says so: the
+# author has to replace it by the value of the data sheet.
+
+
+GUESSED_VELOCITY: Final = 1.0
+"""rad/s, of joints whose URDF says nothing of use: slow for any arm."""
+
+_FASTEST: Final = 10.0  # rad/s; no joint of an arm turns faster, whatever a URDF says
+_HIGHEST_ACCELERATION: Final = 10.0  # rad/s²
+_RISE: Final = 0.05  # s from rest to full acceleration: the jerk
+_EFFORT_ROOM: Final = 3.0  # times what gravity asks for
+
+
+@dataclass(frozen=True, eq=False)
+class DescriptionTemplate:
+    """Content of the template of a description.
+
+    Attributes:
+        locked: Where joints are locked that cannot be at zero: meters, or degrees.
+        acceleration: Limits in rad/s², of shape (dof,); likewise ``jerk``, rad/s³.
+        velocity: Limits in rad/s; None if those of the URDF do.
+        effort: Limits in N m; likewise.
+        home: Joint angles in degrees, of shape (dof,).
+        exclude: Pairs of links that always touch.
+        weak: Joints whose efforts do not hold the arm at home.
+    """
+
+    base_link: str
+    tool_link: str
+    joints: tuple[str, ...]
+    locked: Mapping[str, float]
+    acceleration: Vector
+    jerk: Vector
+    velocity: Vector | None
+    effort: Vector | None
+    home: Vector
+    exclude: tuple[tuple[str, str], ...]
+    weak: tuple[str, ...]
+
+
+def template_of(urdf: Path, folder: Path, base: str, tool: str) -> DescriptionTemplate:
+    """Measure an arm on its URDF.
+
+    Args:
+        urdf: File of the URDF.
+        folder: Folder of the description, below which meshes may lie.
+        base: Link that is to stand still.
+        tool: Link that carries the tool.
+
+    Raises:
+        DescriptionError: The URDF cannot be used; it carries every reason.
+        CatalogError: The two links have no joint between them, or no posture is free.
+    """
+    tree = read_urdf(urdf)
+    joints = turning_joints(tree, base, tool)
+    if not joints:
+        raise CatalogError(f"no joint that turns lies between {base!r} and {tool!r}")
+    locked = _locked(tree, base, joints)
+    arm = _read(tree, Selection(base, joints, locked, frozenset({base, tool})), urdf, folder)
+    velocity, effort = (
+        np.array([getattr(arm.stops[joint], what) for joint in joints])
+        for what in ("velocity", "effort")
+    )
+    survey = survey_of(_robot(arm, base, tool, joints, effort))
+    slow = _velocity(velocity)
+    strong = _effort(effort, survey)
+    torque = np.where(strong > 0, strong, 1.0)
+    room = (torque - np.abs(survey.gravity)) / survey.inertia
+    acceleration = _rounded(np.clip(room / 2, 0.1, _HIGHEST_ACCELERATION))
+    return DescriptionTemplate(
+        base_link=base,
+        tool_link=tool,
+        joints=joints,
+        locked={name: _shown(tree, name, value) for name, value in locked.items()},
+        acceleration=acceleration,
+        jerk=_rounded(acceleration / _RISE),
+        velocity=None if (slow == velocity).all() else slow,
+        effort=None if (strong == effort).all() else strong,
+        home=np.degrees(survey.home),
+        exclude=survey.always,
+        weak=tuple(name for name, some in zip(joints, room, strict=True) if some < 0.2),
+    )
+
+
+def _read(tree: KinematicTree, selection: Selection, urdf: Path, folder: Path) -> Urdf:
+    complaints = Complaints()
+    finder = mesh_finder(urdf, folder, robot_data_dir().parent)
+    arm = Urdf.read(tree, selection, finder, complaints)
+    problems = [*complaints.problems, *mesh_problems(arm)]
+    if problems:
+        raise DescriptionError(problems)
+    return arm
+
+
+def _locked(tree: KinematicTree, base: str, joints: tuple[str, ...]) -> dict[str, float]:
+    """Joints that cannot stand at zero, where they stand instead: rad."""
+    found = {}
+    for link in tree.subtree(base):
+        joint = tree.above.get(link)
+        if link == base or joint is None or joint.kind != "revolute" or joint.name in joints:
+            continue
+        complaints = Complaints()
+        stops = stops_of(joint, complaints)
+        if not complaints.problems and not stops.lower <= 0 <= stops.upper:
+            found[joint.name] = stops.lower if stops.lower > 0 else stops.upper
+    return found
+
+
+def _shown(tree: KinematicTree, name: str, value: float) -> float:
+    return float(np.degrees(value)) if tree.joints[name].kind in TURNING else value
+
+
+def _robot(arm: Urdf, base: str, tool: str, joints: tuple[str, ...], effort: Vector) -> Robot:
+    """The arm with limits that say nothing but where its joints stop and what they bear."""
+    effort = np.where(effort > RANGES["effort"].least, effort, RANGES["effort"].most)
+    ones = np.ones(len(joints))
+    stops = [arm.stops[joint] for joint in joints]
+    lower, upper = (np.array([getattr(s, side) for s in stops]) for side in ("lower", "upper"))
+    return Robot(
+        name="draft", title="draft", model=arm, base_link=base, tool_link=tool,
+        tool=Pose.identity(), tool_shape=None, joints=joints, postures={}, cameras={}, colors={},
+        flange=Flange(tool, Pose.identity()),
+        limits=JointLimits(lower, upper, ones, ones, ones, effort), payload=None,
+        exclusions=frozenset(),
+        friction=JointFriction.none(len(joints)),
+        rotor_inertia=np.zeros(len(joints)),
+    )  # fmt: skip
+
+
+def _velocity(given: Vector) -> Vector:
+    known = (given >= RANGES["velocity"].least) & (given <= _FASTEST)
+    return np.where(known, given, np.where(given > _FASTEST, _FASTEST, GUESSED_VELOCITY))
+
+
+def _effort(given: Vector, survey: PostureSurvey) -> Vector:
+    """The URDF's, or some times what gravity asks for and an acceleration of 1 rad/s²."""
+    guess = _rounded(_EFFORT_ROOM * (survey.most_gravity + survey.inertia))
+    known = np.array([RANGES["effort"].holds(effort) for effort in given])
+    return np.where(known, given, np.maximum(guess, 10 * RANGES["effort"].least))
+
+
+def _rounded(values: Vector) -> Vector:
+    """Two digits, downwards, of shape (dof,)."""
+    unit = 10.0 ** (np.floor(np.log10(np.maximum(values, 1e-9))) - 1)
+    rounded: Vector = np.round(np.floor(values / unit) * unit, 9)
+    return rounded
+
+
+# The template as YAML, with a comment on every guess
+
+
+_PLAIN: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*", re.ASCII)
+
+_SOURCES: Final = {
+    "velocity": "Guessed by bt-robot where the URDF gives none of use; see the data sheet",
+    "effort": "Guessed by bt-robot, three times what gravity asks for; see the data sheet",
+    "acceleration": "Guessed by bt-robot, half of what efforts allow at home; see the data sheet",
+    "jerk": "Guessed by bt-robot, full acceleration is reached in 50 ms; see the data sheet",
+}
+
+
+def template_text(draft: DescriptionTemplate, title: str, urdf: str, srdf: str | None) -> str:
+    """Text of the template; it is valid as it is, and meant to be edited.
+
+    Args:
+        draft: What was measured.
+        title: Name for people.
+        urdf: URDF as the description is to name it; likewise ``srdf``.
+        srdf: SRDF, if there is one.
+    """
+    return "\n".join(_lines(draft, title, urdf, srdf)) + "\n"
+
+
+def _lines(draft: DescriptionTemplate, title: str, urdf: str, srdf: str | None) -> Iterator[str]:
+    yield "# A first page, by bt-robot. Replace what is guessed by the data sheet's numbers."
+    yield f"title: {_text(title)}"
+    yield f"urdf: {_text(urdf)}"
+    if srdf is not None:
+        yield f"srdf: {_text(srdf)}"
+    yield f"base_link: {_text(draft.base_link)}"
+    yield f"tool: {{link: {_text(draft.tool_link)}}}   # its z axis is to point out of the tool"
+    yield f"joints: [{_list(draft.joints)}]"
+    if draft.locked:
+        pairs = (f"{_text(name)}: {_number(value)}" for name, value in draft.locked.items())
+        yield f"locked: {{{', '.join(pairs)}}}   # these cannot be at zero"
+    yield "limits:   # rad/s, rad/s², rad/s³, N m"
+    for what in ("velocity", "effort", "acceleration", "jerk"):
+        yield from _limit(what, getattr(draft, what))
+    if draft.weak:
+        yield f"# The efforts hardly hold the arm at home: {', '.join(draft.weak)}."
+    yield "postures:   # degrees"
+    yield f"  home: [{', '.join(map(_number, draft.home))}]"
+    if draft.exclude:
+        yield "exclude:   # these touch in nearly every posture, by how they are modeled"
+        yield from (f"  - [{_list(pair)}]" for pair in draft.exclude)
+
+
+def _limit(what: str, values: Vector | None) -> Iterator[str]:
+    if values is None:
+        return
+    same = bool((values == values[0]).all())
+    shown = _number(values[0]) if same else f"[{', '.join(map(_number, values))}]"
+    yield f"  {what}:"
+    yield f"    value: {shown}"
+    yield f"    source: {_SOURCES[what]}"
+
+
+def _list(names: Iterable[str]) -> str:
+    return ", ".join(map(_text, names))
+
+
+def _number(value: float) -> str:
+    return np.format_float_positional(round(float(value), 6), trim="-")
+
+
+def _text(text: str) -> str:
+    """As it is where YAML reads it as text, else in quotes."""
+    try:
+        plain = _PLAIN.fullmatch(text) is not None and isinstance(plain_value(text), str)
+    except ScalarError:
+        plain = False
+    return text if plain else json.dumps(text, ensure_ascii=False)

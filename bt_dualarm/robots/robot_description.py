@@ -1,0 +1,456 @@
+"""A robot's description file: what its YAML may say, checked against its URDF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.core.errors import CatalogError
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.robots.description_file import (
+    LimitEntry,
+    LockedJoint,
+    RobotEntry,
+    RobotFile,
+    description_path,
+    file_below,
+    is_description_path,
+    locked_joints,
+    problems_of,
+    shipped_names,
+    standing,
+)
+from bt_dualarm.robots.meshes import mesh_problems
+from bt_dualarm.robots.robot import CameraMount, Flange, JointFriction, JointLimits, Robot
+from bt_dualarm.robots.urdf import (
+    TURNING,
+    KinematicTree,
+    Selection,
+    Stops,
+    disabled_pairs,
+    read_urdf,
+)
+from bt_dualarm.robots.urdf_arm import Urdf, mesh_finder, robot_data_dir
+from bt_dualarm.robots.urdf_xml import Complaints, DescriptionError, Range
+from bt_dualarm.spec.problems import Problem, suggestion
+from bt_dualarm.spec.yaml_reader import DataPath as Place
+
+# Checks of a description against its URDF: unknown names, contradictory numbers
+
+
+_MOST_SHOWN = 16
+
+
+def link_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
+    """Links that the URDF does not have, or that do not hang on the base."""
+    entry = file.entry
+    links: list[tuple[Place, str, bool]] = [
+        (("base_link",), entry.base_link, False),
+        (("tool", "link"), entry.tool.link, False),
+        *_flange_links(file),
+        *(
+            (("cameras", name, "link"), camera.link, False)
+            for name, camera in entry.cameras.items()
+        ),
+        *(
+            (("exclude", i, j), link, False)
+            for i, pair in enumerate(entry.exclude)
+            for j, link in enumerate(pair)
+        ),
+        *((("colors", link), link, True) for link in entry.colors if link != "default"),
+    ]
+    base = entry.base_link if entry.base_link in tree.links else tree.root
+    arm = set(tree.subtree(base))
+    for place, link, at_key in links:
+        if link not in tree.links:
+            hint = suggestion(link, tree.links, "link")
+            yield file.problem(place, f"{entry.urdf} has no link '{link}'", hint, key=at_key)
+        elif link not in arm:
+            message = f"link '{link}' does not hang on base_link, '{base}'"
+            hint = "what does not hang on it is left out of the arm"
+            yield file.problem(place, message, hint, key=at_key)
+
+
+def _flange_links(file: RobotFile) -> Iterator[tuple[Place, str, bool]]:
+    flange = file.entry.flange
+    if flange is not None:
+        yield ("flange", "link"), flange.link, False
+        for number, link in enumerate(flange.stock):
+            yield ("flange", "stock", number), link, False
+
+
+def joint_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
+    """Joints that the URDF does not have, that do not move the tool, or are not in order."""
+    entry = file.entry
+    turning = [name for name, joint in tree.joints.items() if joint.turns]
+    chain = tree.chain(entry.base_link, entry.tool.link) or ()
+    moving = [joint.name for joint in chain if joint.turns]
+    hint = f"from base to tool there are: {_listed(moving)}"
+    for number, name in enumerate(entry.joints):
+        place = ("joints", number)
+        if name not in turning:
+            known = suggestion(name, turning, "movable joint")
+            yield file.problem(place, f"{entry.urdf} has no movable joint '{name}'", known)
+        elif name in entry.joints[:number]:
+            yield file.problem(place, f"joint '{name}' is listed twice")
+        elif name not in moving:
+            yield file.problem(place, f"joint '{name}' does not move the tool", hint)
+    listed = [name for name in dict.fromkeys(entry.joints) if name in moving]
+    if listed != sorted(listed, key=moving.index):
+        yield file.problem(("joints",), "the joints are not in order, base to tip", hint)
+
+
+def locked_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
+    """Joints that are to be held somewhere and cannot be."""
+    entry = file.entry
+    for name in entry.locked:
+        joint = tree.joints.get(name)
+        place = ("locked", name)
+        if joint is None:
+            hint = suggestion(name, tree.joints, "joint")
+            yield file.problem(place, f"{entry.urdf} has no joint '{name}'", hint, key=True)
+        elif name in entry.joints:
+            message = f"joint '{name}' is one of the arm's"
+            yield file.problem(place, message, "it is in 'joints': it moves", key=True)
+        elif joint.kind not in (*TURNING, "prismatic"):
+            message = f"joint '{name}' is {joint.kind}; it cannot be held anywhere else"
+            yield file.problem(place, message, "locked are sliding and turning joints", key=True)
+    if entry.base_link not in tree.links:
+        return
+    for name, told in locked_joints(tree, entry.base_link, entry.joints, entry.locked).items():
+        if name in entry.locked and not told.lower <= told.at <= told.upper:
+            message = f"joint '{name}' cannot stand at {told.at:g} {told.unit}"
+            yield file.problem(("locked", name), message, f"its limits are {told.span}")
+
+
+def posture_problems(file: RobotFile, stops: Mapping[str, Stops]) -> Iterator[Problem]:
+    """Postures without an angle for every joint, or with one outside of its limits."""
+    postures = file.entry.postures
+    joints = file.entry.joints
+    if "home" not in postures:
+        yield file.problem(("postures",), "the posture 'home' is missing", "an arm starts there")
+    for name, angles in postures.items():
+        if len(angles) != len(joints):
+            message = f"has {len(angles)} angles, the arm {len(joints)} joints"
+            yield file.problem(("postures", name), message, _listed(joints))
+            continue
+        for number, angle in enumerate(np.deg2rad(angles)):
+            limits = stops.get(joints[number])
+            if limits is not None and not limits.lower <= angle <= limits.upper:
+                span = f"{np.degrees(limits.lower):.1f}° to {np.degrees(limits.upper):.1f}°"
+                hint = f"{joints[number]}: {span}"
+                yield file.problem(("postures", name, number), "is outside the limits", hint)
+
+
+def _listed(names: list[str] | tuple[str, ...]) -> str:
+    more = ", …" if len(names) > _MOST_SHOWN else ""
+    return ", ".join(names[:_MOST_SHOWN]) + more if names else "none"
+
+
+# Joint limits from URDF and description
+
+
+RANGES: Final[Mapping[str, Range]] = {
+    "velocity": Range(1e-3, 1e3, "rad/s"),
+    "acceleration": Range(1e-3, 1e5, "rad/s²"),
+    "jerk": Range(1e-2, 1e7, "rad/s³"),
+    "effort": Range(1e-4, 1e6, "N m"),
+}
+"""What a limit may be: beyond lies no arm, and no motion that ends in a time worth computing."""
+
+
+def limits_of(file: RobotFile, stops: Mapping[str, Stops], problems: list[Problem]) -> JointLimits:
+    """The URDF's limits; the description may tighten velocity and effort, never widen them.
+
+    Where the URDF gives none, or zero, the description's are taken.
+
+    Args:
+        file: Description of the robot.
+        stops: Limits of its joints in the URDF.
+        problems: List that takes what is wrong.
+    """
+    unknown = Stops(0.0, 0.0, 1.0, 1.0)  # of a joint that is refused already
+    own = [stops.get(joint, unknown) for joint in file.entry.joints]
+    given = file.entry.limits
+    velocity = np.array([stop.velocity for stop in own])
+    effort = np.array([stop.effort for stop in own])
+    return JointLimits(
+        lower=np.array([stop.lower for stop in own]),
+        upper=np.array([stop.upper for stop in own]),
+        velocity=_tightened(file, "velocity", given.velocity, velocity, problems),
+        acceleration=_per_joint(file, "acceleration", given.acceleration, problems),
+        jerk=_per_joint(file, "jerk", given.jerk, problems),
+        effort=_tightened(file, "effort", given.effort, effort, problems),
+    )
+
+
+def _tightened(
+    file: RobotFile, what: str, entry: LimitEntry | None, urdf: Vector, problems: list[Problem]
+) -> Vector:
+    """The smaller of the limits of URDF and description where both exist, of shape (dof,)."""
+    if entry is not None:
+        given = _per_joint(file, what, entry, problems)
+        return np.where(urdf > 0, np.minimum(urdf, given), given)
+    for joint, limit in zip(file.entry.joints, urdf, strict=True):
+        if not limit > 0:
+            message = f"{file.entry.urdf} gives no {what} for joint '{joint}'"
+            problems.append(file.problem(("limits",), message, f"add {what}"))
+        elif not RANGES[what].holds(limit):
+            message = f"{file.entry.urdf} gives {what} {limit:g} for joint '{joint}'"
+            hint = f"add {what}: a limit is {RANGES[what]}"
+            problems.append(file.problem(("limits",), message, hint))
+    return urdf
+
+
+def _per_joint(file: RobotFile, what: str, limit: LimitEntry, problems: list[Problem]) -> Vector:
+    """The description's limit for each joint, of shape (dof,)."""
+    dof = len(file.entry.joints)
+    place = ("limits", what, "value")
+    values = limit.value if isinstance(limit.value, tuple) else (limit.value,) * dof
+    if len(values) != dof:
+        message = f"has {len(values)} values, the arm {dof} joints"
+        problems.append(file.problem(place, message))
+        return np.ones(dof)
+    for number, value in enumerate(values):
+        if not RANGES[what].holds(value):
+            message = f"{what}: must be {RANGES[what]}, not {value:g}"
+            problems.append(file.problem((*place, number), message))
+    return np.array(values)
+
+
+# Joint friction from the description
+
+
+_OPTIONAL = ("viscous", "static", "rise", "offset")
+
+
+def friction_of(file: RobotFile, effort: Vector, problems: list[Problem]) -> JointFriction:
+    """Joint friction of the description, else the default for the efforts.
+
+    Args:
+        file: Description of the robot.
+        effort: Effort limits of its joints, of shape (dof,), N m.
+        problems: List that takes what is wrong.
+    """
+    entry = file.entry.friction
+    if entry is None:
+        return JointFriction.typical(effort)
+    given = {name: getattr(entry, name) for name in ("coulomb", *_OPTIONAL)}
+    found: dict[str, Vector] = {}
+    for name, values in given.items():
+        found[name] = np.zeros_like(effort)
+        if values is None:
+            continue
+        if len(values) != len(effort):
+            message = f"has {len(values)} values, the arm {len(effort)} joints"
+            problems.append(file.problem(("friction", name), message))
+            return JointFriction.typical(effort)
+        found[name] = np.array(values)
+    if entry.static is None:
+        found["static"] = found["coulomb"]
+    if (found["static"] < found["coulomb"]).any():
+        message = "a joint that stands rubs less than one that moves"
+        problems.append(file.problem(("friction", "static"), message, "at least coulomb"))
+    speed = np.full_like(effort, entry.stribeck_velocity)
+    return JointFriction(stribeck_velocity=speed, **found)  # type: ignore[arg-type]  # no uncertainty among them
+
+
+# Building a robot from description and URDF, or all problems of the two
+
+
+@dataclass(frozen=True, eq=False)
+class ArmDescription:
+    """Build an arm from its description and its URDF.
+
+    Attributes:
+        exclusions: Pairs of links whose contacts do not count.
+        locked: Joints that stand still although they could move, by name.
+    """
+
+    urdf: Urdf
+    limits: JointLimits
+    friction: JointFriction
+    exclusions: frozenset[frozenset[str]]
+    locked: Mapping[str, LockedJoint]
+
+
+def description_of(file: RobotFile) -> ArmDescription:
+    """Read the URDF of a description, and check the two against each other.
+
+    Raises:
+        DescriptionError: They do not describe an arm; it carries every reason.
+    """
+    urdf, srdf = _files(file)
+    tree = read_urdf(urdf)
+    problems = [
+        *link_problems(file, tree),
+        *joint_problems(file, tree),
+        *locked_problems(file, tree),
+    ]
+    if file.entry.base_link not in tree.links:  # what hangs on it nobody knows
+        raise DescriptionError(problems)
+    pairs = _disabled(srdf, problems)
+    selection = _selection(file, tree, pairs)
+    finder = mesh_finder(urdf, file.path.parent, robot_data_dir().parent)
+    complaints = Complaints()
+    arm = Urdf.read(tree, selection, finder, complaints)
+    problems += complaints.problems
+    problems += mesh_problems(arm)
+    problems += posture_problems(file, arm.stops)
+    limits = limits_of(file, arm.stops, problems)
+    friction = friction_of(file, limits.effort, problems)
+    if problems:
+        raise DescriptionError(problems)
+    entry = file.entry
+    locked = locked_joints(tree, entry.base_link, entry.joints, entry.locked)
+    return ArmDescription(arm, limits, friction, _known(pairs | _given(file), arm), locked)
+
+
+def _disabled(srdf: Path | None, problems: list[Problem]) -> set[frozenset[str]]:
+    """Pairs of links whose contacts the SRDF disables."""
+    try:
+        return disabled_pairs(srdf) if srdf is not None else set()
+    except DescriptionError as error:
+        problems += error.problems
+        return set()
+
+
+def _files(file: RobotFile) -> tuple[Path, Path | None]:
+    """The URDF, and the SRDF if there is one: beside the description, or in example-robot-data."""
+    paths: dict[str, Path] = {}
+    problems = []
+    for key, name in (("urdf", file.entry.urdf), ("srdf", file.entry.srdf)):
+        path = None if name is None else _description_file(file, name)
+        if path is not None:
+            paths[key] = path
+        elif name is not None:
+            hint = f"neither beside this nor in {robot_data_dir()}"
+            problems.append(file.problem((key,), f"there is no file {name!r}", hint))
+    if problems:
+        raise DescriptionError(problems)
+    return paths["urdf"], paths.get("srdf")
+
+
+def _description_file(file: RobotFile, name: str) -> Path | None:
+    found = (file_below(folder, name) for folder in (file.path.parent, robot_data_dir()))
+    return next((path for path in found if path is not None), None)
+
+
+def _selection(file: RobotFile, tree: KinematicTree, pairs: set[frozenset[str]]) -> Selection:
+    entry = file.entry
+    named = {entry.base_link, entry.tool.link, *entry.colors}
+    if entry.flange is not None:
+        named |= {entry.flange.link, *entry.flange.stock}
+    named |= {camera.link for camera in entry.cameras.values()}
+    named |= {link for pair in pairs | _given(file) for link in pair}
+    locked = {
+        name: np.radians(value) if tree.joints[name].kind in TURNING else value
+        for name, value in entry.locked.items()
+        if name in tree.joints
+    }
+    return Selection(entry.base_link, entry.joints, locked, frozenset(named))
+
+
+def _given(file: RobotFile) -> set[frozenset[str]]:
+    return {frozenset(pair) for pair in file.entry.exclude}
+
+
+def _known(pairs: set[frozenset[str]], arm: Urdf) -> frozenset[frozenset[str]]:
+    """Those of the arm's own links; an SRDF may be of a whole robot."""
+    return frozenset(pair for pair in pairs if pair <= set(arm.links))
+
+
+# Robot catalog: one YAML file for each arm, in addition to its URDF.
+#
+# The URDF is the only source of kinematics, inertia, position limits and efforts. The catalog adds
+# what a URDF lacks: acceleration and jerk limits, postures, the tool frame, camera mounts.
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names of the arms in the shipped catalog, sorted."""
+    return shipped_names("robot")
+
+
+def load_robot(
+    name: str, root: Path | None = None, locked: Mapping[str, float] | None = None
+) -> Robot:
+    """An arm by its name in the catalog, or by the path of a YAML file below ``root``.
+
+    Args:
+        name: Name or path.
+        root: Folder in which the path begins; by default the current one.
+        locked: Where locked joints stand if not where the description says: meters of sliding ones,
+            degrees of turning ones. Those that follow one of them go with it.
+
+    Raises:
+        CatalogError: No such arm, its file is wrong, or a joint cannot be locked there; the
+            message names file and entry.
+    """
+    path = description_path("robot", name, root)
+    robot = _loaded(path, {}, shipped=not is_description_path(name))
+    if not locked:
+        return robot
+    for joint, _, message, hint in problems_of(robot.name, robot.joints, robot.locked, locked):
+        raise CatalogError(f"locked: {joint}: {message}; {hint}")
+    return _loaded(path, standing(robot.locked, locked), shipped=not is_description_path(name))
+
+
+def _loaded(path: Path, locked: Mapping[str, float], *, shipped: bool) -> Robot:
+    if not shipped:
+        return _read(path, locked)
+    state = path.stat()
+    return _catalogd(path, state.st_mtime_ns, state.st_size, tuple(sorted(locked.items())))
+
+
+@lru_cache(maxsize=64)
+def _catalogd(
+    path: Path, _changed: int, _size: int, locked: tuple[tuple[str, float], ...]
+) -> Robot:
+    """A shipped arm, read again only when its description has changed: its URDF is of a package."""
+    robot = _read(path, dict(locked))
+    for given in (robot.rotor_inertia, *robot.postures.values(), *vars(robot.limits).values()):
+        if isinstance(given, np.ndarray):
+            given.setflags(write=False)  # everybody has the same
+    return robot
+
+
+def _read(path: Path, locked: Mapping[str, float]) -> Robot:
+    file = RobotFile(path)
+    file.entry = file.entry.model_copy(update={"locked": {**file.entry.locked, **locked}})
+    entry = file.entry
+    found = description_of(file)
+    return Robot(
+        name=file.path.stem,
+        title=entry.title,
+        model=found.urdf,
+        base_link=entry.base_link,
+        tool_link=entry.tool.link,
+        tool=entry.tool.pose,
+        tool_shape=entry.tool.shape,
+        flange=flange_of(entry),
+        joints=entry.joints,
+        limits=found.limits,
+        payload=None if entry.payload is None else entry.payload.value,
+        friction=found.friction,
+        rotor_inertia=np.full(len(entry.joints), entry.rotor_inertia),
+        postures={name: np.deg2rad(angles) for name, angles in entry.postures.items()},
+        cameras={name: CameraMount(c.link, c.pose) for name, c in entry.cameras.items()},
+        exclusions=found.exclusions,
+        colors=entry.colors,
+        locked=found.locked,
+    )
+
+
+def flange_of(entry: RobotEntry) -> Flange:
+    """Flange for grippers: as described, else where the tool's shape begins."""
+    if entry.flange is not None:
+        return Flange(entry.flange.link, entry.flange.pose, entry.flange.stock)
+    shape = entry.tool.shape
+    tool = entry.tool.pose
+    length = 0.0 if shape is None else shape.length
+    return Flange(entry.tool.link, tool @ Pose.from_rpy((0, 0, -length), (0, 0, 0)))

@@ -1,0 +1,493 @@
+"""The check of a tree file against its robots, grippers and scene, before anything moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from pydantic import ValidationError
+
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.behaviors.load import load
+from bt_dualarm.core.errors import CatalogError, Failure, OverlapError, WorldError
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.kinematics.solver import Workspace
+from bt_dualarm.robots.description_file import is_description_path, problems_of
+from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
+from bt_dualarm.robots.gripper_mjspec import COMES_OFF, stock_joints, with_gripper
+from bt_dualarm.robots.robot import Robot
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.urdf_xml import DescriptionError
+from bt_dualarm.sim.composition import names_in, scene_names, scene_spec
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import ArmSpec, TreeFile
+from bt_dualarm.spec.node_types import NodeSpec, NodeType
+from bt_dualarm.spec.ports import is_unknown, metadata_of, models_in, reference_of
+from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order, suggestion
+from bt_dualarm.spec.values import (
+    Goal,
+    MarkerSpec,
+    OfGripper,
+    OfJoints,
+    OfPosture,
+    PoseSpec,
+    Refers,
+)
+from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, TreeInput, with_tuples
+
+_UNITS = {"width": "m", "speed": "m/s", "force": "N"}
+
+
+def gripper_problems(
+    arm: str, spec: ArmSpec, gripper: Gripper | None, kinds: Mapping[str, NodeType]
+) -> Iterator[Problem]:
+    """Yields problems of leaves that need a gripper that is missing, or exceed its limits.
+
+    Args:
+        arm: Name of the arm.
+        spec: Specification of the arm in the file.
+        gripper: Its gripper; None if it has none or its description could not be read.
+        kinds: All node types, by name.
+    """
+    for node in spec.tree.walk():
+        kind = kinds.get(node.kind)
+        if kind is None:
+            continue
+        if kind.needs_gripper and spec.gripper is None:
+            known = ", ".join(gripper_names())
+            hint = f"give {arm} one: gripper: NAME ({known})"
+            yield node.problem(f"{node.kind}: {arm} has no gripper", hint)
+        elif gripper is not None:
+            yield from _beyond(node, kind, gripper)
+
+
+def _beyond(node: NodeSpec, kind: NodeType, gripper: Gripper) -> Iterator[Problem]:
+    """Yields problems of literal numbers beyond the limits in the gripper's description."""
+    for port, declared in kind.ports.model_fields.items():
+        quantity = metadata_of(declared, OfGripper)
+        value = node.ports.get(port)
+        if quantity is None or value is None or reference_of(value) is not None:
+            continue
+        span = _limits(gripper, quantity.what)
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if span is not None and is_number and not span.least <= value <= span.most:
+            unit = _UNITS[quantity.what]
+            message = f"{node.kind}: {port}: {gripper.name} cannot do {value:g} {unit}"
+            hint = f"its {quantity.what} is {span.least:g} to {span.most:g} {unit}"
+            yield node.port_problem((port,), message, hint)
+
+
+def _limits(gripper: Gripper, what: str) -> Interval | None:
+    """Limits of a quantity; None if the gripper does not have it, such as the width of a cup."""
+    if what == "force":
+        return gripper.force
+    if not gripper.fingers:
+        return None
+    return gripper.speed if what == "speed" else Interval(0.0, gripper.stroke)
+
+
+@dataclass
+class Names:
+    """Lookup of the robots, grippers, postures, camera mounts and scene that a file refers to.
+
+    Args:
+        file: File, or the valid part of a file with errors.
+        source: Source of the file.
+        kinds: All node types, by name.
+        left_out: Paths of fields of the file that could not be read.
+
+    Attributes:
+        robots: Robots that could be read, by the arm's name.
+        problems: Problems found by `look_up`.
+    """
+
+    file: TreeFile
+    source: Source
+    kinds: Mapping[str, NodeType]
+    left_out: frozenset[DataPath] = frozenset()
+    robots: dict[str, Robot] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+
+    def look_up(self) -> None:
+        """Find every name that does not exist."""
+        if not {("world",), ("world", "scene")} & self.left_out:
+            self._scene()
+        for name, arm in self.file.arms.items():
+            robot = self._robot(("arms", name, "robot"), arm.robot)
+            gripper = self._gripper(("arms", name, "gripper"), arm.gripper)
+            if robot is not None:
+                robot = self._locked(("arms", name, "locked"), arm, robot, gripper)
+                self.robots[name] = robot if gripper is None else with_gripper(robot, gripper)
+                self._arm(("arms", name), arm, robot)
+                self.problems += self._nodes(name, arm, robot)
+            if ("arms", name, "gripper") not in self.left_out:
+                self.problems += gripper_problems(name, arm, gripper, self.kinds)
+
+    def _scene(self) -> None:
+        world = self.file.world
+        if world.scene not in scene_names():
+            self._unknown(("world", "scene"), "scene", world.scene, scene_names())
+            return
+        try:
+            taken = names_in(scene_spec(world, self.file.root))
+        except CatalogError as error:
+            self._add(("world", "scene"), f"scene '{world.scene}' cannot be used", str(error))
+            return
+        for part, names in (("objects", self.file.objects), ("arms", self.file.arms)):
+            for name in names:
+                if name in taken:
+                    message = f"'{name}' is the name of a part of the scene '{world.scene}' already"
+                    self._add((part, name), message, "call it differently", key=True)
+
+    def _robot(self, path: DataPath, name: str) -> Robot | None:
+        if is_unknown(name):
+            return None
+        if not is_description_path(name) and name not in robot_names():
+            self._unknown(path, "robot", name, robot_names())
+            return None
+        try:
+            return load_robot(name, self.file.root)
+        except DescriptionError as error:
+            self._add(path, f"robot '{name}' cannot be used", "its description has errors")
+            self.problems += error.problems
+        except CatalogError as error:
+            self._add(path, f"robot '{name}' cannot be used", str(error))
+        return None
+
+    def _locked(self, path: DataPath, arm: ArmSpec, robot: Robot, gripper: Gripper | None) -> Robot:
+        """The robot with its locked joints at the file's positions, if these are valid."""
+        if not arm.locked or path in self.left_out:
+            return robot
+        wrong = list(problems_of(robot.name, robot.joints, robot.locked, arm.locked))
+        for joint, is_name, message, hint in wrong:
+            self._add((*path, joint), message, hint, key=is_name)
+        if wrong:
+            return robot
+        for joint in sorted(stock_joints(robot) & arm.locked.keys() if gripper else ()):
+            message = COMES_OFF.format(joint=joint, gripper=gripper.name if gripper else "")
+            hint = "what a gripper opens is said by `open_gripper`"
+            self._add((*path, joint), message, hint, key=True)
+        return load_robot(arm.robot, self.file.root, arm.locked)
+
+    def _gripper(self, path: DataPath, name: str | None) -> Gripper | None:
+        if name is None or is_unknown(name):
+            return None
+        if not is_description_path(name) and name not in gripper_names():
+            self._unknown(path, "gripper", name, gripper_names())
+            return None
+        try:
+            return load_gripper(name, self.file.root)
+        except DescriptionError as error:
+            self._add(path, f"gripper '{name}' cannot be used", "its page has errors")
+            self.problems += error.problems
+        except CatalogError as error:
+            self._add(path, f"gripper '{name}' cannot be used", str(error))
+        return None
+
+    def _arm(self, path: DataPath, arm: ArmSpec, robot: Robot) -> None:
+        if arm.posture not in robot.postures:
+            what = f"posture of {robot.name}"
+            self._unknown((*path, "posture"), what, arm.posture, robot.postures)
+        camera = arm.camera
+        if camera and isinstance(camera.mount, str) and camera.mount not in robot.cameras:
+            what = f"camera mount of {robot.name}"
+            self._unknown((*path, "camera", "mount"), what, camera.mount, robot.cameras)
+
+    def _nodes(self, name: str, arm: ArmSpec, robot: Robot) -> Iterator[Problem]:
+        for node in arm.tree.walk():
+            kind = self.kinds.get(node.kind)
+            if kind is None:
+                continue
+            camera = ("arms", name, "camera")
+            if kind.needs_camera and not arm.carries_camera and camera not in self.left_out:
+                message = f"{node.kind}: {name} has no camera that moves with it"
+                mount = next(iter(robot.cameras), "wrist")
+                yield node.problem(message, f"give {name} one: camera: {{mount: {mount}}}")
+            for port, declared in kind.ports.model_fields.items():
+                value = node.ports.get(port)
+                if value is None or reference_of(value) is not None:
+                    continue
+                if metadata_of(declared, OfPosture) and isinstance(value, str):
+                    if value not in robot.postures:
+                        message = f"{node.kind}: there is no posture of {robot.name} '{value}'"
+                        yield node.port_problem((port,), message, _known(value, robot.postures))
+                elif metadata_of(declared, OfJoints) and isinstance(value, (dict, list)):
+                    yield from _joints(node, port, value, robot)
+
+    def _unknown(self, path: DataPath, what: str, given: str, known: Iterable[str]) -> None:
+        self._add(path, f"there is no {what} '{given}'", _known(given, known))
+
+    def _add(self, path: DataPath, message: str, hint: str = "", *, key: bool = False) -> None:
+        self.problems.append(self.source.problem(path, message, hint, key=key))
+
+
+def _joints(node: NodeSpec, port: str, value: Data, robot: Robot) -> Iterator[Problem]:
+    """Yields problems of a list with a value per joint, or of a mapping of some joints by name."""
+    if isinstance(value, dict):
+        for name in value:
+            if name not in robot.joints:
+                message = f"{node.kind}: there is no joint of {robot.name} '{name}'"
+                yield node.port_problem((port, name), message, _known(name, robot.joints), key=True)
+    elif len(value) != len(robot.joints):
+        dof = len(robot.joints)
+        message = f"{node.kind}: {port}: {len(value)} values for the {dof} joints of {robot.name}"
+        yield node.port_problem((port,), message, f"base to tip: {', '.join(robot.joints)}")
+
+
+def _known(given: str, known: Iterable[str]) -> str:
+    return suggestion(given, known, "one")
+
+
+def overloads(
+    file: TreeFile, robots: Mapping[str, Robot], kinds: Mapping[str, NodeType]
+) -> Iterator[Problem]:
+    """Yields a warning for every carried object that is heavier than the arm's payload.
+
+    Args:
+        file: File without errors.
+        robots: Robots by the arm's name.
+        kinds: All node types, by name.
+    """
+    for name, arm in file.arms.items():
+        payload = robots[name].payload
+        for node in arm.tree.walk():
+            for port, name_of_object in _carried(node, kinds):
+                spec = file.objects.get(name_of_object)
+                mass = 0.0 if spec is None else spec.mass
+                if payload is not None and mass > payload:
+                    message = f"{node.kind}: {port}: {name_of_object} weighs {mass:g} kg"
+                    hint = f"the payload of {name}, a {robots[name].name}, is {payload:g} kg"
+                    yield replace(node.port_problem((port,), message, hint), severity="warning")
+
+
+def _carried(node: NodeSpec, kinds: Mapping[str, NodeType]) -> Iterator[tuple[str, str]]:
+    """Yields ports with the names of the objects that a node carries."""
+    fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
+    goals = (metadata_of(declared, Goal) for declared in fields.values())
+    if not any(goal.carried for goal in goals if goal):
+        return
+    for port, declared in fields.items():
+        refers = metadata_of(declared, Refers)
+        value = node.ports.get(port)
+        if refers is not None and refers.to == ("object",) and isinstance(value, str):
+            yield port, value
+
+
+def missing_markers(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Problem]:
+    """Yields a warning for every marker that a leaf looks for and no declared object bears.
+
+    Args:
+        file: File without errors.
+        kinds: All node types, by name.
+    """
+    borne = {name: spec.marker for name, spec in file.objects.items() if spec.marker}
+    for arm in file.arms.values():
+        for node in arm.tree.walk():
+            for port, wanted in _looked_for(node, kinds):
+                if wanted not in borne.values():
+                    message, hint = _nearest_marker(wanted, borne)
+                    problem = node.port_problem((port,), f"{node.kind}: {port}: {message}", hint)
+                    yield replace(problem, severity="warning")
+
+
+def _looked_for(node: NodeSpec, kinds: Mapping[str, NodeType]) -> Iterator[tuple[str, MarkerSpec]]:
+    """Yields the ports of a node with a marker that is given literally."""
+    fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
+    for port, declared in fields.items():
+        if MarkerSpec in models_in(declared.annotation) and isinstance(node.ports.get(port), dict):
+            try:
+                yield port, MarkerSpec.model_validate(node.ports[port])
+            except ValidationError:  # a part of it is a blackboard key, known only at run time
+                continue
+
+
+def _nearest_marker(wanted: MarkerSpec, borne: Mapping[str, MarkerSpec]) -> tuple[str, str]:
+    """Message and hint with the most similar marker of an object."""
+    which = f"marker {wanted.id} of {wanted.dictionary}"
+    for name, marker in borne.items():
+        if (marker.dictionary, marker.id) == (wanted.dictionary, wanted.id):
+            sizes = f"{1e3 * marker.size:g} mm and not of {1e3 * wanted.size:g}"
+            return f"that of {name} is of {sizes}", f"did you mean size: {marker.size:g}?"
+    for name, marker in borne.items():
+        if marker.id == wanted.id:
+            message = f"nothing bears {which}; {name} bears {marker.id} of {marker.dictionary}"
+            return message, f"did you mean dictionary: {marker.dictionary}?"
+    known = ", ".join(f"{marker.id} of {marker.dictionary}" for marker in borne.values())
+    return f"nothing bears {which}", f"there are {known}" if known else "no object has a marker"
+
+
+MOST_POSES: Final = 100
+"""Largest number of different poses checked per arm, to keep the check quick."""
+
+MOST_WARNINGS: Final = 10
+"""Largest number of warnings per arm; poses out of reach take longest to check."""
+
+
+def out_of_reach(
+    file: TreeFile, robots: Mapping[str, Robot], kinds: Mapping[str, NodeType]
+) -> Iterator[Problem]:
+    """Yields a warning for every literal goal pose for which the arm has no configuration.
+
+    Args:
+        file: File without errors.
+        robots: Robots by the arm's name.
+        kinds: All node types, by name.
+    """
+    # A carried object may be grasped at any point, up to its diagonal away from the pose.
+    longest = max((math.hypot(*thing.size) for thing in file.objects.values()), default=0.0)
+    for name, arm in file.arms.items():
+        reach = _ReachCheck(name, robots[name], arm.base, longest)
+        found = 0
+        for node in arm.tree.walk():
+            fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
+            for port, declared in fields.items():
+                goal = metadata_of(declared, Goal)
+                complaint = reach.complaint(node.ports.get(port), goal) if goal else None
+                if complaint and found < MOST_WARNINGS:
+                    found += 1
+                    message = f"{node.kind}: {port}: {complaint[0]}"
+                    problem = node.port_problem((port,), message, complaint[1])
+                    yield replace(problem, severity="warning")
+
+
+@dataclass
+class _ReachCheck:
+    """Checks goal poses of one arm; each different pose is checked once."""
+
+    arm: str
+    robot: Robot
+    base: PoseSpec
+    longest: float
+    _known: dict[tuple[PoseSpec, Goal], tuple[str, str] | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._workspace: Workspace | None = None
+        self._kinematics: Kinematics | None = None
+
+    def complaint(self, value: Data, goal: Goal) -> tuple[str, str] | None:
+        """Message and hint for a pose in YAML notation; None if it can be reached."""
+        if value is None or reference_of(value) is not None:
+            return None
+        try:
+            pose = PoseSpec.model_validate(with_tuples(value))
+        except ValidationError:
+            return None  # a part of it is a blackboard key
+        key = (pose, goal)
+        if key not in self._known:
+            if len(self._known) >= MOST_POSES:
+                return None
+            self._known[key] = self._checked(pose, goal)
+        return self._known[key]
+
+    def _checked(self, pose: PoseSpec, goal: Goal) -> tuple[str, str] | None:
+        point = np.array(pose.xyz)
+        distance = float(np.linalg.norm(point - self.base.pose.position))
+        hint = f"it is {distance:.2f} m from the arm's base"
+        gap = self._position_gap(point)
+        if gap > (self.longest if goal.carried else 0.0):
+            nearest = f"{gap:.2f} m" if gap >= 0.01 else f"{1000 * gap:.1f} mm"
+            message = f"out of reach of {self.arm}: its tool gets no nearer than {nearest}"
+            return message, hint
+        turned = pose.rpy or pose.quat or pose.look_at
+        if goal.carried or turned is None or self._has_configuration(pose):
+            return None
+        return f"{self.arm} reaches this point, but not turned like this", hint
+
+    def _position_gap(self, point: Vector) -> float:
+        if self._workspace is None:
+            self._workspace = Workspace(self.robot, self.base.pose)
+        return self._workspace.gap(point)
+
+    def _has_configuration(self, pose: PoseSpec) -> bool:
+        if self._kinematics is None:
+            self._kinematics = Kinematics(self.robot, self.base.pose)
+        try:
+            self._kinematics.solve(pose.pose, self.robot.postures["home"])
+        except Failure:
+            return False
+        return True
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A checked file and its problems.
+
+    Attributes:
+        file: The file; None if it has errors, or subtrees only.
+        problems: Every error in the file's order; without errors, every warning.
+    """
+
+    file: TreeFile | None
+    problems: tuple[Problem, ...]
+
+    def runnable(self) -> TreeFile:
+        """The file.
+
+        Raises:
+            SpecError: The file has errors, or nothing to run.
+        """
+        if self.file is None:
+            raise SpecError(errors(self.problems))
+        return self.file
+
+
+def check(
+    tree: TreeInput,
+    skills: Mapping[str, NodeType],
+    params: Mapping[str, object] | None = None,
+    *,
+    folder: Path | None = None,
+    build: bool = True,
+) -> Checked:
+    """Check a tree, including the robots, postures, mounts, scene and poses that it refers to.
+
+    Args:
+        tree: Path of a file, YAML text, Python data, or one already read.
+        skills: Installed skills, by name.
+        params: Values of the tree's parameters by name: as text, as given on the command line, or
+            as Python data.
+        folder: Folder from which relative paths in text or data start, by default the current one.
+        build: Whether to compile the world as well, as a run would.
+    """
+    loaded = load(tree, skills, params, folder)
+    kinds = {**LANGUAGE, **skills}
+    file = loaded.file or loaded.sound
+    source = loaded.source
+    if file is None or source is None:
+        return Checked(None, loaded.wrong)
+    names = Names(file, source, kinds, loaded.left_out)
+    names.look_up()
+    wrong = [*errors(loaded.problems), *names.problems]
+    if build and not names.problems and not loaded.left_out:
+        wrong += _problems_of_the_world(file, source, loaded.name)
+    if wrong or loaded.file is None:
+        return Checked(None, in_order(wrong))
+    robots = names.robots
+    warnings = (
+        *out_of_reach(file, robots, kinds),
+        *overloads(file, robots, kinds),
+        *missing_markers(file, kinds),
+    )
+    return Checked(file, in_order((*loaded.problems, *warnings)))
+
+
+def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Problem]:
+    """Problems of composing the world, and of overlapping objects in it."""
+    try:
+        world = World(file, file.world.seed)
+    except (CatalogError, WorldError) as error:
+        return [Problem(Location(name), str(error))]
+    return [_overlap(file, source, error) for error in world.overlaps()]
+
+
+def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:
+    """Problem at the pose of the overlapping object, or at its declaration if it has no pose."""
+    part, field_name = ("arms", "base") if error.thing in file.arms else ("objects", "pose")
+    if source.get((part, error.thing, field_name)) is None:
+        return source.problem((part, error.thing), str(error), key=True)
+    return source.problem((part, error.thing, field_name), str(error))

@@ -1,0 +1,478 @@
+"""Observations for the record: images, state hash, trace events, frame logs and plot files."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO, Final, Protocol
+
+import cv2
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bt_dualarm.behaviors.report import KeyWritten, TraceEvent
+from bt_dualarm.core.errors import Number
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.share import write_atomically
+from bt_dualarm.recording.history_file import Block, HistoryWriter
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.runtime.clock import Periodic, exact
+from bt_dualarm.runtime.outcome import Holding, Holdings, RunResult
+from bt_dualarm.runtime.plots import OBJECT, PICTURE, in_plane, over_time, overview, scene
+from bt_dualarm.runtime.report import json_ready
+from bt_dualarm.runtime.series import Series, Tracks
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.sim.frame import Frame, FrameFinding, Plain
+from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
+from bt_dualarm.sim.renderer import Region
+
+_log = logging.getLogger(__name__)
+
+MOST_BYTES: Final = 500 * 2**20
+"""Largest size of the images of a run; later ones are dropped, with a note in the file."""
+
+QUALITY: Final = 92
+"""JPEG quality; a lossless image would consist mostly of sensor noise."""
+
+
+class PictureFile:
+    """File with the exposed region of every frame, one block each.
+
+    Args:
+        path: File to write, created with the first frame.
+        most_bytes: Largest size of the images, bytes.
+    """
+
+    def __init__(self, path: Path, most_bytes: int = MOST_BYTES) -> None:
+        self._writer = HistoryWriter(path)
+        self._left: int | None = most_bytes
+
+    def add(self, arm: str, time: float, frame: Frame) -> None:
+        """Write a frame; a write error ends the file, not the run.
+
+        Args:
+            arm: Name of the camera's arm.
+            time: Simulated time of the exposure in s; the stamp is that of the camera's clock.
+            frame: The frame.
+        """
+        left, top, right, bottom = frame.region
+        if self._left is None or right <= left or bottom <= top:
+            return
+        part = frame.image[top : bottom : frame.stride, left : right : frame.stride, ::-1]
+        options = (cv2.IMWRITE_JPEG_QUALITY, QUALITY)
+        content = cv2.imencode(".jpg", np.ascontiguousarray(part), options)[1]
+        data = {
+            "arm": arm,
+            "time_s": time,
+            "stamp": float(frame.stamp),
+            "region": list(frame.region),
+            "stride": frame.stride,
+            "size": [frame.width, frame.height],
+        }
+        self._left -= len(content)
+        if self._left < 0:
+            self._end(time, "they would take more than the pictures of a run may")
+        else:
+            self._write(time, Block("picture", data, {"jpeg": content.ravel()}))
+
+    def _end(self, time: float, why: str) -> None:
+        if self._left is not None:
+            self._left = None
+            _log.warning("pictures are kept up to %.2f s: %s", time, why)
+            self._write(time, Block("end", {"time_s": time, "why": why}))
+
+    def _write(self, time: float, block: Block) -> None:
+        try:
+            self._writer.add(block)
+        except OSError as error:
+            self._end(time, error.strerror or str(error))
+
+    def close(self) -> None:
+        """Close the file."""
+        self._writer.close()
+
+
+HASH_PERIOD = Fraction(1, 50)
+"""Seconds between two states that the hash covers."""
+
+LAST_STATES = 250
+"""States written if the simulation diverges: half a second at 2 ms a step."""
+
+
+class HashedWorld(Protocol):
+    """The world, as its state is hashed."""
+
+    data: mujoco.MjData
+
+    @property
+    def timestep(self) -> float:
+        """Seconds of one step."""
+
+
+class StateLog(IdleObserver):
+    """SHA-256 of time, positions and velocities, and a ring buffer of the last states.
+
+    Args:
+        world: The world; the size of its state may change.
+    """
+
+    def __init__(self, world: HashedWorld) -> None:
+        self._world = world
+        self._due = Periodic(HASH_PERIOD, exact(world.timestep))
+        self._steps = 0
+        self._data: mujoco.MjData | None = None
+        self._hash = hashlib.sha256()
+        self._count = 0  # states of the current size so far; the last ones are in the ring
+        self._times: Vector = np.zeros(LAST_STATES)
+        self._ring: list[Matrix] = []
+
+    @property
+    def sha256(self) -> str:
+        """Hash in hexadecimal; equal for runs with bitwise equal states."""
+        return self._hash.hexdigest()
+
+    def after_step(self, time: float) -> None:
+        """Keep the state after the step, and hash it if that is due."""
+        if self._world.data is not self._data:
+            self._bind(self._world.data)
+        row = self._count % LAST_STATES
+        self._times[row] = time
+        q, v, ctrl = self._views
+        self._q[row] = q
+        self._v[row] = v
+        self._ctrl[row] = ctrl
+        self._count += 1
+        if self._due.due(self._steps):
+            for part in (np.float64(time), q, v):
+                self._hash.update(part.tobytes())
+        self._steps += 1
+
+    def _bind(self, data: mujoco.MjData) -> None:
+        """Read another state from now on; if its size differs, clear the ring."""
+        # Views, because looking a field up costs more than copying it.
+        self._data = data
+        self._views = (data.qpos, data.qvel, data.ctrl)
+        if [part.shape[1] for part in self._ring] != [len(view) for view in self._views]:
+            self._count = 0
+            self._ring = [np.empty((LAST_STATES, len(view))) for view in self._views]
+            self._q, self._v, self._ctrl = self._ring
+
+    def write_last(self, file: BinaryIO) -> None:
+        """Write the last states, as far as they have the size of the last one, as a NumPy archive.
+
+        Arrays: ``time`` in s, and ``qpos``, ``qvel``, ``ctrl`` in MuJoCo's order, one row per step.
+        """
+        kept = min(self._count, LAST_STATES)
+        rows = np.arange(self._count - kept, self._count) % LAST_STATES
+        names = ("time", "qpos", "qvel", "ctrl")
+        states = (self._times, *(self._ring or np.empty((3, 0))))
+        columns = {name: state[rows] for name, state in zip(names, states, strict=True)}
+        np.savez_compressed(file, allow_pickle=False, **columns)
+
+
+class GuardedArm(Protocol):
+    """Arm with a guard that counts its interventions."""
+
+    @property
+    def guard(self) -> Mapping[str, Number]:
+        """Counts and reasons, as in `GuardReport`."""
+
+
+class Held(Protocol):
+    """Object that an arm holds, or is believed to hold."""
+
+    @property
+    def arm(self) -> str:
+        """Name of the arm."""
+
+    @property
+    def object(self) -> str:
+        """Name of the object."""
+
+    @property
+    def by_gripper(self) -> bool:
+        """Whether a gripper holds it; otherwise it is welded to the tool."""
+
+
+class TraceEvents:
+    """Buffer of trace events between two frames of a history: ports, keys, frames, guards, ...
+
+    Each event is a JSON-ready mapping whose first key is ``kind``.
+
+    Args:
+        clock: Returns simulated time in seconds; set once the world exists.
+
+    Attributes:
+        readers: Callbacks that receive each event at once.
+        frame_readers: Callbacks that receive each frame with the arm's name.
+    """
+
+    def __init__(self, clock: Callable[[], float] = lambda: 0.0) -> None:
+        self.clock = clock
+        self._events: list[dict[str, object]] = []
+        self._guards: dict[str, tuple[object, object]] = {}
+        self._attached: tuple[Held, ...] = ()
+        self._held: dict[str, tuple[tuple[str, bool], ...]] = {}
+        self.readers: list[Callable[[dict[str, object]], object]] = []
+        self.frame_readers: list[Callable[[str, Frame], object]] = []
+
+    def take(self) -> list[dict[str, object]]:
+        """Return and clear the buffered events."""
+        taken = self._events
+        self._events = []
+        return taken
+
+    def of_tree(self, note: TraceEvent) -> None:
+        """Add an event of a leaf that has begun or has written a key."""
+        if isinstance(note, KeyWritten):
+            self._add_fields(
+                "wrote", note.arm, note.time, leaf=note.path, key=note.key, value=note.value
+            )
+        else:
+            self._add_fields("ports", note.arm, note.time, leaf=note.path, ports=note.ports)
+
+    def of_frame(self, arm: str, frame: Frame, crc: int | None = None) -> None:
+        """Add a captured frame: its region, stride and a checksum of its pixels.
+
+        Args:
+            arm: Name of the arm.
+            frame: The frame.
+            crc: Checksum, if it is known already.
+        """
+        left, top, right, bottom = frame.region
+        event = {"kind": "frame", "arm": arm, "time_s": self.clock(), "stamp": float(frame.stamp)}
+        if crc is None:
+            crc = zlib.crc32(frame.image[top:bottom, left:right].tobytes())
+        part = {"region": (left, top, right, bottom), "stride": frame.stride}
+        self._add({**event, **part, "crc": crc})
+        for read in self.frame_readers:
+            read(arm, frame)
+
+    def of_answer(self, arm: str, stamp: float, question: str, answer: Plain) -> None:
+        """Add the answer to a question about a frame, with all bits of its numbers."""
+        event = {"kind": "found", "arm": arm, "time_s": self.clock(), "stamp": float(stamp)}
+        self._add({**event, "asked": question, "answer": answer})
+
+    def of_look(self, arm: str, look: FrameFinding) -> None:
+        """Add the result of a search for the target in a frame."""
+        event = {"kind": "look", "arm": arm, "time_s": self.clock(), "stamp": float(look.stamp)}
+        pixel = look.pixel and (round(float(look.pixel[0]), 2), round(float(look.pixel[1]), 2))
+        point = look.point and tuple(round(float(x), 6) for x in look.point)
+        area = round(float(look.area_px), 1)
+        found = {"pixel": pixel, "area_px": area, "point": point, "locked": bool(look.locked)}
+        self._add({**event, **found})
+
+    def of_edit(self, arm: str, tree: Mapping[str, object]) -> None:
+        """Add the replacement of an arm's tree."""
+        self._add_fields("edited", arm, self.clock(), tree=tree)
+
+    def of_guard(self, arm: str, controller: GuardedArm) -> None:
+        """Add an event if the guard has slowed or stopped the arm since the last call."""
+        guard = controller.guard
+        now = guard.get("slowed", 0), guard.get("stopped", 0)
+        before = self._guards.get(arm, (0, 0))
+        self._guards[arm] = now
+        if now == before:
+            return
+        action = "stopped" if now[1] != before[1] else "slowed"
+        self._add_fields(
+            "guard", arm, self.clock(), does=action, reason=guard.get("last_reason", "")
+        )
+
+    def of_holding(self, held: Iterable[Held]) -> None:
+        """Add an event for each arm whose held objects have changed since the last call."""
+        attached = tuple(held)
+        if attached == self._attached:
+            return
+        self._attached = attached
+        now: dict[str, tuple[tuple[str, bool], ...]] = {}
+        for one in attached:
+            now[one.arm] = (*now.get(one.arm, ()), (one.object, one.by_gripper))
+        for arm in sorted(now.keys() | self._held.keys()):
+            holds = now.get(arm, ())
+            if holds != self._held.get(arm, ()):
+                gripped = [name for name, by_gripper in holds if by_gripper]
+                welded = [name for name, by_gripper in holds if not by_gripper]
+                self._add_fields("holds", arm, self.clock(), gripped=gripped, welded=welded)
+        self._held = now
+
+    def _add_fields(self, kind: str, arm: str, time: float, **fields: object) -> None:
+        event = {"kind": kind, "arm": arm, "time_s": time, **fields}
+        self._add({name: json_ready(value) for name, value in event.items()})
+
+    def _add(self, event: dict[str, object]) -> None:
+        self._events.append(event)
+        for read in self.readers:
+            read(event)
+
+
+@dataclass(frozen=True)
+class KnownFrame:
+    """A frame of a record, with the findings in it.
+
+    Attributes:
+        region: Exposed region of the image.
+        stride: Edge of the blocks of pixels that share one sample.
+        crc: Checksum of its pixels.
+        answers: Findings in the frame, by question.
+    """
+
+    region: Region
+    stride: int
+    crc: int
+    answers: Mapping[str, Plain]
+
+
+@dataclass
+class FrameLog:
+    """Findings in the frames of one camera: recorded, or recalled from a record (a `Memory`).
+
+    Attributes:
+        arm: Name of the camera's arm.
+        trace: Trace events to add to, None if nothing is recorded.
+        pictures: File that stores the images, None if they are not stored.
+        known: Frames of an earlier run by their stamp; they are rendered again only for a question
+            without a recorded answer.
+        taken: Number of frames recalled instead of rendered.
+        drawn: Number of recalled frames that had to be rendered after all.
+    """
+
+    arm: str
+    trace: TraceEvents | None = None
+    pictures: PictureFile | None = None
+    known: Mapping[float, KnownFrame] = field(default_factory=dict)
+    taken: int = 0
+    drawn: int = 0
+
+    @property
+    def keeps(self) -> bool:
+        """Whether findings are recorded or recalled."""
+        return self.trace is not None or bool(self.known)
+
+    def knows(self, stamp: float, region: Region, stride: int) -> bool:
+        """Whether such a frame, with its findings, is known from an earlier run."""
+        picture = self.known.get(stamp)
+        if picture is None or (picture.region, picture.stride) != (region, stride):
+            return False
+        self.taken += 1
+        return True
+
+    def recall(self, stamp: float, question: str, look: Callable[[], Plain]) -> Plain:
+        """Recorded answer to a question about a frame, or else the answer of ``look``."""
+        picture = self.known.get(stamp)
+        if picture is not None and question in picture.answers:
+            answer = picture.answers[question]
+        else:
+            self.drawn += picture is not None
+            answer = look()
+        if self.trace is not None:
+            self.trace.of_answer(self.arm, stamp, question, answer)
+        return answer
+
+    def add(self, frame: Frame) -> None:
+        """Record a captured frame."""
+        if self.trace is not None:
+            picture = self.known.get(frame.stamp)
+            self.trace.of_frame(self.arm, frame, None if picture is None else picture.crc)
+            if self.pictures is not None:
+                self.pictures.add(self.arm, self.trace.clock(), frame)
+
+
+MOST_DRAWN = 8192
+"""Points plotted per line: several for each column of pixels."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Data for the plots of a run.
+
+    Attributes:
+        tracks: Positions of tools and objects over time.
+        holdings: Attachments of objects to arms.
+        stills: Renderings of the world at the start and at the end.
+    """
+
+    tracks: Tracks
+    holdings: Holdings
+    stills: Sequence[StillRenderer]
+
+
+def files_of(
+    result: RunResult, observed: Observed, stop: StopRequest
+) -> Iterator[tuple[str, Callable[[Path], None]]]:
+    """Yields ``overview.png``, ``scene.png``, ``<arm>_plane.png`` and ``<arm>_time.png``.
+
+    There is no scene without a visible object, and no plot of an arm without series.
+
+    Args:
+        result: Result of the run.
+        observed: Data to plot.
+        stop: The remaining files are skipped once the end is urgent.
+
+    Yields:
+        Name of a file, and the function that draws and writes it.
+    """
+    if not len(observed.tracks.time):
+        return
+    for name, draw in _drawings(result, observed):
+        if stop.urgent:
+            return
+        yield f"{name}.png", partial(_write, draw)
+
+
+def _write(draw: Callable[[], Figure], path: Path) -> None:
+    write_atomically(path, FigureCanvasAgg(draw()).print_png)
+
+
+def _drawings(result: RunResult, observed: Observed) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    time = observed.tracks.time
+    shown = _drawn(len(time))
+    time = time[shown]
+    paths = {name: path[shown] for name, path in observed.tracks.positions().items()}
+    yield "overview", partial(overview, paths, observed.tracks.bases)
+    stills = [still for still in observed.stills if still.is_sound]
+    viewpoint = best_viewpoint(stills, PICTURE[0] / PICTURE[1])
+    if viewpoint is not None:
+        yield "scene", partial(scene, stills, viewpoint)
+    for arm in result.arms.values():
+        leaves = {
+            leaf.partition("/")[2] or leaf: {name: _thinned(one) for name, one in series.items()}
+            for leaf, series in arm.series.items()
+        }
+        if leaves:
+            title = f"{arm.name} ({arm.robot})"
+            carried = _carried(observed.holdings.of(arm.name), time, paths)
+            yield f"{arm.name}_plane", partial(in_plane, leaves, time, carried, title)
+            yield f"{arm.name}_time", partial(over_time, leaves, title)
+
+
+def _thinned(series: Series) -> Series:
+    shown = _drawn(len(series.time))
+    return replace(series, time=series.time[shown], values=series.values[shown])
+
+
+def _drawn(count: int) -> npt.NDArray[np.int_]:
+    """Indices of the points to plot: all, or `MOST_DRAWN` of them, including the ends."""
+    return np.linspace(0, count - 1, min(count, MOST_DRAWN)).round().astype(int)
+
+
+def _carried(
+    holdings: Sequence[Holding], time: Vector, paths: Mapping[str, Matrix]
+) -> dict[str, Matrix]:
+    """Path of each object while it was held, NaN at other times."""
+    found: dict[str, Matrix] = {}
+    for held in holdings:
+        path = paths.get(OBJECT + held.object)
+        if path is not None:
+            during = held.during(time)
+            found.setdefault(held.object, np.full_like(path, np.nan))[during] = path[during]
+    return found

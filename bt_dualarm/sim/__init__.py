@@ -1,0 +1,4 @@
+"""The simulated world: MuJoCo model, sensors, drives, grippers, cameras and renderers.
+
+Open first: `world`.
+"""

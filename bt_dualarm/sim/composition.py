@@ -1,0 +1,615 @@
+"""Editing the MjSpec of a world: scenes, objects, markers, arms, cameras, welds."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import zlib
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import cv2
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.core.errors import CatalogError, WorldError
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.robots.gripper import Gripper
+from bt_dualarm.robots.gripper_mjspec import add_gripper
+from bt_dualarm.robots.mjspec import TOOL_SITE, chain_spec, robot_spec
+from bt_dualarm.robots.robot import GEOM_TYPES, OBJECT_GROUP, SCENE_GROUP, Robot, half_sizes
+from bt_dualarm.sim.arm_models import LinkFactors, SampledArm, inertia_per_mass
+from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, TreeFile, WorldSpec
+from bt_dualarm.spec.values import MarkerSpec
+
+# Support of an arm's base
+
+
+_TOUCHING = 0.02  # m: a base this close to a surface is mounted on it
+_UPRIGHT_COSINE = np.cos(np.radians(5))  # a pedestal is built below bases that stand this straight
+
+
+@dataclass(frozen=True)
+class MountingSurface:
+    """The surface under a base.
+
+    Attributes:
+        body: Name of the MuJoCo body that the surface belongs to.
+        gap: Distance from the base to the surface in meters, against the base's z axis.
+        pedestal: Whether the gap needs a pedestal.
+    """
+
+    body: str
+    gap: float
+    pedestal: bool
+
+
+def surface_below(model: mujoco.MjModel, data: mujoco.MjData, base: Pose) -> MountingSurface | None:
+    """What is under a base, None if there is nothing."""
+    up: Vector = base.rotation_matrix[:, 2]
+    geom = np.array([-1], dtype=np.int32)
+    start = base.position + _TOUCHING * up  # a base may be sunk into its surface a little
+    distance = mujoco.mj_ray(model, data, start, -up, None, 1, -1, geom)
+    if distance < 0:
+        return None
+    gap = distance - _TOUCHING
+    body = model.body(model.geom_bodyid[geom[0]]).name
+    return MountingSurface(body, gap, pedestal=bool(gap > _TOUCHING and up[2] > _UPRIGHT_COSINE))
+
+
+# Lookup of names, with the nearest valid one in the error
+
+
+def must_be_among(name: str, known: Collection[str], kind: str, where: str) -> None:
+    """Refuse an unknown name: "no arm 'amr1' in the world; did you mean 'arm1'?".
+
+    Raises:
+        WorldError: The name is not among the known ones.
+    """
+    if name not in known:
+        raise WorldError(f"no {kind} {name!r} {where}{nearest(name, known)}")
+
+
+def nearest(name: str, known: Collection[str]) -> str:
+    """What may have been meant, and everything that there is, as the end of a sentence."""
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"{hint} (there are: {', '.join(sorted(known)) or 'none'})"
+
+
+def name_of_geom(model: mujoco.MjModel, geom: int) -> str:
+    """What people call the object that a shape belongs to: its body, or a part of the scene."""
+    body = model.body(model.geom_bodyid[geom])
+    return str((body.name if body.id else model.geom(geom).name) or "the scene")
+
+
+# Welds
+
+
+_WELD_SOLREF = (0.004, 1.0)  # s, damping ratio: as good as rigid at a 2 ms step
+_WELD_SOLIMP = (0.9999, 0.9999, 0.001)
+"""Share of what would pull a weld apart that it takes back at once. With MuJoCo's 0.9 a tenth of a
+wrist's torque turns the wrist alone, and a wide load shakes it: its own inertia is a hundredth."""
+
+
+def add_weld(
+    spec: mujoco.MjSpec,
+    name: str,
+    body1: str,
+    body2: str,
+    relative: Pose,
+    tips: Sequence[str] = (),
+) -> None:
+    """Weld two bodies, which do not touch one another from then on.
+
+    Args:
+        spec: MjSpec of the world.
+        name: Name of the weld.
+        body1: One of them.
+        body2: The other.
+        relative: Pose of body2 in body1.
+        tips: Further bodies that body2 does not touch: those by which it is held.
+    """
+    weld = spec.add_equality(
+        name=name,
+        type=mujoco.mjtEq.mjEQ_WELD,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=body1,
+        name2=body2,
+    )
+    weld.solref = _WELD_SOLREF
+    weld.solimp[:3] = _WELD_SOLIMP
+    # anchor in body2, relative pose, share of torque against force (mjEQ_WELD's eq_data)
+    weld.data[:11] = [0, 0, 0, *relative.position, *relative.quaternion, 1]
+    spec.add_exclude(name=name, bodyname1=body1, bodyname2=body2)
+    for tip in tips:
+        spec.add_exclude(name=f"{name}+{tip}", bodyname1=tip, bodyname2=body2)
+
+
+def remove_weld(spec: mujoco.MjSpec, name: str) -> None:
+    """Undo :func:`add_weld`."""
+    spec.delete(spec.equality(name))
+    for exclude in list(spec.excludes):
+        if exclude.name == name or exclude.name.startswith(f"{name}+"):
+            spec.delete(exclude)
+
+
+# Markers on objects: thin white and black boxes without contacts
+
+
+BOARD_M: Final = 1e-4
+"""Half of the thickness of the white board; the black cells are as thick again above it."""
+
+DICTIONARIES: Final = {
+    "aruco_4x4_50": cv2.aruco.DICT_4X4_50,
+    "aruco_5x5_50": cv2.aruco.DICT_5X5_50,
+    "aruco_6x6_50": cv2.aruco.DICT_6X6_50,
+    "apriltag_16h5": cv2.aruco.DICT_APRILTAG_16h5,
+    "apriltag_36h11": cv2.aruco.DICT_APRILTAG_36h11,
+}
+"""OpenCV's numbers of the sets."""
+
+
+def marker_height(thing: ObjectSpec) -> float:
+    """Height in m of an object's marker above its center, in its own frame."""
+    return 0.5 * thing.size[-1] + 4 * BOARD_M
+
+
+def add_marker(body: mujoco.MjsBody, thing: ObjectSpec) -> None:
+    """Add the boxes of an object's marker to its body, if it has one."""
+    marker = thing.marker
+    if marker is None:
+        return
+    top = 0.5 * thing.size[-1]
+    half = 0.5 * marker.outer_size
+    _box(body, (0.0, 0.0, top + BOARD_M), (half, half, BOARD_M), 0.95)
+    for x, y, wide, high in black_parts(marker):
+        place = (x, y, top + 3 * BOARD_M)
+        size = (wide / 2, high / 2, BOARD_M)
+        _box(body, place, size, 0.02)
+
+
+def black_parts(marker: MarkerSpec) -> Iterator[tuple[float, float, float, float]]:
+    """Middle (x, y) and edges of boxes that cover the black cells of a marker, m.
+
+    The marker's first corner is at -x, +y: seen from above it stands as it is printed.
+    """
+    count = marker.cells
+    cell = marker.size / marker.cells
+    found = cv2.aruco.getPredefinedDictionary(DICTIONARIES[marker.dictionary])
+    image = np.asarray(found.generateImageMarker(marker.id, count))
+    for row in range(count):
+        column = 0
+        while column < count:
+            begin = column
+            while column < count and image[row, column] == 0:
+                column += 1
+            if column > begin:
+                x = (0.5 * (begin + column) - 0.5 * count) * cell
+                yield x, (0.5 * count - row - 0.5) * cell, (column - begin) * cell, cell
+            column += 1
+
+
+def _box(
+    body: mujoco.MjsBody,
+    place: tuple[float, float, float],
+    size: tuple[float, float, float],
+    grey: float,
+) -> None:
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=place,
+        size=size,
+        mass=0.0,
+        contype=0,
+        conaffinity=0,
+        rgba=(grey, grey, grey, 1.0),
+        group=OBJECT_GROUP,
+    )
+
+
+# Objects of a tree file as bodies
+
+
+_SLIDING_AND_ROLLING: Final = 6  # MuJoCo's `condim`: friction against every relative motion
+_TORSION: Final = 0.005  # m, MuJoCo's default
+_ROLLING: Final = 0.1  # of the radius; a ball at 0.05 m/s rolls 15 mm, one at 0.3 m/s 140 mm
+_NO_ROLLING: Final = 0.0001  # m, MuJoCo's default; without effect but against what rolls
+_UPRIGHT: Final = math.cos(math.radians(45))
+
+
+def add_object(
+    spec: mujoco.MjSpec, name: str, thing: ObjectSpec, pose: Pose, drawn: LinkFactors
+) -> None:
+    """Add an object; body, joint and geom bear its name, and its mass is the drawn one."""
+    body = spec.worldbody.add_body(name=name, pos=pose.position, quat=pose.quaternion)
+    if not thing.fixed:
+        body.add_freejoint(name=name)
+    body.add_geom(
+        name=name,
+        type=GEOM_TYPES[thing.shape],
+        size=half_sizes(thing.shape, thing.size),
+        mass=thing.mass * drawn.mass,
+        rgba=thing.rgba,
+        friction=(thing.friction, _TORSION, _rolling(thing)),
+        condim=3 if thing.shape == "box" else _SLIDING_AND_ROLLING,
+        group=OBJECT_GROUP,
+    )
+    add_marker(body, thing)
+    shift = _where_it_rests(thing, pose, drawn.shift)
+    if shift.any():
+        body.mass = thing.mass * drawn.mass
+        body.ipos = shift
+        body.inertia = body.mass * inertia_per_mass(thing)
+        body.explicitinertial = True
+
+
+def _rolling(thing: ObjectSpec) -> float:
+    """Coefficient of rolling friction in m: what rolls comes to rest, as everything does."""
+    return _NO_ROLLING if thing.shape == "box" else _ROLLING * thing.size[0]
+
+
+def _where_it_rests(thing: ObjectSpec, pose: Pose, shift: Vector) -> Vector:
+    """The drawn offset of the center of mass, of shape (3,), m, as far as it makes nothing roll.
+
+    A ball whose center is aside would roll away from where the file has it as soon as time begins,
+    as would a cylinder or capsule that lies; there it stays in the middle, or on the axis.
+    """
+    if thing.shape == "sphere":
+        return np.zeros(3)
+    lies = abs(float(pose.rotation_matrix[2, 2])) < _UPRIGHT
+    return shift * (0, 0, 1) if thing.shape in ("cylinder", "capsule") and lies else shift
+
+
+def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:
+    """The declared pose, moved by the object's noise; independent of all other objects."""
+    rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    shift = rng.uniform(-1, 1, 3) * np.asarray(thing.noise.xyz)
+    turn = rng.uniform(-1, 1) * math.radians(thing.noise.yaw)
+    declared = thing.pose.pose
+    moved = Pose.from_rpy(declared.position + shift, (0, 0, turn))
+    return Pose(moved.position, (moved @ Pose(np.zeros(3), declared.quaternion)).quaternion)
+
+
+# Checks of a tree file against its robots and scene
+
+
+def check_declarations(
+    file: TreeFile, robots: Mapping[str, Robot], names_in_scene: Collection[str]
+) -> None:
+    """Refuse at the start what would fail when a leaf spawns it an hour later.
+
+    Args:
+        file: Declares the arms and objects.
+        robots: Robot of each arm, by the arm's name.
+        names_in_scene: Names that the scene has taken.
+
+    Raises:
+        WorldError: A robot has no such posture or camera mount, or a name is taken.
+    """
+    for name, arm in file.arms.items():
+        robot = robots[name]
+        owner = f"of robot {robot.name!r} for arm {name!r}"
+        must_be_among(arm.posture, robot.postures, "posture", owner)
+        if arm.camera is not None and isinstance(arm.camera.mount, str):
+            must_be_among(arm.camera.mount, robot.cameras, "camera mount", owner)
+    for name in (*file.objects, *file.arms):
+        if name in names_in_scene:
+            scene = file.world.scene
+            raise WorldError(f"{name!r} is the name of a part of the scene {scene!r} already")
+
+
+# Composition of the MjSpec
+
+
+CAMERA = "camera"
+
+_IMPRATIO = 10.0
+_NOSLIP = 3
+_STIFF = (0.004, 1.0)  # s, damping ratio: two steps of 2 ms
+_PEDESTAL_HALF_WIDTH = 0.11  # m; the footprint of a Panda or UR10 base plate fits
+_PEDESTAL_COLOR = (0.42, 0.45, 0.50, 1.0)
+_OPENCV_TO_MUJOCO = Pose.from_rpy((0, 0, 0), (np.pi, 0, 0))  # MuJoCo's cameras look along -z, y up
+
+
+def scene_names() -> tuple[str, ...]:
+    """Names of the shipped scenes, sorted."""
+    return tuple(sorted(path.stem for path in (share_dir("assets") / "scenes").glob("*.xml")))
+
+
+def scene_spec(world: WorldSpec, root: Path) -> mujoco.MjSpec:
+    """The scene as an MjSpec with the options of the world.
+
+    Args:
+        world: Names the scene and the time step.
+        root: Folder against which a scene given as a path is resolved.
+
+    Raises:
+        CatalogError: No such scene, or MuJoCo cannot read it.
+    """
+    spec = _read_scene(_scene_file(world.scene, root))
+    spec.option.timestep = world.timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    for geom in spec.geoms:
+        geom.group = SCENE_GROUP
+    return spec
+
+
+def _scene_file(name: str, root: Path) -> Path:
+    if name.endswith(".xml"):
+        return root / name
+    if name in scene_names():
+        return share_dir("assets") / "scenes" / f"{name}.xml"
+    near = difflib.get_close_matches(name, scene_names(), n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise CatalogError(f"no scene {name!r}{hint} (there are: {', '.join(scene_names())})")
+
+
+def _read_scene(path: Path) -> mujoco.MjSpec:
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise CatalogError(f"scene {path}: {error}") from error
+
+
+def copy_contact_options(spec: mujoco.MjSpec) -> None:
+    """Options of a world in which fingers hold objects: without them friction creeps.
+
+    A cube of 0.2 kg that is shaken at 8 m/s² for 10 s slips 15.6 mm between pads with MuJoCo's
+    defaults, and less than 0.005 mm with these (``docs/grippers.md``). Objects lie stiffly on one
+    another: with MuJoCo's defaults light ones sink in by millimeters where fingers press them down,
+    so that a tower of five cubes becomes 15 mm lower, and fingers slide along what they hold.
+    """
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = _IMPRATIO
+    spec.option.noslip_iterations = _NOSLIP
+    for geom in (*spec.geoms, spec.default.geom):  # what stands in the scene, and what comes
+        geom.solref = _STIFF
+
+
+def names_in(spec: mujoco.MjSpec) -> frozenset[str]:
+    """Names of bodies, joints and shapes, which objects and arms must not take."""
+    return frozenset(element.name for element in (*spec.bodies, *spec.joints, *spec.geoms))
+
+
+def add_arm(
+    spec: mujoco.MjSpec,
+    name: str,
+    arm: ArmSpec,
+    robot: Robot,
+    drawn: SampledArm,
+    gripper: Gripper | None = None,
+    *,
+    surface: MountingSurface | None,
+    visuals: bool,
+) -> None:
+    """Attach an arm with its names below ``name/``.
+
+    Args:
+        spec: MjSpec of the world.
+        name: Name of the arm in the tree file.
+        arm: Part of the tree file about it.
+        robot: Robot of the catalog that it is.
+        drawn: What the seed has made of it.
+        gripper: Gripper that is mounted on it, if one is.
+        surface: Surface under the base, if there is one.
+        visuals: Load the full visual meshes as well.
+    """
+    child = robot_spec(robot, visuals=visuals)
+    if gripper is not None:
+        add_gripper(child, robot, gripper, visuals=visuals)
+    for link, factors in drawn.links.items():
+        _make_heavier(child.body(link), factors)
+    _add_rotors(child, robot, drawn.rotor)
+    _attach(spec, name, arm, robot, child, drawn)
+    if surface is not None:
+        _mount(spec, name, robot, arm.base.pose, surface)
+
+
+def nominal_model(
+    name: str, arm: ArmSpec, robot: Robot, option: mujoco.MjOption, *, rotors: bool
+) -> mujoco.MjModel:
+    """An arm alone on its base, as its controller believes it to be; names as in `add_arm`.
+
+    Args:
+        name: Name of the arm in the tree file.
+        arm: Part of the tree file about it.
+        robot: Robot of the catalog that it is.
+        option: Options of the world, of which gravity and time step are taken.
+        rotors: Whether its joints have rotors that weigh something.
+    """
+    spec = mujoco.MjSpec()
+    spec.option.gravity = option.gravity
+    spec.option.timestep = option.timestep
+    child = chain_spec(robot)
+    if rotors:
+        _add_rotors(child, robot, robot.rotor_inertia)
+    _attach(spec, name, arm, robot, child)
+    return spec.compile()
+
+
+def _add_rotors(child: mujoco.MjSpec, robot: Robot, inertia: Vector) -> None:
+    for joint, rotor in zip(robot.joints, inertia.tolist(), strict=True):
+        child.joint(joint).armature = rotor
+
+
+def _make_heavier(body: mujoco.MjsBody, factors: LinkFactors) -> None:
+    if body.mass > 0:
+        body.mass *= factors.mass
+        body.inertia = body.inertia * factors.inertia
+        body.fullinertia = body.fullinertia * factors.inertia
+        body.ipos = body.ipos + factors.shift
+
+
+def _attach(
+    spec: mujoco.MjSpec,
+    name: str,
+    arm: ArmSpec,
+    robot: Robot,
+    child: mujoco.MjSpec,
+    drawn: SampledArm | None = None,
+) -> None:
+    """Attach an arm and its camera, where it truly is if that was drawn."""
+    base = arm.base.pose
+    frame = spec.worldbody.add_frame(name=f"{name}/mount", pos=base.position, quat=base.quaternion)
+    if arm.camera is not None and isinstance(arm.camera.mount, str):
+        mount = robot.cameras[arm.camera.mount]
+        _add_camera(child.body(mount.link), CAMERA, arm.camera, mount.pose, drawn)
+    spec.attach(child, prefix=f"{name}/", frame=frame)
+    if arm.camera is not None and not isinstance(arm.camera.mount, str):
+        _add_camera(spec.worldbody, f"{name}/{CAMERA}", arm.camera, arm.camera.mount.pose, drawn)
+
+
+def _mount(
+    spec: mujoco.MjSpec, name: str, robot: Robot, base: Pose, surface: MountingSurface
+) -> None:
+    """Put a pedestal in the gap; what the arm is mounted on cannot be hit by its first link.
+
+    A URDF's shapes of first links may be rough: a capsule reaches below the base that it turns on.
+    """
+    first = spec.joint(f"{name}/{robot.joints[0]}").parent.name
+    if spec.body(surface.body) is not None:  # it may have been an object that was taken away
+        spec.add_exclude(bodyname1=surface.body, bodyname2=first)
+    if surface.pedestal:
+        pedestal = _add_pedestal(spec, f"{name}/pedestal", base, surface.gap)
+        spec.add_exclude(bodyname1=pedestal.name, bodyname2=first)
+
+
+def _add_camera(
+    body: mujoco.MjsBody, name: str, camera: CameraSpec, pose: Pose, drawn: SampledArm | None
+) -> None:
+    """``pose`` has x right, y down, z forward."""
+    fovy = camera.fov
+    if drawn is not None and drawn.camera is not None:
+        pose = pose @ drawn.camera
+        fovy = math.degrees(2 * math.atan(math.tan(math.radians(fovy) / 2) / drawn.focal))
+    turned = pose @ _OPENCV_TO_MUJOCO
+    width, height = camera.resolution
+    body.add_camera(
+        name=name,
+        pos=turned.position,
+        quat=turned.quaternion,
+        fovy=fovy,
+        resolution=(width, height),
+    )
+
+
+def _add_pedestal(spec: mujoco.MjSpec, name: str, base: Pose, height: float) -> mujoco.MjsBody:
+    middle = base @ Pose.from_rpy((0.0, 0.0, -height / 2))
+    # An arm may have a link of that name, but none that ends with a slash.
+    free = name if spec.body(name) is None else f"{name}/"
+    body = spec.worldbody.add_body(name=free, pos=middle.position, quat=middle.quaternion)
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=(_PEDESTAL_HALF_WIDTH, _PEDESTAL_HALF_WIDTH, height / 2),
+        rgba=_PEDESTAL_COLOR,
+        group=SCENE_GROUP,
+    )
+    return body
+
+
+def remove_arm(spec: mujoco.MjSpec, name: str, robot: Robot) -> None:
+    """Delete an arm's bodies, its pedestal, camera, mount and meshes."""
+    prefix = f"{name}/"
+    spec.delete(spec.body(prefix + robot.base_link))
+    leftovers = [*spec.bodies, *spec.cameras, *spec.frames, *spec.meshes, *spec.tendons]
+    for element in [e for e in leftovers if e.name.startswith(prefix)]:
+        spec.delete(element)
+
+
+# Indices of an arm in the arrays of a compiled model
+
+
+@dataclass(frozen=True, eq=False)
+class ArmBody:
+    """An arm that is present. Bound to one model and data: look it up again after a recompilation.
+
+    Attributes:
+        base: Pose of the robot's base link in the world.
+        qpos_ids: Addresses of the joints' positions, base to tip, of shape (dof,); likewise
+            ``dof_ids`` for velocities and ``actuator_ids`` for torques.
+        geom_ids: Ids of all shapes that can touch something.
+        tool_geom_ids: Those of them that belong to the links beyond the last joint.
+        camera_id: Id of the arm's camera, -1 if it has none.
+    """
+
+    name: str
+    robot: Robot
+    base: Pose
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    qpos_ids: npt.NDArray[np.int64]
+    dof_ids: npt.NDArray[np.int64]
+    actuator_ids: npt.NDArray[np.int64]
+    tool_site: int
+    tool_body: int
+    geom_ids: frozenset[int]
+    tool_geom_ids: frozenset[int]
+    camera_id: int
+
+    @classmethod
+    def find(
+        cls, name: str, robot: Robot, base: Pose, model: mujoco.MjModel, data: mujoco.MjData
+    ) -> ArmBody:
+        """Look the arm ``name`` up in a compiled model."""
+        joints = [model.joint(f"{name}/{joint}") for joint in robot.joints]
+        last = int(joints[-1].bodyid[0])
+        geoms = {
+            g: int(model.geom_bodyid[g])
+            for g in range(model.ngeom)
+            if model.body(model.geom_bodyid[g]).name.startswith(f"{name}/")
+            and not model.geom(g).name.endswith("/pedestal")
+            and model.geom_contype[g]
+        }
+        return cls(
+            name=name,
+            robot=robot,
+            base=base,
+            model=model,
+            data=data,
+            qpos_ids=np.array([int(j.qposadr[0]) for j in joints]),
+            dof_ids=np.array([int(j.dofadr[0]) for j in joints]),
+            actuator_ids=np.array([model.actuator(f"{name}/{j}").id for j in robot.joints]),
+            tool_site=model.site(f"{name}/{TOOL_SITE}").id,
+            tool_body=model.body(f"{name}/{robot.tool_link}").id,
+            geom_ids=frozenset(geoms),
+            tool_geom_ids=frozenset(g for g, body in geoms.items() if _hangs_on(model, body, last)),
+            camera_id=mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, f"{name}/{CAMERA}"),
+        )
+
+    @property
+    def q(self) -> Vector:
+        """Measured joint positions in rad, of shape (dof,)."""
+        positions: Vector = self.data.qpos[self.qpos_ids]
+        return positions
+
+    @property
+    def v(self) -> Vector:
+        """Measured joint velocities in rad/s, of shape (dof,)."""
+        velocities: Vector = self.data.qvel[self.dof_ids]
+        return velocities
+
+    @property
+    def tool_pose(self) -> Pose:
+        """The tool frame in the world, as of the last forward kinematics."""
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, self.data.site_xmat[self.tool_site])
+        return Pose(self.data.site_xpos[self.tool_site].copy(), quaternion)
+
+    @property
+    def tool_link_pose(self) -> Pose:
+        """The link that carries the tool, in the world."""
+        return Pose(self.data.xpos[self.tool_body].copy(), self.data.xquat[self.tool_body].copy())
+
+
+def _hangs_on(model: mujoco.MjModel, body: int, link: int) -> bool:
+    """Whether a body is a link, or hangs on it, as the fingers on the hand do."""
+    while body not in (0, link):
+        body = int(model.body_parentid[body])
+    return body == link

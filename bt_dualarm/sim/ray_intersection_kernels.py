@@ -1,0 +1,561 @@
+"""Where rays enter convex meshes, planes, spheres, cylinders and capsules: compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.core.kernel import kernel
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.sim.ray_kernel_arrays import CAPSULE, CYLINDER, PLANE, SPHERE, Fan, Marks, Shapes
+
+# Which cells of a row lie on the inner side of planes through the eye, and which of them can.
+#
+# A ray through column c and row r of the grid points along ((c - c0) s, -(r - r0) s, -1), with the
+# camera's axis at (c0, r0) and the spacing s. It lies on the inner side of a plane with the
+# normal e
+# if A c + B r + C <= 0, with A = e_x, B = -e_y, C = -e_x c0 + e_y r0 - e_z / s. Each ray passes
+# through some point of its cell: a cell can be inside if one of its corners is, and is if all are.
+
+
+Crossing: TypeAlias = tuple[float, float, float]
+"""Column where a plane crosses the near end of row 0, columns that it goes on by for each row, and
+a number above 0 where cells to the left are inside, below 0 where those to the right are, 0 where
+columns do not tell."""
+
+_STEEP = 1e-9
+"""Share of the other terms that A must have: planes along the rows say nothing of columns."""
+
+_EDGE_SPARE = 0.01
+"""Share of a cell that covers errors of rounding."""
+
+
+@kernel
+def crossing(spacing: float, center: tuple[float, float], x: float, y: float, z: float) -> Crossing:
+    """Where a plane crosses the rows of a grid.
+
+    Args:
+        spacing: Spacing of a fan.
+        center: Center of a fan.
+        x: First component of the plane's outward normal in the camera's axes, of any length.
+        y: Second component.
+        z: Third component.
+    """
+    rest = -x * center[0] + y * center[1] - z / spacing
+    if abs(x) <= _STEEP * (abs(y) + abs(rest)):
+        return 0.0, 0.0, 0.0
+    by_column = 1.0 / x
+    return -rest * by_column, y * by_column, x
+
+
+@kernel
+def stretch(
+    left: int, right: int, row: int, first: Crossing, second: Crossing, third: Crossing
+) -> tuple[int, int, int, int]:
+    """Which cells of a row can be inside of three planes.
+
+    Args:
+        left: First column that is asked for.
+        right: First column after them.
+        row: The row.
+        first: Where a plane crosses the rows.
+        second: Another one.
+        third: And another.
+
+    Returns:
+        Column of the first cell that can be inside, of the first that is, of the first after it
+        that may not be, and of the first that cannot be; without one that is inside, any.
+    """
+    begin = float(left)
+    end = float(right)
+    begin, sure, unsure, end = _narrowed(begin, begin, end, end, row, first)
+    begin, sure, unsure, end = _narrowed(begin, sure, unsure, end, row, second)
+    begin, sure, unsure, end = _narrowed(begin, sure, unsure, end, row, third)
+    # What is cut off after the point is not below 0: it is rounded down.
+    return int(begin), int(sure), int(max(unsure, 0.0)), int(max(end, 0.0))
+
+
+@kernel
+def _narrowed(
+    begin: float, sure: float, unsure: float, end: float, row: int, plane: Crossing
+) -> tuple[float, float, float, float]:
+    """The columns of `stretch` on the inner side of one more plane."""
+    from_column, slope, side = plane
+    at = from_column + slope * row
+    least = at + min(slope, 0.0) - _EDGE_SPARE
+    most = at + max(slope, 0.0) + _EDGE_SPARE
+    if side > 0.0:
+        return begin, sure, min(unsure, least), min(end, most + 1.0)
+    if side < 0.0:
+        return max(begin, least), max(sure, most + 1.0), unsure, end
+    return begin, sure, begin, end
+
+
+# Where on the grid of a fan something is seen: cells that its rays have to be asked in.
+
+
+NEAR_M = 1e-3
+"""What is not at least so far ahead is not projected."""
+
+_SPARE = 0.01
+"""Share of a cell that covers errors of rounding."""
+
+
+@kernel
+def sphere_is_seen(fan: Fan, center: Vector, radius: float) -> bool:
+    """Whether a sphere reaches into the pyramid of the fan.
+
+    Args:
+        fan: The rays.
+        center: Place of its center in the camera's axes from the eye, of shape (3,), in m.
+        radius: Radius in m; inf is always seen.
+    """
+    rows = fan.rays.shape[1]
+    columns = fan.rays.shape[2]
+    depth = -center[2]
+    x = center[0] / fan.spacing
+    y = -center[1] / fan.spacing
+    if depth < -radius:
+        return False
+    reach = radius / fan.spacing
+    return _reaches(x, depth, fan.center[0], columns, reach, fan.spacing) and _reaches(
+        y, depth, fan.center[1], rows, reach, fan.spacing
+    )
+
+
+@kernel
+def _reaches(
+    offset: float, depth: float, center: float, count: int, reach: float, spacing: float
+) -> bool:
+    """Whether a sphere reaches between the planes through the first and the last border."""
+    low = -_SPARE - center
+    high = count + _SPARE - center
+    # A border lies at offset = border · depth; its distance is the excess by the normal's length.
+    under = (low * depth - offset) / math.sqrt(1.0 + (low * spacing) ** 2)
+    over = (offset - high * depth) / math.sqrt(1.0 + (high * spacing) ** 2)
+    return under <= reach and over <= reach
+
+
+@kernel
+def project(fan: Fan, points: Matrix) -> None:
+    """Enter column and row of points that lie ahead.
+
+    Args:
+        fan: The rays.
+        points: Places in the camera's axes from the eye, then column and row, of shape (n, 5).
+    """
+    for point in points:
+        depth = -point[2]
+        if depth >= NEAR_M:
+            scale = 1.0 / (fan.spacing * depth)
+            point[3] = point[0] * scale + fan.center[0]
+            point[4] = -point[1] * scale + fan.center[1]
+
+
+@kernel
+def cells(least: float, most: float, count: int) -> tuple[int, int]:
+    """The first of the cells that lie between two places, and the first one after them."""
+    first = min(max(least - _SPARE, 0.0), float(count))
+    last = min(max(most + _SPARE, -1.0), float(count))
+    # What is cut off after the point is not below 0: it is rounded down.
+    return int(first), min(int(last + 1.0), count)
+
+
+@kernel
+def box_of(fan: Fan, points: Matrix) -> tuple[int, int, int, int]:
+    """Rows from and to, columns from and to, that can meet what points span; empty: none can.
+
+    Args:
+        fan: The rays.
+        points: As of `project`, which they have been through.
+    """
+    rows = fan.rays.shape[1]
+    columns = fan.rays.shape[2]
+    left = math.inf
+    right = -math.inf
+    top = math.inf
+    bottom = -math.inf
+    ahead = 0
+    behind = 0
+    for point in points:
+        if point[2] >= 0.0:
+            behind += 1
+        if -point[2] >= NEAR_M:
+            ahead += 1
+            left = min(left, point[3])
+            right = max(right, point[3])
+            top = min(top, point[4])
+            bottom = max(bottom, point[4])
+    if ahead == len(points):
+        first, last = cells(top, bottom, rows)
+        start, stop = cells(left, right, columns)
+        return first, last, start, stop
+    beside = (
+        behind == len(points)
+        or _beside(points, 0, fan.center[0], columns, fan.spacing)
+        or _beside(points, 1, fan.center[1], rows, -fan.spacing)
+    )
+    return (0, 0, 0, 0) if beside else (0, rows, 0, columns)
+
+
+@kernel
+def _beside(points: Matrix, axis: int, center: float, count: int, spacing: float) -> bool:
+    """Whether all points, some of them behind the eye, lie on the outer side of one border."""
+    under = True
+    over = True
+    for point in points:
+        offset = point[axis] / spacing
+        depth = -point[2]
+        under = under and offset + (center + _SPARE) * depth < 0.0
+        over = over and offset + (center - count - _SPARE) * depth > 0.0
+    return under or over
+
+
+# What need not be asked of rays, as they have met something nearer.
+
+
+SURELY = 0.999
+"""Share of the least depth of a shape that the distance of its places surely has, but rounded."""
+
+
+@kernel
+def is_ahead(corners: Matrix) -> bool:
+    """Whether all corners were projected."""
+    ahead = True
+    for corner in range(len(corners)):
+        ahead = ahead and -corners[corner, 2] >= NEAR_M
+    return ahead
+
+
+@kernel
+def nearest(corners: Matrix) -> float:
+    """Distance that no place of what corners span falls short of: that of a plane ahead, m."""
+    least = math.inf
+    for corner in range(len(corners)):
+        least = min(least, -corners[corner, 2])
+    return SURELY * least
+
+
+@kernel
+def is_hidden(box: tuple[int, int, int, int], near: float, distances: Matrix) -> bool:
+    """Whether all rays of a box meet something nearer than that."""
+    top, bottom, left, right = box
+    for row in range(top, bottom):
+        for column in range(left, right):
+            if not distances[row, column] <= near:
+                return False
+    return True
+
+
+# Where rays enter a convex body: each triangle that looks at the eye, in the cells it covers.
+#
+# With corners a, b, c as seen from the eye, a ray d passes through the triangle if d·(a x b),
+# d·(b x c) and d·(c x a) have one sign. Neighbors have the same product of their common edge
+# but for
+# its sign, to the last bit: no ray slips between them. It enters at the inverse distance (n / h)·d,
+# with the plane's outward normal n and its distance h along n, negative where it looks at the eye.
+
+
+_HULL_TINY = 1e-12
+
+_Three: TypeAlias = tuple[float, float, float]
+
+
+@kernel
+def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) -> None:
+    """Mark a convex body where it is nearer than what is there.
+
+    From inside nothing looks at the eye: a body is invisible then, as in OpenGL.
+
+    Args:
+        shapes: The shapes.
+        index: Which of them.
+        axes: The body's axes as columns in the world, of shape (3, 3).
+        fan: The rays.
+        marks: What they meet; the eye's place in the body's axes and their turn are entered.
+    """
+    heap = shapes.heaps[index]
+    eye = marks.eyes[index]
+    turn = marks.turns[index]
+    corners = seen(shapes.corners[heap[0] : heap[1]], eye, turn, fan)
+    top, bottom, left, right = box_of(fan, corners)
+    if top >= bottom or left >= right:
+        return
+    ahead = is_ahead(corners)
+    rows = fan.rays.shape[1]
+    columns = fan.rays.shape[2]
+    if ahead and is_hidden((top, bottom, left, right), nearest(corners), marks.distances):
+        return
+    for number in range(heap[2], heap[3]):
+        normal = shapes.normals[number]
+        height = shapes.offsets[number] - (
+            normal[0] * eye[0] + normal[1] * eye[1] + normal[2] * eye[2]
+        )
+        if height > -_HULL_TINY:
+            continue
+        a = corners[shapes.triangles[number, 0] - heap[0]]
+        b = corners[shapes.triangles[number, 1] - heap[0]]
+        c = corners[shapes.triangles[number, 2] - heap[0]]
+        box = _box(a, b, c, rows, columns) if ahead else box_of(fan, _together(a, b, c))
+        if box[0] >= box[1] or box[2] >= box[3]:
+            continue
+        near = -SURELY * max(a[2], b[2], c[2]) if ahead else 0.0
+        for axis in range(3):
+            marks.normals[number, axis] = (
+                axes[axis, 0] * normal[0] + axes[axis, 1] * normal[1] + axes[axis, 2] * normal[2]
+            )
+        _mark(
+            number, box, near, (_cross(a, b), _cross(b, c), _cross(c, a)),
+            _inverse(turn, normal, height), fan.rays, fan.spacing, fan.center,
+            marks.faces, marks.distances,
+        )  # fmt: skip
+
+
+@kernel
+def _box(a: Vector, b: Vector, c: Vector, rows: int, columns: int) -> tuple[int, int, int, int]:
+    """Rows from and to, columns from and to, that can meet a triangle that is ahead."""
+    top, bottom = cells(min(a[4], b[4], c[4]), max(a[4], b[4], c[4]), rows)
+    left, right = cells(min(a[3], b[3], c[3]), max(a[3], b[3], c[3]), columns)
+    return top, bottom, left, right
+
+
+@kernel
+def _together(a: Vector, b: Vector, c: Vector) -> Matrix:
+    """Three corners as `box_of` takes them."""
+    corners = np.empty((3, 5))
+    corners[0] = a
+    corners[1] = b
+    corners[2] = c
+    return corners
+
+
+@kernel
+def seen(corners: Matrix, eye: Vector, turn: Matrix, fan: Fan) -> Matrix:
+    """Corners in the camera's axes from the eye, with column and row, of shape (n, 5)."""
+    points = np.empty((len(corners), 5))
+    for number in range(len(corners)):
+        for axis in range(3):
+            place = 0.0
+            for own in range(3):
+                place += (corners[number, own] - eye[own]) * turn[own, axis]
+            points[number, axis] = place
+    project(fan, points)
+    return points
+
+
+@kernel
+def _mark(
+    number: int, box: tuple[int, int, int, int], near: float,
+    sides: tuple[_Three, _Three, _Three], plane: _Three,
+    rays: npt.NDArray[np.float64], spacing: float, center: tuple[float, float],
+    faces: npt.NDArray[np.int32], distances: Matrix,
+) -> None:  # fmt: skip
+    """Mark a triangle within a box: rays on the inner side of its three sides.
+
+    None of it is nearer than `near`: what rays have met nearer than that stays.
+    """
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
+    ux, uy, uz = plane
+    top, bottom, left, right = box
+    first = crossing(spacing, center, ax, ay, az)
+    second = crossing(spacing, center, bx, by, bz)
+    third = crossing(spacing, center, cx, cy, cz)
+    for row in range(top, bottom):
+        begin, sure, unsure, end = stretch(left, right, row, first, second, third)
+        for column in range(begin, end):
+            if distances[row, column] <= near:
+                continue
+            x = rays[0, row, column]
+            y = rays[1, row, column]
+            z = rays[2, row, column]
+            if column < sure or column >= unsure:
+                if ax * x + ay * y + az * z > 0.0:
+                    continue
+                if bx * x + by * y + bz * z > 0.0 or cx * x + cy * y + cz * z > 0.0:
+                    continue
+            inverse = ux * x + uy * y + uz * z
+            if inverse > _HULL_TINY and 1.0 / inverse < distances[row, column]:
+                distances[row, column] = 1.0 / inverse
+                faces[row, column] = number
+
+
+@kernel
+def _cross(a: Vector, b: Vector) -> _Three:
+    """The product a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def _inverse(turn: Matrix, normal: Vector, height: float) -> _Three:
+    """The normal in the camera's axes, by the plane's distance."""
+    return (
+        (turn[0, 0] * normal[0] + turn[1, 0] * normal[1] + turn[2, 0] * normal[2]) / height,
+        (turn[0, 1] * normal[0] + turn[1, 1] * normal[1] + turn[2, 1] * normal[2]) / height,
+        (turn[0, 2] * normal[0] + turn[1, 2] * normal[1] + turn[2, 2] * normal[2]) / height,
+    )
+
+
+# Where rays enter planes, spheres, cylinders and capsules.
+#
+# All in the shape's own axes: planes are z = 0 seen from above, the others lie about the origin
+# along
+# z. ``eye`` and ``ray`` are of shape (3,), rays of length one. From inside a shape is invisible, as
+# in OpenGL.
+
+
+_TINY = 1e-12
+_ON_THE_CAP_M = 1e-9
+
+
+@kernel
+def meet_round(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) -> None:
+    """Mark a shape that is no hull where it is nearer than what is there; as `meet_hull`."""
+    kind = shapes.kinds[index]
+    size = shapes.sizes[index]
+    eye = marks.eyes[index]
+    turn = marks.turns[index]
+    if contains(kind, size, eye):
+        return
+    if kind == PLANE:
+        face = len(shapes.normals) + index
+        for axis in range(3):
+            marks.normals[face, axis] = axes[axis, 2]
+        _meet_plane(size, index, face, fan, marks)
+        return
+    corners = _corners_about(kind, size, eye, turn, fan)
+    top, bottom, left, right = box_of(fan, corners)
+    if is_ahead(corners) and is_hidden(
+        (top, bottom, left, right), nearest(corners), marks.distances
+    ):
+        return
+    ray = np.empty(3)
+    for row in range(top, bottom):
+        for column in range(left, right):
+            x = fan.rays[0, row, column]
+            y = fan.rays[1, row, column]
+            z = fan.rays[2, row, column]
+            for axis in range(3):
+                ray[axis] = turn[axis, 0] * x + turn[axis, 1] * y + turn[axis, 2] * z
+            distance = enter(kind, size, eye, ray)
+            if distance < marks.distances[row, column]:
+                marks.distances[row, column] = distance
+                marks.faces[row, column] = -2 - index
+
+
+@kernel
+def _meet_plane(size: Vector, index: int, face: int, fan: Fan, marks: Marks) -> None:
+    """Mark z = 0 within half the lengths along x and y, where rays go down."""
+    eye = marks.eyes[index]
+    turn = marks.turns[index]
+    edge = crossing(fan.spacing, fan.center, turn[2, 0], turn[2, 1], turn[2, 2])
+    near = SURELY * eye[2]
+    for row in range(fan.rays.shape[1]):
+        begin, _, _, end = stretch(0, fan.rays.shape[2], row, edge, edge, edge)
+        for column in range(begin, end):
+            if marks.distances[row, column] <= near:
+                continue
+            x = fan.rays[0, row, column]
+            y = fan.rays[1, row, column]
+            z = fan.rays[2, row, column]
+            down = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
+            if down >= -_TINY:
+                continue
+            distance = -eye[2] / down
+            if not distance < marks.distances[row, column]:
+                continue
+            along = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
+            across = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
+            is_within = abs(eye[0] + distance * along) <= size[0]
+            if is_within and abs(eye[1] + distance * across) <= size[1]:
+                marks.distances[row, column] = distance
+                marks.faces[row, column] = face
+
+
+@kernel
+def _corners_about(kind: int, size: Vector, eye: Vector, turn: Matrix, fan: Fan) -> Matrix:
+    """Corners of a box about the shape, as of `project`, which they have been through, (8, 5)."""
+    length = size[0] if kind == SPHERE else size[1] + (size[0] if kind == CAPSULE else 0.0)
+    corners = np.empty((8, 5))
+    for number in range(8):
+        x = (size[0] if number & 1 else -size[0]) - eye[0]
+        y = (size[0] if number & 2 else -size[0]) - eye[1]
+        z = (length if number & 4 else -length) - eye[2]
+        for axis in range(3):
+            corners[number, axis] = x * turn[0, axis] + y * turn[1, axis] + z * turn[2, axis]
+    project(fan, corners)
+    return corners
+
+
+@kernel
+def contains(kind: int, size: Vector, eye: Vector) -> bool:
+    """Whether the eye is inside; for a plane, whether it is below it."""
+    x = float(eye[0])
+    y = float(eye[1])
+    z = float(eye[2])
+    radius = float(size[0])
+    beyond = abs(z) - float(size[1])
+    if kind == PLANE:
+        return z <= 0.0
+    if kind == SPHERE:
+        return x * x + y * y + z * z <= radius**2
+    if kind == CYLINDER:
+        return x * x + y * y <= radius**2 and beyond <= 0.0
+    return x * x + y * y + max(beyond, 0.0) ** 2 <= radius**2
+
+
+@kernel
+def enter(kind: int, size: Vector, eye: Vector, ray: Vector) -> float:
+    """Distance of the entry of a ray into what is no plane, inf for a miss."""
+    if kind == SPHERE:
+        return _enter_ball(size[0], 0.0, eye, ray)
+    if kind == CYLINDER:
+        return _enter_cylinder(size, eye, ray)
+    return min(
+        _enter_cylinder(size, eye, ray),
+        min(_enter_ball(size[0], size[1], eye, ray), _enter_ball(size[0], -size[1], eye, ray)),
+    )
+
+
+@kernel
+def _enter_ball(radius: float, height: float, eye: Vector, ray: Vector) -> float:
+    """Distance to a sphere about (0, 0, height)."""
+    z = eye[2] - height
+    along: float = eye[0] * ray[0] + eye[1] * ray[1] + z * ray[2]
+    squared: float = along**2 - (eye[0] * eye[0] + eye[1] * eye[1] + z * z - radius**2)
+    return -along - math.sqrt(squared) if squared >= 0.0 and along < 0.0 else math.inf
+
+
+@kernel
+def _enter_cylinder(size: Vector, eye: Vector, ray: Vector) -> float:
+    """Distance to the common part of the inside of the wall and what is between the caps."""
+    a = max(ray[0] ** 2 + ray[1] ** 2, _TINY)
+    b = eye[0] * ray[0] + eye[1] * ray[1]
+    squared: float = b**2 - a * (eye[0] ** 2 + eye[1] ** 2 - size[0] ** 2)
+    if squared < 0.0:
+        return math.inf
+    root = math.sqrt(squared)
+    climb = _TINY if abs(ray[2]) < _TINY else ray[2]
+    middle = -eye[2] / climb
+    half = abs(size[1] / climb)
+    entry: float = max((-b - root) / a, middle - half)
+    leave = min((-b + root) / a, middle + half)
+    return entry if entry <= leave and entry > 0.0 else math.inf
+
+
+@kernel
+def outward(
+    kind: int, radius: float, half: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """The outward unit normal of a shape of a radius and a half length at a place on it."""
+    if kind == PLANE:
+        return 0.0, 0.0, 1.0
+    if kind == CYLINDER:
+        if abs(z) >= half - _ON_THE_CAP_M:
+            return 0.0, 0.0, math.copysign(1.0, z)
+        z = 0.0
+    elif kind == CAPSULE:
+        z -= min(max(z, -half), half)
+    return x / radius, y / radius, z / radius

@@ -1,0 +1,424 @@
+"""Images by ray casting: the same pixels on every machine, without a system library."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.sim.ray_kernel_arrays import (
+    CAPSULE,
+    CYLINDER,
+    HULL,
+    PLANE,
+    SPHERE,
+    Fan,
+    Hits,
+    Lights,
+    Numbers,
+    Shapes,
+)
+from bt_dualarm.sim.renderer import Blocks, Exposure, Image, Viewpoint
+
+# Shapes with a closed-form intersection, as arrays for the kernels
+
+
+_CONVEX_TOLERANCE = 1e-4
+_Type = mujoco.mjtGeom
+
+_ROUND: Final = {
+    _Type.mjGEOM_SPHERE: SPHERE,
+    _Type.mjGEOM_CYLINDER: CYLINDER,
+    _Type.mjGEOM_CAPSULE: CAPSULE,
+}
+
+
+class RayHull(NamedTuple):
+    """A convex body.
+
+    Attributes:
+        corners: Positions of the corners, of shape (c, 3), m.
+        triangles: Numbers of the corners of each triangle, anticlockwise seen from outside, (f, 3).
+        normals: Outward unit normals of the triangles, of shape (f, 3).
+        offsets: Distances of their planes from the origin along the normals, of shape (f,).
+    """
+
+    corners: Matrix
+    triangles: Numbers
+    normals: Matrix
+    offsets: Vector
+
+
+def shapes_of(model: mujoco.MjModel, geoms: Sequence[int]) -> tuple[Shapes, list[int]]:
+    """The geoms that have a closed form, and the numbers of those that have none."""
+    hulls = {geom: _hull(model, geom) for geom in geoms}
+    known = [geom for geom in geoms if hulls[geom] is not None or _kind(model, geom) != HULL]
+    bodies = [hulls[geom] or _NOTHING for geom in known]
+    ends = np.cumsum([(0, 0), *((len(body.corners), len(body.triangles)) for body in bodies)], 0)
+    shifted = [body.triangles + first for body, first in zip(bodies, ends[:-1, 0], strict=True)]
+    sizes = model.geom_size[known].reshape(-1, 3).astype(float)
+    kinds = np.array([_kind(model, geom) for geom in known], dtype=np.int64)
+    endless = (kinds == PLANE)[:, None] & (sizes <= 0.0)
+    # A plane has no bounding sphere; MuJoCo gives it the radius 0.
+    bounds = model.geom_rbound[known].astype(float)
+    shapes = Shapes(
+        geoms=np.array(known, dtype=np.int64),
+        kinds=kinds,
+        sizes=np.where(endless, math.inf, sizes),
+        radii=np.where(bounds > 0.0, bounds, math.inf),
+        corners=np.vstack([_NOTHING.corners, *(body.corners for body in bodies)]),
+        triangles=np.vstack([_NOTHING.triangles, *shifted]),
+        normals=np.vstack([_NOTHING.normals, *(body.normals for body in bodies)]),
+        offsets=np.concatenate([_NOTHING.offsets, *(body.offsets for body in bodies)]),
+        heaps=np.column_stack((ends[:-1, 0], ends[1:, 0], ends[:-1, 1], ends[1:, 1])),
+        owners=np.concatenate([np.repeat(known, np.diff(ends[:, 1])), known]).astype(np.int64),
+    )
+    return shapes, sorted(set(geoms) - set(known))
+
+
+_NOTHING: Final = RayHull(
+    np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)), np.zeros(0)
+)
+
+
+def _kind(model: mujoco.MjModel, geom: int) -> int:
+    """What the geom is; a hull is what is made of triangles, and what has no closed form."""
+    kind = int(model.geom_type[geom])
+    return PLANE if kind == _Type.mjGEOM_PLANE else _ROUND.get(_Type(kind), HULL)
+
+
+def _hull(model: mujoco.MjModel, geom: int) -> RayHull | None:
+    """The geom as a convex body of triangles, ``None`` if it is none."""
+    kind = model.geom_type[geom]
+    if kind == _Type.mjGEOM_BOX:
+        return box(model.geom_size[geom].astype(float))
+    if kind == _Type.mjGEOM_MESH:
+        return _convex_mesh(model, int(model.geom_dataid[geom]))
+    return None
+
+
+def box(half: Vector) -> RayHull:
+    """A box about the origin, two triangles a side.
+
+    Args:
+        half: Half lengths along x, y and z, of shape (3,), m.
+    """
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    # Sides +x, +y, +z, -x, -y, -z: corners anticlockwise seen from outside.
+    sides = ((4, 6, 7, 5), (2, 3, 7, 6), (1, 5, 7, 3), (0, 1, 3, 2), (0, 4, 5, 1), (0, 2, 6, 4))
+    triangles = [half_side for a, b, c, d in sides for half_side in ((a, b, c), (a, c, d))]
+    normals = np.vstack([np.eye(3), -np.eye(3)]).repeat(2, axis=0)
+    offsets = np.concatenate([half, half]).repeat(2)
+    return RayHull(signs * half, np.array(triangles, dtype=np.int64), normals, offsets)
+
+
+def _convex_mesh(model: mujoco.MjModel, mesh: int) -> RayHull | None:
+    """A mesh as a convex body, or ``None`` if it has a dent."""
+    start = model.mesh_vertadr[mesh]
+    count = model.mesh_vertnum[mesh]
+    vertices = model.mesh_vert[start : start + count].astype(float)
+    first = model.mesh_faceadr[mesh]
+    faces = model.mesh_facenum[mesh]
+    triangles = model.mesh_face[first : first + faces].astype(np.int64)
+    corners = vertices[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1)
+    sound = areas > areas.max() * _CONVEX_TOLERANCE**2
+    normals = normals[sound] / areas[sound, None]
+    offsets = np.einsum("ij,ij->i", normals, corners[sound].mean(axis=1))
+    size = float(np.ptp(vertices, axis=0).max())
+    if (normals @ vertices.T - offsets[:, None]).max() > _CONVEX_TOLERANCE * size:
+        return None
+    return RayHull(vertices, triangles[sound], normals, offsets)
+
+
+# Colors of ray-cast surfaces: the diffuse part of MuJoCo's lighting, without shadows.
+#
+# Base color, head light and lights follow the rules of the OpenGL renderer, so that one color range
+# serves both. Textures are reduced to their mean color; highlights are left out.
+
+
+_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
+
+
+class Shading:
+    """Colors and lights of one model.
+
+    Args:
+        model: Compiled.
+
+    Attributes:
+        lights: What the kernels read of them.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        active = np.flatnonzero(model.light_active)
+        head = model.vis.headlight
+        ambient = np.array(head.ambient, dtype=float) * bool(head.active)
+        self.lights = Lights(
+            # The last row serves geom -1: a ray that hit nothing sees the sky.
+            base=np.vstack([geom_colors(model), _sky_color(model)]),
+            ambient=ambient + model.light_ambient[active].sum(axis=0),
+            head=np.array(head.diffuse, dtype=float) * bool(head.active),
+            active=active,
+            distant=model.light_type[active] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            diffuse=model.light_diffuse[active].astype(float),
+        )
+
+    def colors(self, data: mujoco.MjData, fan: Fan, hits: Hits) -> Image:
+        """Colors of what the rays of ``fan`` met, of shape (rows, columns, 3).
+
+        Light positions of ``data`` must be up to date.
+        """
+        from bt_dualarm.sim.ray_trace_kernels import shade
+
+        pixels: Image = np.empty((*hits.geoms.shape, 3), dtype=np.uint8)
+        shade(self.lights, data.light_xpos, data.light_xdir, fan, hits, pixels)
+        return pixels
+
+
+def geom_colors(model: mujoco.MjModel) -> Matrix:
+    """Red, green, blue of each geom, of shape (ngeom, 3): its own color, else its material's."""
+    colors: Matrix = model.geom_rgba[:, :3].astype(float)
+    materials = model.geom_matid
+    plain = (model.geom_rgba == np.array(_DEFAULT_RGBA, dtype=np.float32)).all(axis=1)
+    from_material = (materials >= 0) & plain
+    colors[from_material] = model.mat_rgba[materials[from_material], :3]
+    role = mujoco.mjtTextureRole.mjTEXROLE_RGB
+    for geom in np.flatnonzero(materials >= 0):
+        texture = model.mat_texid[materials[geom], role]
+        if texture >= 0:
+            colors[geom] *= _mean_color(model, texture)
+    return colors
+
+
+def _sky_color(model: mujoco.MjModel) -> Vector:
+    """Mean color of the sky box, of shape (3,); black, as in OpenGL, where there is none."""
+    skies = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+    return _mean_color(model, int(skies[0])) if len(skies) else np.zeros(3)
+
+
+def _mean_color(model: mujoco.MjModel, texture: int) -> Vector:
+    start = int(model.tex_adr[texture])
+    channels = int(model.tex_nchannel[texture])
+    count = int(model.tex_height[texture]) * int(model.tex_width[texture])
+    texels = model.tex_data[start : start + count * channels].reshape(count, channels)
+    mean: Vector = (
+        np.resize(texels.mean(axis=0) / 255.0, 3)
+        if channels < 3
+        else (texels[:, :3].mean(axis=0) / 255.0)
+    )
+    return mean
+
+
+# Intersections of rays: in closed form where possible, by ``mj_multiRay`` for the rest.
+#
+# One call of ``mj_multiRay`` for a whole image takes 0.3 to 3 microseconds a ray. Most geoms cover
+# few pixels, so compiled kernels intersect only those for planes, spheres, cylinders, capsules,
+# boxes and convex meshes. Other shapes are left to ``mj_multiRay``.
+
+
+_NO_LIMIT_M = 1e10
+
+
+class RayScene:
+    """The visible geoms of a model.
+
+    Args:
+        model: Geometry is read once; poses come with the state.
+        groups: Geom groups that are visible.
+    """
+
+    def __init__(self, model: mujoco.MjModel, groups: Sequence[int]) -> None:
+        self.model = model
+        visible = [g for g in range(model.ngeom) if _is_visible(model, g, groups)]
+        self._shapes, others = shapes_of(model, visible)
+        self._others = _only(model, others) if others else None
+
+    def trace(self, data: mujoco.MjData, fan: Fan) -> Hits:
+        """Follow the rays to the nearest surfaces."""
+        from bt_dualarm.sim.ray_trace_kernels import describe, trace
+
+        axes = data.geom_xmat
+        hits = describe(self._shapes, axes, fan, trace(self._shapes, data.geom_xpos, axes, fan))
+        if self._others is not None:
+            _cast(self._others, data, fan, hits)
+        return hits
+
+    def colors(self, shading: Shading, data: mujoco.MjData, fan: Fan) -> Image:
+        """Colors of what the rays meet, of shape (rows, columns, 3).
+
+        Args:
+            shading: Colors and lights of the model.
+            data: State with positions of geoms and lights that are up to date.
+            fan: The rays.
+        """
+        if self._others is not None:
+            return shading.colors(data, fan, self.trace(data, fan))
+        from bt_dualarm.sim.ray_trace_kernels import draw
+
+        pixels = np.empty((*fan.rays.shape[1:], 3), np.uint8)
+        draw(
+            self._shapes, data.geom_xpos, data.geom_xmat, fan, shading.lights,
+            data.light_xpos, data.light_xdir, pixels,
+        )  # fmt: skip
+        return pixels
+
+
+def _is_visible(model: mujoco.MjModel, geom: int, groups: Sequence[int]) -> bool:
+    """Whether a geom is in a visible group and not wholly transparent: ``mj_multiRay``'s rule."""
+    material = model.geom_matid[geom]
+    opaque = model.geom_rgba[geom, 3] > 0.0 or (material >= 0 and model.mat_rgba[material, 3] > 0.0)
+    return bool(opaque and model.geom_group[geom] in groups)
+
+
+def _only(model: mujoco.MjModel, geoms: Sequence[int]) -> mujoco.MjModel:
+    """A copy of the model in which these geoms alone are in group 0."""
+    alone = copy.copy(model)
+    alone.geom_group[:] = 1
+    alone.geom_group[list(geoms)] = 0
+    return alone
+
+
+def _cast(model: mujoco.MjModel, data: mujoco.MjData, fan: Fan, hits: Hits) -> None:
+    """Enter the geoms in group 0 of ``model`` into the hits by ``mj_multiRay``."""
+    rays = fan.axes @ fan.rays.reshape(3, -1)
+    count = rays.shape[1]
+    first_group = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
+    geoms = np.empty(count, dtype=np.int32)
+    distances = np.empty(count)
+    normals = np.empty(3 * count)
+    mujoco.mj_multiRay(
+        model, data, fan.eye, np.ascontiguousarray(rays.T).ravel(), first_group, True, -1,
+        geoms, distances, normals, count, _NO_LIMIT_M,
+    )  # fmt: skip
+    nearer = (geoms >= 0) & (distances < hits.distances.ravel())
+    rows, columns = np.unravel_index(np.flatnonzero(nearer), hits.geoms.shape)
+    hits.geoms[rows, columns] = geoms[nearer]
+    hits.distances[rows, columns] = distances[nearer]
+    hits.normals[:, rows, columns] = normals.reshape(-1, 3)[nearer].T
+
+
+_JITTER_SEED = 7
+
+
+class RayRenderer:
+    """One ray a pixel, or a block of pixels, through a random but fixed point of it.
+
+    The jitter makes centroids finer: rays on a grid all cross a straight edge at the same
+    moment, jittered ones one after the other (0.15 against 0.05 px standard deviation).
+    """
+
+    name = "ray"
+
+    def __init__(self) -> None:
+        self._drawn: _Drawn | None = None
+
+    def render(self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure) -> Image:
+        """See `Renderer`."""
+        return exposure.paint(lambda blocks: self._colors(model, data, exposure, blocks))
+
+    def _colors(
+        self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, blocks: Blocks
+    ) -> Image:
+        """Colors of some blocks of the image, of shape (rows, columns, 3)."""
+        if self._drawn is None or self._drawn.model is not model:
+            self._drawn = _Drawn(model)
+        scene = self._drawn.scene(exposure.groups)
+        fan = _fan(model, data, exposure, blocks)
+        return scene.colors(self._drawn.shading, data, fan)
+
+    def close(self) -> None:
+        """Let go of the last model."""
+        self._drawn = None
+
+
+class _Drawn:
+    """What was read of a model, once for all images of it.
+
+    Args:
+        model: Compiled.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self.shading = Shading(model)
+        self._scenes: dict[tuple[int, ...], RayScene] = {}
+
+    def scene(self, groups: tuple[int, ...]) -> RayScene:
+        """What rays meet of the geoms in these groups."""
+        if groups not in self._scenes:
+            self._scenes[groups] = RayScene(self.model, groups)
+        return self._scenes[groups]
+
+
+def warm_up_renderer() -> None:
+    """Have all kernels of the ray caster compiled."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(size=(0.1, 0.1, 0.1))
+    spec.worldbody.add_camera()
+    model = spec.compile()
+    RayRenderer().render(model, mujoco.MjData(model), Exposure(0, 2, 2))
+
+
+def fan_of(viewpoint: Viewpoint, width: int, height: int) -> Fan:
+    """The rays of a whole image, one a pixel."""
+    return Fan(
+        eye=viewpoint.eye,
+        axes=viewpoint.axes,
+        rays=camera_rays(width, height, viewpoint.fov_deg, 1).copy(),
+        spacing=2.0 * math.tan(math.radians(viewpoint.fov_deg) / 2.0) / height,
+        center=(width / 2.0, height / 2.0),
+    )
+
+
+def _fan(model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, blocks: Blocks) -> Fan:
+    """The rays of those blocks of a camera's image that are drawn."""
+    camera_id = exposure.camera_id
+    stride = exposure.stride
+    width = exposure.width
+    height = exposure.height
+    rows, columns = blocks
+    fovy_deg = float(model.cam_fovy[camera_id])
+    return Fan(
+        eye=data.cam_xpos[camera_id].copy(),
+        axes=data.cam_xmat[camera_id].reshape(3, 3).copy(),
+        rays=_rays_of(
+            (width, height, fovy_deg, stride), rows.start, rows.stop, columns.start, columns.stop
+        ),
+        spacing=stride * 2.0 * math.tan(math.radians(fovy_deg) / 2.0) / height,
+        center=(width / 2.0 / stride - columns.start, height / 2.0 / stride - rows.start),
+    )
+
+
+@lru_cache(maxsize=16)
+def _rays_of(
+    grid: tuple[int, int, float, int], top: int, bottom: int, left: int, right: int
+) -> npt.NDArray[np.float64]:
+    """Some of the rays of a camera: a target that rests is asked for in the same part again."""
+    return camera_rays(*grid)[:, top:bottom, left:right].copy()
+
+
+@lru_cache(maxsize=16)
+def camera_rays(width: int, height: int, fovy_deg: float, stride: int) -> npt.NDArray[np.float64]:
+    """Unit vectors in MuJoCo's camera frame (x right, y up, looking along -z).
+
+    Returns:
+        Array of shape (3, ceil(height / stride), ceil(width / stride)), read-only.
+    """
+    focal_px = height / 2.0 / math.tan(math.radians(fovy_deg) / 2.0)
+    rows = -(-height // stride)
+    columns = -(-width // stride)
+    within = np.random.default_rng(_JITTER_SEED).random((2, rows, columns))
+    y, x = (np.indices((rows, columns)) + within) * stride
+    rays = np.stack([x - width / 2.0, height / 2.0 - y, np.full_like(x, -focal_px)])
+    rays /= np.linalg.norm(rays, axis=0)
+    rays.flags.writeable = False
+    return rays

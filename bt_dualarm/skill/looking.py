@@ -1,0 +1,442 @@
+"""Looking for objects with the arm's camera: viewpoints, still images, ports."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal, TypeAlias
+
+import numpy as np
+from pydantic import Field
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.collision.support import bearing_ahead, half_extents
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.perception.detection import ColorFilter, ColorlessError, Detection, color_of, detect
+from bt_dualarm.perception.known_shape import KnownShape
+from bt_dualarm.perception.markers import MarkView
+from bt_dualarm.perception.scan import SightedThing, SightedThings
+from bt_dualarm.perception.shape_fit import SIZE_ROOM, SIZE_SIGMAS, merged
+from bt_dualarm.sim.camera import GuardedCamera
+from bt_dualarm.sim.composition import marker_height
+from bt_dualarm.sim.frame import Frame
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.values import SIZE_IN_WORDS, SIZES, Color, MarkerSpec, ObjectName, ShapeName
+
+FRAMES: Final = 6
+"""Images that are averaged in one view of a mark."""
+
+_WAIT_S: Final = 1.0  # simulated seconds to wait for lost images, in addition to the exposures
+
+_Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
+
+
+class SightPorts(PortModel):
+    """Ports that define what to detect: a declared object, a shape with its color, a marker."""
+
+    exactly_one_of = ("object", "shape", "marker")
+
+    object: ObjectName | None = port(
+        None, "declared object whose color, shape and size are looked for; its pose is not used"
+    )
+    by: Literal["color", "marker"] = port(
+        "color", "detect the object by its color and shape, or by the marker on it"
+    )
+    marker: MarkerSpec | None = port(
+        None, "marker to detect, where no object is named; its z axis points out of it"
+    )
+    shape: ShapeName | None = port(None, "shape to detect, where no object is named")
+    size: tuple[_Length, ...] | None = port(
+        None,
+        SIZE_IN_WORDS.lower(),
+        unit="m",
+        min_length=1,
+        max_length=3,
+    )
+    color: Color | None = port(None, "a name or HSV ranges; by default that of the object")
+    flat: bool = port(
+        True, "whether objects lie flat on a level surface: one of their axes is vertical"
+    )
+
+    @property
+    def is_by_marker(self) -> bool:
+        """Whether a marker is to be detected."""
+        return self.marker is not None or (self.object is not None and self.by == "marker")
+
+    def sighted(self, arm: Arm) -> SightedThings:
+        """Detector of such objects, by images alone: a declared object need not be in the world.
+
+        Raises:
+            Failure: ``INVALID_TARGET``: color, size or marker are missing.
+        """
+        if self.object is not None:
+            return self._like(arm.world.declared_objects[self.object])
+        if self.marker is not None:
+            return SightedThings.of_marker(self.marker, flat=self.flat)
+        if self.shape is None or self.size is None or self.color is None:
+            raise Failure("INVALID_TARGET", "a shape has to come with its size and its color")
+        wanted = len(SIZES[self.shape])
+        if len(self.size) != wanted:
+            reason = f"the size of a {self.shape} has {wanted} numbers, not {len(self.size)}"
+            raise Failure("INVALID_TARGET", reason)
+        shape = KnownShape(self.shape, self.size)
+        return SightedThings.of_color(self.color, shape, flat=self.flat)
+
+    def _like(self, thing: ObjectSpec) -> SightedThings:
+        """Detector of objects that look like a declared one."""
+        if self.by == "marker":
+            if thing.marker is None:
+                raise Failure("INVALID_TARGET", f"object {self.object!r} bears no marker")
+            below = np.array((0.0, 0.0, -marker_height(thing)))
+            return SightedThings.of_marker(thing.marker, below, flat=self.flat)
+        try:
+            color = self.color or color_of(thing)
+        except ColorlessError as error:
+            raise Failure("INVALID_TARGET", f"{error}: give `color`") from error
+        return SightedThings.of_color(color, KnownShape(thing.shape, thing.size), flat=self.flat)
+
+    @property
+    def ignored(self) -> frozenset[str]:
+        """Objects that plans must ignore: the one to detect, since its pose is not known yet."""
+        return frozenset({self.object} if self.object else ())
+
+
+def own_camera(arm: Arm) -> GuardedCamera:
+    """Wrist camera of an arm.
+
+    Raises:
+        Failure: ``NO_CAMERA``.
+    """
+    if arm.camera is None or not arm.world.declared_arms[arm.name].carries_camera:
+        raise Failure("NO_CAMERA", f"{arm.name} has no camera that moves with it")
+    return arm.camera
+
+
+def still_picture(arm: Arm, count: int) -> Generator[None, None, Frame | None]:
+    """Average images taken from where the arm stands; yields once a tick.
+
+    Args:
+        arm: Arm at rest, with a camera of its own.
+        count: Number of images.
+
+    Returns:
+        The average of the images that arrived in time; None if none did.
+
+    Raises:
+        Failure: ``NO_CAMERA``.
+    """
+    camera = own_camera(arm)
+    began = arm.time
+    taken = list[Frame]()
+
+    def take(frame: Frame) -> None:
+        if frame.stamp >= began and frame.stride == 1:
+            taken.append(frame)
+
+    unsubscribe = camera.subscribe(take)
+    try:
+        latest = began + count * camera.period + camera.latency + _WAIT_S
+        while len(taken) < count and arm.time < latest:
+            yield
+    finally:
+        unsubscribe()
+    return merged(taken) if taken else None
+
+
+_UNREACHED: Final = {
+    "INVALID_TARGET",  # outside the workspace
+    "UNREACHABLE",
+    "JOINT_LIMIT",
+    "IN_COLLISION",
+    "NO_PLAN",
+    "SINGULAR",
+}
+
+
+@dataclass(frozen=True)
+class Side:
+    """Viewpoint relative to the first view of a point.
+
+    Attributes:
+        across: Rotation about the point, about the image's horizontal axis, degrees.
+        along: The same about the image's vertical axis.
+        roll: Rotation about the line of sight, degrees.
+        share: Distance as a share of the nominal one.
+    """
+
+    across: float = 0.0
+    along: float = 0.0
+    roll: float = 0.0
+    share: float = 1.0
+
+    def camera(self, point: Vector, looking: Vector, distance: float) -> Pose:
+        """Pose of the camera in the world.
+
+        Args:
+            point: Point at the image center, in the world, of shape (3,), m.
+            looking: Quaternion of the camera at the first view, of shape (4,).
+            distance: Nominal distance from the point, m.
+        """
+        across, along, roll = np.radians((self.across, self.along, self.roll))
+        around = Pose.from_rpy((0, 0, 0), (across, along, roll))
+        back = Pose.from_rpy((0, 0, -self.share * distance))
+        return Pose(point, looking) @ around @ back
+
+
+SIDES: Final = (
+    Side(across=14, roll=30),
+    Side(across=-14, roll=-30),
+    Side(along=14, share=0.85),
+    Side(along=-14),
+    Side(across=10, along=10, roll=-40),
+    Side(across=-10, along=-10, roll=40),
+    Side(across=20, share=1.2),
+    Side(across=-20, share=1.2),
+    Side(along=20, share=1.2),
+    Side(along=-20, share=1.2),
+    Side(across=10, roll=60),
+    Side(across=-10, roll=-60),
+    Side(along=10, roll=90),
+    Side(along=-10, roll=-90),
+    Side(across=8, along=-8, roll=20, share=0.8),
+    Side(across=-8, along=8, roll=-20, share=0.8),
+    Side(across=24, along=8, roll=45, share=1.2),
+    Side(across=-24, along=8, roll=-45, share=1.2),
+    Side(share=0.8),
+    Side(share=1.4, roll=20),
+)
+"""Viewpoints in pairs to either side, so that errors of the camera's mount become visible."""
+
+
+def go_to_camera(
+    arm: Arm, camera: Pose, speed: float, ignore: frozenset[str] = frozenset()
+) -> Generator[float | None, None, bool]:
+    """Move the wrist camera to a pose in the world; yields once a tick.
+
+    Args:
+        arm: Arm with a wrist camera.
+        camera: Pose of the camera (x right, y down, z forward).
+        speed: Share of the limits, above 0 to 1.
+        ignore: Names of objects that may be touched.
+
+    Returns:
+        Whether the pose was reached; if not, the arm has not moved.
+
+    Raises:
+        Failure: As `Arm.travel`, but for a pose that cannot be reached.
+    """
+    camera_in_tool = arm.tool_pose.inverse @ camera_now(arm)
+    try:
+        goals = arm.kinematics.solutions(camera @ camera_in_tool.inverse, arm.setpoint.q)
+        yield from arm.travel(goals, speed, ignore)
+    except Failure as failure:
+        if failure.code not in _UNREACHED:
+            raise
+        yield None  # one attempt a tick, since each takes computing time
+        return False
+    return True
+
+
+def gazes(
+    point: Vector, distance: float, direction: Vector, lean: float, near: Pose
+) -> Iterator[Pose]:
+    """Poses of a camera that looks at a point, the preferred ones first.
+
+    Args:
+        point: Point at the image center, in the world, of shape (3,), m.
+        distance: Distance from it, m.
+        direction: Preferred line of sight in the world, of shape (3,), of any nonzero length.
+        lean: Largest angle between line of sight and ``direction``, rad.
+        near: Present pose of the camera: rolls about the line of sight that are nearer come first.
+    """
+    along = direction / np.linalg.norm(direction)
+    side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    side /= np.linalg.norm(side)
+    for share, around in _LEANS:
+        turn = np.cos(around) * side + np.sin(around) * np.cross(along, side)
+        sight = np.cos(share * lean) * along + np.sin(share * lean) * turn
+        rolled = [_gaze(point, distance, sight, side, roll) for roll in _ROLLS]
+        yield from sorted(rolled, key=near.angle)
+
+
+_ROLLS: Final = tuple(np.radians(np.arange(0, 360, 30)).tolist())
+_LEANS: Final = (
+    (0.0, 0.0),
+    *((share, around) for share in (0.5, 1.0) for around in np.radians(np.arange(0, 360, 60))),
+)
+"""Shares of the angle ``lean``, and the direction of leaning, rad."""
+
+
+def _gaze(point: Vector, distance: float, sight: Vector, side: Vector, roll: float) -> Pose:
+    x = side - (side @ sight) * sight
+    x /= np.linalg.norm(x)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.column_stack((x, np.cross(sight, x), sight))
+    matrix[:3, 3] = point - distance * sight
+    return Pose.from_matrix(matrix) @ Pose.from_rpy((0, 0, 0), (0, 0, roll))
+
+
+def look_at(
+    arm: Arm,
+    cameras: Iterator[Pose],
+    speed: float,
+    ignore: frozenset[str] = frozenset(),
+) -> Generator[float | None, None, Pose | None]:
+    """Move the wrist camera to the first of several poses that is reachable.
+
+    Args:
+        arm: Arm with a wrist camera.
+        cameras: Poses of the camera in the world, the preferred one first.
+        speed: Share of the limits, above 0 to 1.
+        ignore: Names of objects that may be touched.
+
+    Returns:
+        The pose; None if none of them is reachable.
+
+    Raises:
+        Failure: As `go_to_camera`.
+    """
+    for camera in cameras:
+        if (yield from go_to_camera(arm, camera, speed, ignore)):
+            return camera
+    return None
+
+
+def camera_now(arm: Arm) -> Pose:
+    """Pose of the wrist camera in the world, by the encoders and the nominal model."""
+    return arm.world.nominal[arm.name].camera_pose_at(arm.q)
+
+
+class MarkViews:
+    """Views of a still mark of a color by an arm's wrist camera.
+
+    Args:
+        arm: Arm with a wrist camera.
+        color: Color of the mark.
+
+    Raises:
+        Failure: ``NO_CAMERA``.
+    """
+
+    def __init__(self, arm: Arm, color: Color) -> None:
+        self._arm = arm
+        self._camera = own_camera(arm)
+        self._color = ColorFilter(color)
+
+    def look(self) -> Generator[None, None, MarkView | None]:
+        """View the mark from where the arm stands; None where it is not fully in view.
+
+        Yields once a tick.
+        """
+        began = self._arm.time
+        found = list[tuple[Frame, Detection]]()
+
+        def take(frame: Frame) -> None:
+            seen = detect(frame, self._color) if frame.stamp >= began else None
+            if seen is not None and not seen.touches_border:
+                found.append((frame, seen))
+
+        unsubscribe = self._camera.subscribe(take)
+        try:
+            latest = began + FRAMES * self._camera.period + self._camera.latency + _WAIT_S
+            while len(found) < FRAMES and self._arm.time < latest:
+                yield
+        finally:
+            unsubscribe()
+        if not found:
+            return None
+        frame = found[-1][0]
+        pixel = np.mean([seen.centroid_px for _, seen in found], axis=0)
+        middle = np.array((frame.width, frame.height)) / 2.0
+        return MarkView(frame.pose, pixel - middle, frame.focal_px)
+
+
+_MOST: Final = 3.0
+"""Ratio of sizes beyond which an object is assumed to stand on something undeclared: its size is
+unknown then."""
+
+_STACK_SIGMAS: Final = 2.0
+"""Standard deviations of height that are allowed where the object may stand on an equal one."""
+
+_ALONE_SIGMAS: Final = 1.5
+"""Standard deviations by which it has to be lower than on an equal one, to stand on none for sure.
+The stated deviations are 2.5 times the measured ones (``docs/sight.md``)."""
+
+_UPRIGHT: Final = 0.7
+"""Cosine to the vertical above which a cylinder's flat face can bear another object."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How an object that lies flat stands on its support, by one image.
+
+    In one image a larger object cannot be distinguished from a nearer one: the size follows from
+    the assumption that it stands on its support.
+
+    Attributes:
+        ratio: Its size as a multiple of the declared one, if it stands on the support.
+        sigma: Standard deviation of the ratio.
+        layer: Increase of the ratio if an equal object is between it and the support.
+        stacks: Whether an equal object can stand on it.
+    """
+
+    ratio: float
+    sigma: float
+    layer: float
+    stacks: bool
+
+    @property
+    def other_size(self) -> float | None:
+        """Ratio of its size to the declared one; None where that may be 1."""
+        room = SIZE_SIGMAS * self.sigma
+        if (
+            self.ratio > 1.0
+        ):  # at half the height of an equal object below it, both cases are equally likely
+            room = min(room, max(_STACK_SIGMAS * self.sigma, 0.5 * self.layer))
+        return self.ratio if abs(self.ratio - 1.0) > max(room, SIZE_ROOM) else None
+
+    @property
+    def may_hide_another(self) -> bool:
+        """Whether it may stand on an equal object that the image does not show."""
+        return self.stacks and 1.0 + self.layer - self.ratio < _ALONE_SIGMAS * self.sigma
+
+
+def standing_of(
+    world: World, seen: SightedThings, thing: SightedThing, height: float | None
+) -> Standing | None:
+    """How a detected object stands on its support; None where no support is known.
+
+    An object scaled about the camera looks the same. Its size ratio is therefore the distance of
+    the support over that of its lower side at the declared size, both along the line of sight
+    through the center of that side. It may also have the declared size and stand on something else.
+
+    Args:
+        world: World with the declared objects, which plans use as well.
+        seen: Detector that has processed the images.
+        thing: One of its objects, which lies flat.
+        height: Height of the support in the world, m; by default from the shapes of the world,
+            except objects of the color to detect.
+    """
+    shape = seen.shape
+    fit = thing.best
+    eye = thing.views[0].camera.position
+    half = float(half_extents(shape.kind, shape.size, fit.scene.rotation)[2])
+    line = fit.scene.position - np.array((0.0, 0.0, half)) - eye
+    away = float(np.linalg.norm(line))
+    downward = float(-line[2])
+    if height is None:
+        alike = [name for name, one in world.objects.items() if seen.has_color(one.rgba)]
+        length = bearing_ahead(world, eye, line / away, alike)
+        ratio = length / away if length is not None else math.inf
+    else:
+        ratio = (float(eye[2]) - height) / downward if downward > 0.0 else math.inf
+    if downward <= 0.0 or not 1.0 / _MOST < ratio < _MOST:
+        return None
+    sigma = math.sqrt(float(fit.covariance[2, 2])) / downward
+    axis = abs(float(fit.scene.rotation[2, 2]))
+    stacks = shape.kind == "box" or (shape.kind == "cylinder" and axis > _UPRIGHT)
+    return Standing(ratio, sigma, 2.0 * half / downward, stacks)

@@ -1,0 +1,338 @@
+"""Picking with a gripper: approach, close, lift, and verify that the object is held."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.gripper import OTHER_WIDTH_M
+from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.grasping.ranking import RankedGrasp
+from bt_dualarm.sim.world import World
+from bt_dualarm.skill.grasp_search import GraspApproach, TakingPorts, WantedGrasp, first_approach
+from bt_dualarm.skill.grip import Grip, TouchSense, make_room
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+_NOT_IT: Final = "the gripper closed on something else or nothing"
+_HOLD_S: Final = 0.15  # for which the pads have to press
+_CLOSING_S: Final = 1.5  # in which the fingers have to press
+_REACHED_M: Final = 0.1  # largest distance of the tool from the center of an undeclared object
+_PRESSED_M: Final = 0.006  # by which a cup is pressed beyond the estimated face
+_PRESSED_N: Final = 12.0  # contact force of a cup that seals
+_PRESSING: Final = 0.01  # share of the limits for pressing a cup on
+_EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one with something else
+_EDGE_S: Final = 0.3  # at the start of the motion, while joints break away: no contact is detected
+
+
+class Taking:
+    """Pick of one object.
+
+    Args:
+        arm: Arm that picks.
+        ports: Ports of the skill.
+        wanted: Specification of the grasp.
+        seen: Whether the pose is an estimate; plans then ignore the true pose.
+        metrics: Metrics of the skill, to be filled.
+
+    Attributes:
+        failures: Failure codes of a pick and their meaning.
+    """
+
+    failures: Final[Mapping[str, str]] = {
+        "GRIPPER_FULL": "the gripper holds something else, or something is attached to the tool",
+        "INVALID_TARGET": "the object is fixed or withstands less than the gripper's least force, "
+        "or the approach has no length",
+        "NOT_THERE": "the object is not in the world",
+        "TOO_WIDE": "the fingers do not open that far",
+        "TOO_HEAVY": "no grasp of this gripper bears its weight",
+        "NO_FACE": "the object has no sides for the fingers, or no face for the cup",
+        "OUT_OF_REACH": "no approach of any grasp is reachable and free of collisions",
+        "NOT_GRASPED": "the gripper closed on nothing, or on something else",
+        "SLIPPED": "the object slid between the fingers",
+        "DROPPED": "the object was lost",
+    }
+
+    def __init__(
+        self,
+        arm: Arm,
+        ports: TakingPorts,
+        wanted: WantedGrasp,
+        seen: bool,
+        metrics: dict[str, Number],
+    ) -> None:
+        self._arm = arm
+        self._ports = ports
+        self._wanted = wanted
+        self._metrics = metrics
+        self._seen = wanted.lies if seen else None
+
+    def through(self, order: Sequence[RankedGrasp]) -> Generator[float | None, None, RankedGrasp]:
+        """Execute the first feasible of these grasps, best first: approach, close, lift, verify.
+
+        Yields the progress once a tick; returns the executed grasp. Where another arm is in the way
+        the arm waits and replans, as `MoveTo.along`.
+
+        Raises:
+            Failure: ``GRIPPER_FULL``; ``OUT_OF_REACH``, before any motion unless another arm is the
+                reason; ``NOT_GRASPED``, ``SLIPPED``, ``DROPPED``; as motions. An object that was
+                grasped but not lifted is put back; it stays held only if that fails as well.
+        """
+        arm = self._arm
+        arm.gripper.refuse_full()
+        yield from make_room(arm, self._ports.approach_speed)
+        yield from self.open(arm)
+        approach = yield from self._go_to_standoff(order)
+        try:
+            yield from self._go_to_grasp(approach)
+            name = yield from self._close(approach)
+            if not arm.gripper.page.fingers:
+                yield from arm.relax()  # else the contact force of the cup would act on the lift
+        except Failure:
+            yield from self._retreat(approach)
+            raise
+        grip = Grip(arm, name)
+        low = arm.commanded_tool_pose
+        try:
+            yield from self._lift(name, grip)
+        except Failure as failure:
+            if failure.code == "SLIPPED":
+                yield from grip.judge(failure)
+            arm.gripper.forget_lost()
+            if name in arm.gripper.held:
+                yield from self._put_back(approach, low)
+            raise
+        return approach.ranked
+
+    @staticmethod
+    def open(arm: Arm) -> Iterator[None]:
+        """Open the gripper of an arm completely, and detach what it held."""
+        gripper = arm.gripper
+        gripper.command(gripper.page.stroke if gripper.page.fingers else 1.0)
+        began = arm.time
+        travel = gripper.page.stroke - gripper.width
+        while arm.time - began < 1.0 + travel / max(gripper.page.speed.most, 1e-3):
+            if gripper.at_rest and abs(gripper.width - gripper.page.stroke) < 2e-3:
+                break
+            yield
+        gripper.forget_released()
+
+    def _retreat(self, approach: GraspApproach) -> Iterator[float]:
+        """Open and retreat, so that another attempt begins at the standoff.
+
+        No plan can begin where the gripper is in contact.
+        """
+        arm = self._arm
+        try:
+            for _ in arm.halt():
+                yield 1.0
+            fingers = arm.gripper.page.fingers
+            arm.gripper.command(arm.gripper.page.stroke if fingers else 1.0)
+            if not fingers:
+                yield from arm.relax()  # the retreat is stiff, so it must begin without contact
+            yield from approach.back_out(arm, self._ports.approach_speed)
+        except Failure:
+            return  # the leaf fails with the reason why nothing was grasped
+
+    def _put_back(self, approach: GraspApproach, low: Pose) -> Iterator[float]:
+        """Lower an object that could not be lifted to where it was, release it, and retreat."""
+        arm = self._arm
+        speed = self._ports.approach_speed
+        try:
+            for _ in arm.halt():
+                yield 1.0
+            rows = arm.line_on(low)
+            motion = arm.begin(arm.time_path(rows, speed), may_touch=True, compliant=True)
+            while not motion.done:
+                yield 1.0
+                arm.check()
+            for _ in self.open(arm):
+                yield 1.0
+            yield from approach.back_out(arm, speed)
+        except Failure:
+            return  # the leaf fails with the reason why it was not lifted
+
+    def _go_to_standoff(
+        self, order: Sequence[RankedGrasp]
+    ) -> Generator[float | None, None, GraspApproach]:
+        """Move to the standoff of a grasp, and wait until no arm blocks the straight part."""
+        arm = self._arm
+        ports = self._ports
+        wanted = self._wanted
+        approaches: list[GraspApproach] = []
+        touched = frozenset({wanted.name} if wanted.name else ())
+
+        def planned() -> Generator[None, None, Trajectory]:
+            approach = yield from first_approach(
+                arm, order, wanted, ports.standoff, ports.speed, self._seen
+            )
+            approaches.append(approach)
+            return approach.to_standoff
+
+        unseen = touched if self._seen else frozenset[str]()
+        for progress in arm.past_others(ports.speed, unseen).along(planned):
+            yield None if progress is None else 0.5 * progress
+        yield from arm.past_others(ports.speed, touched).until_free(
+            approaches[-1].rows, known_free=True
+        )
+        return approaches[-1]
+
+    def _go_to_grasp(self, approach: GraspApproach) -> Iterator[float | None]:
+        """Move straight to the grasp, and stop on contact."""
+        arm = self._arm
+        along = approach.ranked.tool.rotation_matrix[:, 2]
+        sense = TouchSense(arm, along, alone=True)
+        motion = arm.begin(arm.time_path(approach.rows, self._ports.approach_speed), may_touch=True)
+        began = arm.time
+        while not motion.done:
+            yield 0.5 + 0.2 * motion.progress
+            arm.check()
+            if sense.force() > self._ports.touch and arm.time - began > _EDGE_S:
+                yield from arm.halt(give_way=True)
+                yield from arm.relax()
+                break
+        if not arm.gripper.page.fingers:
+            yield from self._press(approach, along)
+        remaining = float((approach.ranked.tool.position - arm.tool_pose.position) @ along)
+        self._metrics["approach_force_n"] = sense.most
+        if remaining > _EARLY_M:
+            raise Failure(
+                "NOT_GRASPED",
+                f"the gripper touched something {1e3 * remaining:.0f} mm before it was there",
+                left_m=remaining,
+                force_n=sense.most,
+            )
+
+    def _press(self, approach: GraspApproach, along: Vector) -> Iterator[float | None]:
+        """Press a cup on slowly, beyond the estimated face, until contact."""
+        arm = self._arm
+        tool = approach.ranked.tool
+        sense = TouchSense(arm, along)
+        deeper = Pose(tool.position + _PRESSED_M * along, tool.quaternion)
+        rows = arm.line_on(deeper)
+        # The integrator of a stiff arm would press ever harder, until the rim slides.
+        motion = arm.begin(arm.time_path(rows, _PRESSING), may_touch=True, compliant=True)
+        while not motion.done and sense.force() < _PRESSED_N:
+            yield 0.7
+            arm.check()
+        yield from arm.halt()
+
+    def _close(self, approach: GraspApproach) -> Generator[float | None, None, str]:
+        """Close with the force that the load needs, and verify that it holds the wanted object."""
+        gripper = self._arm.gripper
+        grasp = approach.ranked.grasp
+        arm = self._arm
+        page = gripper.page
+        force = self._force(grasp.force)
+        gripper.command(force=force, speed=page.speed.least if not page.fingers else None)
+        began = arm.time
+        since = None
+        try:
+            while since is None or arm.time - since < _HOLD_S:
+                yield None
+                since = None if not gripper.holding else arm.time if since is None else since
+                if since is None and arm.time - began > _CLOSING_S:
+                    break
+        except GeneratorExit:  # halted: release what is not attached yet
+            gripper.command(page.stroke if page.fingers else 1.0)
+            raise
+        self._metrics |= {"width_m": gripper.width, "grip_force_n": force}
+        self._metrics["grasp_margin"] = force / max(grasp.force, 1e-9)
+        name = self._wanted.name or thing_at(arm.world, arm.tool_pose.position, _REACHED_M)
+        width_error = abs(gripper.width - grasp.width)
+        why_not: str | None = None
+        if since is None or name is None or (page.fingers and width_error > OTHER_WIDTH_M):
+            why_not = _NOT_IT
+        elif self._seen is None:
+            is_gone = name not in arm.world.objects  # removed meanwhile
+            why_not = _NOT_IT if is_gone else gripper.why_not(name, arm.world.object_pose(name))
+        if name is None or why_not is not None:
+            numbers = {"width_m": gripper.width, "expected_m": grasp.width}
+            raise Failure("NOT_GRASPED", why_not or _NOT_IT, **numbers)
+        lies = gripper.between_the_pads(self._wanted.lies, approach.ranked.grasp.tool)
+        gripper.hold(name, lies, self._wanted.most_force, told=self._wanted.edges is None)
+        return name
+
+    def _force(self, needed: float) -> float:
+        page = self._arm.gripper.page
+        if not page.fingers:
+            needed = page.force.most  # a vacuum does not crush the object
+        return min(page.force.clipped(self._ports.force or needed), self._wanted.most_force)
+
+    def _lift(self, name: str, grip: Grip) -> Iterator[float]:
+        """Lift the object a little: what is held keeps the fingers apart."""
+        arm = self._arm
+        start = self._arm.commanded_tool_pose
+        height = float(arm.world.object_pose(name).position[2])
+        up = Pose(start.position + np.array((0.0, 0.0, self._ports.lift)), start.quaternion)
+        move = arm.past_others(self._ports.approach_speed)
+        for progress in move.straight(up, known_free=True):
+            yield 0.8 + 0.2 * (progress or 0.0)
+            grip.look()
+        began = arm.time
+        while arm.time - began < _HOLD_S or not arm.gripper.holding:
+            if arm.time - began > 1.0:
+                raise Failure("DROPPED", f"{name!r} is no longer held")
+            yield 1.0
+            grip.look()
+        rose = float(arm.world.object_pose(name).position[2]) - height
+        self._metrics["lifted_m"] = rose  # true height, for the score only
+
+
+def thing_at(world: World, place: Vector, radius: float) -> str | None:
+    """Name of the movable object at a position, or None.
+
+    Args:
+        world: World that plans use.
+        place: Position in the world, of shape (3,), m.
+        radius: Largest distance of the object's center from there, m.
+    """
+    distances = {
+        name: float(np.linalg.norm(world.object_pose(name).position - place))
+        for name, declared in world.objects.items()
+        if not declared.fixed
+    }
+    nearest = min(distances, key=distances.__getitem__, default=None)
+    return nearest if nearest is not None and distances[nearest] <= radius else None
+
+
+def twin_at(world: World, name: str, place: Vector) -> str:
+    """Name of the object at a position: the named one, or another of the same shape and size.
+
+    Args:
+        world: World that plans use.
+        name: Name of an object.
+        place: Estimated position of such an object in the world, of shape (3,), m.
+
+    Returns:
+        The name of the nearest one, if it is near enough; else the given name.
+    """
+    wanted = world.declared_objects[name]
+    away = {
+        other: float(np.linalg.norm(world.object_pose(other).position - place))
+        for other, thing in world.objects.items()
+        if not thing.fixed and (thing.shape, thing.size) == (wanted.shape, wanted.size)
+    }
+    nearest = min(away, key=lambda other: (away[other], other != name), default=name)
+    return nearest if away.get(nearest, math.inf) < 0.5 * min(wanted.size) else name
+
+
+def refuse_too_frail(arm: Arm, what: str, bears: float | None) -> None:
+    """Check that an object withstands the least force of the gripper.
+
+    Args:
+        arm: Arm with the gripper.
+        what: The object in messages.
+        bears: Force of each pad, or of a cup, that the object withstands, N; None for any.
+
+    Raises:
+        Failure: ``INVALID_TARGET`` with both forces.
+    """
+    least = arm.gripper.page.force.least
+    if (bears or math.inf) < least:
+        reason = f"{what} bears {bears:g} N; the least that the gripper does is {least:g} N"
+        raise Failure("INVALID_TARGET", reason, most_force_n=bears or 0.0, least_n=least)

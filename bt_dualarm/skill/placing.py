@@ -1,0 +1,771 @@
+"""Placing: lower until contact, release, retreat, and the referee's test of the result."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm, MoveTo
+from bt_dualarm.arm.payload import jaw_measures
+from bt_dualarm.collision.support import MARGIN_M, support_below
+from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.grasping.solids import solid_of
+from bt_dualarm.perception.known_shape import KnownShape
+from bt_dualarm.planning.ompl_planner import Planner
+from bt_dualarm.sim.world_view import Attachment
+from bt_dualarm.skill.grip import Grip, TouchSense
+from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.values import Angle, Duration, Speed
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+TOUCHDOWN_M_S: Final = 0.002
+"""Highest speed at contact, m/s: with an effective mass of 6 to 8 kg at the tool it makes 7 N in
+the first 2 ms."""
+
+# A tool has stopped if, over a time window, it covers less than a share of its set-point's distance
+# while the set-point is faster than a share of its highest speed.
+_COMPARED_S: Final = 0.08
+_LONG_S: Final = 0.13
+_VERY_LONG_S: Final = (
+    0.5  # by then joints have broken away, however uneven the set-point's speed is
+)
+_STEADY: Final = 0.75  # share of the highest speed, which varies along the path
+_SLOW: Final = 0.3  # the same for the longest window
+_STOPPED: Final = 0.35  # share of the distance; a joint that sticks briefly leaves more
+_LONG_STOPPED: Final = 0.2
+
+
+def guarded_descent(
+    arm: Arm,
+    end: Pose,
+    speed: float,
+    force: float,
+    look: Callable[[], None],
+    *,
+    lightly: bool = False,
+) -> Generator[float, None, tuple[bool, float]]:
+    """Compliant straight motion that stops on contact (guarded move); yields the progress.
+
+    Contact is detected where a force against the motion rises and the tool lags its steadily moving
+    set-point: friction alone does not cause both.
+
+    Args:
+        arm: Arm that moves.
+        end: Pose of the tool in the world at the end.
+        speed: Share of its limits, above 0 to 1, and no more than `TOUCHDOWN_M_S`.
+        force: Contact force that ends the motion, N.
+        look: Check that is called once a tick, and may raise.
+        lightly: Whether a stop of 0.13 s counts as contact, however small the force is.
+
+    Returns:
+        Whether there was contact, and the largest force until the arm stood still, N.
+    """
+    along = _direction(arm.commanded_tool_pose, end)
+    timed, top = _timed(arm, arm.line_on(end), speed)
+    motion = arm.begin(timed, may_touch=True, compliant=True)
+    sense = TouchSense(arm, along)
+    lag = _Lag(arm, along, _STEADY * top)
+    while not motion.done:
+        yield motion.progress
+        arm.check()
+        look()
+        lag.look()
+        felt = sense.force(stands=lag.has_stopped or lag.stands)
+        if not (lag.is_steady or lag.stands):
+            sense.most = 0.0
+        elif (felt > force and lag.has_stopped) or (lightly and lag.stands):
+            for _ in arm.halt():
+                yield 1.0
+                sense.force(stands=True)
+            return True, sense.most
+    return False, sense.most
+
+
+def _direction(start: Pose, end: Pose) -> Vector:
+    offset = end.position - start.position
+    along: Vector = offset / max(float(np.linalg.norm(offset)), 1e-9)
+    return along
+
+
+def _timed(arm: Arm, rows: Matrix, speed: float) -> tuple[Trajectory, float]:
+    """Motion through rows of shape (n, dof), rad, and the highest speed of the tool, m/s."""
+    motion = arm.time_path(rows, speed)
+    steps = np.diff(arm.planned_tool_positions(motion), axis=0)
+    top = float(np.linalg.norm(steps, axis=1).max(initial=0.0)) / motion.dt
+    if top <= TOUCHDOWN_M_S:
+        return motion, top
+    return arm.time_path(rows, speed * TOUCHDOWN_M_S / top), TOUCHDOWN_M_S
+
+
+class _Lag:
+    """Detection of a tool that has stopped while its set-point moves on.
+
+    Args:
+        arm: Arm with the tool.
+        along: Direction of the motion in the world, of unit length, of shape (3,).
+        steady_m_s: Speed of the set-point above which a stop is detectable, m/s.
+
+    Attributes:
+        is_steady: Whether the set-point is fast enough.
+        has_stopped: Whether the tool has stopped.
+        stands: Whether it has stopped for a longer time.
+    """
+
+    def __init__(self, arm: Arm, along: Vector, steady_m_s: float) -> None:
+        self._arm = arm
+        self._along = along
+        self._steady_m_s = steady_m_s
+        self._past = deque[tuple[float, float, float]]()
+        self.is_steady = self.has_stopped = self.stands = False
+
+    def look(self) -> None:
+        """Take a sample; to be called once a tick."""
+        arm = self._arm
+        past = self._past
+        meant = float(arm.commanded_tool_pose.position @ self._along)
+        past.append((arm.time, meant, float(arm.tool_pose.position @ self._along)))
+        while len(past) > 2 and arm.time - past[1][0] >= _VERY_LONG_S:
+            past.popleft()
+        self.is_steady, share = self._share(_COMPARED_S, self._steady_m_s)
+        self.has_stopped = self.is_steady and share < _STOPPED
+        was_steady, share = self._share(_LONG_S, self._steady_m_s)
+        was_going, slow_share = self._share(_VERY_LONG_S, _SLOW * self._steady_m_s)
+        self.stands = (was_steady and share < _LONG_STOPPED) or (
+            was_going and slow_share < _LONG_STOPPED
+        )
+
+    def _share(self, seconds: float, least_m_s: float) -> tuple[bool, float]:
+        """Whether the set-point was that fast for that long; the tool's share of its distance."""
+        now, meant_now, here = self._past[-1]
+        ago = [one for one in self._past if now - one[0] >= seconds]
+        if not ago:
+            return False, 1.0
+        then, meant_then, was = ago[-1]
+        distance = meant_now - meant_then
+        return distance >= least_m_s * (now - then), (here - was) / max(distance, 1e-9)
+
+
+REST_S: Final = 0.25
+"""Simulated seconds for which an object has to keep its pose, to be at rest."""
+
+_BODY: Final = int(mujoco.mjtObj.mjOBJ_BODY)
+_STILL_M = 1e-4
+_STILL_RAD = 1e-3
+"""Largest changes of the pose at rest within `REST_S`. Poses are compared, not velocities, since a
+vibrating tool or an edge makes an object oscillate without displacing it."""
+
+
+class LeftStanding:
+    """Referee for an object that an arm has released.
+
+    No sensor of the arm measures what becomes of the object. The referee uses the true state: it
+    scores the outcome, and turns a false SUCCESS into a failure. No motion of the arm depends on
+    it.
+
+    Args:
+        arm: Arm that releases the object.
+        name: Name of the object, which is in the world.
+
+    Attributes:
+        rests: Whether the object is at rest.
+    """
+
+    def __init__(self, arm: Arm, name: str) -> None:
+        self._arm = arm
+        self._name = name
+        self._poses = deque[tuple[float, Pose]]()
+        self.rests = False
+
+    @property
+    def pose(self) -> Pose:
+        """True pose of the object in the world."""
+        return self._arm.world.object_pose(self._name)
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the object is in the world."""
+        return self._name in self._arm.world.objects
+
+    def look(self) -> None:
+        """Take a sample; to be called once a tick."""
+        if not self.is_there:
+            self.rests = False
+            return
+        now = self._arm.time
+        pose = self.pose
+        self._poses.append((now, pose))
+        while len(self._poses) > 1 and now - self._poses[1][0] >= REST_S:
+            self._poses.popleft()
+        self.rests = now - self._poses[0][0] >= REST_S and all(
+            pose.distance(was) <= _STILL_M and pose.angle(was) <= _STILL_RAD
+            for _, was in self._poses
+        )
+
+    def until_rest(self, longest: float) -> Iterator[float]:
+        """Wait until it rests or is gone, or ``longest`` seconds have passed; once a tick."""
+        until = self._arm.time + max(longest, REST_S)
+        while self.is_there and not self.rests and self._arm.time <= until:
+            yield 1.0
+            self.look()
+
+    def away_from(self, goal: Pose) -> tuple[float, float]:
+        """Distance, m, and angle, rad, from a pose, up to the symmetry of the object."""
+        pose = self.pose
+        spec = self._arm.world.objects[self._name]
+        return pose.distance(goal), KnownShape(spec.shape, spec.size).angle(pose, goal)
+
+    def refuse_unless_at(
+        self, goal: Pose, tolerance: float, angle_tolerance: float, *, touched: bool = False
+    ) -> None:
+        """Check that it rests at a pose, free of the arm.
+
+        Args:
+            goal: Pose in the world.
+            tolerance: Largest distance from there, m.
+            angle_tolerance: Largest angle from there, rad.
+            touched: Whether the arm's tool may still touch it.
+
+        Raises:
+            Failure: ``NOT_PLACED`` with both.
+        """
+        label = repr(self._name)
+        if not self.is_there:
+            raise Failure("NOT_PLACED", f"object {label} was taken out of the world")
+        away, turned = self.away_from(goal)
+        numbers = {"placed_error_m": away, "placed_turned_rad": turned}
+        how = f"{label} is {1e3 * away:.1f} mm and {np.degrees(turned):.1f}° from its goal"
+        if not self.rests:
+            raise Failure("NOT_PLACED", f"{how}, and still moves", **numbers)
+        if away > tolerance or turned > angle_tolerance:
+            raise Failure("NOT_PLACED", f"{how}, at rest", **numbers)
+        if not touched and is_borne_by(self._arm, self._name):
+            raise Failure("NOT_PLACED", f"{how}, but the tool still holds or touches it", **numbers)
+
+
+def is_borne_by(arm: Arm, name: str) -> bool:
+    """Whether an object truly touches an arm's tool, or is tied to the arm."""
+    return arm.world.touches(arm.name, name) or is_tied_to(arm, name)
+
+
+def is_tied_to(arm: Arm, name: str) -> bool:
+    """Whether an equality constraint ties an object to an arm, as glue would."""
+    world = arm.world
+    model = world.model
+    data = world.data
+    body = world.arms[arm.name]
+    own = {int(model.geom_bodyid[geom]) for geom in body.geom_ids} | {body.tool_body}
+    its = world.object_body(name)
+    for tie in np.flatnonzero(data.eq_active).tolist():
+        pair = {int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])}
+        if model.eq_objtype[tie] == _BODY and its in pair and pair & own:
+            return True
+    return False
+
+
+def stands_without(arm: Arm, name: str) -> bool:
+    """Whether something other than an arm bears at least half of an object's weight."""
+    world = arm.world
+    if world.objects[name].fixed:
+        return True
+    if any(one.object == name and one.arm != arm.name for one in world.attachments):
+        return True
+    model = world.model
+    data = world.data
+    geom = world.object_geom(name)
+    own = world.arms[arm.name].geom_ids
+    force = np.empty(6)
+    borne = 0.0
+    for number, pair in enumerate(data.contact.geom.tolist()):
+        if geom in pair and not own & set(pair):
+            mujoco.mj_contactForce(model, data, number, force)
+            upward = float(force[:3] @ data.contact.frame[number].reshape(3, 3)[:, 2])
+            borne += upward if pair[1] == geom else -upward  # forces act on the second geom
+    weight = float(model.body_mass[world.object_body(name)] * -model.opt.gravity[2])
+    return borne >= 0.5 * weight
+
+
+_NARROWER_M: Final = 0.005  # opening below the object's width to which the fingers close
+_MET_M: Final = 0.0025  # opening above that at which they have met the object
+_BESIDE_M: Final = 0.005  # clearance of fingertips or lip from the placed object
+_LASTS_S: Final = 0.05  # for which the hold has to last: a drive pushes before its fingers move
+_FEELS_S: Final = 0.25  # in addition to the closing time; a vacuum is at 86 % after 0.1 s
+
+
+def came_along(
+    arm: Arm, held: Attachment, width: float, lies: Pose
+) -> Generator[float, None, bool]:
+    """Test with the gripper, after the retreat, whether the released object sticks to it.
+
+    An object that sticks to a pad is still between the pads: these close with their least force to
+    a little less than its width, and meet it or not. A cup sucks again: an object on its lip seals.
+    Weight is a weaker sign, since joint friction and model errors amount to 2 N in `lab`. An object
+    that hangs elsewhere on the hand is not detected.
+
+    The gripper is left in its final state. If the placed object still reaches between the pads,
+    nothing is tested. Yields once a tick.
+
+    Args:
+        arm: Arm whose gripper has released the object.
+        held: Attachment before the release.
+        width: Opening of the fingers when they held it, m.
+        lies: Pose in the world at which it was released.
+
+    Returns:
+        Whether something is in the gripper.
+    """
+    gripper = arm.gripper
+    page = arm.gripper.page
+    if held.object not in arm.world.objects or not _is_beyond(arm, held.object, lies):
+        return False
+    if page.fingers:
+        goal = max(width - _NARROWER_M, 0.0)
+        if width - goal <= _MET_M + page.resolution:
+            return False  # too thin to be detected
+        gripper.command(goal, force=page.force.least)
+        lasts = _FEELS_S + 2.0 * (gripper.width - goal) / page.speed.most
+    else:
+        gripper.command(0.0, force=min(gripper.commanded.force, held.most_force))
+        goal = 0.0
+        lasts = _FEELS_S
+    began = arm.time
+    since = arm.time
+    while arm.time - began <= lasts:
+        if page.fingers and gripper.at_rest and gripper.width <= goal + page.resolution:
+            return False
+        if not gripper.holding:
+            since = arm.time
+        elif arm.time - since >= _LASTS_S:
+            return not page.fingers or gripper.width > goal + _MET_M
+        yield 1.0
+    return False
+
+
+def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
+    """Whether an object at a pose in the world reaches neither between the pads nor to the cup."""
+    declared = arm.world.objects[name]
+    page = arm.gripper.page
+    in_tool = arm.tool_pose.inverse @ lies
+    back = in_tool.rotation_matrix.T @ np.array((0.0, 0.0, -1.0))
+    nearest = float(in_tool.position[2]) - solid_of(declared.shape, declared.size).reach(back)
+    tip = jaw_measures(page, declared.friction).tip if page.fingers else 0.0
+    return nearest > tip + _BESIDE_M
+
+
+_ROOM_M: Final = 0.01  # least opening on each side of the object at the release
+_FREE_M: Final = 0.006  # height above the goal down to which the path must be free
+_LOWEST_M: Final = 0.008  # least height above the goal at which the descent begins
+_CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
+_LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # shares of the height that are tried if it is not free
+_TURN: Final = np.radians(15.0)  # step of the rotations that are tried for a round object
+_UPRIGHT: Final = np.cos(np.radians(5.0))  # cosine of an axis about which rotations keep pads level
+_NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
+_FALSE: Final = 3  # descents until a contact beyond that height counts
+_OFF_M: Final = 0.003  # length of the compliant start of the retreat
+_LOWERING: Final = 0.3  # share of the speed below the approach height
+_BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
+_TRIES: Final = 12  # blocked branches after which the search for free ones ends
+
+
+class SettingDownPorts(PortModel):
+    """Ports of skills that place."""
+
+    height: float = port(
+        0.05,
+        "height above the goal at which the descent begins, or less",
+        unit="m",
+        ge=0.01,
+        le=0.3,
+    )
+    force: float = port(
+        5.0, "contact force at which the support is detected", unit="N", ge=1, le=100
+    )
+    search: float = port(
+        0.015,
+        "distance below the goal down to which the support is searched",
+        unit="m",
+        ge=0.001,
+        le=0.1,
+    )
+    retreat: float = port(0.08, "length of the retreat", unit="m", ge=0.01, le=0.3)
+    tolerance: float = port(
+        0.008,
+        "largest height error at contact, and largest position error at the end",
+        unit="m",
+        ge=1e-3,
+        le=0.1,
+    )
+    angle_tolerance: Angle = port(
+        5.0, "largest rotation error at the end, up to the object's symmetry", ge=0.1, le=90
+    )
+    settle: Duration = port(1.0, "longest time to come to rest", gt=0, le=30)
+    speed: Speed = port(0.5, "share of the arm's limits up to the descent")
+    down_speed: Speed = port(0.003, "share of the arm's limits where contact is expected")
+    planner: Planner = port(
+        "RRTConnect", "planner that searches where the straight path is blocked"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Descent:
+    """Planned descent to a pose of the tool.
+
+    Attributes:
+        tool: Pose of the tool in the world with the object at its goal.
+        height: Height above that at which the descent begins, m.
+        branches: Configurations down to near the goal, of shape (n, dof), rad, for each feasible
+            branch of the inverse kinematics; the preferred one first.
+        turned: Rotation of a round object from its goal about its vertical axis, rad.
+    """
+
+    tool: Pose
+    height: float
+    branches: list[Matrix]
+    turned: float = 0.0
+
+
+class SettingDown:
+    """Placing of one held object.
+
+    Args:
+        arm: Arm whose gripper holds it.
+        ports: Ports of the skill.
+        held: Attachment of the object.
+        metrics: Metrics of the skill, to be filled.
+
+    Attributes:
+        failures: Failure codes of placing and their meaning.
+    """
+
+    failures: Final[Mapping[str, str]] = {
+        "NOT_SUPPORTED": "on the declared support it would tip over, slide or roll away",
+        "NOT_REACHED": "it touched something above its goal",
+        "NO_CONTACT": "no support was detected below it",
+        "NOT_OPEN": "the fingers did not open",
+        "SLIPPED": "the object slid between the fingers during the motion",
+        "DROPPED": "the object was lost during the motion",
+        "NOT_PLACED": "it is not at its goal at the end: it fell, slid, was moved, sticks to the "
+        "gripper, or was not held as estimated",
+    }
+
+    def __init__(
+        self, arm: Arm, ports: SettingDownPorts, held: Attachment, metrics: dict[str, Number]
+    ) -> None:
+        self._arm = arm
+        self._ports = ports
+        self._metrics = metrics
+        self._held = held
+        self._name = held.object
+        self._in_tool = arm.robot.tool.inverse @ held.relative
+
+    def through(self, goal: Pose) -> Generator[float | None, None, Pose]:
+        """Move above a pose, lower the object until contact, open, retreat.
+
+        Yields the progress once a tick; returns the estimated pose in the world at the release.
+
+        Args:
+            goal: Pose of the object in the world.
+
+        Raises:
+            Failure: ``NOT_SUPPORTED`` before it moves, ``NO_CONTACT``, ``NOT_REACHED``,
+                ``NOT_OPEN``, ``SLIPPED``, ``DROPPED``; ``NOT_PLACED`` if it sticks to the gripper;
+                as motions.
+        """
+        arm = self._arm
+        grip = Grip(self._arm, self._name)
+        grip.look()
+        self._refuse_unsupported(goal)
+        yield None
+        try:
+            tool = yield from self._go_above(goal, grip)
+            yield from self._lower(tool, grip)
+        except Failure as failure:
+            if failure.code == "SLIPPED":
+                yield from grip.judge(failure)
+            raise
+        lies = arm.tool_pose @ self._in_tool
+        self._metrics["believed_error_m"] = lies.distance(goal)
+        yield from self._release(grip.width)
+        yield from self._refuse_if_it_sticks(grip.width, lies)
+        return lies
+
+    def stays_at(self, goal: Pose, within_m: float | None = None) -> Iterator[float]:
+        """Wait until the released object rests, and check its true pose, as a referee.
+
+        Yields the progress once a tick.
+
+        Args:
+            goal: Pose of the object in the world.
+            within_m: Largest position error, m; by default the tolerance of the ports.
+
+        Raises:
+            Failure: ``NOT_PLACED``, see `LeftStanding`.
+        """
+        yield from self._left.until_rest(self._ports.settle)
+        if self._left.is_there:
+            away, turned = self._left.away_from(goal)
+            self._metrics |= {"placed_error_m": away, "placed_turned_rad": turned}
+        within = self._ports.tolerance if within_m is None else within_m
+        self._left.refuse_unless_at(goal, within, self._ports.angle_tolerance)
+
+    def _refuse_unsupported(self, goal: Pose) -> None:
+        """Check that it would stand at the goal, by the shapes that plans use."""
+        ports = self._ports
+        name = self._name
+        found = support_below(self._arm.world, name, goal, ports.tolerance, ports.search)
+        if found is None:
+            return  # no support is declared: contact has to show it
+        if found.rolls:
+            why = "would roll away: what is below it is not level"
+        elif found.tilt > ports.angle_tolerance:
+            why = (
+                f"would tip by {np.degrees(found.tilt):.0f}°: its center of mass is not "
+                f"{1e3 * MARGIN_M:.0f} mm or more inside of what bears it"
+            )
+        elif found.slides:
+            why = (
+                f"would slide down a slope of {np.degrees(found.slope):.0f}° with a coefficient of "
+                f"friction of {found.friction:.2g}"
+            )
+        else:
+            return
+        raise Failure(
+            "NOT_SUPPORTED",
+            f"{name!r} {why}",
+            tilt_rad=found.tilt,
+            slope_rad=found.slope,
+            friction=found.friction,
+        )
+
+    def _go_above(self, goal: Pose, grip: Grip) -> Generator[float, None, Pose]:
+        """Move above the goal, in a branch that allows the descent and the retreat.
+
+        Returns:
+            Pose of the tool in the world with the object at its goal.
+        """
+        arm = self._arm
+        ports = self._ports
+        move = arm.past_others(ports.speed)
+        descents: list[_Descent] = []
+
+        def planned() -> Generator[None, None, Trajectory]:
+            descents[:] = [(yield from self._descent(goal, move))]
+            starts = [rows[0] for rows in descents[0].branches]
+            return (yield from arm.plan(starts, ports.speed, planner=ports.planner))
+
+        for progress in move.along(planned):
+            yield 0.5 * (progress or 0.0)
+            grip.look()
+        (descent,) = descents
+        if descent.height < ports.height:
+            self._metrics["lowered_from_m"] = descent.height
+        if descent.turned:
+            self._metrics["spun_rad"] = descent.turned
+        down = min(descent.branches, key=lambda rows: float(np.abs(rows[0] - arm.setpoint.q).max()))
+        for _ in arm.past_others(ports.speed).until_free(down, known_free=True):
+            yield 0.5
+            grip.look()
+        return descent.tool
+
+    def _descent(self, goal: Pose, move: MoveTo) -> Generator[None, None, _Descent]:
+        """Descent to a goal: as asked for, from a lower height, or with a round object rotated.
+
+        The one asked for is preferred, then the smallest rotation, then the largest height. Yields
+        once for each branch that is checked.
+
+        Args:
+            goal: Pose of the object in the world.
+            move: Motion above the goal.
+
+        Raises:
+            Failure: That of the descent asked for, see `_branches_down`, if there is no other, or
+                if another arm is in the way, which may leave.
+        """
+        height = self._ports.height
+        upright = goal @ self._in_tool.inverse
+        try:
+            return _Descent(upright, height, (yield from self._branches_down(upright, height)))
+        except Failure as failure:
+            if move.may_clear(failure):
+                raise
+            # A traceback would keep this frame alive.
+            refusal = failure.with_traceback(None)
+        for turned in self._turns(goal):
+            tool = _spun(goal, turned) @ self._in_tool.inverse
+            yield
+            try:
+                lowest = _Descent(
+                    tool, _LOWEST_M, (yield from self._branches_down(tool, _LOWEST_M)), turned
+                )
+            except Failure:
+                continue  # every higher descent contains this one
+            for share in (1.0, *_LOWER) if turned else _LOWER:
+                try:
+                    branches = yield from self._branches_down(tool, share * height)
+                    begin = height
+                    if share < 1.0:
+                        begin = max(share * height - _CLEAR_M, _LOWEST_M)
+                        branches = yield from self._branches_down(tool, begin)
+                except Failure:
+                    continue
+                return _Descent(tool, begin, branches, turned)
+            return lowest
+        raise refusal
+
+    def _turns(self, goal: Pose) -> list[float]:
+        """Symmetry rotations of the object about the vertical, rad, the smallest first."""
+        spec = self._arm.world.objects[self._name]
+        spins = KnownShape(spec.shape, spec.size).spins
+        is_upright = spins is not None and abs(goal.rotation_matrix[2] @ spins) >= _UPRIGHT
+        if not (is_upright or spec.shape == "sphere"):
+            return [0.0]
+        steps = np.arange(1, round(np.pi / _TURN) + 1) * _TURN
+        return [0.0, *np.column_stack((steps, -steps)).ravel()[:-1].tolist()]
+
+    def _branches_down(self, tool: Pose, height: float) -> Generator[None, None, list[Matrix]]:
+        """Straight descent to a pose of the tool, in branches that allow search and retreat.
+
+        The arm and the held object are free of collisions down to `_FREE_M`, and the arm alone on
+        the retreat. Yields once for each branch that is checked.
+
+        Args:
+            tool: Pose of the tool in the world.
+            height: Height above it at which the descent begins, m.
+
+        Returns:
+            For each branch configurations down to `_FREE_M`, of shape (n, dof), rad; the preferred
+            branch first.
+
+        Raises:
+            Failure: That of the preferred branch, if there is none: ``IN_COLLISION``,
+                ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE`` or ``INVALID_TARGET``.
+        """
+        arm = self._arm
+        ports = self._ports
+        held = frozenset({self._name})
+        corners = [_raised(tool, above) for above in (height, _FREE_M, 0.0, -ports.search)]
+        found: list[Matrix] = []
+        refusals: list[Failure] = []
+        for down, low, _ in arm.lines(*corners):
+            try:
+                arm.refuse_collision_along(down)
+                out = arm.line_after(low[-1], tool @ Pose.from_rpy((0.0, 0.0, -ports.retreat)))
+                arm.refuse_collision_along(out, ignore=held)
+            except Failure as failure:
+                refusals.append(failure.with_traceback(None))
+            else:
+                found.append(down)
+            yield
+            if len(found) == _BRANCHES or len(refusals) == _TRIES:
+                break
+        if not found:
+            raise refusals[0]
+        return found
+
+    def _lower(self, tool: Pose, grip: Grip) -> Iterator[float | None]:
+        """Lower until contact with the support."""
+        arm = self._arm
+        ports = self._ports
+        move = arm.past_others(_LOWERING * ports.speed)
+        for progress in move.straight(_raised(tool, _FREE_M), known_free=True):
+            yield 0.5 + 0.1 * (progress or 0.0)
+            grip.look()
+        low = _raised(tool, -ports.search)
+        force = grip.firm_for(ports.force)
+        for _ in range(_FALSE):
+            felt, most = yield from guarded_descent(
+                arm, low, ports.down_speed, force, grip.look, lightly=True
+            )
+            if not felt:
+                yield from arm.settle()
+                raise Failure(
+                    "NO_CONTACT",
+                    f"nothing is felt {1e3 * ports.search:.0f} mm below where it is to stand",
+                )
+            height = self._height(tool)
+            if height <= _NEAR_M:
+                break
+        self._metrics |= {"impact_n": most, "height_off_m": height}
+        if abs(height) > ports.tolerance:
+            yield from arm.relax()
+            raise Failure(
+                "NOT_REACHED",
+                f"it touched something {1e3 * height:.1f} mm above where it was to stand",
+                height_off_m=height,
+                force_n=most,
+            )
+
+    def _height(self, tool: Pose) -> float:
+        """Height of the tool above a pose, by the encoders, m."""
+        return float(self._arm.tool_pose.position[2] - tool.position[2])
+
+    def _release(self, width: float) -> Iterator[float | None]:
+        """Open and retreat.
+
+        Args:
+            width: Opening of the fingers when they held it, m.
+        """
+        arm = self._arm
+        ports = self._ports
+        yield from self._open(width)
+        arm.gripper.let_go(self._name)
+        self._left = LeftStanding(arm, self._name)
+        back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -ports.retreat))
+        yield from self._retreat_compliantly()
+        for progress in arm.past_others(0.3 * ports.speed, frozenset({self._name})).straight(back):
+            self._left.look()
+            yield 0.85 + 0.15 * (progress or 0.0)
+
+    def _open(self, width: float) -> Iterator[float]:
+        """Open fingers from a width, m, until there is `_ROOM_M` on each side of the object."""
+        gripper = self._arm.gripper
+        page = self._arm.gripper.page
+        wide = min(width + 2.0 * _ROOM_M, page.stroke)
+        gripper.command(wide if page.fingers else 1.0)
+        for _ in gripper.until_open():
+            yield 0.85
+
+    def _refuse_if_it_sticks(self, width: float, lies: Pose) -> Iterator[float]:
+        """Check that the gripper is empty; an object that is still in it is attached again."""
+        arm = self._arm
+        gripper = self._arm.gripper
+        name = self._name
+        if not (yield from came_along(arm, self._held, width, lies)):
+            yield from self._open(width)
+            return
+        pose = arm.tool_pose @ self._in_tool
+        if gripper.why_not(name, pose) is None:
+            gripper.hold(name, pose, self._held.most_force, told=self._held.is_told)
+        met = "the fingers have met" if gripper.page.fingers else "the cup seals on"
+        raise Failure(
+            "NOT_PLACED",
+            f"{name!r} came along with the hand: {met} it again, and hold it",
+            width_m=gripper.width,
+            force_n=gripper.force,
+        )
+
+    def _retreat_compliantly(self) -> Iterator[float]:
+        """Retreat a little while still compliant, since the tool is still in contact."""
+        arm = self._arm
+        off = arm.commanded_tool_pose @ Pose.from_rpy((0.0, 0.0, -_OFF_M))
+        motion = arm.begin(
+            arm.time_path(arm.line_on(off), _LOWERING), may_touch=True, compliant=True
+        )
+        while not motion.done:
+            yield 0.85
+            arm.check()
+
+
+def _raised(pose: Pose, height: float) -> Pose:
+    return Pose(pose.position + np.array((0.0, 0.0, height)), pose.quaternion)
+
+
+def _spun(pose: Pose, angle: float) -> Pose:
+    """Pose rotated about the vertical of the world by an angle, rad."""
+    turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, angle))
+    return Pose(pose.position, (turn @ Pose(np.zeros(3), pose.quaternion)).quaternion)

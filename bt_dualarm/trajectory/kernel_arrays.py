@@ -1,0 +1,62 @@
+"""Array types of the timing kernels: paths, and profiles along them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.core.pose import Matrix, Vector
+
+Pieces: TypeAlias = npt.NDArray[np.float64]
+"""Coefficients of cubic polynomials, of shape (m, 4, dof)."""
+
+
+class PathOnGrid(NamedTuple):
+    """A path sampled at n grid points.
+
+    Attributes:
+        grid: Path parameters s of the grid points, of shape (n,), increasing.
+        slope: dq/ds, of shape (n, dof).
+        curvature: d²q/ds², of shape (n, dof).
+        most: Squares of the largest ds/dt that the joint velocity limits allow, of shape (n,).
+    """
+
+    grid: Vector
+    slope: Matrix
+    curvature: Matrix
+    most: Vector
+
+
+class Spline(NamedTuple):
+    """A cubic spline.
+
+    Attributes:
+        knots: Path parameters at which its pieces meet, of shape (m + 1,).
+        pieces: Coefficients of each piece in the distance from its first knot, highest degree
+            first, of shape (m, 4, dof).
+        period: Length of a periodic spline; zero for one that is not periodic.
+    """
+
+    knots: Vector
+    pieces: Pieces
+    period: float
+
+
+class Parabolas(NamedTuple):
+    """Path parameter s over time, with constant d²s/dt² between knots.
+
+    Attributes:
+        time: Knots, of shape (n,), s, increasing from zero.
+        place: s at the knots, of shape (n,).
+        rate: ds/dt at the knots, of shape (n,).
+        bends: d²s/dt² after each knot, of shape (n - 1,).
+        areas: Integral of s over time up to each knot, of shape (n,).
+    """
+
+    time: Vector
+    place: Vector
+    rate: Vector
+    bends: Vector
+    areas: Vector

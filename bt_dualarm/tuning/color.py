@@ -1,0 +1,651 @@
+"""The color that a camera looks for: images to tune it on, picking, changing, saving."""
+
+from __future__ import annotations
+
+import io
+import math
+import stat
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
+from functools import cached_property
+from pathlib import Path
+from typing import Final, Protocol, TypeAlias
+
+import cv2
+import numpy as np
+import PIL.Image
+from pydantic import ValidationError
+
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.core.share import write_text
+from bt_dualarm.perception.detection import ColorFilter, Detection, Mask, detect_all
+from bt_dualarm.runtime.file_check import check
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.camera import Camera
+from bt_dualarm.sim.frame import Frame
+from bt_dualarm.sim.renderer import Image, RendererKind
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.document import ArmSpec, TreeFile
+from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.node_types import NodeSpec, NodeType
+from bt_dualarm.spec.ports import key_name, models_in, reference_of
+from bt_dualarm.spec.problems import SpecError, errors, suggestion
+from bt_dualarm.spec.values import Color, HsvRange
+from bt_dualarm.spec.yaml_edit import with_value
+from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, with_tuples
+
+# Reading an image file that may be anything: too large, cut off, or no file at all.
+
+
+IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".webp", ".tif", ".tiff")
+
+_LARGEST_FILE: Final = 256 * 1024 * 1024
+_LARGEST_IMAGE_PX: Final = 50_000_000
+"""More than any camera of a robot has; an image takes some ten bytes a pixel while it is read."""
+
+
+class ImageFileError(DualArmError):
+    """A file is no image that can be read; the message says why."""
+
+
+def read_image(path: Path) -> Image:
+    """The image in a file: red, green, blue, of shape (height, width, 3).
+
+    Raises:
+        ImageFileError: It is no file, no image, cut off, or larger than 50 million pixels.
+    """
+    content = _content(path)
+    _refuse_huge(path, content)
+    try:
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise ImageFileError(f"{path}: is not an image that can be read") from error
+    if image is None:
+        raise ImageFileError(f"{path}: is not an image that can be read")
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def _content(path: Path) -> bytes:
+    """All bytes of a file; a pipe or a device, which may have no end, is not even opened."""
+    try:
+        status = path.stat()
+        if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
+            raise ImageFileError(f"{path}: is a pipe or a device, not an image file")
+        if status.st_size > _LARGEST_FILE:
+            limit = f"at most {_LARGEST_FILE >> 20} MiB are read"
+            raise ImageFileError(f"{path}: has {status.st_size >> 20} MiB, {limit}")
+        return path.read_bytes()
+    except OSError as error:
+        raise ImageFileError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _refuse_huge(path: Path, content: bytes) -> None:
+    """Look at the head alone: a few kilobytes may unpack to gigabytes."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the limit below is lower than those it warns of
+            with PIL.Image.open(io.BytesIO(content)) as image:
+                width, height = image.size
+    except PIL.Image.DecompressionBombError as error:
+        limit = f"images have at most {_LARGEST_IMAGE_PX // 1_000_000} million pixels"
+        raise ImageFileError(f"{path}: is too large: {limit}") from error
+    except (OSError, ValueError, SyntaxError) as error:
+        raise ImageFileError(f"{path}: is not an image that can be read") from error
+    if width * height > _LARGEST_IMAGE_PX:
+        limit = f"at most {_LARGEST_IMAGE_PX // 1_000_000} million pixels are read"
+        raise ImageFileError(f"{path}: is {width} x {height} pixels, {limit}")
+
+
+# What a camera that looks for a color finds in a picture, and that as a picture for people.
+
+
+_LEAST_WIDTH_PX: Final = 480
+_BAR_PX: Final = 26
+_WHITE = (245, 245, 245)
+_GREEN = (0, 230, 90)
+_ORANGE = (255, 160, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class ColorView:
+    """A color looked for in a frame.
+
+    Attributes:
+        frame: The picture.
+        color: Color that is looked for.
+    """
+
+    frame: Frame
+    color: Color
+
+    @cached_property
+    def mask(self) -> Mask:
+        """Which pixels have the color."""
+        return ColorFilter(self.color).mask(self.frame.image)
+
+    @cached_property
+    def found(self) -> tuple[Detection, ...]:
+        """Every candidate, the largest first: the one that a tracker takes to begin with."""
+        found = detect_all(self.frame, ColorFilter(self.color))
+        return tuple(sorted(found, key=lambda detection: -detection.area_px))
+
+    @property
+    def table(self) -> list[dict[str, Data]]:
+        """The candidates, ready for JSON."""
+        return [
+            {
+                "centroid_px": [round(at, 2) for at in one.centroid_px],
+                "area_px": round(one.area_px, 1),
+                "bounds_px": list(one.bounds_px),
+                "confidence": round(one.confidence, 3),
+                "touches_border": one.touches_border,
+            }
+            for one in self.found
+        ]
+
+    def picture(self, title: str) -> Image:
+        """Image, mask and overlay side by side, each at least 480 pixels wide, below a title."""
+        zoom = max(1, -(-_LEAST_WIDTH_PX // self.frame.width))
+        panels = [
+            _titled(_zoomed(self.frame.image, zoom), title),
+            _titled(_zoomed(np.dstack([self.mask] * 3), zoom), self.color.notation),
+            _titled(self._overlay(zoom), self._summary()),
+        ]
+        gap = np.full((panels[0].shape[0], 4, 3), 128, np.uint8)
+        return np.hstack([panels[0], gap, panels[1], gap, panels[2]])
+
+    def _overlay(self, zoom: int) -> Image:
+        """The image, dark where the color is not, with a box and a cross at each candidate."""
+        share = np.where(self.mask > 0, 1.0, 0.35)[..., None]
+        picture = np.ascontiguousarray(_zoomed((self.frame.image * share).astype(np.uint8), zoom))
+        for number, one in reversed(list(enumerate(self.found, start=1))):
+            color = _GREEN if number == 1 else _ORANGE
+            left, top, right, bottom = (edge * zoom for edge in one.bounds_px)
+            cv2.rectangle(picture, (left, top), (right - 1, bottom - 1), color, 1)
+            at = tuple(round(coordinate * zoom) for coordinate in one.centroid_px)
+            cv2.drawMarker(picture, at, color, cv2.MARKER_CROSS, 14, 1, cv2.LINE_AA)
+            corner = (left, top - 6 if top > 20 else bottom + 16)
+            _write_label(picture, f"{number}: {one.area_px:.0f} px2", corner, color)
+        return picture
+
+    def _summary(self) -> str:
+        if not self.found:
+            return "nothing of this color"
+        x, y = self.found[0].centroid_px
+        others = f", {len(self.found) - 1} more" if len(self.found) > 1 else ""
+        return f"largest at {x:.1f}, {y:.1f}: {self.found[0].area_px:.0f} px2{others}"
+
+
+def png(image: Image) -> bytes:
+    """An image (red, green, blue, or one channel) as the content of a file."""
+    in_order = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    return bytes(cv2.imencode(".png", in_order)[1])
+
+
+def _zoomed(image: Image, zoom: int) -> Image:
+    return np.asarray(image.repeat(zoom, axis=0).repeat(zoom, axis=1), np.uint8)
+
+
+def _titled(image: Image, title: str) -> Image:
+    """The image with a bar above it; a title that is too long is set smaller."""
+    bar = np.full((_BAR_PX, image.shape[1], 3), 40, np.uint8)
+    (width, _), _ = cv2.getTextSize(title, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
+    _write_label(bar, title, (6, 18), _WHITE, min(0.5, 0.5 * (image.shape[1] - 12) / max(width, 1)))
+    return np.vstack([bar, image])
+
+
+def _write_label(
+    image: Image, text: str, corner: tuple[int, int], color: tuple[int, int, int], size: float = 0.5
+) -> None:
+    cv2.putText(image, text, corner, cv2.FONT_HERSHEY_SIMPLEX, size, color, 1, cv2.LINE_AA)
+
+
+# One picture to tune on: from a camera of a tree file, or from an image file.
+
+
+class ShotError(DualArmError):
+    """There is no picture; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A picture and where it comes from.
+
+    Attributes:
+        frame: Frame that was exposed as a whole.
+        what: Words for people on where it comes from.
+    """
+
+    frame: Frame
+    what: str
+
+
+@dataclass(frozen=True)
+class ShotTime:
+    """When a camera of a tree file takes its picture, and in what world.
+
+    Attributes:
+        seconds: Simulated time since the start of the run in s; 0 is before anything moves.
+        posture: Named posture in which the camera's arm starts; None for the file's.
+        seed: Seed of everything random; None for the file's.
+        renderer: Kind of renderer; None for the file's.
+    """
+
+    seconds: float = 0.0
+    posture: str | None = None
+    seed: int | None = None
+    renderer: RendererKind | None = None
+
+
+def image_shot(path: Path) -> Shot:
+    """The picture of an image file.
+
+    Raises:
+        ImageFileError: It is no image that can be read.
+    """
+    return Shot(still(read_image(path)), str(path))
+
+
+def still(image: Image, fov_rad: float = 1.0) -> Frame:
+    """An image as a frame of a camera that stands in the world's origin."""
+    height, width = image.shape[:2]
+    return Frame(
+        0.0,
+        image,
+        Pose.identity(),
+        fov_rad,
+        (0, 0, width, height),
+    )
+
+
+def camera_arm(file: TreeFile, name: str | None) -> str:
+    """The arm whose camera is meant: the one of this name, or the only one with a camera.
+
+    Raises:
+        ShotError: There is none, or several and no name.
+    """
+    seeing = [arm for arm, spec in file.arms.items() if spec.camera is not None]
+    if name is not None and name not in file.arms:
+        raise ShotError(f"there is no arm '{name}': {suggestion(name, file.arms, 'arm')}")
+    if name is not None and name not in seeing:
+        raise ShotError(f"{name} has no camera (with one: {', '.join(seeing) or 'no arm'})")
+    if name is None and len(seeing) != 1:
+        found = f"several arms have one ({', '.join(seeing)})" if seeing else "no arm has one"
+        raise ShotError(f"which camera? {found}" + "; say --arm NAME" * bool(seeing))
+    return name or seeing[0]
+
+
+def camera_shot(file: TreeFile, registry: Registry, arm: str, moment: ShotTime) -> Shot:
+    """Compose the world of a file, run it until the moment, and expose.
+
+    Latency, lost frames and shake of the camera are left out: they say nothing of colors.
+
+    Args:
+        file: Tree file, checked with the skills of ``registry``.
+        registry: Installed skills.
+        arm: Name of the arm whose camera it is; see `camera_arm`.
+        moment: Moment of the exposure.
+
+    Raises:
+        ShotError: The arm is not in the world then, or the run broke before.
+        DualArmError: The world cannot be composed, or the renderer cannot work here.
+    """
+    spec = file.arms[arm]
+    if moment.posture is not None:
+        spec = spec.model_copy(update={"posture": moment.posture})
+        file = file.model_copy(update={"arms": {**file.arms, arm: spec}})
+    with Run(file, registry, RunOptions(moment.seed, None, moment.renderer)) as run:
+        if moment.seconds > 0.0:
+            run.step(moment.seconds)
+        if run.done and run.result.error:
+            raise ShotError(f"the run broke before the picture: {run.result.error}")
+        early = ", where the run ended" if run.done else ""
+        frame = _expose(run, arm, spec)
+    what = f"camera of {arm} at {frame.stamp:.3f} s{early}, renderer {run.renderer}"
+    return Shot(frame, f"{file.name}: {what}")
+
+
+def _expose(run: Run, arm: str, spec: ArmSpec) -> Frame:
+    world = run.world
+    renderer = run.assembly.renderer
+    if arm not in world.arms:
+        raise ShotError(f"{arm} is not in the world at {world.time:g} s; --at S looks later")
+    if spec.camera is None or renderer is None:
+        raise ShotError(f"{arm} has no camera")
+    calm = spec.camera.model_copy(update={"noise": 0.0, "drop": 0.0})
+    return Camera(f"{arm}/camera", calm, renderer).capture(world)
+
+
+# Which leaf of a tree file looks for a color, and where that color is written.
+
+
+class NoColorPortError(DualArmError):
+    """No leaf looks for a color, or several do and it is open which is meant."""
+
+
+@dataclass(frozen=True, eq=False)
+class ColorPort:
+    """A port that says what a camera looks for.
+
+    Attributes:
+        node: Leaf of a tree.
+        port: Name of the port.
+        color: Color in the port, None where a key of the blackboard brings it.
+    """
+
+    node: NodeSpec
+    port: str
+    color: Color | None
+
+    @property
+    def path(self) -> DataPath:
+        """Path of the port in the file of the node."""
+        return (*self.node.path, self.node.kind, self.port)
+
+    def home(self) -> tuple[Source, DataPath]:
+        """File and place at which the color is written, or would be.
+
+        Raises:
+            SpecError: It comes from somewhere that is not of one color alone.
+        """
+        source = self.node.source
+        reference = reference_of(self.node.source.get(self.path))
+        if reference is None:
+            return source, self.path
+        name = key_name(reference)
+        problem = self.node.port_problem
+        hint = "write the color here instead, or make it a parameter of type color"
+        declared = source.get(("params", name)) if self.node.user is None else None
+        if not isinstance(declared, dict):
+            what = "a parameter of the subtree or a key of the blackboard"
+            message = f"{self.node.kind}: this color is '{{{name}}}', {what}"
+            raise SpecError([problem((self.port,), message, hint)])
+        if declared.get("type") != "color":
+            message = f"this color is the parameter '{name}', which is no color but a "
+            words = f"{message}{declared.get('type')}: it cannot hold ranges"
+            raise SpecError([source.problem(("params", name), words, hint, key=True)])
+        return source, ("params", name, "default")
+
+
+def color_ports(file: TreeFile, arm: str, kinds: Mapping[str, NodeType]) -> Iterator[ColorPort]:
+    """Ports of an arm's tree that take a color, each once, in the order of the file."""
+    seen = set()
+    for node in file.arms[arm].tree.walk():
+        fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
+        for name, field in fields.items():
+            if Color not in models_in(field.annotation):
+                continue
+            value = node.ports.get(name, field.default)
+            known = reference_of(value) is None and value is not None
+            color = Color.model_validate(with_tuples(value)) if known else None
+            found = ColorPort(node, name, color)
+            if (node.source.file, found.path) not in seen:
+                seen.add((node.source.file, found.path))
+                yield found
+
+
+def choose(ports: Sequence[ColorPort], arm: str, line: int | None = None) -> ColorPort:
+    """The port that is meant: the only one, or the one of the node in a line of the file.
+
+    Raises:
+        NoColorPortError: There is none, or several and no line.
+    """
+    fitting = [one for one in ports if line in (None, one.node.location.line)]
+    if len(fitting) == 1:
+        return fitting[0]
+    if not ports:
+        raise NoColorPortError(f"no leaf of {arm} looks for a color")
+    places = "\n".join(f"  {one.node.location}  {one.node.name}" for one in ports)
+    if not fitting:
+        raise NoColorPortError(f"no leaf in line {line} looks for a color; these do:\n{places}")
+    raise NoColorPortError(f"{len(fitting)} leaves look for a color; say --line N:\n{places}")
+
+
+# From pixels to a range: what a person points at is what the camera shall look for.
+
+
+Pixel: TypeAlias = tuple[int, int]
+"""Column and row, from the top left corner."""
+
+_AROUND: Final = 1
+"""Pixels on each side that are taken up with the one that was pointed at."""
+
+_HUE_MARGIN_DEG: Final = 6.0
+_SHARE_MARGIN: Final = 0.15
+_COLORLESS: Final = 0.08
+"""Below this product of saturation and value 8 bits hold no hue (black, white, grey)."""
+
+
+class PixelError(DualArmError):
+    """A pixel is not in the image."""
+
+
+def range_of(image: Image, pixels: Sequence[Pixel], begin: HsvRange | None = None) -> HsvRange:
+    """The smallest range around pixels and those next to them, with a margin for other light.
+
+    Args:
+        image: Red, green, blue, of shape (height, width, 3).
+        pixels: Columns and rows of what was pointed at, at least one.
+        begin: Range that is widened to hold the pixels, too; None to begin anew.
+
+    Raises:
+        PixelError: One is outside of the image.
+    """
+    hsv = np.vstack([_patch(image, pixel) for pixel in pixels])
+    colored = hsv[hsv[:, 1] * hsv[:, 2] >= _COLORLESS, 0]
+    return HsvRange(
+        hue=_arc(colored, begin.hue if begin else None),
+        saturation=_span(hsv[:, 1], begin.saturation if begin else None),
+        value=_span(hsv[:, 2], begin.value if begin else None),
+    )
+
+
+def _patch(image: Image, pixel: Pixel) -> Matrix:
+    """Hue in degrees, saturation and value from 0 to 1 around a pixel, of shape (n, 3)."""
+    x, y = pixel
+    height, width = image.shape[:2]
+    if not (0 <= x < width and 0 <= y < height):
+        raise PixelError(f"pixel {x},{y} is outside of the image, which is {width}x{height}")
+    part = image[max(y - _AROUND, 0) : y + _AROUND + 1, max(x - _AROUND, 0) : x + _AROUND + 1]
+    hsv = cv2.cvtColor(np.ascontiguousarray(part), cv2.COLOR_RGB2HSV).reshape(-1, 3)
+    return np.asarray(hsv * (2.0, 1 / 255, 1 / 255))
+
+
+def _arc(hues: Vector, begin: tuple[float, float] | None) -> tuple[float, float]:
+    """An arc of the color circle around all hues, grown at whichever end is nearer; degrees."""
+    if begin is None and not len(hues):
+        return 0.0, 360.0
+    low, high = begin or (float(hues[0]), float(hues[0]))
+    length = high - low if high >= low else high - low + 360.0
+    for hue in hues:
+        from_low = (float(hue) - _HUE_MARGIN_DEG - low) % 360.0
+        upwards = from_low + 2 * _HUE_MARGIN_DEG - length
+        downwards = 360.0 - from_low
+        if 0.0 < downwards < upwards:
+            low = low - downwards
+            length = length + downwards
+        elif upwards > 0.0:
+            length += upwards
+    if length >= 360.0:
+        return 0.0, 360.0
+    return float(math.floor(low) % 360), float(math.ceil(low + length) % 360)
+
+
+def _span(shares: Vector, begin: tuple[float, float] | None) -> tuple[float, float]:
+    """A span of shares around all of them, within 0 to 1, in hundredths."""
+    low, high = begin or (1.0, 0.0)
+    low = min(low, max(0.0, float(shares.min()) - _SHARE_MARGIN))
+    high = max(high, min(1.0, float(shares.max()) + _SHARE_MARGIN))
+    return math.floor(100 * low) / 100, math.ceil(100 * high) / 100
+
+
+# The color that somebody asks for: read, checked, and changed piece by piece.
+
+
+class ColorError(DualArmError):
+    """What was asked for is no color; the message says why."""
+
+
+def color_of(data: Data) -> Color:
+    """A color from its notation: a name, or a list of ranges.
+
+    Raises:
+        ColorError: It is none.
+    """
+    try:
+        return Color.model_validate(with_tuples(data))
+    except ValidationError as error:
+        found = explain(error, Color, data, "field")
+        words = (f"{one.message} {one.hint}".strip() for one in found)
+        raise ColorError("; ".join(words)) from None
+    except UnicodeEncodeError:
+        raise ColorError("a color is written in whole characters") from None
+
+
+def adjusted(
+    color: Color,
+    image: Image,
+    *,
+    pick: Sequence[Pixel] = (),
+    widen: Sequence[Pixel] = (),
+    bounds: Mapping[str, Sequence[float]] | None = None,
+) -> Color:
+    """A color with changes, in this order; without any, the color itself.
+
+    Args:
+        color: Color to begin with.
+        image: Image in which the pixels are.
+        pick: Pixels around which one new range is made.
+        widen: Pixels that the first range is widened to hold, too.
+        bounds: Bounds of hue, saturation or value, for every range; a hue leaves the first
+            range only.
+
+    Raises:
+        ColorError: A lower bound is above its upper one.
+        PixelError: A pixel is outside of the image.
+    """
+    if not (pick or widen or bounds):
+        return color
+    ranges = [range_of(image, pick)] if pick else list(color.ranges)
+    if widen:
+        ranges[0] = range_of(image, widen, ranges[0])
+    given = {name: list(pair) for name, pair in (bounds or {}).items()}
+    kept = ranges[:1] if "hue" in given else ranges
+    return color_of([{**item.data, **given} for item in kept])
+
+
+# Writing a tuned color back: into the tree file it came from, or as a piece of YAML.
+
+
+class SavingError(DualArmError):
+    """A file cannot be written; it is as it was."""
+
+
+class Save(Protocol):
+    """Where a tuned color goes."""
+
+    def __call__(self, color: Color) -> str:
+        """Write it; returns a sentence on what was done.
+
+        Raises:
+            DualArmError: Nothing was written; the message says why.
+        """
+
+
+@dataclass(frozen=True)
+class IntoTree:
+    """Writes into a tree file and leaves all else in it as it is.
+
+    Attributes:
+        path: File to write to.
+        arm: Name of the arm whose tree it is.
+        line: Line of the leaf, where several look for a color.
+        registry: The installed skills.
+        params: Parameters of the file as given on the command line.
+    """
+
+    path: Path
+    arm: str
+    line: int | None
+    registry: Registry
+    params: Mapping[str, str] = dataclass_field(default_factory=dict)
+
+    def __call__(self, color: Color) -> str:
+        """Find the place anew: the file may have changed since it was read."""
+        kinds = self.registry.kinds
+        file = load_tree_file(self.path, kinds, self.params)
+        port = choose(list(color_ports(file, self.arm, kinds)), self.arm, self.line)
+        source, place = port.home()
+        path = Path(source.file)
+        text = path.read_bytes().decode("utf-8")
+        edited = with_value(text, source.file, place, _like(source.get(place), color.data))
+        _write(path, edited)
+        self._prove(path, text)
+        return f"written: {source.key_location(place)}"
+
+    def _prove(self, path: Path, before: str) -> None:
+        """Check the file as bt-check does; one that it refuses is put back as it was."""
+        wrong = errors(check(self.path, self.registry.kinds, self.params).problems)
+        if wrong:
+            _write(path, before)
+            raise SpecError(wrong)
+
+
+@dataclass(frozen=True)
+class AsSnippet:
+    """Writes a file of its own, to be copied from.
+
+    Attributes:
+        path: File to write to.
+        what: Description of the picture that the color was picked from.
+    """
+
+    path: Path
+    what: str
+
+    def __call__(self, color: Color) -> str:
+        """Write it."""
+        _write(self.path, snippet(color, self.what))
+        return f"written: {self.path}"
+
+
+def snippet(color: Color, what: str) -> str:
+    """A color as the lines of a leaf's port."""
+    origin = " ".join(what.split())
+    return (
+        f"# hue in degrees, saturation and value from 0 to 1; {origin}\ncolor: {color.notation}\n"
+    )
+
+
+def _like(old: Data, new: Data) -> Data:
+    """The new ranges without those defaults that the old ones did not write either."""
+    if not isinstance(new, list):
+        return new
+    plain = Color(ranges=({"hue": (0.0, 0.0)},)).ranges[0].data  # type: ignore[arg-type]
+    written = [set(item) for item in old] if isinstance(old, list) else []
+    written += [set() for _ in range(len(new) - len(written))]
+    return [
+        {
+            name: value
+            for name, value in item.items()
+            if name == "hue" or name in names or value != plain[name]
+        }
+        for item, names in zip(new, written, strict=False)
+    ]
+
+
+def _write(path: Path, text: str) -> None:
+    """Whole or not at all; who may read a file that is there already stays as it is."""
+    target = path.resolve()
+    try:
+        mode = target.stat().st_mode if target.exists() else None
+        write_text(target, text)
+        if mode is not None:
+            target.chmod(mode)
+    except OSError as error:
+        raise SavingError(f"cannot write {path}: {error.strerror or error}") from error

@@ -1,0 +1,133 @@
+"""Every node type of the language has all its parts, in one class."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+import bt_dualarm
+from bt_dualarm.behaviors.language import LANGUAGE, LEAF_CLASSES, PARENT_CLASSES
+from bt_dualarm.behaviors.leaf import LanguageLeaf
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.node_types import (
+    EITHER,
+    FAILURE,
+    RESERVED_NAMES,
+    SUCCESS,
+    LanguageNode,
+    NodeSpec,
+    Outcomes,
+)
+from bt_dualarm.spec.reference import describe, json_schema
+
+PACKAGE = Path(bt_dualarm.__file__).parent
+DEFINED_IN = {
+    "spec/node_types.py",  # the reserved names
+    "behaviors/composites.py",
+    "behaviors/decorators.py",
+    "behaviors/leaf.py",
+}
+
+WRITES_TREES = {"testing/laws.py"}
+"""They write trees around a skill, as an author of tree files does."""
+
+OTHER_THINGS = {
+    ("spec/parser.py", "subtree"),  # what a name in a message is the name of
+    ("cli/bt_run.py", "log"),  # a display of one line an event
+    ("runtime/display.py", "log"),
+    ("spec/reality.py", "set"),  # the name of a set of numbers
+    ("runtime/report.py", "guard"),  # the gate on set-points, in summary.json
+    ("runtime/observations.py", "guard"),  # likewise, in run.history
+}
+"""Texts that are spelt like a node type and mean something else."""
+
+
+def test_every_node_type_has_one_class_and_a_reserved_name() -> None:
+    assert not PARENT_CLASSES.keys() & LEAF_CLASSES.keys()
+    assert PARENT_CLASSES.keys() | LEAF_CLASSES.keys() == LANGUAGE.keys() == RESERVED_NAMES
+
+
+@pytest.mark.parametrize("leaf", LEAF_CLASSES.values(), ids=LEAF_CLASSES)
+def test_a_leaf_runs_with_the_ports_that_the_check_knows(leaf: type[LanguageLeaf]) -> None:
+    assert leaf.Ports is leaf.node_type.ports
+
+
+@pytest.mark.parametrize("node_type", LANGUAGE.values(), ids=LANGUAGE)
+def test_a_node_type_has_all_its_parts(node_type: LanguageNode) -> None:
+    assert node_type.summary
+    assert node_type.example.startswith(node_type.name)
+    assert (node_type.name in LEAF_CLASSES) is (node_type.is_leaf and not node_type.uses)
+    assert node_type.fixed <= node_type.ports.model_fields.keys()
+    assert {node_type.shorthand, node_type.uses} <= {"", *node_type.ports.model_fields}
+    assert node_type.advances_on is None or node_type.many, "only a list of children has an order"
+    if any(slot.after is not None for slot in node_type.slots):
+        assert node_type.slots[0].after is None
+        assert node_type.slots[0].required, "what others wait for is there"
+    assert describe(node_type).summary == node_type.summary
+    assert node_type.name in json_schema(LANGUAGE)["$defs"]["node"]["anyOf"][1]["properties"]
+
+
+def nodes(node_type: LanguageNode) -> Iterator[NodeSpec]:
+    """Nodes of a type with as few and as many children as it takes."""
+    given = {"times": 2, "policy": "all", "memory": True}
+    ports = {name: value for name, value in given.items() if name in node_type.ports.model_fields}
+    required = [slot.name for slot in node_type.slots if slot.required]
+    counts = {len(required), len(node_type.slots)}
+    if node_type.many or node_type.cases:
+        counts = {1, 2, 3}
+    for count in sorted(counts) if not node_type.uses else [1]:
+        children = tuple(NodeSpec("look", f"look {i}", {}) for i in range(count))
+        slots = tuple(slot.name for slot in node_type.slots)[:count]
+        if node_type.many:
+            slots = ("children",) * count
+        elif node_type.cases:
+            slots = (*(f"case {i}" for i in range(count - 1)), "default")
+        yield NodeSpec(node_type.name, node_type.name, ports, children, slots or ("child",) * count)
+
+
+@pytest.mark.parametrize("node_type", LANGUAGE.values(), ids=LANGUAGE)
+def test_the_rules_of_a_node_type_hold_for_all_ends_of_its_children(
+    node_type: LanguageNode,
+) -> None:
+    """More ends of a child never mean fewer of the node: what is warned of cannot happen."""
+    never = Outcomes(succeeds=False, fails=False)
+    for node in nodes(node_type):
+        for ends in product((never, SUCCESS, FAILURE, EITHER), repeat=len(node.children)):
+            end = node_type.outcomes(node, ends)
+            widest = node_type.outcomes(node, [EITHER] * len(ends))
+            assert end.succeeds <= widest.succeeds
+            assert end.fails <= widest.fails
+            assert isinstance(node_type.no_effect(node, ends), str)
+        assert isinstance(node_type.revisits(node), bool)
+        assert list(node_type.problems(node)) == []
+
+
+def texts_in(path: Path) -> Iterator[str]:
+    """Every text in the code of a file."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+def files() -> list[tuple[str, Path]]:
+    """The files of the packages that see nodes of a tree."""
+    rooms = ("spec", "skill", "behaviors", "runtime", "tuning", "testing", "cli")
+    paths = (path for room in rooms for path in (PACKAGE / room).rglob("*.py"))
+    return [(path.relative_to(PACKAGE).as_posix(), path) for path in paths]
+
+
+def test_no_other_file_knows_a_node_type_by_name() -> None:
+    found = {(name, text) for name, path in files() for text in texts_in(path) if text in LANGUAGE}
+    elsewhere = {(name, text) for name, text in found if name not in DEFINED_IN | WRITES_TREES}
+    assert elsewhere == OTHER_THINGS
+
+
+def test_no_file_of_the_package_knows_a_shipped_skill_by_name() -> None:
+    """What is known of a skill, the skill declares: one by somebody else can declare the same."""
+    skills = Registry.load().skills
+    found = {(name, text) for name, path in files() for text in texts_in(path) if text in skills}
+    assert found == {("runtime/history.py", "place")}  # where in a file a node stands

@@ -1,0 +1,111 @@
+"""A tree on a clock that the test moves, and its ticks as a table."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from textwrap import indent
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from bt_dualarm.behaviors.build import ArmTree, build_tree
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.behaviors.report import NodeView, StatusChange
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.runtime.series import SeriesLog
+from bt_dualarm.skill.registry import kind_of, yaml_name
+from bt_dualarm.skill.skill import Skill, SkillContext
+from bt_dualarm.spec.ports import PortModel, port
+
+if TYPE_CHECKING:
+    from bt_dualarm.arm.arm import Arm
+
+LETTERS = {"INVALID": "-", "RUNNING": "R", "SUCCESS": "S", "FAILURE": "F"}
+
+
+class Act(Skill):
+    """Does what its script says, a letter a tick; ``|`` separates the script of each start."""
+
+    class Ports(PortModel):
+        script: str = port(..., "R, S or F for each tick")
+
+    failures = {"SCRIPTED": "the script says so"}  # noqa: RUF012 - as `Skill` declares it
+    ports: Ports
+    starts: Mapping[str, list[int]]
+
+    def run(self) -> Iterator[float | None]:
+        scripts = self.ports.script.split("|")
+        count = self.starts.setdefault(self.context.name, [0])  # type: ignore[attr-defined]
+        script = scripts[min(count[0], len(scripts) - 1)]
+        count[0] += 1
+        for letter in script:
+            if letter == "R":
+                yield None
+            elif letter == "F":
+                raise Failure("SCRIPTED", "the script says so")
+
+
+class Stage:
+    """One tree, ticked at whole seconds."""
+
+    def __init__(self, folder: Path, tree: str, *more: type[Skill]) -> None:
+        self.now = 0.0
+        self.events: list[StatusChange] = []
+        self.released: list[str] = []
+        starts: dict[str, list[int]] = {}
+        act = type("Act", (Act,), {"__doc__": "Acts.", "starts": starts})
+        self.skills: dict[str, type[Skill]] = {yaml_name(s): s for s in (act, *more)}
+        kinds = {name: kind_of(skill, "the test") for name, skill in self.skills.items()}
+        file = folder / "tree.yaml"
+        head = "bt_dualarm: 1\narms:\n  arm1:\n    robot: ur5\n    tree:\n"
+        file.write_text(head + indent(tree.strip("\n"), "      "))
+        self.tree = self.build(load_tree_file(file, kinds).arms["arm1"].tree)
+
+    def build(self, spec: Any) -> ArmTree:
+        clock: Callable[[], float] = lambda: self.now  # noqa: E731 - read late, on purpose
+        return build_tree("arm1", spec, self.skills, self.context, clock, self.events.append)
+
+    def context(self, path: str) -> SkillContext:
+        arm = cast(
+            "Arm",
+            SimpleNamespace(
+                release=lambda: self.released.append(path),
+                trouble=lambda: None,
+                touched=lambda _: {},
+                enter=lambda **_: None,
+            ),
+        )
+        log = logging.getLogger("bt_dualarm.test")
+        record = partial(SeriesLog().add, "arm1", path)
+        rng = np.random.default_rng(0)
+        return SkillContext(path, arm, lambda: self.now, rng, log, record)
+
+    def tick(self, seconds: float = 1.0) -> str:
+        """Tick, then let time pass; the letters of all nodes, parents before children."""
+        self.tree.tick()
+        letters = self.letters
+        self.now += seconds
+        return letters
+
+    @property
+    def letters(self) -> str:
+        return " ".join(LETTERS[view.status] for view in _flat(self.tree.view()))
+
+    def table(self, ticks: int) -> list[str]:
+        return [self.tick() for _ in range(ticks)]
+
+
+def _flat(view: NodeView) -> Iterator[NodeView]:
+    yield view
+    for child in view.children:
+        yield from _flat(child)
+
+
+def rows(table: str) -> list[str]:
+    """The rows of a table in a test: ``3 | R S -  # why`` without its number and remark."""
+    lines = [line.partition("#")[0].strip() for line in table.strip().splitlines()]
+    return [line.partition("|")[2].strip() for line in lines if line]

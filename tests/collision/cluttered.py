@@ -1,0 +1,95 @@
+"""Every arm of the catalog among shapes of every kind, and searches among them.
+
+As a program: paths of the seeds that are named, pickled, to standard output.
+"""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from typing import Any
+
+import numpy as np
+
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.collision.kernel_arrays import ConvexShapes, Joints, Pairs, SweptArm
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.planning.rrt_connect import QuickSearch
+from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import PoseSpec
+from tests.sim.worlds import arm, file_of
+
+SHAPES: dict[str, tuple[Any, tuple[float, ...]]] = {
+    "box": ("box", (0.1, 0.05, 0.4)),
+    "plate": ("box", (0.01, 0.3, 0.3)),
+    "can": ("cylinder", (0.06, 0.3)),
+    "ball": ("sphere", (0.1,)),
+}
+
+
+def cluttered(robot: str, seed: int) -> World:
+    """An arm, another one beside it, and shapes around it."""
+    rng = np.random.default_rng(seed)
+    objects = {}
+    for name, (shape, size) in SHAPES.items():
+        place = rng.uniform((-0.6, -0.6, 0.2), (0.6, 0.6, 0.9))
+        turn = rng.uniform(0.0, 360.0, 3)
+        pose = PoseSpec(xyz=tuple(place.tolist()), rpy=tuple(turn.tolist()))
+        objects[name] = ObjectSpec(shape=shape, size=size, mass=1.0, fixed=True, pose=pose)
+    return World(file_of({"arm1": arm(robot), "arm2": arm("ur3", (0.9, 0.0, 0.4))}, objects))
+
+
+def checker_in(robot: str, seed: int, margin: float = 0.045) -> CollisionChecker:
+    """The first arm there."""
+    return CollisionChecker(cluttered(robot, seed), "arm1", margin)
+
+
+def anywhere(world_limits: JointLimits, rng: np.random.Generator) -> Vector:
+    """A configuration of up to half a turn of each joint, rad."""
+    lower = np.maximum(world_limits.lower, -np.pi)
+    drawn: Vector = rng.uniform(lower, np.minimum(world_limits.upper, np.pi))
+    return drawn
+
+
+def small_search(seed: int) -> QuickSearch:
+    """Of a rod that turns about two axes among three balls: small enough for plain Python."""
+    rng = np.random.default_rng(seed)
+    joints = Joints(np.zeros(2), np.zeros((2, 3)), np.array(((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))))
+    corners = np.array(((1.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.6, 0.1, 0.0), (0.6, 0.0, 0.1)))
+    turns = np.array((1.2, 2.4, 4.2))[:, None] + rng.uniform(-0.2, 0.2, (3, 1))
+    balls = 0.8 * np.hstack((np.cos(turns), np.sin(turns), rng.uniform(-0.3, 0.3, (3, 1))))
+    places = np.vstack((corners, balls))
+    shapes = ConvexShapes(
+        corners=places,
+        heaps=np.array(((0, 4, 2), (4, 5, 0), (5, 6, 0), (6, 7, 0))),
+        radii=np.array((0.02, 0.2, 0.2, 0.2)),
+        centers=np.vstack(((0.6, 0.0, 0.0), balls)),
+        bounds=np.array((0.45, 0.2, 0.2, 0.2)),
+        turns=np.tile(np.eye(3), (4, 1, 1)),
+        halves=np.array(((0.42, 0.12, 0.12), (0.2,) * 3, (0.2,) * 3, (0.2,) * 3)),
+        normals=np.zeros((4, 3)),
+        reaches=np.array(((1.02, 1.02), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))),
+    )
+    apart = shapes.centers[0] - shapes.centers[1:]
+    pairs = Pairs(np.zeros(3, np.int64), np.arange(1, 4), np.full(3, 0.01), apart)
+    far = np.array((3.1, 1.2))
+    limits = JointLimits(-far, far, *np.ones((4, 2)))
+    swept = SweptArm(joints, shapes, pairs, 2.5e-3)
+    start = np.array((0.3, 0.0))
+    goal = np.array((-2.8, 0.1))
+    return QuickSearch(swept, start, (goal,), limits, np.full(2, 1.02), seed)
+
+
+def found(seed: int) -> tuple[Matrix, int]:
+    """The path of the small search, and how many configurations it took."""
+    search = small_search(seed)
+    path = search.shortest_path(2_000, lambda: False)
+    assert path is not None
+    assert search.keeps_off(path[[0, *np.repeat(np.arange(1, len(path)), 2)]])
+    return path, search.states
+
+
+if __name__ == "__main__":
+    sys.stdout.buffer.write(pickle.dumps([found(int(seed)) for seed in sys.argv[1:]]))

@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+import pickle
+
+import mujoco
+import numpy as np
+import pytest
+
+from bt_dualarm.collision.checker import CollisionChecker, interpolated
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.sim.world import World
+from tests.sim.worlds import arm, box, file_of, world_with
+
+DOWN = (np.pi, 0.0, 0.0)
+
+
+def pick_world() -> World:
+    """A UR5, a cube that floats in its reach, and a Panda that stands out of its way."""
+    return World(
+        file_of(
+            {"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.4), 180.0)},
+            {"cube": box((0.45, 0.1, 0.6), fixed=False)},
+        )
+    )
+
+
+def above(world: World, height: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """A configuration of arm1 whose tool is ``height`` above the cube's upper side."""
+    body = world.arms["arm1"]
+    kinematics = Kinematics(body.robot, body.base)
+    cube = world.object_pose("cube").position
+    target = Pose.from_rpy((cube[0], cube[1], cube[2] + 0.025 + height), DOWN)
+    return kinematics.solve(target, body.robot.postures["home"])
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_no_posture_of_the_catalog_touches_anything(name: str) -> None:
+    world = world_with(name)
+    checker = CollisionChecker(world, "arm1")
+    for posture in world.arms["arm1"].robot.postures.values():
+        assert checker.contact(posture) is None
+
+
+def test_a_contact_names_both_bodies_and_the_depth() -> None:
+    world = pick_world()
+    contact = CollisionChecker(world, "arm1").contact(above(world, -0.01))
+    assert contact is not None
+    assert contact.first.startswith("arm1/")
+    assert contact.second == "cube"
+    assert contact.depth == pytest.approx(0.01, abs=1e-3)
+    failure = contact.failure()
+    assert failure.code == "IN_COLLISION"
+    assert "cube" in failure.reason
+
+
+def test_just_above_an_object_is_free_and_what_may_be_touched_is_left_out() -> None:
+    world = pick_world()
+    assert CollisionChecker(world, "arm1").free(above(world, 0.01))
+    assert CollisionChecker(world, "arm1", ignore=frozenset({"cube"})).free(above(world, -0.01))
+
+
+def test_looking_changes_nothing_in_the_world() -> None:
+    world = pick_world()
+    before = world.state()
+    margins = world.model.geom_margin.copy()
+    CollisionChecker(world, "arm1", margin=0.1).contact(above(world, -0.01))
+    np.testing.assert_array_equal(world.state(), before)
+    np.testing.assert_array_equal(world.model.geom_margin, margins)
+
+
+def test_what_is_held_moves_with_the_arm() -> None:
+    """With a cube at its tool the arm touches the floor 5 cm earlier than without."""
+    world = pick_world()
+    body = world.arms["arm1"]
+    kinematics = Kinematics(body.robot, body.base)
+    grasp = above(world, 0.0)
+    world.data.qpos[body.qpos_ids] = grasp
+    mujoco.mj_forward(world.model, world.data)
+    world.sense()
+    low = kinematics.solve(Pose.from_rpy((0.45, 0.1, 0.03), DOWN), grasp)
+    assert CollisionChecker(world, "arm1").free(low)
+    world.attach("arm1", "cube")
+    checker = CollisionChecker(world, "arm1")
+    assert checker.free(grasp)
+    contact = checker.contact(low)
+    assert contact is not None
+    assert (contact.first, contact.second) == ("cube", "floor")
+    assert contact.depth == pytest.approx(0.02, abs=1e-3)
+
+
+def test_other_arms_keep_the_margin_and_the_rest_does_not_need_to() -> None:
+    world = pick_world()
+    q = world.arms["arm1"].q
+    assert CollisionChecker(world, "arm1", margin=0.02).free(q)
+    contact = CollisionChecker(world, "arm1", margin=2.0).contact(q)
+    assert contact is not None
+    assert contact.second.startswith("arm2/")
+    assert contact.depth < 0.0
+    assert "too close" in contact.failure().reason
+
+
+def test_what_is_held_may_stay_as_deep_as_it_is_in_what_it_stands_on() -> None:
+    """An arm that presses a cube on the floor can lift it, and cannot press it deeper."""
+    world = pick_world()
+    body = world.arms["arm1"]
+    kinematics = Kinematics(body.robot, body.base)
+    grasp = above(world, 0.0)
+
+    def at(height: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        return kinematics.solve(Pose.from_rpy((0.45, 0.1, height), DOWN), grasp)
+
+    world.data.qpos[body.qpos_ids] = grasp
+    mujoco.mj_forward(world.model, world.data)
+    world.sense()
+    world.attach("arm1", "cube")
+    world.data.qpos[world.arms["arm1"].qpos_ids] = at(0.049)  # the cube is 1 mm in the floor
+    world.sense()
+    checker = CollisionChecker(world, "arm1")
+    assert checker.free(at(0.049))
+    assert checker.free(at(0.1))
+    assert not checker.free(at(0.047))
+
+
+def test_the_first_contact_of_several_configurations_is_told_with_its_place() -> None:
+    world = pick_world()
+    rows = np.array([above(world, height) for height in (0.03, 0.02, -0.005, -0.01)])
+    found = CollisionChecker(world, "arm1").first_contact(rows)
+    assert found is not None
+    assert found[0] == 2
+    assert CollisionChecker(world, "arm1").first_contact(rows[:2]) is None
+
+
+def test_no_point_of_an_arm_moves_farther_than_its_sweep_radius_says() -> None:
+    world = world_with("ur5")
+    radii = CollisionChecker(world, "arm1").radii
+    body = world.arms["arm1"]
+    rng = np.random.default_rng(0)
+    geoms = sorted(body.geom_ids)
+    for _ in range(50):
+        before = rng.uniform(-np.pi, np.pi, 6)
+        step = rng.uniform(-0.05, 0.05, 6)
+        places = []
+        for q in (before, before + step):
+            world.data.qpos[body.qpos_ids] = q
+            mujoco.mj_kinematics(world.model, world.data)
+            places.append(world.data.geom_xpos[geoms].copy())
+        moved = np.linalg.norm(places[1] - places[0], axis=1).max()
+        assert moved <= np.abs(step) @ radii
+
+
+@pytest.mark.parametrize(("holding", "reach"), [(False, 0.2), (True, 0.35)])
+def test_the_last_joint_sweeps_what_hangs_on_it_and_not_the_base(
+    holding: bool, reach: float
+) -> None:
+    """The wrist of a UR5 turns a tool of 10 cm, a held cube with it, and never the whole arm."""
+    world = World(
+        file_of({"arm1": arm("ur5")}, {"cube": box((0.45, 0.1, 0.6), fixed=False, spawned=False)})
+    )
+    below = world.arms["arm1"].tool_pose @ Pose.from_rpy((0.0, 0.0, 0.1), (0.0, 0.0, 0.0))
+    world.spawn_object("cube", below)
+    if holding:
+        world.attach("arm1", "cube")
+    last = CollisionChecker(world, "arm1").radii[-1]
+    assert last < reach
+    assert (last > 0.2) == holding
+
+
+def test_a_checker_that_went_to_another_process_finds_the_same() -> None:
+    world = pick_world()
+    here = CollisionChecker(world, "arm1", margin=0.04)
+    there = pickle.loads(pickle.dumps(here))  # noqa: S301 - our own
+    rng = np.random.default_rng(3)
+    home = world.arms["arm1"].robot.postures["home"]
+    found = [(here.contact(q), there.contact(q)) for q in home + rng.uniform(-2, 2, (200, 6))]
+    assert all(one == other for one, other in found)
+    assert 20 < sum(one is not None for one, _ in found) < 180
+    np.testing.assert_array_equal(here.radii, there.radii)
+
+
+def test_interpolation_keeps_its_ends_and_its_step() -> None:
+    radii = np.array((1.0, 0.5))
+    rows = interpolated(np.zeros(2), np.ones(2), radii, 0.1)
+    np.testing.assert_array_equal(rows[[0, -1]], [[0, 0], [1, 1]])
+    assert (np.abs(np.diff(rows, axis=0)) @ radii).max() <= 0.1 + 1e-12
+
+
+def test_on_the_way_nothing_is_touched_that_is_not_touched_at_an_end() -> None:
+    """A touch that just counts as none at a sample may be deeper between two of them."""
+    world = pick_world()
+    checker = CollisionChecker(world, "arm1")
+    touching = above(world, -0.0003)
+    apart = above(world, 0.01)
+    assert checker.free(touching)
+    assert not checker.keeping_off([apart]).free(touching)
+    assert checker.keeping_off([apart, touching]).free(touching)
+    assert not checker.keeping_off([touching]).free(above(world, -0.01))
+
+
+def test_each_other_arm_keeps_a_margin_of_its_own() -> None:
+    arms = {"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.4), 180.0)}
+    world = World(file_of({**arms, "arm3": arm("ur3", (-1.6, 0.0, 0.4))}))
+    q = world.arms["arm1"].q
+    for near in ("arm2", "arm3"):
+        contact = CollisionChecker(world, "arm1", margin={near: 2.0}).contact(q)
+        assert contact is not None
+        assert contact.second.startswith(f"{near}/")
+    assert CollisionChecker(world, "arm1", margin={"arm2": 0.02}).free(q)

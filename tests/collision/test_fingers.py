@@ -1,0 +1,110 @@
+"""Fingers are where the encoder says: for checks, for plans, and in the spheres of the guard."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.collision.distance import ArmDistance, BoundingSpheres
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.problem import straight_motion
+from bt_dualarm.robots.gripper import FINGERS
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import PoseSpec
+from tests.control.walls import problem_in
+from tests.grippers.fingers import FINGERED, opened
+from tests.sim.worlds import ROBOTS, arm, file_of, world_with
+
+TURN_RAD = 0.5
+THICK_M = 0.008
+BESIDE_M = 0.010
+"""From the pad's face of an open finger outwards to the middle of the post: within the finger."""
+
+ASIDE_M = 0.04
+"""Likewise to the flange of another arm, which comes from there and from the front."""
+
+NEARER_M = 0.005
+"""At least, with the fingers open: closed, the palm or another link is the nearest."""
+
+
+def beside_a_post(robot: str, gripper: str) -> tuple[World, Vector]:
+    """A world, and a configuration at which only an open finger touches the post in it."""
+    bare = world_with(robot, gripper=gripper)
+    body = bare.arms["arm1"]
+    there = body.q.copy()
+    there[0] += TURN_RAD * (1.0 if there[0] < 0.5 * body.robot.limits.upper[0] else -1.0)
+    tool = Kinematics(body.robot, body.base).forward(there)
+    aside = 0.5 * bare.grippers["arm1"].gripper.stroke + BESIDE_M
+    at = tool.apply(np.array((0.0, aside, 0.0)))
+    pose = PoseSpec(xyz=tuple(at.tolist()), quat=tuple(tool.quaternion.tolist()))
+    post = ObjectSpec(shape="box", size=(THICK_M,) * 3, mass=1.0, pose=pose, fixed=True)
+    world = World(file_of({"arm1": arm(robot, gripper=gripper)}, {"post": post}))
+    return world, there
+
+
+@pytest.mark.parametrize("gripper", FINGERED)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_what_is_free_with_closed_fingers_touches_with_open_ones(robot: str, gripper: str) -> None:
+    """And nobody asks the simulator where they are: the encoder's word counts."""
+    world, there = beside_a_post(robot, gripper)
+    stroke = world.grippers["arm1"].gripper.stroke
+    for true in (0.0, stroke):
+        opened(world, true, sensed=0.0)
+        assert CollisionChecker(world, "arm1").contact(there) is None
+        opened(world, true, sensed=stroke)
+        contact = CollisionChecker(world, "arm1").contact(there)
+        assert contact is not None
+        assert contact.first in {f"arm1/{finger}" for finger in FINGERS}
+        assert contact.second == "post"
+
+
+@pytest.mark.parametrize("gripper", FINGERED)
+def test_a_plan_that_is_free_with_closed_fingers_is_none_with_open_ones(gripper: str) -> None:
+    world, there = beside_a_post("ur5", gripper)
+    here = world.hardware["arm1"].q.copy()
+    stroke = world.grippers["arm1"].gripper.stroke
+    opened(world, 0.0)
+    assert straight_motion(problem_in(world, here, there)) is not None
+    opened(world, stroke)
+    assert straight_motion(problem_in(world, here, there)) is None
+
+
+@pytest.mark.parametrize("gripper", FINGERED)
+def test_spheres_of_the_guard_go_with_the_fingers(gripper: str) -> None:
+    """Made once, they hold the pads at each opening, and bound how far they get."""
+    world = world_with("ur5", gripper=gripper)
+    stroke = world.grippers["arm1"].gripper.stroke
+    opened(world, 0.0)
+    hull = BoundingSpheres(world, "arm1")
+    closed = hull.spheres()
+    opened(world, stroke)
+    away = np.linalg.norm(hull.spheres() - closed, axis=1)
+    assert away.max() == pytest.approx(0.5 * stroke, abs=5e-4)
+    assert np.count_nonzero(away > 1e-3) < len(away)
+    last = world.model.joint(f"arm1/{world.robots['arm1'].joints[-1]}").id
+    wrist = world.data.xanchor[last]
+    spheres = hull.spheres()[away > 1e-3]
+    far = np.linalg.norm(spheres[:, :3] - wrist, axis=1) + spheres[:, 3]
+    assert far.max() <= hull.spans[-1] + 1e-9
+
+
+@pytest.mark.parametrize("gripper", FINGERED)
+def test_arms_are_as_near_as_their_fingers(gripper: str) -> None:
+    """Before a tool that points at an open finger from the corner, that finger is the nearest."""
+    arms = {"arm1": arm("ur5", gripper=gripper), "arm2": arm("ur5", (0.9, 0.4, 0.4), 180.0)}
+    world = World(file_of(arms))
+    here = world.arms["arm1"].tool_pose
+    other = world.arms["arm2"]
+    stroke = world.grippers["arm1"].gripper.stroke
+    goal = here @ Pose.from_rpy((0.0, 0.5 * stroke + ASIDE_M, ASIDE_M), (0.75 * np.pi, 0, 0))
+    kinematics = Kinematics(other.robot, other.base)
+    world.data.qpos[other.qpos_ids] = kinematics.solve(goal, other.q)
+    near = []
+    for width in (0.0, stroke):
+        opened(world, width)
+        near.append(ArmDistance(world, "arm1").gap({}))
+    assert 0.0 < near[1].meters < near[0].meters - NEARER_M
+    assert near[1].first in {f"arm1/{finger}" for finger in FINGERS}

@@ -1,0 +1,92 @@
+"""The compiled search: paths that are free, short, and the same each time."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+
+from bt_dualarm.collision.convex_distance_kernels import SCRATCH, distance
+from bt_dualarm.collision.swept_kernels import first_too_near, free_share
+from bt_dualarm.planning.rrt_connect import warm_up_planning
+from bt_dualarm.planning.rrt_kernels import connect
+from tests.collision.cluttered import found, small_search
+from tests.source import ROOT
+
+SEEDS = range(3)
+
+
+def test_compiled_kernels_do_what_plain_python_does() -> None:
+    command = [sys.executable, "-m", "tests.collision.cluttered", *map(str, SEEDS)]
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    for seed, (path, states) in zip(SEEDS, pickle.loads(done.stdout), strict=True):  # noqa: S301
+        mine, looked = found(seed)
+        assert looked == states
+        assert mine == pytest.approx(path, abs=1e-12)
+
+
+def test_a_path_leads_from_the_start_to_a_goal_and_is_free() -> None:
+    for seed in SEEDS:
+        path, _ = found(seed)
+        assert path[0] == pytest.approx((0.3, 0.0), abs=0.0)
+        assert path[-1] == pytest.approx((-2.8, 0.1), abs=0.0)
+        assert small_search(seed).is_free(path)
+        assert not small_search(seed).is_free(path[[0, -1]])
+
+
+def test_the_seed_chooses_the_path_and_nothing_else_does() -> None:
+    assert (found(0)[0] == found(0)[0]).all()
+    assert not np.array_equal(found(0)[0], found(1)[0])
+
+
+def test_a_search_ends_after_its_checks_and_when_nobody_waits() -> None:
+    search = small_search(0)
+    assert search.shortest_path(3, lambda: False) is None
+    assert search.states < 60
+    assert small_search(0).shortest_path(2_000, lambda: True) is None
+
+
+def test_one_code_serves_all_that_is_asked_of_a_kernel() -> None:
+    """What is compiled in `warm_up_planning` is what a search calls: nothing compiles in a run."""
+    warm_up_planning()
+    found(0)
+    for kernel in (connect, free_share, first_too_near):
+        assert len(vars(kernel)["overloads"]) == 1
+
+
+def test_distances_are_no_larger_than_they_are_and_hardly_smaller() -> None:
+    """Of hulls of random points, by MuJoCo's own measure of the distance of meshes."""
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        one, other = rng.normal(0.0, 0.1, (2, 14, 3))
+        other += rng.normal(0.0, 0.4, 3)
+        corners = np.vstack((one, other))
+        heaps = np.array(((0, 14, 0), (14, 28, 0)))
+        frames = np.eye(3, 4)[None].copy()
+        hints = np.array(((0.1, 0.2, 0.3),))
+        scratch = np.empty(SCRATCH)
+        mine = distance(corners, heaps, frames, 0, 1, 10.0, 0.0, hints, 0, scratch)
+        true = _distance_by_mujoco(one, other)
+        if true <= 0.0:
+            assert mine < 0.0
+        else:
+            assert true - 2e-4 * true - 1e-6 < mine < true + 1e-6
+
+
+def _distance_by_mujoco(one: np.ndarray, other: np.ndarray) -> float:
+    spec = mujoco.MjSpec()
+    for name, points in (("one", one), ("other", other)):
+        spec.add_mesh(name=name, uservert=points.ravel())
+        spec.worldbody.add_body(name=name).add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    # A mesh's frame is moved to its center when it is compiled, and the geom with it.
+    return float(mujoco.mj_geomDistance(model, data, 0, 1, 10.0, None))

@@ -1,0 +1,131 @@
+"""What would stand, tip, slide or roll where it is put, by the shapes below it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bt_dualarm as bt
+from bt_dualarm.collision.support import Support, support_below
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.world import World
+
+ABOVE = 0.008
+BELOW = 0.015
+EDGE_Y = -0.25
+"""Edge of the table, whose top is at 0.40 m."""
+
+
+def fixed(shape: str, size: list[float], xyz: list[float], *rpy: float) -> dict[str, Any]:
+    """Something that bears."""
+    pose = {"xyz": xyz, "rpy": list(rpy or (0, 0, 0))}
+    return {"shape": shape, "size": size, "mass": 5, "fixed": True, "pose": pose}
+
+
+def loose(shape: str, size: list[float], y: float) -> dict[str, Any]:
+    """Something that is to be put down; it lies on the floor, out of the way."""
+    return {"shape": shape, "size": size, "mass": 0.1, "pose": {"xyz": [-0.5, y, 0.06]}}
+
+
+@pytest.fixture(scope="module")
+def world() -> Iterator[World]:
+    """A table, with things to put down and things to put them on."""
+    objects = {
+        "cube": loose("box", [0.05, 0.05, 0.05], 0.3),
+        "ball": loose("sphere", [0.025], 0.4),
+        "can": loose("cylinder", [0.025, 0.10], 0.5),
+        "pill": loose("capsule", [0.02, 0.06], 0.6),
+        "globe": fixed("sphere", [0.03], [0.20, -0.5, 0.43]),
+        "ramp": fixed("box", [0.2, 0.2, 0.02], [0.5, -0.4, 0.45], 0, 20, 0),
+        "wall": fixed("box", [0.01, 0.1, 0.1], [0.30, -0.6, 0.45]),
+        "knife": fixed("box", [0.004, 0.1, 0.1], [0.40, -0.6, 0.45]),
+    }
+    arm = {"robot": "ur5", "base": {"xyz": [0, 0, 0.4]}, "tree": {"wait": {"seconds": 0.1}}}
+    file = {"bt_dualarm": 1, "name": "support", "world": {"scene": "table"}, "objects": objects}
+    with bt.open(file | {"arms": {"arm1": arm}}) as run:
+        yield run.world
+
+
+def at(world: World, thing: str, x: float, y: float, z: float, *rpy: float) -> Support | None:
+    """The support of a thing there, angles in degrees."""
+    pose = Pose.from_rpy((x, y, z), tuple(np.radians(rpy or (0, 0, 0)).tolist()))
+    return support_below(world, thing, pose, ABOVE, BELOW)
+
+
+@pytest.mark.parametrize("dz", [-0.007, 0.0, 0.014])
+def test_a_cube_stands_on_a_table_whatever_height_was_meant(world: World, dz: float) -> None:
+    found = at(world, "cube", 0.35, -0.45, 0.425 + dz)
+    assert found is not None
+    assert found.below == pytest.approx(dz, abs=1e-4)
+    assert found.tilt < math.radians(0.1)
+    assert not found.slides
+    assert not found.rolls
+
+
+def test_what_is_beyond_the_search_is_not_known(world: World) -> None:
+    assert at(world, "cube", 0.35, -0.45, 0.45) is None
+    assert at(world, "cube", 0.35, EDGE_Y + 0.03, 0.425) is None
+
+
+@pytest.mark.parametrize("tilt", [1.0, 4.0, 12.0])
+def test_a_cube_tips_by_as_much_as_it_is_tilted(world: World, tilt: float) -> None:
+    found = at(world, "cube", 0.35, -0.45, 0.428, tilt, 0, 30)
+    assert found is not None
+    assert math.degrees(found.tilt) == pytest.approx(tilt, abs=0.1)
+
+
+@pytest.mark.parametrize(("inside", "stands"), [(0.01, True), (0.007, True), (0.002, False)])
+def test_the_center_of_mass_keeps_three_millimeters_from_an_edge(
+    world: World, inside: float, stands: bool
+) -> None:
+    """Besides, rays are 3.3 mm apart here: in between, nobody knows where the edge is."""
+    found = at(world, "cube", 0.35, EDGE_Y - inside, 0.425)
+    assert found is not None
+    assert (found.tilt < math.radians(5)) == stands
+
+
+def test_narrow_and_curved_supports(world: World) -> None:
+    """A wall of 10 mm bears a cube in its middle; a wall of 4 mm or a ball of 30 mm does not."""
+    assert at(world, "cube", 0.30, -0.6, 0.525).tilt < math.radians(5)  # type: ignore[union-attr]
+    assert at(world, "cube", 0.303, -0.6, 0.525).tilt > math.radians(45)  # type: ignore[union-attr]
+    assert at(world, "cube", 0.40, -0.6, 0.525).tilt > math.radians(45)  # type: ignore[union-attr]
+    assert at(world, "cube", 0.20, -0.5, 0.485).tilt > math.radians(5)  # type: ignore[union-attr]
+
+
+def test_on_a_slope_a_cube_stands_along_it_and_a_ball_rolls(world: World) -> None:
+    face = Pose.from_rpy((0.5, -0.4, 0.45), (0.0, math.radians(20), 0.0))
+    on_it = face @ Pose.from_rpy((0, 0, 0.035))
+    along = support_below(world, "cube", on_it, ABOVE, BELOW)
+    assert along is not None
+    assert along.tilt < math.radians(0.1)
+    assert math.degrees(along.slope) == pytest.approx(20, abs=0.1)
+    assert not along.slides, "the friction is 0.8 or more: it holds on 32° less a fifth"
+    level = support_below(world, "cube", Pose(on_it.position, np.eye(4)[0]), 0.02, 0.02)
+    assert level is not None
+    assert math.degrees(level.tilt) == pytest.approx(20, abs=0.5)
+    ball = support_below(world, "ball", on_it, ABOVE, BELOW)
+    assert ball is not None
+    assert ball.rolls
+
+
+def test_what_is_round_stays_where_it_is_level(world: World) -> None:
+    for thing, height, *rpy in (
+        ("ball", 0.025),
+        ("can", 0.05),
+        ("can", 0.025, 90, 0, 30),
+        ("pill", 0.02, 90, 0, 30),
+    ):
+        found = at(world, str(thing), 0.35, -0.45, 0.4 + float(height), *map(float, rpy))
+        assert found is not None
+        assert not found.rolls
+        assert found.tilt < math.radians(1)
+    on_ball = at(world, "ball", 0.20, -0.5, 0.485)
+    assert on_ball is not None
+    assert on_ball.rolls
+    upright = at(world, "pill", 0.35, -0.45, 0.45)
+    assert upright is not None
+    assert upright.rolls

@@ -1,0 +1,341 @@
+"""The joint controller holds, follows, brakes, carries, and says when it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.core.errors import DivergenceError, Failure
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.world import World
+from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.sources import Stream
+from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
+from tests.sim.worlds import PAGES, ROBOTS, arm, box, file_of, world_with
+
+MRAD = 1e-3
+FAST = ("ur5", "panda")
+
+
+def controlled(world: World, name: str = "arm1") -> JointController:
+    return JointController(world, name, world.timestep, Reservations())
+
+
+def run(world: World, seconds: float, *controllers: JointController) -> Trajectory:
+    """Advance; returns the set-points of the first controller, and checks all torques."""
+    sent = [controllers[0].setpoint]
+    for _ in range(round(seconds / world.timestep)):
+        for controller in controllers:
+            controller.update(world.time)
+        for body in world.arms.values():
+            torque = np.abs(world.data.ctrl[body.actuator_ids])
+            assert (torque <= body.robot.limits.effort).all()
+        world.step()
+        sent.append(controllers[0].setpoint)
+    q, v, a = (np.array([getattr(point, name) for point in sent]) for name in ("q", "v", "a"))
+    return Trajectory(world.timestep, q, v, a)
+
+
+def error(world: World, controller: JointController) -> float:
+    """Largest joint error in rad. The state is one step after the set-point."""
+    sent = controller.setpoint
+    expected = sent.q + (sent.v + 0.5 * sent.a * controller.period) * controller.period
+    return float(np.abs(expected - world.arms["arm1"].q).max())
+
+
+def sine(start: SetPoint, amplitude: float, w: float, begin: float) -> Stream:
+    """All joints swing from rest; the first second fades in."""
+
+    def at(time: float) -> SetPoint:
+        t = time - begin
+        fade = 1.0
+        rise = 0.0
+        bend = 0.0
+        if t < 1.0:  # the smooth step of fifth order: no jump in acceleration
+            fade = t**3 * (10 - 15 * t + 6 * t * t)
+            rise = 30 * t**2 * (1 - t) ** 2
+            bend = 60 * t * (1 - t) * (1 - 2 * t)
+        s = amplitude * np.sin(w * t)
+        c = amplitude * np.cos(w * t)
+        ones = np.ones_like(start.q)
+        q = fade * s
+        v = rise * s + fade * w * c
+        a = bend * s + 2 * rise * w * c - fade * w * w * s
+        return SetPoint(start.q + q * ones, v * ones, a * ones)
+
+    return at
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_it_holds_the_posture_under_gravity(robot: str) -> None:
+    world = world_with(robot)
+    controller = controlled(world)
+    start = world.arms["arm1"].q
+    run(world, 0.3, controller)
+    assert np.abs(world.arms["arm1"].q - start).max() < 0.5 * MRAD
+    assert controller.at_rest
+    assert controller.clipped == controller.saturated == 0
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_it_follows_a_sine(robot: str) -> None:
+    """Half of the acceleration and jerk limits, two thirds of a period after fading in."""
+    world = world_with(robot)
+    controller = controlled(world)
+    limits = world.robots["arm1"].limits
+    w = 4.0
+    bounds = limits.velocity / w, limits.acceleration / w**2, limits.jerk / w**3
+    amplitude = 0.4 * float(np.min(bounds))
+    controller.stream(sine(controller.setpoint, min(amplitude, 0.2), w, 0.0))
+    worst = 0.0
+    for _ in range(20):
+        run(world, 0.1, controller)
+        worst = max(worst, error(world, controller))
+    assert worst < 1.0 * MRAD
+    assert controller.clipped == controller.saturated == 0
+
+
+@pytest.mark.parametrize("robot", FAST)
+@pytest.mark.parametrize("every", [1, 2])
+def test_it_follows_a_fast_motion_to_its_end(robot: str, every: int) -> None:
+    """At the arm's limits, also when it is updated at every second step only (250 Hz)."""
+    world = world_with(robot)
+    controller = JointController(world, "arm1", every * world.timestep, Reservations())
+    start = controller.setpoint.q
+    goal = start + 0.3
+    limits = world.robots["arm1"].limits
+    way = point_to_point(start, goal, limits, controller.period)
+    motion = controller.follow(way, along_path=True)
+    worst = 0.0
+    steps = 0
+    while not controller.at_rest:
+        if steps % every == 0:
+            controller.update(world.time)
+        world.step()
+        steps += 1
+        if steps % every == 0:
+            worst = max(worst, error(world, controller))
+        assert steps < 2000
+    assert worst < 2.0 * MRAD
+    assert motion.done
+    assert len(motion.take_measured()) == len(motion.trajectory)
+    assert world.arms["arm1"].q == pytest.approx(goal, abs=0.5 * MRAD)
+    assert controller.clipped == 0
+
+
+@pytest.mark.parametrize("robot", FAST)
+def test_stop_brakes_within_the_limits(robot: str) -> None:
+    world = world_with(robot)
+    controller = controlled(world)
+    limits = world.robots["arm1"].limits
+    start = controller.setpoint.q
+    controller.follow(point_to_point(start, start + 0.5, limits, controller.period))
+    run(world, 0.2, controller)
+    assert np.abs(world.arms["arm1"].v).max() > 0.3
+    controller.stop()
+    motion = run(world, 1.0, controller)
+    use = use_of_limits(motion, limits)
+    assert max(use.velocity, use.acceleration, use.jerk) < 1 + 1e-6
+    assert controller.at_rest
+    assert controller.clipped == 0
+    controller.stop()  # harmless at rest
+    assert controller.at_rest
+
+
+def test_a_kilogram_is_carried() -> None:
+    """Holding and moving with a load that was attached is as exact as without."""
+    world = World(file_of({"arm1": arm("ur5")}, {"load": box((0.0, 0.0, 0.0), mass=1.0)}))
+    controller = controlled(world)
+    tool = world.arms["arm1"].tool_pose
+    world.remove_object("load")
+    world.spawn_object("load", tool @ Pose.from_rpy((0.02, 0.0, 0.03)))
+    world.attach("arm1", "load")
+    run(world, 0.3, controller)
+    assert error(world, controller) < 0.5 * MRAD
+    controller.stream(sine(controller.setpoint, 0.1, 4.0, world.time))
+    worst = 0.0
+    for _ in range(15):
+        run(world, 0.1, controller)
+        worst = max(worst, error(world, controller))
+    assert worst < 1.0 * MRAD
+    world.attachments.detach("arm1", "load")
+    run(world, 0.1, controller)
+    assert error(world, controller) < 1.0 * MRAD
+
+
+def test_a_blocked_arm_is_a_fault_and_the_arm_stops_pushing() -> None:
+    """A fixed wall stands in the way of the forearm."""
+    wall = box((0.25, 0.45, 0.9), 0.4, fixed=True)
+    world = World(file_of({"arm1": arm("ur5")}, {"wall": wall}))
+    controller = controlled(world)
+    limits = world.robots["arm1"].limits
+    start = controller.setpoint.q
+    goal = start + np.array([1.0, 0, 0, 0, 0, 0])
+    controller.follow(point_to_point(start, goal, limits, controller.period))
+    run(world, 2.0, controller)
+    assert isinstance(controller.fault, Failure)
+    assert controller.fault.code == "IN_COLLISION"
+    assert controller.fault.numbers["second"] == "wall"
+    assert float(controller.fault.numbers["depth_m"]) > 0.0
+    assert controller.at_rest
+    push = np.abs(world.data.ctrl[world.arms["arm1"].actuator_ids][0])
+    assert push < 0.1 * limits.effort[0]
+    assert controller.clipped == 0
+
+
+def test_a_new_motion_forgets_the_fault_of_the_last() -> None:
+    world = world_with("ur5")
+    controller = controlled(world)
+    controller.fault = Failure("TRACKING_ERROR", "an old one")
+    controller.follow(Trajectory.rest(controller.setpoint.q, controller.period))
+    assert controller.fault is None
+
+
+def broken(time: float) -> SetPoint:
+    raise ZeroDivisionError("in a skill")
+
+
+def gone(start: SetPoint) -> Stream:
+    return lambda time: SetPoint(start.q * np.nan, start.v, start.a)
+
+
+def test_a_stream_that_raises_is_a_fault_and_a_stop() -> None:
+    """The arm was moving; it brakes within its limits, and the error is kept for the skill."""
+    world = world_with("panda")
+    controller = controlled(world)
+    swing = sine(controller.setpoint, 0.1, 4.0, 0.0)
+    controller.stream(lambda time: swing(time) if time < 0.5 else broken(time))
+    motion = run(world, 1.0, controller)
+    assert isinstance(controller.fault, ZeroDivisionError)
+    assert controller.motion is None
+    assert controller.at_rest
+    use = use_of_limits(motion, world.robots["arm1"].limits)
+    assert max(use.velocity, use.acceleration, use.jerk) < 1 + 1e-6
+
+
+def test_a_stream_of_no_numbers_leaves_the_arm_at_rest() -> None:
+    world = world_with("panda")
+    controller = controlled(world)
+    controller.stream(gone(controller.setpoint))
+    run(world, 0.2, controller)
+    assert error(world, controller) < 0.5 * MRAD
+    assert controller.clipped == 100
+
+
+@pytest.mark.parametrize(
+    "make", [gone, lambda start: lambda t: SetPoint(start.q + 9, start.v, start.a)]
+)
+def test_torques_stay_within_the_efforts(make: Callable[[SetPoint], Stream]) -> None:
+    """``run`` looks at every torque."""
+    world = world_with("ur3")
+    controller = controlled(world)
+    controller.stream(make(controller.setpoint))
+    run(world, 0.5, controller)
+
+
+def test_a_pushed_arm_saturates_and_says_so() -> None:
+    world = world_with("ur3")
+    controller = controlled(world)
+    world.data.qvel[world.arms["arm1"].dof_ids] = 3.0
+    run(world, 0.1, controller)
+    assert controller.saturated > 0
+
+
+def test_a_knocked_arm_comes_to_rest() -> None:
+    """Efforts cut joint by joint would go on feeding it with energy: it would whirl for ever."""
+    world = world_with("panda")
+    controller = controlled(world)
+    world.data.qvel[world.arms["arm1"].dof_ids] = (0, 20, 0, -25, 0, 30, 0)
+    run(world, 1.5, controller)
+    assert controller.saturated > 0
+    assert controller.at_rest
+
+
+def test_a_motion_must_begin_where_the_arm_is() -> None:
+    world = world_with("ur5")
+    controller = controlled(world)
+    with pytest.raises(Failure, match=r"5\.73° from where the arm is"):
+        controller.follow(Trajectory.rest(controller.setpoint.q + 0.1, controller.period))
+    assert controller.at_rest
+
+
+def test_torques_that_are_no_numbers_end_the_run() -> None:
+    world = world_with("ur5")
+    controller = controlled(world)
+    world.data.qpos[0] = np.nan
+    world.sense()
+    with pytest.raises(DivergenceError, match="arm1"):
+        controller.update(0.0)
+
+
+def test_it_goes_on_when_the_world_is_recompiled() -> None:
+    """Arms and objects that come and go move an arm's places in the arrays, not the arm."""
+    file = file_of(
+        {"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.0), spawned=False)},
+        {"cube": box((0.5, 0.5, 0.025))},
+    )
+    world = World(file)
+    controller = controlled(world)
+    start = controller.setpoint.q
+    changes: tuple[Callable[[], object], ...] = (
+        lambda: world.spawn_arm("arm2"),
+        lambda: world.remove_object("cube"),
+        lambda: world.spawn_object("cube"),
+        lambda: world.remove_arm("arm2"),
+    )
+    for change in changes:
+        change()
+        run(world, 0.02, controller)
+        assert np.abs(world.arms["arm1"].q - start).max() < 0.5 * MRAD
+
+
+def test_what_was_clipped_is_made_up_for_at_the_end() -> None:
+    """A motion faster than the limits is bent, and still ends where it was meant to."""
+    world = world_with("ur5")
+    controller = controlled(world)
+    start: Vector = controller.setpoint.q
+    limits = world.robots["arm1"].limits
+    motion = point_to_point(start, start + 0.5, limits, controller.period)
+    twice = Trajectory(motion.dt, motion.q[::2], 2 * motion.v[::2], 4 * motion.a[::2])
+    end = twice.q[-1]
+    controller.follow(twice)
+    sent = run(world, 1.5, controller)
+    assert controller.clipped > 0
+    use = use_of_limits(sent, limits)
+    assert max(use.velocity, use.acceleration, use.jerk) < 1 + 2e-6
+    assert controller.setpoint.q == pytest.approx(end, abs=1e-9)
+
+
+def test_pages_are_part_of_these_tests() -> None:
+    """Arms that no code mentions hold and follow like those of the catalog."""
+    assert set(PAGES) < set(ROBOTS)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("share", [0.4, 1.0])
+def test_a_joint_that_is_faster_than_the_robot_allows_fails_what_is_done(
+    name: str, share: float
+) -> None:
+    """Measured, not as commanded; an arm that keeps to a share may be as fast as its robot can."""
+    world = world_with(name, limits={"velocity": share})
+    controller = controlled(world)
+    body = world.arms["arm1"]
+    limits = world.robots["arm1"].limits
+    controller.follow(point_to_point(body.q, body.q + 0.4, limits, world.timestep))
+    run(world, 0.3, controller)
+    assert controller.fault is None
+    assert 0.0 < float(controller.guard["fastest_share"]) < share * 1.02
+    for times, fails in ((0.99, False), (1.2, True)):
+        world.data.qvel[body.dof_ids[-1]] = times * limits.velocity[-1] / share
+        world.sense()
+        controller.update(world.time)
+        assert isinstance(controller.fault, Failure) == fails
+    assert isinstance(controller.fault, Failure)
+    assert controller.fault.code == "TRACKING_ERROR"
+    assert controller.fault.numbers["joint_speed_share"] == pytest.approx(1.2)
+    assert controller.guard["fastest_share"] == pytest.approx(1.2)

@@ -1,0 +1,90 @@
+"""Motions within the joints' efforts: as they are, slower on the same path, or refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.control.dynamics import EFFORT_SHARE, ArmDynamics, within_efforts
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.robots.robot import Robot
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.sim.arm_models import NominalLoad
+from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.trajectory import Trajectory
+from tests.sim.worlds import box, world_with
+
+
+def loaded(name: str, mass: float, xyz: tuple[float, float, float]) -> ArmDynamics:
+    """Dynamics of a robot with a cube at a place in its tool's link."""
+    nominal = world_with(name).nominal["arm1"]
+    thing = box((0, 0, 0), mass=mass)
+    return ArmDynamics(nominal, [NominalLoad.of("load", thing, Pose.from_rpy(xyz))])
+
+
+def swing(robot: Robot, seed: int) -> Trajectory:
+    here = robot.postures["home"]
+    limits = robot.limits
+    away = np.random.default_rng(seed).uniform(-1.0, 1.0, robot.dof)
+    return point_to_point(here, np.clip(here + away, limits.lower, limits.upper), limits, 0.004)
+
+
+def share(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> float:
+    torques = [dynamics.moving(*row) for row in zip(motion.q, motion.v, motion.a, strict=True)]
+    return float((np.abs(torques) / robot.limits.effort).max())
+
+
+def carried(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> Trajectory | None:
+    """The motion within the efforts, None if it is refused."""
+    try:
+        return within_efforts(motion, robot, dynamics)
+    except Failure as refusal:
+        return None if refusal.code == "OVERLOADED" else motion
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_a_motion_is_as_fast_as_its_load_allows(name: str) -> None:
+    """Some loads slow it, some are refused; what is left keeps to the efforts and to its path."""
+    robot = load_robot(name)
+    slowed = 0
+    refused = 0
+    for seed in range(8):
+        motion = swing(robot, seed)
+        mass = (robot.payload or 0.0) * (0.5 + seed / 2)
+        dynamics = loaded(name, mass, (0.1, 0.0, 0.2))
+        slower = carried(motion, robot, dynamics)
+        if slower is None:
+            refused += 1
+            continue
+        assert share(slower, robot, dynamics) < EFFORT_SHARE + 0.02  # it looks every 24 ms
+        if slower is motion:
+            continue
+        slowed += 1
+        assert share(motion, robot, dynamics) > EFFORT_SHARE
+        way = motion.q[-1] - motion.q[0]  # all joints turn evenly
+        along = (slower.q - motion.q[0]) @ way / (way @ way)
+        assert slower.q == pytest.approx(motion.q[0] + along[:, None] * way, abs=1e-6)
+        assert slower.q[-1] == pytest.approx(motion.q[-1], abs=1e-12)
+        assert not slower.v[-1].any()
+    assert slowed + refused > 0
+
+
+@pytest.mark.parametrize("name", ["ur3", "ur5", "ur10", "panda"])
+def test_without_a_load_nothing_is_slowed(name: str) -> None:
+    """What the catalog allows, the joints bear."""
+    robot = load_robot(name)
+    dynamics = ArmDynamics(world_with(name).nominal["arm1"])
+    for seed in range(10):
+        motion = swing(robot, seed)
+        assert within_efforts(motion, robot, dynamics) is motion
+
+
+def test_what_a_joint_cannot_bear_is_refused_with_the_joint() -> None:
+    robot = load_robot("panda")
+    dynamics = loaded("panda", 3.0, (0.6, 0.0, 0.0))
+    with pytest.raises(Failure, match="would have to bear") as refusal:
+        within_efforts(Trajectory.rest(robot.postures["home"], 0.004), robot, dynamics)
+    assert refusal.value.code == "OVERLOADED"
+    assert refusal.value.numbers["effort_nm"] == 12.0
+    assert float(refusal.value.numbers["torque_nm"]) > 12.0

@@ -1,0 +1,124 @@
+"""An arm that presses harder on something than it may fails at that, and presses no longer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+import pytest
+
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.core.errors import ForceLimitFailure, OverlapError
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.trajectory.paths import line
+from bt_dualarm.trajectory.point_to_point import time_path
+from tests.sim.worlds import arm, file_of
+
+PERIOD = 0.004
+DEEP = 0.04  # m that the tool is sent into the block
+LIMITS_N = (30.0, 90.0)
+
+
+def block(mass: float, *, fixed: bool) -> ObjectSpec:
+    return ObjectSpec(shape="box", size=(0.1, 0.1, 0.1), mass=mass, fixed=fixed, spawned=False)
+
+
+@dataclass
+class Press:
+    """An arm whose tool is sent straight on into a block before it, at a twentieth of its speed.
+
+    Attributes:
+        fault: What the arm failed with.
+        at_fault_n: True force between arm and block when it did.
+        forces_n: True force in each step.
+    """
+
+    world: World
+    fault: BaseException | None = None
+    at_fault_n: float = 0.0
+    forces_n: list[float] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, robot: str, limit_n: float, thing: ObjectSpec, **world: object) -> Press:
+        declared = arm(robot, force_limit=limit_n)
+        press = cls(World(file_of({"arm1": declared}, {"block": thing}, **world), seed=1))
+        press._put_block()
+        return press
+
+    def _put_block(self) -> None:
+        """As near before the tool as there is room."""
+        pose = self.world.nominal["arm1"].tool_pose_at(self.world.hardware["arm1"].q)
+        for gap in np.arange(0.045, 0.2, 0.0025).tolist():
+            try:
+                self.world.spawn_object("block", pose @ Pose.from_rpy((0.0, 0.0, gap)))
+            except OverlapError:
+                continue
+            self.world.remove_object("block")  # it may be some millimeters deep in the tool
+            self.world.spawn_object("block", pose @ Pose.from_rpy((0.0, 0.0, gap + 0.01)))
+            return
+        raise AssertionError("no room")
+
+    def run(self, seconds: float = 2.5) -> None:
+        world = self.world
+        controller = JointController(world, "arm1", PERIOD, Reservations())
+        body = world.arms["arm1"]
+        kinematics = Kinematics(body.robot, body.base)
+        start = kinematics.forward(controller.setpoint.q)
+        way = line(start, start @ Pose.from_rpy((0.0, 0.0, DEEP)))
+        rows = kinematics.follow(way.poses, controller.setpoint.q)
+        world.on_forces.append(lambda: self.forces_n.append(self._force_n()))
+        controller.follow(time_path(rows, body.robot.limits.scaled(0.05), PERIOD))
+        for _ in range(round(seconds / PERIOD)):
+            controller.update(world.time)
+            if controller.fault is not None and self.fault is None:
+                self.fault = controller.fault
+                self.at_fault_n = self.forces_n[-1]
+            for _ in range(round(PERIOD / world.timestep)):
+                world.step()
+
+    def _force_n(self) -> float:
+        """Of all contacts of the block with the arm together."""
+        world = self.world
+        mine = world.arms["arm1"].geom_ids
+        other = world.object_geom("block")
+        total = np.zeros(3)
+        one = np.zeros(6)
+        for i, contact in enumerate(world.data.contact):
+            pair = set(contact.geom.tolist())
+            if other in pair and pair & mine:
+                mujoco.mj_contactForce(world.model, world.data, i, one)
+                sign = 1.0 if contact.geom[1] == other else -1.0
+                total += sign * contact.frame.reshape(3, 3).T @ one[:3]
+        return float(np.linalg.norm(total))
+
+
+@pytest.mark.parametrize("limit_n", LIMITS_N)
+@pytest.mark.parametrize("robot", robot_names())
+def test_who_presses_too_hard_fails_and_goes_back(robot: str, limit_n: float) -> None:
+    """With names and numbers: no sooner than the limit, no more is felt than there is."""
+    press = Press.of(robot, limit_n, block(1.0, fixed=True))
+    press.run()
+    assert isinstance(press.fault, ForceLimitFailure), press.fault
+    numbers = press.fault.numbers
+    assert str(numbers["first"]).startswith("arm1/")
+    assert (numbers["second"], numbers["force_limit_n"]) == ("block", limit_n)
+    assert limit_n < float(numbers["force_n"]) < 1.1 * press.at_fault_n
+    assert press.forces_n[-1] < 0.5 * limit_n
+
+
+@pytest.mark.parametrize("robot", robot_names())
+def test_friction_masses_and_light_things_are_no_force(robot: str) -> None:
+    """A neglected arm with joints that rub pushes a cup before it."""
+    press = Press.of(robot, 140.0, block(0.3, fixed=False), reality="rough")
+    model = press.world.model
+    body = press.world.model.body("block").id
+    press.world.data.xfrc_applied[body, :3] = -model.body_mass[body] * model.opt.gravity  # floats
+    press.run()
+    assert max(press.forces_n) > 0.0
+    assert press.fault is None

@@ -1,0 +1,57 @@
+"""The tool keeps to its plan on robots that are not their page, and comes to rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.path_reality import PERIOD, curves, measured, world_of
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.skill.registry import Registry
+
+KINDS = Registry.load().kinds
+LIMITS = {"ideal": (0.02, 0.06), "lab": (0.10, 0.30), "rough": (0.30, 1.00)}
+"""RMS and maximum in mm that are asked for."""
+
+
+def keeps_to_its_plan(robot: str, reality: str, load: str, seed: int) -> None:
+    rms, worst = LIMITS[reality]
+    for tool, motion, planned in curves(robot):
+        world = world_of(robot, tool, reality, load, seed, KINDS)
+        found = measured(world, motion, planned)
+        assert found.fault == ""
+        assert (found.rms <= rms, found.worst <= worst) == (True, True), found
+        assert found.rest <= 0.3
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+@pytest.mark.parametrize("reality", LIMITS)
+def test_curves_at_full_speed(robot: str, reality: str) -> None:
+    """Friction, masses, drives and encoders of one robot of the batch."""
+    keeps_to_its_plan(robot, reality, "none", 3)
+
+
+def test_an_arm_that_trembles_is_at_rest() -> None:
+    """Encoders of a neglected robot: single velocities are above what counts as standing."""
+    robot = "panda"
+    tool = next(curves(robot))[0]
+    world = world_of(robot, tool, "rough", "none", 1, KINDS)
+    controller = JointController(world, "arm1", PERIOD, Reservations())
+    fast = calm = 0
+    for step in range(500):
+        controller.update(world.time)
+        for _ in range(2):
+            world.step()
+        fast += bool(np.abs(world.hardware["arm1"].v).max() > 5e-3)
+        calm += controller.at_rest and step >= 250
+    assert fast > 100
+    assert calm == 250
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+@pytest.mark.parametrize(("reality", "load"), [("lab", "known"), ("rough", "unknown")])
+def test_curves_with_a_kilogram(robot: str, reality: str, load: str) -> None:
+    for seed in (1, 2):
+        keeps_to_its_plan(robot, reality, load, seed)

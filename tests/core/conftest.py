@@ -1,0 +1,39 @@
+"""A folder with a kernel."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.core.doubling import DOUBLE, Compiled, started, told
+
+
+@pytest.fixture
+def scripts(tmp_path: Path) -> Path:
+    """A folder with a module of one kernel."""
+    return folder_of_scripts(tmp_path)
+
+
+def folder_of_scripts(within: Path) -> Path:
+    place = within / "scripts"
+    place.mkdir()
+    (place / "double_kernels.py").write_text(DOUBLE)
+    return place
+
+
+@pytest.fixture(scope="package")
+def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where a process has left the code of that kernel, with the folder of its scripts beside."""
+    within = tmp_path_factory.mktemp("compiled")
+    assert told(started(within / "cache", folder_of_scripts(within)))[:2] == (6.0, 0)
+    return within
+
+
+@pytest.fixture
+def compiled(compiled_once: Path, tmp_path: Path) -> Compiled:
+    """A copy of its cache, for one test to spoil, and the same scripts: code knows their path."""
+    shutil.copytree(compiled_once / "cache", tmp_path / "cache")
+    (file,) = (tmp_path / "cache").rglob("*.nbc")
+    return Compiled(tmp_path / "cache", file, compiled_once / "scripts")

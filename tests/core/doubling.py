@@ -1,0 +1,89 @@
+"""A kernel that doubles a number, used by a process that tells what came of it."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.source import ROOT
+
+PR_CAPBSET_DROP = 24
+CAP_DAC_OVERRIDE = 1
+CAP_DAC_READ_SEARCH = 2
+"""Of Linux's prctl(2) and capabilities(7)."""
+
+DOUBLE = """
+from bt_dualarm.core.kernel import kernel
+
+@kernel
+def doubled(x):
+    return 2.0 * x
+"""
+USE = """
+import json, logging, sys
+from bt_dualarm.core.kernel import compile_once
+from bt_dualarm.core.share import folder
+said = []
+handler = logging.Handler()
+handler.emit = lambda record: said.append(record.getMessage())
+logging.getLogger("bt_dualarm").addHandler(handler)
+logging.getLogger("bt_dualarm").setLevel(logging.INFO)
+from double_kernels import doubled
+compile_once([lambda: doubled(2.0)])
+result = doubled(3.0)
+hits = sum(doubled.stats.cache_hits.values()) if hasattr(doubled, "stats") else 0
+print(json.dumps([result, hits, said, str(folder())]))
+"""
+"""Compiles one small kernel, and tells its result, whether its code was found, what was logged."""
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """Code of the kernel: the cache that it is in, its file, the scripts that it was made from."""
+
+    cache: Path
+    file: Path
+    scripts: Path
+
+
+def environment(cache: Path, scripts: Path) -> dict[str, str]:
+    """With a cache of its own, our kernel among the modules, and nothing said to numba yet."""
+    said = ("NUMBA_CPU_NAME",)  # by this process, which may have used kernels
+    return {name: value for name, value in os.environ.items() if name not in said} | {
+        "XDG_CACHE_HOME": str(cache),
+        "PYTHONPATH": os.pathsep.join((str(scripts), str(ROOT))),
+    }
+
+
+def started(
+    cache: Path, scripts: Path, *flags: str, first: str = "", **settings: str
+) -> subprocess.Popen[str]:
+    """A process that uses the kernel, after a line of its own; file modes bind it, root's too."""
+    return subprocess.Popen(
+        [sys.executable, *flags, "-c", first + USE],
+        env=environment(cache, scripts) | settings,
+        preexec_fn=give_up_rights,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def give_up_rights() -> None:
+    """Let what root starts next keep to the modes of files; without effect for others."""
+    libc = ctypes.CDLL(None)
+    for right in CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH:
+        libc.prctl(PR_CAPBSET_DROP, right, 0, 0, 0)
+
+
+def told(process: subprocess.Popen[str]) -> tuple[float, int, list[str], Path]:
+    """Its result, how often code was found, what was logged, the folder of the code."""
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    result, hits, said, place = json.loads(out)
+    return result, hits, said, Path(place)

@@ -1,0 +1,173 @@
+"""What small kernels mean that have no test of their own for it: the same in plain Python."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.collision import sphere_kernels as spheres
+from bt_dualarm.control.control_kernels import detect_collision
+from bt_dualarm.control.kernel_rows import COMPARE, DETECTOR_ROWS, FIRST, JUDGE, LEARN
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.perception.tracking_kernels import blend_in_plane
+from bt_dualarm.safety.region_kernels import longest_free_time
+from bt_dualarm.sim.device_kernels import (
+    any_unrequested,
+    felt_in_tool,
+    go_with,
+    gripped,
+    push,
+    remember,
+)
+from bt_dualarm.sim.kernel_columns import DRIVE
+from bt_dualarm.sim.ray_trace_kernels import enter
+from tests.plain_kernels import plain
+
+N = 5
+DOF = 6
+BODIES = 7
+
+Arguments = Callable[[np.random.Generator], tuple[object, ...]]
+
+
+def quaternions(rng: np.random.Generator, count: int) -> Any:
+    """Unit quaternions, of shape (count, 4)."""
+    drawn = rng.normal(size=(count, 4))
+    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+
+
+def limits(rng: np.random.Generator) -> Any:
+    """Of joints: positions, then velocity, acceleration and jerk, of shape (5, dof)."""
+    return np.vstack((-np.ones(DOF), np.ones(DOF), rng.uniform(1.0, 3.0, (3, DOF))))
+
+
+KERNELS: dict[Callable[..., Any], Arguments] = {
+    spheres.place: lambda rng: (
+        rng.normal(size=(N, 4)),
+        rng.integers(0, BODIES, N),
+        rng.normal(size=(BODIES, 3)),
+        rng.normal(size=(BODIES, 9)),
+        np.empty((N, 4)),
+    ),
+    spheres.lever: lambda rng: (
+        rng.normal(size=(N, 4)),
+        rng.permutation(DOF),
+        rng.normal(size=(DOF, 3)),
+        np.tile((0.6, 0.0, 0.8), (DOF, 1)),
+        rng.integers(0, 2, (N, DOF)).astype(float),
+        np.empty((N, DOF)),
+    ),
+    spheres.reach: lambda rng: (rng.random((N, DOF)), 0.2 * rng.random(DOF), 1.5),
+    spheres.nearest: lambda rng: (rng.normal(size=(N, 4)), rng.normal(size=(3, 4))),
+    spheres.moved: lambda rng: (
+        *rng.normal(size=(2, N, 3)),
+        rng.random(N),
+        rng.integers(0, 2, (N, DOF)).astype(float),
+        rng.random(DOF),
+    ),
+    longest_free_time: lambda rng: (
+        rng.uniform(0.0, 0.3),
+        np.array((0.2, 0.1, 0.02)),
+        rng.random((N, DOF)),
+        1.5,
+        limits(rng),
+        rng.uniform(-0.5, 0.5, (2, DOF)),
+        np.empty(DOF),
+    ),
+    detect_collision: lambda rng: (
+        rng.normal(size=(DOF, DOF)),
+        rng.normal(size=(2, DOF)),
+        rng.normal(size=DOF),
+        1.0,
+        int(rng.choice((FIRST, 0, COMPARE, COMPARE | JUDGE, COMPARE | JUDGE | LEARN))),
+        30.0 * rng.random((DETECTOR_ROWS, DOF)),
+        rng.normal(size=(9, DOF)),
+        0.1 * rng.random((24, DOF)),
+    ),
+    blend_in_plane: lambda rng: (
+        rng.normal(size=(3, 4)),
+        0.1,
+        rng.normal(size=(3, 4)),
+        0.2,
+        0.3,
+        rng.normal(size=(2, 3)),
+        rng.normal(size=3),
+        np.empty((3, 2)),
+    ),
+    felt_in_tool: lambda rng: (
+        rng.normal(size=6),
+        rng.normal(size=9),
+        rng.normal(size=(3, 3)),
+        rng.random(2),
+        rng.normal(size=(N, 6)),
+        int(rng.integers(N)),
+    ),
+    gripped: lambda rng: (
+        rng.integers(0, 4, (8, 2), dtype=np.int32),
+        rng.uniform(-1.0, 0.5, 8),
+        0,
+        1,
+        rng.integers(0, 2, 4, dtype=np.int32),
+    ),
+    remember: lambda rng: (
+        rng.normal(size=(BODIES, 3)),
+        quaternions(rng, BODIES),
+        2,
+        4,
+        np.zeros((3, 7)),
+    ),
+    go_with: lambda rng: (
+        np.concatenate((rng.normal(size=3), *quaternions(rng, 1))),
+        np.hstack((rng.normal(size=(3, 3)), quaternions(rng, 3))),
+        rng.normal(size=(6, 9)),
+        rng.normal(size=9),
+        0.002,
+    ),
+    push: lambda rng: (*rng.normal(size=(2, 2)), rng.uniform(0.5, 2.0, DRIVE), 0.002, np.zeros(1)),
+    enter: lambda rng: (
+        np.zeros((12, 14, 3), np.uint8),
+        (3, 2, 12, 10),
+        (2, 1),
+        2,
+        rng.integers(0, 256, (5, 5, 3), dtype=np.uint8),
+    ),
+    any_unrequested: lambda rng: (
+        rng.integers(0, 6, (3, 2), dtype=np.int32),
+        np.array((-1, -1, 0, 0, 1, 1)),
+        rng.choice((-2, 0, 1), 6),
+    ),
+}
+
+
+@pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.__name__)
+@pytest.mark.parametrize("seed", range(6))
+def test_compiled_kernels_do_what_plain_python_does(kernel: Callable[..., Any], seed: int) -> None:
+    """What they return, and what they enter into arrays, but for rounding."""
+    arguments = KERNELS[kernel](np.random.default_rng(seed))
+    mine = deepcopy(arguments)
+    its = deepcopy(arguments)
+    told = kernel(*mine)
+    meant = plain(kernel)(*its)
+    if told is not None:
+        assert np.asarray(told) == pytest.approx(np.asarray(meant), rel=1e-12, abs=1e-12)
+    for one, other in zip(arrays(mine), arrays(its), strict=True):
+        assert one == pytest.approx(other, rel=1e-12, abs=1e-12)
+
+
+def arrays(arguments: tuple[object, ...]) -> list[Vector]:
+    """Those of the arguments that a kernel can enter something into."""
+    return [one for one in arguments if isinstance(one, np.ndarray)]
+
+
+def test_plain_kernels_call_plain_ones() -> None:
+    """And whoever imports one gets the compiled one all the same."""
+    inner = vars(sys.modules[plain(longest_free_time).__module__])
+    assert not hasattr(plain(longest_free_time), "py_func")
+    assert plain(longest_free_time).__globals__["reach"] is not spheres.reach
+    assert not hasattr(plain(longest_free_time).__globals__["reach"], "py_func")
+    assert inner["longest_free_time"] is longest_free_time

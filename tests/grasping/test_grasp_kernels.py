@@ -1,0 +1,119 @@
+"""What the kernels of grasps mean: in plain Python, and by formulas written another way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.grasping.grasp import pinching_forces
+from bt_dualarm.grasping.grasp_kernels import distance, distances, hold, narrow, pinch, press, reach
+from bt_dualarm.grasping.kernel_forms import BOX, CAPSULE, CYLINDER
+from bt_dualarm.grasping.ranking import finger_points, palm_points
+from bt_dualarm.grasping.solids import Box, Solid
+from tests.grasping.families import JAW, hulls, poses, primitives
+from tests.plain_kernels import plain
+
+FEW = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+SOLIDS = st.one_of(primitives(), hulls())
+
+
+def written_out(solid: Solid, points: Matrix) -> Vector:
+    """Distances from a box, a cylinder or a capsule by NumPy, of shape (n,)."""
+    kind = solid.form.kind
+    (numbers,) = solid.form.numbers
+    across = np.hypot(points[:, 0], points[:, 1])
+    if kind == CAPSULE:
+        axis = np.clip(points[:, 2], -numbers[1], numbers[1])
+        away: Vector = np.hypot(across, points[:, 2] - axis) - numbers[0]
+        return away
+    flat = np.column_stack((across, np.abs(points[:, 2])))
+    beyond = np.abs(points) - numbers if kind == BOX else flat - numbers
+    assert kind in (BOX, CYLINDER)
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    signed: Vector = outside + np.minimum(beyond.max(axis=1), 0.0)
+    return signed
+
+
+@FEW
+@given(SOLIDS, poses(), st.integers(0, 99))
+def test_distance_and_reach_are_those_of_plain_python(solid: Solid, pose: Pose, seed: int) -> None:
+    points = np.random.default_rng(seed).uniform(-0.08, 0.08, (20, 3))
+    found = distances(*solid.form, points)
+    for point, away in zip(points, found, strict=True):
+        assert plain(distance)(*solid.form, *point) == pytest.approx(away, abs=1e-15)
+    direction = pose.turn(np.array((0.0, 0.0, 1.0)))
+    there = reach(*solid.form, direction)
+    assert plain(reach)(*solid.form, direction) == pytest.approx(there, abs=1e-15)
+
+
+@FEW
+@given(primitives(), st.integers(0, 99))
+def test_distances_are_those_of_the_formulas(solid: Solid, seed: int) -> None:
+    points = np.random.default_rng(seed).uniform(-0.08, 0.08, (200, 3))
+    assert solid.distance(points) == pytest.approx(written_out(solid, points), abs=1e-15)
+
+
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(SOLIDS, poses())
+def test_what_pads_meet_is_that_of_plain_python(solid: Solid, pose: Pose) -> None:
+    axis, along = (np.ascontiguousarray(one) for one in pose.rotation_matrix.T[:2])
+    given = (*solid.form, np.zeros(3), axis, along, np.array((0.02, 0.01)))
+    for kernel in (press, hold):
+        one = np.zeros(6)
+        other = np.zeros(6)
+        assert kernel(*given, one) == plain(kernel)(*given, other)
+        assert one == pytest.approx(other, abs=1e-6)  # a normal is a difference of 1e-5 m
+
+
+@FEW
+@given(st.integers(0, 999), st.floats(0.02, 0.08), st.floats(0.1, 1.0))
+def test_the_force_of_a_pinch_is_that_of_its_formula(
+    seed: int, width: float, friction: float
+) -> None:
+    """Friction and its moment in an ellipsoid, the pressure along the line halved."""
+    rng = np.random.default_rng(seed)
+    forces = rng.normal(0.0, 5.0, (9, 3))
+    offset = rng.normal(0.0, 0.02, 3)
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    moments = np.cross(offset, forces)
+    flat = np.eye(3) - np.outer(axis, axis)
+    sliding = 0.5 * np.linalg.norm(forces @ flat, axis=1)
+    sliding = sliding + np.linalg.norm(moments @ flat, axis=1) / width
+    twisting = 0.5 * np.abs(moments @ axis) / 0.005
+    expected = np.hypot(sliding, twisting) / friction + 0.5 * np.abs(forces @ axis)
+    given = (forces, offset, axis, width, 0.005, friction)
+    assert pinching_forces(*given) == pytest.approx(expected, rel=1e-9)
+    assert plain(pinch)(*given) == pytest.approx(expected, rel=1e-9)
+
+
+@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(primitives(), poses(), poses())
+def test_room_is_the_least_distance_of_all_points(solid: Solid, lies: Pose, tool: Pose) -> None:
+    """Exactly, where there is room; where there is none, it says that."""
+    tool = Pose(0.2 * tool.position, tool.quaternion)
+    fingers = finger_points(JAW, 0.0)
+    palm = palm_points(JAW)
+    ways = np.repeat((1.0, -1.0, 0.0), (len(fingers) // 2, len(fingers) // 2, len(palm)))
+    moving = np.column_stack((np.vstack((fingers, palm)), ways))
+    widths = np.array([[JAW.widest_opening, 0.03]])
+    row = np.array([[*tool.position, *tool.quaternion]])
+    at = np.vstack([finger_points(JAW, width) for width in widths[0]] + [palm])
+    near = Pose(0.2 * lies.position, lies.quaternion)
+    least = float(solid.distance(near.inverse.apply(tool.apply(at))).min())
+    for kernel in (narrow, plain(narrow)):
+        rooms = np.array([0.5])
+        kernel(*solid.form, near.matrix, row, widths, moving, -1e-4, rooms)
+        if least < -1e-4:
+            assert rooms[0] < -1e-4
+        else:
+            assert rooms[0] == pytest.approx(min(least, 0.5), abs=1e-12)
+
+
+def test_a_box_that_is_none_is_refused() -> None:
+    with pytest.raises(NotImplementedError):
+        _ = Solid().form
+    assert Box(np.full(3, 0.02)).reach(np.array((1, 0, 0))) == pytest.approx(0.02)

@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, assume, given, settings
+from hypothesis import strategies as st
+
+from bt_dualarm.grasping.candidates import CLEAR, antipodal_pairs, jaw_grasps, least_width
+from bt_dualarm.grasping.grasp import JawMeasures, Load, held, pinching_force
+from bt_dualarm.grasping.ranking import finger_points
+from bt_dualarm.grasping.solids import Solid, solid_of
+from tests.grasping.families import JAW, JAWS, hulls, loads, mesh_box, primitives
+
+FEW = settings(
+    max_examples=8,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    phases=[Phase.explicit, Phase.reuse, Phase.generate],  # to shrink takes minutes
+)
+SHAPES = st.one_of(primitives(), primitives(), hulls())
+
+
+def _pads(jaw: JawMeasures, opening: float) -> np.ndarray:
+    """Points on both pads, of shape (n, 3), m, in the tool frame."""
+    x, z = np.meshgrid(
+        np.linspace(-0.5, 0.5, 9) * jaw.pad_width,
+        np.linspace(-0.5, 0.5, 9) * jaw.pad_length + jaw.pad_center,
+    )
+    one = np.column_stack((x.ravel(), np.full(x.size, 0.5 * opening), z.ravel()))
+    return np.vstack((one, one * [1, -1, 1]))
+
+
+@FEW
+@given(SHAPES, JAWS, loads())
+def test_open_fingers_are_clear_and_shut_ones_touch(
+    solid: Solid, jaw: JawMeasures, load: Load
+) -> None:
+    """Open, both fingers and the palm are outside; at the grasp's width the pads just meet it."""
+    for grasp in jaw_grasps(solid, jaw, load, 0.8)[::7]:
+        fingers = grasp.tool.apply(finger_points(jaw, jaw.widest_opening))
+        assert solid.distance(fingers).min() >= 0.9 * CLEAR
+        approach = grasp.tool.rotation_matrix[:, 2]
+        assert solid.reach(-approach) <= jaw.palm - approach @ grasp.tool.position - CLEAR + 1e-9
+        gap = solid.distance(grasp.tool.apply(_pads(jaw, grasp.width)))
+        apart = 0.5 * math.hypot(jaw.pad_width, jaw.pad_length) / 6  # of a spot, from its points
+        assert -apart <= gap.min() <= apart + 1e-4
+
+
+@FEW
+@given(SHAPES, JAWS, loads())
+def test_whatever_fits_between_the_fingers_has_a_grasp(
+    solid: Solid, jaw: JawMeasures, load: Load
+) -> None:
+    """And with the force of it that bears the load; firmest first."""
+    assume(least_width(solid) <= jaw.widest_opening - 2 * CLEAR - 1e-6)
+    found = jaw_grasps(solid, jaw, load, 0.8)
+    assert found
+    forces = [grasp.force for grasp in found]
+    assert forces == sorted(forces)
+    assert all(grasp.margin == pytest.approx(jaw.most_force / grasp.force) for grasp in found)
+    assert all(jaw.least_opening < grasp.width <= jaw.widest_opening for grasp in found)
+
+
+@FEW
+@given(primitives(), loads())
+def test_the_same_seed_gives_the_same_grasps(solid: Solid, load: Load) -> None:
+    once = jaw_grasps(solid, JAW, load, 0.8)
+    again = jaw_grasps(solid, JAW, load, 0.8)
+    assert [g.force for g in once] == [g.force for g in again]
+    assert all(
+        np.array_equal(a.tool.matrix, b.tool.matrix) for a, b in zip(once, again, strict=True)
+    )
+
+
+def test_what_is_too_wide_has_none() -> None:
+    load = Load(0.2, np.array([0.0, 0.0, -9.81]), 8.0, np.zeros(3))
+    wide = solid_of("box", (0.09, 0.09, 0.09))
+    assert least_width(wide) == pytest.approx(0.09)
+    assert jaw_grasps(wide, JAW, load, 0.8) == ()
+    plate = solid_of("box", (0.2, 0.2, 0.02))
+    assert least_width(plate) == pytest.approx(0.02)
+    assert all(grasp.width == pytest.approx(0.02) for grasp in jaw_grasps(plate, JAW, load, 0.8))
+
+
+def test_what_is_too_heavy_has_none() -> None:
+    cube = solid_of("box", (0.05, 0.05, 0.05))
+    heavy = Load(40.0, np.array([0.0, 0.0, -9.81]), 8.0, np.zeros(3))
+    assert jaw_grasps(cube, JAW, heavy, 0.8) == ()
+
+
+def test_the_force_of_a_point_mass_is_what_a_textbook_says() -> None:
+    """At rest between two pads, each bears m g / 2 by friction: N = m g / (2 μ)."""
+    down = np.array([0.0, 0.0, -9.81])
+    load = Load(1.0, down, 0.0, np.zeros(3))
+    y = np.array([0.0, 1.0, 0.0])
+    force = pinching_force(load, np.zeros(3), y, 0.05, 0.008, 0.8)
+    assert force == pytest.approx(9.81 / 1.6)
+    beside = replace(load, center=np.array([0.02, 0.0, 0.0]))  # a moment about the pads' line
+    turned = pinching_force(beside, np.zeros(3), y, 0.05, 0.008, 0.8)
+    assert turned == pytest.approx(math.hypot(9.81 / 2, 9.81 * 0.02 / 2 / 0.008) / 0.8)
+    across = replace(load, center=np.array([0.0, 0.02, 0.0]))
+    tipped = pinching_force(across, np.zeros(3), y, 0.05, 0.008, 0.8)
+    assert tipped == pytest.approx((9.81 / 2 + 9.81 * 0.02 / 0.05) / 0.8)
+    lying = replace(load, gravity=np.array([0.0, -9.81, 0.0]))  # along the line: half on each
+    assert pinching_force(lying, np.zeros(3), y, 0.05, 0.008, 0.8) == pytest.approx(9.81 / 2)
+    assert pinching_force(load, np.zeros(3), y, 0.05, 0.008, 0.0) == math.inf
+    assert pinching_force(beside, np.zeros(3), y, 0.05, 0.0, 0.8) == math.inf
+
+
+@FEW
+@given(primitives(), loads(), st.floats(1.1, 4.0))
+def test_more_load_asks_for_more_force(solid: Solid, load: Load, factor: float) -> None:
+    light = jaw_grasps(solid, JAW, load, 0.8)
+    heavy = jaw_grasps(solid, JAW, replace(load, mass=factor * load.mass), 0.8)
+    if heavy:
+        assert heavy[0].force == pytest.approx(factor * light[0].force)
+
+
+def test_a_pad_meets_a_sphere_where_it_is_widest() -> None:
+    """Its middle may be beside; where the pad ends before that, it meets a slope."""
+    y = np.array([0.0, 1.0, 0.0])
+    z = np.array([0.0, 0.0, 1.0])
+    ball = solid_of("sphere", (0.03,))
+    met = held(ball, np.array([0.0, 0.0, 0.01]), y, z, np.array([0.03, 0.02]))
+    assert met is not None
+    assert met.width == pytest.approx(0.06, abs=1e-4)
+    assert met.tilt < 0.1
+    beside = held(ball, np.array([0.0, 0.0, 0.01]), y, z, np.array([0.002, 0.002]))
+    assert beside is not None
+    assert beside.tilt == pytest.approx(math.asin(1 / 3), abs=0.04)
+    assert held(ball, np.array([0.0, 0.0, 0.05]), y, z, np.array([0.03, 0.02])) is None
+
+
+def test_a_mesh_of_a_box_is_taken_as_that_box() -> None:
+    load = Load(0.5, np.array([0.0, 0.0, -9.81]), 8.0, np.zeros(3))
+    mesh = jaw_grasps(mesh_box(0.025), JAW, load, 0.8, seed=3)
+    box = jaw_grasps(solid_of("box", (0.05, 0.05, 0.05)), JAW, load, 0.8)
+    assert mesh[0].width == pytest.approx(box[0].width, abs=1e-6)
+    assert mesh[0].force == pytest.approx(box[0].force, rel=0.1)
+
+
+def test_of_what_nothing_is_known_there_are_no_pinches() -> None:
+    with pytest.raises(TypeError, match="no pinches are known of a str"):
+        next(antipodal_pairs("banana", np.zeros(3), np.random.default_rng(0)))  # type: ignore[arg-type]

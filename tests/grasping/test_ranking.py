@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.grasping.candidates import jaw_grasps
+from bt_dualarm.grasping.grasp import JawMeasures, Load
+from bt_dualarm.grasping.ranking import Obstacle, finger_points, ranked
+from bt_dualarm.grasping.solids import Box, solid_of
+from tests.grasping.families import JAW, JAWS, SIZES
+
+TABLE = Obstacle(Box(np.array([1.0, 1.0, 0.5])), Pose.from_rpy((0.0, 0.0, -0.5)))
+LOAD = Load(0.3, np.array([0.0, 0.0, -9.81]), 8.0, np.zeros(3))
+
+
+def anywhere(_: Pose) -> float:
+    return 0.0
+
+
+@settings(
+    max_examples=8,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    phases=[Phase.generate],
+)
+@given(st.sampled_from(["box", "cylinder", "sphere"]), SIZES, st.floats(-3.1, 3.1), JAWS)
+def test_what_stands_on_a_table_is_taken_without_touching_it(
+    shape: str, edge: float, yaw: float, jaw: JawMeasures
+) -> None:
+    """Something of 20 to 70 mm on a table can be taken, and no finger is in the table then."""
+    size = {"box": (edge,) * 3, "cylinder": (edge / 2, edge), "sphere": (edge / 2,)}[shape]
+    lies = Pose.from_rpy((0.2, -0.1, edge / 2), (0.0, 0.0, yaw))
+    found = ranked(jaw_grasps(solid_of(shape, size), jaw, LOAD, 0.8), lies, jaw, [TABLE], anywhere)
+    assert found
+    assert [one.cost for one in found] == sorted(one.cost for one in found)
+    for one in found[::9]:
+        assert one.clearance >= -1e-4
+        for opening in (jaw.widest_opening, one.grasp.width):
+            assert one.tool.apply(finger_points(jaw, opening))[:, 2].min() >= -1e-4
+        assert np.allclose(one.tool.matrix, (lies @ one.grasp.tool).matrix)
+
+
+def test_what_cannot_be_reached_is_left_out() -> None:
+    grasps = jaw_grasps(solid_of("box", (0.04, 0.04, 0.04)), JAW, LOAD, 0.8)
+    lies = Pose.from_rpy((0.0, 0.0, 0.02))
+    assert ranked(grasps, lies, JAW, [TABLE], lambda _: math.inf) == ()
+    from_above = ranked(
+        grasps, lies, JAW, [TABLE], lambda tool: 0.5 * (1.0 + tool.rotation_matrix[2, 2])
+    )
+    assert from_above[0].tool.rotation_matrix[2, 2] == pytest.approx(-1.0)
+
+
+def test_a_wall_at_one_side_is_kept_clear_of() -> None:
+    """Between two low walls only the fingers that stand along them have room."""
+    grasps = jaw_grasps(solid_of("box", (0.04, 0.04, 0.04)), JAW, LOAD, 0.8)
+    walls = [
+        Obstacle(Box(np.array([0.01, 1.0, 0.015])), Pose.from_rpy((side * 0.035, 0.0, 0.015)))
+        for side in (-1, 1)
+    ]
+    found = ranked(grasps, Pose.from_rpy((0.0, 0.0, 0.02)), JAW, [TABLE, *walls], anywhere)
+    assert found
+    assert all(abs(one.tool.rotation_matrix[0, 1]) < 0.8 for one in found)
+
+
+def test_a_cup_asks_for_no_room_beside_it() -> None:
+    grasps = jaw_grasps(solid_of("box", (0.04, 0.04, 0.04)), JAW, LOAD, 0.8)
+    inside = Obstacle(Box(np.full(3, 0.2)), Pose.identity())
+    assert ranked(grasps, Pose.identity(), JAW, [inside], anywhere) == ()
+    assert len(ranked(grasps, Pose.identity(), None, [inside], anywhere)) == len(grasps)

@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+
+from bt_dualarm.grasping.candidates import cup_grasps
+from bt_dualarm.grasping.grasp import CupMeasures, Load, suction_force
+from bt_dualarm.grasping.solids import Solid, solid_of
+from tests.grasping.families import CUP, loads, primitives
+
+DOWN = np.array([0.0, 0.0, -9.81])
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@settings(
+    max_examples=8,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    phases=[Phase.generate],
+)
+@given(primitives(), loads())
+def test_the_tool_stands_square_on_the_surface(solid: Solid, load: Load) -> None:
+    """And the whole rim is over it."""
+    for grasp in cup_grasps(solid, CUP, load)[::5]:
+        place = grasp.tool.position
+        into = grasp.tool.rotation_matrix[:, 2]
+        assert abs(float(solid.distance(place[None])[0])) < 1e-6
+        assert float(solid.distance((place - 0.01 * into)[None])[0]) == pytest.approx(0.01)
+        assert grasp.force <= CUP.most_force
+
+
+def test_a_face_seals_where_the_rim_has_room() -> None:
+    load = Load(0.2, DOWN, 8.0, np.zeros(3))
+    assert len(cup_grasps(solid_of("box", (0.05, 0.05, 0.05)), CUP, load)) == 6 * 4
+    flat = cup_grasps(solid_of("box", (0.05, 0.05, 0.02)), CUP, load)
+    assert len(flat) == 2 * 4
+    assert cup_grasps(solid_of("box", (0.03, 0.03, 0.03)), CUP, load) == ()
+    assert cup_grasps(solid_of("sphere", (0.015,)), CUP, load) == ()
+
+
+def test_curvature_is_borne_as_far_as_the_rim_bends() -> None:
+    """A ball of radius r falls off by r - sqrt(r² - c²) at the rim c."""
+    load = Load(0.2, DOWN, 0.0, np.zeros(3))
+    radius = 0.06
+    sag = radius - math.sqrt(radius**2 - CUP.radius**2)
+    for bends, seals in ((sag * 1.05, True), (sag * 0.95, False)):
+        cup = CupMeasures(CUP.radius, bends, CUP.most_force, CUP.friction)
+        assert bool(cup_grasps(solid_of("sphere", (radius,)), cup, load)) == seals
+
+
+def test_what_is_pulled_off_is_its_weight_and_what_slides_asks_for_friction() -> None:
+    load = Load(0.5, DOWN, 0.0, np.zeros(3))
+    weight = 0.5 * 9.81
+    assert suction_force(load, np.zeros(3), UP, CUP) == pytest.approx(weight)
+    side = np.array([1.0, 0.0, 0.0])
+    assert suction_force(load, np.zeros(3), side, CUP) == pytest.approx(weight / CUP.friction)
+    hanging = suction_force(load, np.array([0.0, 0.0, 0.0]) + 0.05 * side, side, CUP)
+    assert hanging == pytest.approx(max(weight / CUP.friction, weight * 0.05 / CUP.radius))
+    slippery = CupMeasures(0.02, 0.004, 60.0, 0.0)
+    assert suction_force(load, np.zeros(3), UP, slippery) == math.inf

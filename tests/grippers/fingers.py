@@ -1,0 +1,19 @@
+"""Fingers put where a test wants them, and what is believed of them."""
+
+from __future__ import annotations
+
+from bt_dualarm.robots.gripper import FINGERS, gripper_names, load_gripper
+from bt_dualarm.sim.world import World
+
+FINGERED = tuple(name for name in gripper_names() if load_gripper(name).fingers)
+
+
+def opened(world: World, width: float, sensed: float | None = None) -> None:
+    """Put the fingers of ``arm1`` at an opening in m, and let the encoder say that, or another."""
+    for finger in FINGERS:
+        world.data.joint(f"arm1/{finger}").qpos[0] = 0.5 * width
+    hardware = world.grippers["arm1"]
+    hardware.stamp = -1.0
+    world.restore(world.state())
+    if sensed is not None:
+        hardware.width = sensed

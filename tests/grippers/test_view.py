@@ -1,0 +1,40 @@
+"""A gripper does not stand in the way of the camera that its arm carries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.robots.gripper import gripper_names
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.sim.ray_renderer import RayRenderer
+from bt_dualarm.sim.renderer import Exposure, Image
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import CameraSpec
+from tests.sim.worlds import WORLD as FOLDER
+from tests.sim.worlds import arm, file_of
+
+
+def _seen(robot: str, mount: str, gripper: str | None) -> Image:
+    camera = CameraSpec(mount=mount)
+    held = arm(robot, (0.0, 0.0, 1.0), camera=camera, gripper=gripper)
+    world = World(file_of({"arm1": held}))
+    width, height = camera.resolution
+    exposure = Exposure(world.model.camera("arm1/camera").id, width, height)
+    return RayRenderer().render(world.model, world.data, exposure)
+
+
+@pytest.mark.parametrize("gripper", gripper_names())
+@pytest.mark.parametrize("robot", robot_names())
+def test_the_middle_of_the_picture_is_free(robot: str, gripper: str) -> None:
+    """What the gripper hides is at the picture's edge, outside of its middle half and the like.
+
+    An arm looks at things by turning the middle of the picture to them. Open fingers reach
+    farthest to the sides.
+    """
+    for mount in load_robot(robot, FOLDER).cameras:
+        differs = (_seen(robot, mount, gripper) != _seen(robot, mount, None)).any(axis=2)
+        height, width = differs.shape
+        middle = differs[height // 4 : -height // 4, width // 4 : -width // 4]
+        assert not middle.any()
+        assert np.mean(differs) < 0.2

@@ -1,0 +1,51 @@
+"""Arms with joints left free: the nearest answer is near, whatever seed looked for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot
+
+TARGETS = 8
+SEEDS = 6
+
+
+def poses_within_reach(arm: Kinematics, rng: np.random.Generator) -> list[Pose]:
+    """Tool poses of configurations away from limits and singularities."""
+    limits = arm.robot.limits
+    found = list[Pose]()
+    while len(found) < TARGETS:
+        q = 0.8 * rng.uniform(np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi))
+        if arm.condition(q) < 30:
+            found.append(arm.forward(q))
+    return found
+
+
+@pytest.mark.parametrize("name", ["panda", "xarm7"])
+def test_the_nearest_answer_hardly_depends_on_the_seed(name: str) -> None:
+    """Within 6 % of the nearest of all seeds on average; it was 8 % (Panda) and 12 % (xArm7)."""
+    robot = load_robot(name)
+    home = robot.postures["home"]
+    arms = [Kinematics(robot, Pose.identity(), seed) for seed in range(SEEDS)]
+    ratios = []
+    for target in poses_within_reach(arms[0], np.random.default_rng(1)):
+        away = [float(np.linalg.norm(arm.solutions(target, home)[0] - home)) for arm in arms]
+        ratios += [one / min(away) for one in away]
+    assert np.mean(ratios) < 1.06
+    assert max(ratios) < 1.4
+
+
+@pytest.mark.parametrize("name", ["panda", "xarm7"])
+def test_joints_left_free_go_all_the_way_toward_the_present_ones(name: str) -> None:
+    """No step along the null space of the answer leads nearer."""
+    robot = load_robot(name)
+    arm = Kinematics(robot, Pose.identity())
+    home = robot.postures["home"]
+    for target in poses_within_reach(arm, np.random.default_rng(2)):
+        q = arm.solutions(target, home)[0]
+        free = np.linalg.svd(arm.jacobian(q))[2][-1]  # of shape (dof,), length 1
+        at_a_limit = arm.room(q) < 1e-3
+        assert at_a_limit or abs(free @ (home - q)) < 0.05

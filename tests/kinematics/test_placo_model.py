@@ -1,0 +1,43 @@
+"""PlaCo's models are used again: what they take in memory PlaCo never gives back."""
+
+from __future__ import annotations
+
+import pytest
+
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.chain import MOST_IDLE
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot
+
+HERE = Pose.from_rpy((0.0, 0.0, 0.0))
+THERE = Pose.from_rpy((1.0, 2.0, 3.0), (0.0, 0.0, 1.0))
+
+
+def test_a_model_that_nobody_uses_is_used_again() -> None:
+    robot = load_robot("ur5")
+    first = Kinematics(robot, HERE)
+    model = first.placo
+    assert Kinematics(robot, HERE).placo is not model, "it is in use"
+    del first
+    taken = [Kinematics(robot, THERE) for _ in range(MOST_IDLE)]  # others may have waited longer
+    assert any(one.placo is model for one in taken)
+
+
+def test_a_part_of_a_mechanism_keeps_its_model() -> None:
+    robot = load_robot("ur5")
+    bare = Kinematics(robot, HERE).bare
+    others = [Kinematics(robot, HERE) for _ in range(3)]
+    assert all(other.placo is not bare.placo for other in others)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_a_model_that_is_used_again_knows_nothing_of_before(name: str) -> None:
+    """To the last bit: neither where it stood, nor what it was asked."""
+    robot = load_robot(name)
+    home = robot.postures["home"]
+    goal = Kinematics(robot, HERE).forward(home + 0.1)
+    wanted = Kinematics(robot, HERE, 1).solve(goal, home)
+    there = Kinematics(robot, THERE, 2)
+    there.solve(there.forward(home - 0.2), home)
+    del there
+    assert (Kinematics(robot, HERE, 1).solve(goal, home) == wanted).all()

@@ -1,0 +1,87 @@
+"""What the kernels of filter and stillness mean: the same in plain Python, and in matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.perception.target_filter import Oscillator, carried
+from bt_dualarm.perception.tracking_kernels import (
+    COLUMNS,
+    blend,
+    carry,
+    correct,
+    has_moved,
+    scatter,
+)
+from tests.plain_kernels import plain
+
+
+def target(seed: int) -> tuple[Any, Any]:
+    """A state of three axes, of shape (3, 4), and its covariance, of shape (3, 4, 4)."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(3, 4, 4))
+    return rng.normal(size=(3, 4)), root @ root.swapaxes(1, 2)
+
+
+@pytest.mark.parametrize("dt", [-0.1, 0.0, 0.004, 0.5])
+def test_what_is_carried_on_is_what_derivative_and_noise_say(dt: float) -> None:
+    model = Oscillator()
+    (state, covariance) = target(3)
+    moved, spread = model.carry(state, covariance, dt)
+    by_matrices = carried(model, state, covariance, dt)
+    assert moved == pytest.approx(by_matrices[0], rel=1e-12, abs=1e-12)
+    assert spread == pytest.approx(by_matrices[1], rel=1e-12, abs=1e-12)
+    its = np.empty((3, 4))
+    of_its = np.empty((3, 4, 4))
+    plain(carry)(state, covariance, dt, (10.0, 0.5), its, of_its)
+    assert spread == pytest.approx(of_its, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("kernel", [correct, plain(correct)], ids=["compiled", "plain"])
+def test_a_measurement_corrects_as_kalman_says(kernel: Callable[..., None]) -> None:
+    """Gain P h' / (h P h' + r), for each axis by itself; covariances stay symmetric."""
+    (state, covariance) = target(5)
+    position = np.arange(3.0)
+    variance = np.full(3, 0.1)
+    after = state.copy()
+    spread = covariance.copy()
+    kernel(after, spread, position, variance)
+    for axis in range(3):
+        gain = covariance[axis, :, 0] / (covariance[axis, 0, 0] + 0.1)
+        expected = state[axis] + gain * (position[axis] - state[axis, 0])
+        assert after[axis] == pytest.approx(expected)
+        left = covariance[axis] - np.outer(gain, covariance[axis, 0])
+        assert spread[axis] == pytest.approx(left)
+        assert (spread[axis] == spread[axis].T).all()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_blend_lies_between_two_predictions(share: float) -> None:
+    model = Oscillator()
+    (one, _) = target(1)
+    (other, _) = target(2)
+    motion, its = np.empty((2, 3, 3))
+    blend(one, 0.05, other, 0.02, share, motion)
+    plain(blend)(one, 0.05, other, 0.02, share, its)
+    first = model.move(one, 0.05)[:, :3].T
+    second = model.move(other, 0.02)[:, :3].T
+    assert motion == pytest.approx(first + share * (second - first))
+    assert motion == pytest.approx(its)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_compiled_stillness_is_that_of_plain_python(seed: int) -> None:
+    """With first means and without, sightings that have moved and that have not."""
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(0.0, 1e-3, (int(rng.integers(4, 70)), COLUMNS))
+    rows[:, 4] = 1e-8
+    rows[len(rows) // 2 :, 2:4] += rng.choice([0.0, 0.02])
+    leaving = int(rng.integers(0, max(len(rows) - 48, 0) + 1))
+    firsts = rng.normal(0.0, 1e-3, (int(rng.integers(0, 4)), COLUMNS))
+    asked = rows, leaving, firsts, 0.35, float(rng.choice([1.0, 3.0])), 0.0025
+    assert has_moved(*asked) == plain(has_moved)(*asked)
+    assert scatter(rows, 0.35) == pytest.approx(plain(scatter)(rows, 0.35), rel=1e-12)

@@ -1,0 +1,132 @@
+"""A depth that is guessed: corrected where a swing tells it, and by nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.perception.detection import Detection
+from bt_dualarm.perception.localization import EstimatedPlaneLocalizer, Sighting
+from bt_dualarm.sim.frame import Frame
+
+GUESS_M = 0.35
+FPS = 30
+Way = Callable[[float], tuple[float, float]]
+
+
+def learned(
+    eye: Way, target: Way, depth: float, *, shake_px: float = 0.5, seconds: float = 6
+) -> float:
+    """The depth that is believed in the end, with a camera on a way before a target on another."""
+    rng = np.random.default_rng(3)
+    ahead = np.array((0.0, 0.0, GUESS_M))
+    normal = np.array((0.0, 0.0, 1.0))
+    localizer = EstimatedPlaneLocalizer(np.zeros(3), ahead, normal)
+    for stamp in np.arange(0.0, seconds, 1.0 / FPS).tolist():
+        pose = Pose.from_rpy((*eye(stamp), 0.0))
+        image = np.zeros((240, 320, 3), np.uint8)
+        frame = Frame(stamp, image, pose, np.radians(50.0), (0, 0, 320, 240), noise_px=shake_px)
+        line: Vector = np.array((*target(stamp), depth)) - pose.position
+        pixel = line[:2] / depth * frame.focal_px + (160, 120) + rng.normal(0.0, shake_px, 2)
+        detection = Detection(
+            stamp, (pixel[0] / 160 - 1, pixel[1] / 120 - 1), (pixel[0], pixel[1]), 1e3, 0.1,
+            (0, 0, 0, 0), 1.0, False,
+        )  # fmt: skip
+        localizer.learn(detection, frame)
+    assert localizer.ahead[2] == pytest.approx(localizer.locate(detection, frame).point[2])
+    return float(localizer.ahead[2])
+
+
+def swing(size: float, hertz: float) -> Way:
+    return lambda time: (size * np.sin(2 * np.pi * hertz * time), 0.0)
+
+
+def rest(_: float) -> tuple[float, float]:
+    return (0.01, -0.02)
+
+
+@pytest.mark.parametrize("depth", [0.14, 0.2, 0.25, 0.3])
+@pytest.mark.parametrize("hertz", [1.2, 2.4, 4.0])
+@pytest.mark.parametrize("size", [0.02, 0.06])
+def test_a_camera_that_swings_finds_a_depth_that_was_too_large(
+    depth: float, hertz: float, size: float
+) -> None:
+    """To the tenth by which the slope has to be below zero."""
+    assert depth * 0.97 < learned(swing(size, hertz), rest, depth) < 1.13 * depth
+
+
+def test_no_depth_below_a_third_of_the_guess_is_believed() -> None:
+    assert learned(swing(0.05, 2.0), rest, 0.08) == pytest.approx(GUESS_M / 3)
+
+
+@pytest.mark.parametrize("depth", [0.35, 0.5, 1.0])
+@pytest.mark.parametrize("hertz", [1.2, 4.0])
+def test_one_that_is_right_or_too_small_stays(depth: float, hertz: float) -> None:
+    assert learned(swing(0.06, hertz), rest, depth) == pytest.approx(GUESS_M)
+
+
+@pytest.mark.parametrize("depth", [0.2, 0.35, 0.5])
+@pytest.mark.parametrize("lag", [0.0, 0.05])
+@pytest.mark.parametrize("hertz", [0.2, 0.7])
+def test_a_target_that_is_followed_tells_nothing(depth: float, lag: float, hertz: float) -> None:
+    """On a circle: it moves with the camera, not against it."""
+
+    def circle(time: float) -> tuple[float, float]:
+        angle = 2 * np.pi * hertz * time
+        return (0.1 * np.cos(angle), 0.1 * np.sin(angle))
+
+    assert learned(lambda time: circle(time - lag), circle, depth) == pytest.approx(GUESS_M)
+
+
+def test_one_that_comes_toward_a_camera_on_its_way_tells_nothing() -> None:
+    """They meet in the middle, and go on together."""
+
+    def eye(time: float) -> tuple[float, float]:
+        return (min(0.1, 0.2 * time), 0.0)
+
+    def target(time: float) -> tuple[float, float]:
+        return (max(0.1, 0.2 - 0.2 * time), 0.0)
+
+    assert learned(eye, target, GUESS_M) == pytest.approx(GUESS_M)
+
+
+@pytest.mark.parametrize("past", [0.0, 0.03, 0.1])
+@pytest.mark.parametrize("seconds", [0.1, 0.3])
+def test_a_camera_that_comes_too_far_and_returns_tells_nothing(past: float, seconds: float) -> None:
+    """While the target goes the other way all the time."""
+
+    def eye(time: float) -> tuple[float, float]:
+        return (float(np.interp(time, (0, 0.5, 0.5 + seconds), (0, 0.2 + past, 0.2))), 0.0)
+
+    def target(time: float) -> tuple[float, float]:
+        return (0.4 - 0.4 * time, 0.0)
+
+    assert learned(eye, target, GUESS_M, seconds=1.0) == pytest.approx(GUESS_M)
+
+
+def test_what_was_seen_before_lies_on_the_plane_that_is_believed_now() -> None:
+    """At the same place in the image."""
+    ahead = np.array((0.1, 0.0, GUESS_M))
+    normal = np.array((0.0, 0.0, 1.0))
+    localizer = EstimatedPlaneLocalizer(np.zeros(3), ahead, normal)
+    seen: list[Sighting] = []
+    for stamp in np.arange(0.0, 2.0, 1.0 / FPS).tolist():
+        frame = Frame(
+            stamp, np.zeros((240, 320, 3), np.uint8),
+            Pose.from_rpy((*swing(0.05, 2.0)(stamp), 0.0)), np.radians(50.0), (0, 0, 320, 240),
+        )  # fmt: skip
+        line = (np.array((0.02, 0.01, 0.2)) - frame.pose.position) / 0.2
+        pixel = line[:2] * frame.focal_px + (160, 120)
+        detection = Detection(
+            stamp, (0.0, 0.0), (pixel[0], pixel[1]), 1e3, 0.1, (0, 0, 0, 0), 1.0, False
+        )
+        seen.append(localizer.locate(detection, frame))
+        if localizer.learn(detection, frame):
+            break
+    again = localizer.relocate(seen[0])
+    assert again.point == pytest.approx((0.02, 0.01, 0.2), abs=1e-6)
+    assert again.side / seen[0].side == pytest.approx(0.2 / GUESS_M)
+    assert localizer.ahead == pytest.approx(ahead * 0.2 / GUESS_M)

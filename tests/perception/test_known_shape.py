@@ -1,0 +1,86 @@
+"""Shapes that are known: which of their turns look alike, and how they may lie."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.perception.known_shape import KnownShape
+
+CUBE = KnownShape("box", (0.05, 0.05, 0.05))
+PLATE = KnownShape("box", (0.08, 0.08, 0.02))
+BRICK = KnownShape("box", (0.03, 0.05, 0.08))
+CAN = KnownShape("cylinder", (0.03, 0.08))
+PILL = KnownShape("capsule", (0.02, 0.04))
+BALL = KnownShape("sphere", (0.03,))
+
+
+def turned(*rpy: float) -> Pose:
+    roll, pitch, yaw = np.radians(rpy)
+    return Pose.from_rpy((0.1, 0.2, 0.3), (roll, pitch, yaw))
+
+
+@pytest.mark.parametrize(
+    ("shape", "alike"),
+    [
+        (CUBE, turned(90, 0, 0)),
+        (CUBE, turned(0, 0, -90)),
+        (PLATE, turned(180, 0, 90)),
+        (BRICK, turned(0, 180, 0)),
+        (CAN, turned(0, 0, 77)),
+        (CAN, turned(180, 0, 30)),
+        (PILL, turned(180, 0, 30)),
+        (BALL, turned(10, 20, 30)),
+    ],
+)
+def test_turns_that_look_alike_are_one(shape: KnownShape, alike: Pose) -> None:
+    """The angle between them is none, and their canonical poses are the same."""
+    one = turned(0, 0, 0)
+    assert shape.angle(one, alike) == pytest.approx(0.0, abs=1e-7)
+    assert shape.canonical(alike).angle(one) == pytest.approx(0.0, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("shape", "other", "angle"),
+    [
+        (CUBE, turned(0, 0, 60), 30),
+        (PLATE, turned(90, 0, 0), 90),
+        (BRICK, turned(0, 0, 90), 90),
+        (CAN, turned(0, 25, 0), 25),
+    ],
+)
+def test_other_turns_are_told_by_the_least_angle(
+    shape: KnownShape, other: Pose, angle: float
+) -> None:
+    assert math.degrees(shape.angle(turned(0, 0, 0), other)) == pytest.approx(angle, abs=1e-6)
+
+
+@pytest.mark.parametrize("shape", [CUBE, PLATE, BRICK, CAN, PILL, BALL])
+@pytest.mark.parametrize("flat", [True, False])
+def test_some_guess_is_near_whatever_way_it_lies(shape: KnownShape, flat: bool) -> None:
+    """Within half a step of yaw where it lies flat; within 40° anyhow."""
+    rng = np.random.default_rng(3)
+    guesses = [Pose.from_matrix(np.block([[axes, np.zeros((3, 1))], [0, 0, 0, 1]]))
+               for axes in shape.guesses(flat=flat)]  # fmt: skip
+    for _ in range(50):
+        if flat:
+            down = [turned(0, 0, 0), turned(90, 0, 0), turned(0, 90, 0)][rng.integers(3)]
+            if shape.spins is not None and down.rpy[0] > 1.0:
+                down = turned(0, 90, 0)
+            true = Pose.from_rpy((0, 0, 0), (0, 0, float(rng.uniform(-4, 4)))) @ down
+        else:
+            quaternion = rng.normal(size=4)
+            true = Pose(np.zeros(3), quaternion / np.linalg.norm(quaternion))
+        nearest = min(math.degrees(shape.angle(guess, true)) for guess in guesses)
+        assert nearest < (8.0 if flat else 40.0)
+
+
+def test_the_outline_of_a_ball_is_what_its_tangents_touch() -> None:
+    """Every point is on the ball, and the line of sight to it is square to the radius."""
+    eye = np.array((0.1, -0.2, 0.3))
+    points = BALL.seen_from(eye, np.eye(3))
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 0.03, rtol=1e-12)
+    np.testing.assert_allclose(np.sum(points * (eye - points), axis=1), 0.0, atol=1e-12)

@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from bt_dualarm.collision.checker import CollisionChecker, interpolated
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.planning.ompl_planner import PLANNERS, Budget, Planner
+from bt_dualarm.planning.problem import (
+    PlanningProblem,
+    admitted,
+    is_free,
+    motion_around,
+    path_around,
+    path_by_ompl,
+    refuse_contact,
+    rounded,
+    straight_motion,
+)
+from bt_dualarm.sim.world import World
+from bt_dualarm.trajectory.trajectory import use_of_limits
+from tests.control.walls import ABOVE, LEFT, RIGHT, locked_world, problem_in, walled_world
+
+IN_THE_WALL = np.deg2rad((0.0, -60.0, 90.0, -120.0, -90.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return walled_world()
+
+
+@pytest.fixture
+def checker(world: World) -> CollisionChecker:
+    return CollisionChecker(world, "arm1")
+
+
+def test_a_way_that_is_free_is_straight(world: World) -> None:
+    motion = straight_motion(problem_in(world, RIGHT, ABOVE))
+    assert motion is not None
+    way = (ABOVE - RIGHT) / np.linalg.norm(ABOVE - RIGHT)
+    off = motion.q - RIGHT
+    assert np.abs(off - np.outer(off @ way, way)).max() < 1e-12
+    np.testing.assert_array_equal(motion.q[-1], ABOVE)
+
+
+def test_no_way_leads_through_a_thin_wall(world: World, checker: CollisionChecker) -> None:
+    """A wall of 10 mm is not stepped through, on any line between corners."""
+    problem = problem_in(world, RIGHT, LEFT)
+    assert straight_motion(problem) is None
+    corners = path_around(problem).corners
+    assert len(corners) > 2
+    np.testing.assert_allclose(corners[[0, -1]], [RIGHT, LEFT], atol=1e-12)
+    for before, after in itertools.pairwise(corners):
+        fine = interpolated(before, after, checker.radii, 0.001)
+        assert checker.first_contact(fine) is None
+    assert np.all(corners >= problem.limits.lower)
+    assert np.all(corners <= problem.limits.upper)
+
+
+def test_one_seed_gives_one_way(world: World) -> None:
+    problem = problem_in(world, RIGHT, LEFT, seed=3)
+    first = path_around(problem).corners
+    path_around(problem_in(world, LEFT, RIGHT, seed=4))
+    np.testing.assert_array_equal(path_around(problem).corners, first)
+    other = path_around(problem_in(world, RIGHT, LEFT, seed=4)).corners
+    assert other.shape != first.shape or not np.allclose(other, first)
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_every_planner_finds_a_way_and_the_same_one_again(planner: Planner) -> None:
+    """Those that optimize use all their checks, so few are given."""
+    problem = problem_in(walled_world(), RIGHT, LEFT, planner=planner, checks=4000)
+    corners = path_around(problem).corners
+    assert is_free(problem.checker, corners)
+    np.testing.assert_array_equal(path_around(problem).corners, corners)
+
+
+def test_a_search_that_has_ended_does_not_go_on() -> None:
+    """With nothing left to look at it is over, whatever it looks at then; the next one may.
+
+    AORRTC goes round for ever once it has a straight way to one of several goals.
+    """
+    budget = Budget(lambda: False)
+    budget.limit = 100_000
+    budget.look()
+    assert not budget.is_over()
+    assert any(budget.is_over() for _ in range(10_000))
+    budget.look()
+    assert budget.is_over()
+    assert not budget.is_spent()
+    budget.begin()
+    assert not budget.is_over()
+
+
+def rounds_of(problem: PlanningProblem) -> int:
+    """Rounds of its planner, in steps of 16, until it has a free path."""
+    asked = itertools.count()
+    corners = path_by_ompl(problem, lambda: next(asked) < 0)
+    assert is_free(problem.checker, corners)
+    return 16 * next(asked)
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_a_search_for_one_of_several_goals_ends(planner: Planner) -> None:
+    """No way leads to the first one; the straight way to the second one is free."""
+    near = RIGHT + np.array((-0.2, 0.0, 0.0, 0.0, 0.3, 0.0))
+    problem = problem_in(locked_world(), RIGHT, LEFT, near, planner=planner, checks=4000)
+    assert rounds_of(problem) <= 10_000
+
+
+@pytest.mark.parametrize("goals", [(LEFT,), (LEFT, ABOVE)])
+def test_rounds_in_which_little_is_looked_at_end_a_search_too(goals: tuple[Vector, ...]) -> None:
+    """The first search has a tenth of all checks; BITstar's round counts for four."""
+    problem = problem_in(walled_world(), RIGHT, *goals, planner="BITstar", checks=160_000)
+    assert rounds_of(problem) <= 4000
+
+
+def test_goals_in_which_the_arm_cannot_stand_are_left_out(world: World) -> None:
+    problem = admitted(problem_in(world, RIGHT, IN_THE_WALL, LEFT))
+    np.testing.assert_array_equal(problem.goals, [LEFT])
+
+
+def test_of_several_goals_one_that_has_a_way_is_reached() -> None:
+    """No way leads to the first one; the straight way to the second one is free."""
+    near = RIGHT + np.array((-0.2, 0.0, 0.0, 0.0, 0.3, 0.0))
+    corners = path_around(problem_in(locked_world(), RIGHT, LEFT, near, checks=3000)).corners
+    np.testing.assert_allclose(corners, [RIGHT, near], atol=1e-12)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_ends_that_touch_are_refused(world: World, swapped: bool) -> None:
+    start, goal = (IN_THE_WALL, RIGHT) if swapped else (RIGHT, IN_THE_WALL)
+    with pytest.raises(Failure) as caught:
+        admitted(problem_in(world, start, goal))
+    assert caught.value.code == "IN_COLLISION"
+    assert caught.value.numbers["second"] == "wall"
+
+
+def test_an_end_beyond_a_limit_is_refused_by_the_joint_s_name(world: World) -> None:
+    beyond = LEFT.copy()
+    beyond[2] = 4.0
+    with pytest.raises(Failure, match="elbow_joint") as caught:
+        admitted(problem_in(world, RIGHT, beyond))
+    assert caught.value.code == "JOINT_LIMIT"
+
+
+def test_where_there_is_no_way_the_failure_says_what_was_tried() -> None:
+    problem = problem_in(locked_world(), RIGHT, LEFT, planner="RRT", checks=2000)
+    with pytest.raises(Failure) as caught:
+        path_around(problem)
+    assert caught.value.code == "NO_PLAN"
+    assert caught.value.numbers["planner"] == "RRT"
+    assert 2000 <= int(caught.value.numbers["states"]) < 2100
+
+
+def test_a_search_that_nobody_waits_for_ends_early() -> None:
+    asked: Iterator[int] = itertools.count()
+    with pytest.raises(Failure) as caught:
+        path_around(problem_in(locked_world(), RIGHT, LEFT), lambda: next(asked) > 2)
+    assert caught.value.code == "INTERRUPTED"
+    assert next(asked) == 5
+
+
+def test_the_motion_around_a_wall_keeps_the_limits_and_touches_nothing(
+    world: World, checker: CollisionChecker
+) -> None:
+    slower = world.arms["arm1"].robot.limits.scaled(0.5)
+    motion = motion_around(problem_in(world, RIGHT, LEFT, limits=slower))
+    assert use_of_limits(motion, slower).within
+    assert checker.first_contact(motion.q) is None
+    np.testing.assert_allclose(motion.q[[0, -1]], [RIGHT, LEFT], atol=1e-9)
+
+
+def test_corners_are_rounded_without_touching(world: World, checker: CollisionChecker) -> None:
+    corners = path_around(problem_in(world, RIGHT, LEFT)).corners
+    pieces = rounded(corners, checker.radii, lambda rows: is_free(checker, rows))
+    np.testing.assert_array_equal(pieces[0][0], corners[0])
+    np.testing.assert_array_equal(pieces[-1][-1], corners[-1])
+    for piece in pieces:
+        assert checker.first_contact(piece) is None
+    for one, two in itertools.pairwise(pieces):
+        np.testing.assert_array_equal(one[-1], two[0])
+
+
+def test_a_motion_through_a_wall_is_refused(checker: CollisionChecker) -> None:
+    rows = np.linspace(RIGHT, LEFT, 2000)
+    with pytest.raises(Failure, match="wall"):
+        refuse_contact(checker, rows)

@@ -1,0 +1,67 @@
+"""Parts of a mesh hold all of it and have a volume each, also where the mesh has holes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy
+
+from bt_dualarm.robots import meshes
+
+BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+
+
+def shell(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) -> np.ndarray:
+    """Triangles, of shape (n, 3, 3), of boxes given by a corner and their edges, in m."""
+    hulls = [scipy.spatial.ConvexHull(np.array(at) + BOX * edges) for at, edges in boxes]
+    return np.concatenate([hull.points[hull.simplices] for hull in hulls])
+
+
+ELBOW = shell(((0.0, 0.0, 0.0), (0.1, 0.1, 0.5)), ((0.0, 0.0, 0.5), (0.5, 0.1, 0.1)))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_every_part_has_a_volume_and_all_points_are_held(seed: int) -> None:
+    """Holes are made by leaving out triangles, as broken meshes do."""
+    rng = np.random.default_rng(seed)
+    triangles = ELBOW[rng.random(len(ELBOW)) < rng.uniform(0.4, 1.0)]
+    hulls = [scipy.spatial.ConvexHull(part) for part in meshes.convex_parts(triangles)]
+    assert all(hull.volume > 0.0 for hull in hulls)
+    points = triangles.reshape(-1, 3)
+    outside = [(points @ h.equations[:, :3].T + h.equations[:, 3]).max(axis=1) for h in hulls]
+    assert np.min(outside, axis=0).max() < 1e-9
+
+
+def test_an_elbow_is_cut_at_its_bend() -> None:
+    parts = meshes.convex_parts(ELBOW)
+    volume = sum(scipy.spatial.ConvexHull(part).volume for part in parts)
+    assert len(parts) == 2
+    assert volume == pytest.approx(0.1 * 0.1 * 0.5 * 2, rel=0.2)
+
+
+def volume_of(triangles: np.ndarray) -> float:
+    """Of the convex hull, m³; 0 of what is flat."""
+    try:
+        return float(scipy.spatial.ConvexHull(triangles.reshape(-1, 3)).volume)
+    except (scipy.spatial.QhullError, ValueError):
+        return 0.0
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_cut_saves_more_than_the_one_that_is_made(seed: int) -> None:
+    """Every plane is tried here; there, bounds rule most of them out."""
+    rng = np.random.default_rng(seed)
+    boxes = [(rng.uniform(0, 0.4, 3), rng.uniform(0.02, 0.3, 3)) for _ in range(3)]
+    triangles = shell(*((tuple(at), tuple(edges)) for at, edges in boxes))
+    low = triangles.min(axis=(0, 1))
+    high = triangles.max(axis=(0, 1))
+    whole = volume_of(triangles)
+    saved = [
+        whole - sum(volume_of(half) for half in meshes._halves(triangles, axis, float(offset)))
+        for axis in range(3)
+        for offset in np.linspace(low[axis], high[axis], meshes._STEPS + 1)[1:-1]
+    ]
+    worth = meshes._WORTH * whole
+    cut = meshes._best_cut(triangles, worth)
+    assert cut.volume == pytest.approx(whole)
+    assert cut.saved == pytest.approx(max(saved) if max(saved) >= worth else 0.0)

@@ -1,0 +1,198 @@
+"""What is wrong with a URDF is said by our reader, with its line, before any library sees it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.chain import Chain
+from bt_dualarm.robots.mjspec import robot_spec
+from bt_dualarm.robots.robot import Robot
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.robots.urdf_xml import MAX_DEPTH, DescriptionError
+from tests.robots.small_arm import PAGE, URDF, line_of, written
+
+
+def loaded(folder: Path, urdf: str = URDF, page: str = PAGE) -> Robot:
+    return load_robot(written(folder, urdf, page), folder)
+
+
+def compiled(robot: Robot) -> mujoco.MjModel:
+    return robot_spec(robot, visuals=True).compile()
+
+
+def test_the_small_arm_is_sound(tmp_path: Path) -> None:
+    robot = loaded(tmp_path)
+    assert compiled(robot).nv == 2
+    tool = Chain(robot, Pose.identity()).forward(0.0 * robot.postures["home"])
+    assert tool.position == pytest.approx([0.0, 0.0, 0.7])
+
+
+MASS = '<mass value="1.0"/>'
+ELBOW = '<joint name="elbow" type="revolute">'
+SHIFT = '<origin xyz="0 0 0.3" rpy="0 0 0"/>'
+STOPS = '<limit lower="-2" upper="2" velocity="2" effort="20"/>'
+AXIS = '<axis xyz="0 1 0"/>'
+SPHERE = '<sphere radius="0.03"/>'
+FLANGE = '<link name="flange"/>'
+
+WRONG = {
+    "no mass": (MASS, "", "<inertial>", "lacks a <mass>"),
+    "a mass of nothing": (MASS, '<mass value="0"/>', "<mass", "weighs nothing"),
+    "a negative mass": (MASS, '<mass value="-1"/>', "-1", "from 0 to 10000 kg, not -1"),
+    "a mass as text": (MASS, '<mass value="heavy"/>', "heavy", "expected a number, not 'heavy'"),
+    "a comma": (MASS, '<mass value="0,5"/>', "0,5", "write 0.5: the decimal mark is a point"),
+    "an axis of two": (AXIS, '<axis xyz="0 1"/>', "0 1", "<axis> xyz: expected 3 numbers, not 2"),
+    "no axis": (AXIS, '<axis xyz="0 0 0"/>', "0 0 0", "has no direction"),
+    "limits as text": (STOPS, '<limit lower="low" upper="2"/>', "low", "not 'low'"),
+    "limits upside down": (STOPS, '<limit lower="1" upper="-1"/>', "<limit", "at least 0.05"),
+    "no limits": (STOPS, "", ELBOW, "joint 'elbow' lacks a <limit>"),
+    "limits of NaN": (STOPS, '<limit lower="nan" upper="1"/>', "nan", "not nan"),
+    "an infinite velocity": (
+        STOPS, '<limit lower="-1" upper="1" velocity="inf"/>', "inf", "<limit> velocity: must be"
+    ),
+    "an origin of NaN": (SHIFT, '<origin xyz="0 nan 0"/>', "0 nan 0", "must be from -1000"),
+    "an origin of four": (SHIFT, '<origin xyz="0 0 0 0"/>', "0 0 0 0", "not 4"),
+    "a circle": ('<parent link="base"/>', '<parent link="lower"/>', "<joint", "closes a circle"),
+    "a joint of its own": (
+        '<parent link="base"/>', '<parent link="upper"/>', "<joint", "closes a circle"
+    ),
+    "two joints of one name": ('name="elbow"', 'name="shoulder"', "shoulder", "two joints"),
+    "two links of one name": (FLANGE, '<link name="finger"/>', "finger", "two links 'finger'"),
+    "two joints of one child": (
+        '<child link="flange"/>', '<child link="finger"/>', "<joint", "hangs on 'flange_j"
+    ),
+    "a link that is not there": (
+        '<child link="flange"/>', '<child link="flagne"/>', "flagne", "did you mean 'flange'?"
+    ),
+    "a joint without a child": ('<child link="flange"/>', "", "<joint", "lacks a <child>"),
+    "two roots": (FLANGE, FLANGE + '<link name="loose"/>', "<link", "both hang on nothing"),
+    "an unknown type": (ELBOW, ELBOW.replace("revolute", "rotary"), "rotary", "joint type 'rotary"),
+    "a nameless link": (FLANGE, "<link/>", "<link/>", "<link> lacks the attribute 'name'"),
+    "a name with a slash": (FLANGE, '<link name="a/b"/>', "a/b", "holds a slash"),
+    "an unknown shape": (SPHERE, '<cone radius="1"/>', "<cone", "one of box, cylinder, sphere"),
+    "a shape of no size": (SPHERE, '<sphere radius="0"/>', '0"', "greater than 0 m"),
+    "a shape without": ("<geometry>" + SPHERE + "</geometry>", "", "<collision>", "lacks a <geom"),
+    "an inertia of no body": (
+        'iyy="0.01" iyz="0" izz="0.005"', 'iyy="-0.01" iyz="0" izz="0.005"', "<inertia", "no body"
+    ),
+    "a mimic": (STOPS, STOPS + '<mimic joint="slide"/>', "elbow", "no movable joint 'elbow'"),
+    "a template": (FLANGE, '<xacro:arm name="a"/>', "<xacro", "xacro ROBOT.xacro > ROBOT.urdf"),
+    "a template's value": (MASS, '<mass value="${mass}"/>', "${mass}", "run xacro on it first"),
+    "an entity": ("<robot", '<!DOCTYPE r [<!ENTITY a "b">]><robot', "[<!EN", "document type"),
+    "an element left open": (FLANGE, '<link name="flange">', "robot>", "mismatched tag"),
+    "another top": ("robot", "mujoco", "<mujoco", "its top element is <mujoco>"),
+    "no file of the mesh": (SPHERE, '<mesh filename="a.stl"/>', "a.stl", "does not exist"),
+    "a mesh without a name": (SPHERE, "<mesh/>", "<mesh", "lacks the attribute 'filename'"),
+    "a mesh of the system": (
+        SPHERE, '<mesh filename="file:///etc/passwd"/>', "file:///", "meshes lie below the folder"
+    ),
+    "a mesh above": (SPHERE, '<mesh filename="../../a.stl"/>', "../../", "leads out of"),
+    "a mesh above its package": (
+        SPHERE, '<mesh filename="package://panda_description/../../../a.stl"/>', "pack", "leads out"
+    ),
+    "a mesh of the web": (
+        SPHERE, '<mesh filename="https://a.example/a.stl"/>', "https", "not on this machine"
+    ),
+    "a mesh of no kind": (SPHERE, '<mesh filename="small.urdf"/>', "small.u", ".stl, .obj, .dae"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_wrong_urdf_says_where_and_what(what: str, tmp_path: Path) -> None:
+    """One change makes a sound URDF wrong; a problem stands at it, and says what is allowed."""
+    right, wrong, mark, expected = WRONG[what]
+    assert right in URDF
+    last = right in (MASS, STOPS, AXIS, SHIFT, FLANGE)
+    urdf = wrong.join(URDF.rsplit(right, 1)) if last else URDF.replace(right, wrong)
+    with pytest.raises(DescriptionError) as caught:
+        loaded(tmp_path, urdf)
+    assert expected in str(caught.value)
+    texts = {str(tmp_path / "small.urdf"): urdf, str(tmp_path / "small.yaml"): PAGE}
+    places = [problem.place for problem in caught.value.problems]
+    assert all(p.text == texts[p.file].split("\n")[p.line - 1] for p in places)
+    assert any(p.text[p.column - 1 :].startswith(mark) for p in places)
+
+
+def test_every_problem_is_said_at_once(tmp_path: Path) -> None:
+    """Of the page and of its URDF: one look at the file mends them all."""
+    urdf = URDF.replace(MASS, '<mass value="-1"/>').replace(AXIS, '<axis xyz="0 1"/>')
+    page = PAGE.replace("[0, 30]", "[0, 300]").replace("value: 5.0", "value: [5.0]")
+    page += "locked: {slied: 0.01}\ncolors: {flagne: [1, 1, 1, 1]}\n"
+    with pytest.raises(DescriptionError) as caught:
+        loaded(tmp_path, urdf, page)
+    places = {(Path(p.place.file).name, p.place.line) for p in caught.value.problems}
+    assert places == {
+        ("small.urdf", line_of(urdf, 'value="-1"')),
+        ("small.urdf", line_of(urdf, 'xyz="0 1"')),
+        ("small.yaml", line_of(page, "value: [5.0]")),
+        ("small.yaml", line_of(page, "[0, 300]")),
+        ("small.yaml", line_of(page, "slied")),
+        ("small.yaml", line_of(page, "flagne")),
+    }
+
+
+def test_a_bomb_of_entities_is_refused_before_it_goes_off(tmp_path: Path) -> None:
+    """A billion laughs: each entity is ten of the one before it."""
+    laughs = "".join(f'<!ENTITY l{n} "{f"&l{n - 1};" * 10}">' for n in range(1, 10))
+    bomb = f'<!DOCTYPE robot [<!ENTITY l0 "ha">{laughs}]>\n<robot name="&l9;"/>'
+    with pytest.raises(DescriptionError, match="document type"):
+        loaded(tmp_path, bomb)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\xff\xfe<robot/>", b"\0", b"<robot/>", b'<robot name="a">' + b"<a>" * (MAX_DEPTH + 1),
+     b'<?xml version="1.0" encoding="klingon"?><robot/>', b"\x1f\x8b\x08", b"<robot", b"&a;"],
+)  # fmt: skip
+def test_what_is_no_urdf_at_all_is_refused(content: bytes, tmp_path: Path) -> None:
+    name = written(tmp_path)
+    (tmp_path / "small.urdf").write_bytes(content)
+    with pytest.raises(DescriptionError, match=r"small\.urdf"):
+        load_robot(name, tmp_path)
+
+
+NAMES = ("pedestal", "camera", "mount", "tool", "base_0", "upper_visual_0", "world_to_root")
+"""What a world made of a URDF calls things of its own; links and joints may be called so too."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("old", ["finger", "flange_joint", "elbow", "upper"])
+def test_names_of_our_own_collide_with_none(old: str, name: str, tmp_path: Path) -> None:
+    robot = loaded(tmp_path, URDF.replace(f'"{old}"', f'"{name}"'), PAGE.replace(old, name))
+    assert compiled(robot).nv == 2
+    Chain(robot, Pose.identity()).matrix(robot.postures["home"])
+
+
+@pytest.mark.parametrize("stops", ['lower="-1e16" upper="1e16"', 'lower="-inf" upper="inf"'])
+def test_stops_that_are_nowhere_are_one_turn_away(stops: str, tmp_path: Path) -> None:
+    urdf = URDF.replace(STOPS, f'<limit {stops} velocity="2" effort="20"/>')
+    assert loaded(tmp_path, urdf).limits.upper == pytest.approx([2.0, 2 * np.pi])
+
+
+def chained(count: int) -> str:
+    """The arm with so many frames that nobody calls by name, one fixed to the other."""
+    heavy = '<inertial><mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6"/></inertial>'
+    links = "".join(f'<link name="f{n}">{heavy}</link>' for n in range(count))
+    joints = "".join(
+        f'<joint name="j{n}" type="fixed"><parent link="{f"f{n - 1}" if n else "lower"}"/>'
+        f'<child link="f{n}"/><origin xyz="0 0 0.0001"/></joint>'
+        for n in range(count)
+    )
+    return URDF.replace(FLANGE, FLANGE + links).replace("</robot>", joints + "</robot>")
+
+
+def test_thousands_of_fixed_links_are_no_burden(tmp_path: Path) -> None:
+    """A chain of frames becomes one link, its weight where it was."""
+    count = 3000
+    model = compiled(loaded(tmp_path, chained(count)))
+    assert model.nbody == 5
+    lower = model.body("lower")
+    assert lower.mass == pytest.approx(1.0 + 0.001 * count)
+    # The frame n is 0.0001 (n + 1) m ahead.
+    center = 0.001 * 0.0001 * count * (count + 1) / 2 / float(lower.mass[0])
+    assert np.abs(lower.ipos - [0.0, 0.0, center]).max() < 1e-9

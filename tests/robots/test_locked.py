@@ -1,0 +1,169 @@
+"""Where joints stand that are none of the arm's: an arm of a file may say so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from benchmarks.between_fingers import OPEN, SHUT, admits, finger_problems
+from bt_dualarm.core.errors import CatalogError
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.chain import Chain
+from bt_dualarm.robots.mjspec import robot_spec
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.robots.urdf_xml import DescriptionError
+from bt_dualarm.runtime.file_check import check
+from bt_dualarm.skill.registry import Registry
+from tests.robots.small_arm import PAGE, URDF, line_of, written
+from tests.sim.worlds import ROBOTS, WORLD, world_with
+
+KINDS = Registry.load().kinds
+LOCKED = {name: robot.locked for name in ROBOTS if (robot := load_robot(name, WORLD)).locked}
+
+TURNING = URDF.replace('name="slide" type="prismatic"', 'name="slide" type="revolute"').replace(
+    'upper="0.04"', 'upper="1"'
+).replace('<parent link="lower"/>\n    <child link="flange"/>',
+          '<parent link="finger"/>\n    <child link="flange"/>')  # fmt: skip
+"""The small arm with a wrist that turns about the x axis of the lower link and is locked."""
+
+
+def test_some_arm_has_locked_joints() -> None:
+    assert "panda" in LOCKED
+
+
+@pytest.mark.parametrize("name", LOCKED)
+def test_a_joint_stands_at_either_end_of_its_limits(name: str) -> None:
+    """Its link moves in its parent's frame by what the joint does."""
+    for joint, told in LOCKED[name].items():
+        if told.follows in LOCKED[name]:
+            continue
+        ends = []
+        for value in (told.lower, told.upper):
+            moved = load_robot(name, WORLD, {joint: value})
+            assert moved.locked[joint].at == value
+            ends.append(moved.model.parts[told.link].pose)
+        gone = ends[0].distance(ends[1]), ends[0].angle(ends[1])
+        turned = np.radians(told.upper - told.lower)
+        expected = (0.0, np.pi - abs(np.pi - turned % (2 * np.pi)))
+        assert gone == pytest.approx(expected if told.turns else (told.upper - told.lower, 0.0))
+
+
+@pytest.mark.parametrize("name", LOCKED)
+def test_beyond_its_limits_a_joint_is_refused(name: str) -> None:
+    for joint, told in LOCKED[name].items():
+        for value in (told.lower - 0.01, told.upper + 0.01):
+            with pytest.raises(CatalogError, match=f"{joint}.*limits are|{joint}.*goes with"):
+                load_robot(name, WORLD, {joint: value})
+
+
+def test_where_nothing_is_said_a_page_counts() -> None:
+    """The same robot, not one like it: nothing of a run without `locked` changes."""
+    assert load_robot("panda", locked={}) is load_robot("panda")
+    assert load_robot("panda").locked["panda_finger_joint1"].at == 0.01
+
+
+def test_the_other_finger_goes_with_the_first() -> None:
+    """In the world the hand then is open by both: 80 mm from pad to pad."""
+    for given, between in ((SHUT, 0.02), (OPEN, 0.08)):
+        world = world_with("panda", locked=given)
+        data = world.data
+        mujoco.mj_kinematics(world.model, data)
+        fingers = [data.body(f"arm1/panda_{side}finger").xpos for side in ("left", "right")]
+        assert np.linalg.norm(fingers[0] - fingers[1]) == pytest.approx(between)
+
+
+def test_a_locked_joint_that_turns_moves_the_tool(tmp_path: Path) -> None:
+    """Degrees, as everywhere in a file: a wrist turned by 30 about x lays the flange aside."""
+    page = written(tmp_path, TURNING)
+    for angle in (0.0, 30.0):
+        robot = load_robot(page, tmp_path, {"slide": angle})
+        tool = Chain(robot, Pose.identity()).forward(np.zeros(2))
+        turn = np.radians(angle)
+        assert tool.position == pytest.approx([0, -0.3 * np.sin(turn), 0.4 + 0.3 * np.cos(turn)])
+        assert robot_spec(robot, visuals=False).compile().nv == 2
+
+
+def test_of_the_page_a_joint_keeps_its_value_unless_it_is_given(tmp_path: Path) -> None:
+    page = written(tmp_path, page=PAGE + "locked: {slide: 0.03}\n")
+    assert load_robot(page, tmp_path).locked["slide"].at == 0.03
+    assert load_robot(page, tmp_path, {"slide": 0.0}).locked["slide"].at == 0.0
+
+
+def test_a_page_cannot_lock_a_joint_beyond_its_limits(tmp_path: Path) -> None:
+    """Said at the value, with what is allowed; the default is the page's own business."""
+    text = PAGE + "locked: {slide: 0.05}\n"
+    with pytest.raises(DescriptionError) as caught:
+        load_robot(written(tmp_path, page=text), tmp_path)
+    (problem,) = caught.value.problems
+    assert (problem.place.line, problem.message, problem.hint) == (
+        line_of(text, "0.05}"),
+        "joint 'slide' cannot stand at 0.05 m",
+        "its limits are 0 to 0.04 m",
+    )
+
+
+MISTAKEN = """\
+bt_dualarm: 1
+name: locked_mistakes
+world: {scene: empty}
+arms:
+  arm1: {robot: panda, locked: {panda_finger_joint1: 0.05}, tree: go_home}
+  arm2: {robot: panda, base: {xyz: [2, 0, 0]}, locked: {panda_finger_jiont1: 0.04}, tree: go_home}
+  arm3: {robot: panda, base: {xyz: [4, 0, 0]}, locked: {panda_joint1: 0.04}, tree: go_home}
+  arm4: {robot: panda, base: {xyz: [6, 0, 0]}, locked: {panda_finger_joint2: 0.04}, tree: go_home}
+  arm5: {robot: ur5, base: {xyz: [8, 0, 0]}, locked: {slide: 0.04}, tree: go_home}
+  arm6:
+    robot: panda
+    gripper: panda_hand
+    base: {xyz: [-2, 0, 0]}
+    locked: {panda_finger_joint1: 0.04}
+    tree: go_home
+  arm7: {robot: panda, base: {xyz: [-4, 0, 0]}, locked: {panda_finger_joint1: wide}, tree: go_home}
+"""
+
+SAID = {
+    "0.05}": ("joint 'panda_finger_joint1' cannot stand at 0.05 m", "its limits are 0 to 0.04 m"),
+    "panda_finger_jiont1": ("there is no locked joint of panda", "did you mean 'panda_finger_jo"),
+    "panda_joint1": ("joint 'panda_joint1' is one of the arm's", "locked joints of panda: panda_f"),
+    "0.04}, tree: go_home}\n  arm5": ("joint 'panda_finger_joint2' goes with", "panda_finger_jo"),
+    "slide": ("there is no locked joint of ur5 'slide'", "ur5 has none"),
+    "panda_finger_joint1: 0.04}\n    tree": ("comes off for panda_hand", "what a gripper opens"),
+    "wide": ("panda_finger_joint1: expected a number", "not text 'wide'"),
+}
+"""What stands where a problem is said to be, with its message and its hint."""
+
+
+@pytest.mark.parametrize("mark", SAID)
+def test_what_is_wrong_is_said_where_it_stands(mark: str) -> None:
+    """With line and column, what was given and what is allowed."""
+    text = MISTAKEN
+    if mark != "wide":  # a value of no type comes first, alone
+        text = text[: text.index("  arm7")]
+    problems = check(text, KINDS).problems
+    message, hint = SAID[mark]
+    line = line_of(text, mark)
+    column = text.index(mark) - text.rfind("\n", 0, text.index(mark))
+    found = [p for p in problems if (p.place.line, p.place.column) == (line, column)]
+    assert found, [str(p) for p in problems]
+    assert message in found[0].message
+    assert hint in f"{found[0].message} {found[0].hint}"
+
+
+def test_sound_ones_are_no_problem() -> None:
+    text = MISTAKEN[: MISTAKEN.index("  arm1")] + (
+        "  arm1: {robot: panda, locked: {panda_finger_joint1: 0.04}, tree: go_home}\n"
+    )
+    assert check(text, KINDS).problems == ()
+
+
+def test_things_fit_between_open_fingers() -> None:
+    """Posts of 25 to 60 mm: with the fingers as the page locks them, none is to be reached."""
+    shut = finger_problems(3, SHUT)
+    opened = finger_problems(3, OPEN)
+    pairs = [(next(shut), next(opened)) for _ in range(12)]
+    assert all(np.array_equal(one.goals[0], other.goals[0]) for one, other in pairs)
+    assert not any(admits(one) for one, _ in pairs)
+    assert sum(admits(other) for _, other in pairs) >= 10

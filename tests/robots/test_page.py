@@ -1,0 +1,39 @@
+"""A robot of one's own, from its page to a run: what the check passes can be commanded."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm import cli
+from bt_dualarm.robots.robot_description import load_robot
+from tests.sim.worlds import PAGES, WORLD
+
+TREE = """\
+bt_dualarm: 1
+name: reaching
+world: {scene: empty}
+arms:
+  arm1:
+    robot: %s
+    base: {xyz: [0, 0, 0.4]}
+    tree:
+      sequence:
+        - reach_to_pose: {offset: {xyz: [0.05, 0.05, -0.05]}}
+        - circle: {plane: yz, radius: 0.03}
+        - go_home
+"""
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_that_the_check_passes_is_run(
+    page: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever its joints are: those of the Jaco turn without stops; it is shown by its title."""
+    shutil.copytree(WORLD / "robots", tmp_path / "robots")
+    (tmp_path / "reaching.yaml").write_text(TREE % page, encoding="utf-8")
+    assert cli.check([str(tmp_path / "reaching.yaml")]) == 0
+    assert cli.run([str(tmp_path / "reaching.yaml")]) == 0, capsys.readouterr()
+    assert f"arm1 · {load_robot(page, WORLD).title} " in capsys.readouterr().out

@@ -1,0 +1,372 @@
+"""Every number that a tree file can hold: trees that give each, and the bounds declared for it."""
+
+from __future__ import annotations
+
+import copy
+import json
+import struct
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Annotated, TypeAlias, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.document import TreeContent
+from bt_dualarm.spec.explain import type_at
+from bt_dualarm.spec.node_types import NodeSpec
+from bt_dualarm.spec.ports import PortModel, models_in, validate_literals
+from bt_dualarm.spec.yaml_reader import LARGEST_INTEGER, Data, with_tuples
+from bt_dualarm.testing.laws import Scenario, Tree, node_of
+from tests.skills.candidates import candidate
+from tests.skills.scenarios import SCENARIOS
+
+Path: TypeAlias = tuple[str | int, ...]
+
+FILE: Tree = {
+    "bt_dualarm": 1,
+    "world": {"scene": "empty", "seed": 1, "timestep": 0.002, "time_limit": 30.0},
+    "objects": {
+        "box": {
+            "shape": "box",
+            "size": [0.05, 0.05, 0.05],
+            "mass": 0.1,
+            "friction": 0.8,
+            "color": [0.9, 0.9, 0.1, 1.0],
+            "pose": {"xyz": [0.7, 0.5, 0.3], "rpy": [0, 0, 10]},
+            "noise": {"xyz": [0.01, 0.01, 0.01], "yaw": 5.0},
+            "marker": {"id": 3, "size": 0.03},
+        },
+        "ball": {
+            "shape": "sphere",
+            "size": [0.03],
+            "mass": 0.1,
+            "pose": {"xyz": [-0.7, 0.5, 0.3], "quat": [1.0, 0, 0, 0]},
+        },
+        "can": {
+            "shape": "cylinder",
+            "size": [0.03, 0.1],
+            "mass": 0.1,
+            "pose": {"xyz": [-0.7, -0.5, 0.3], "look_at": [0, 0, 1.0]},
+        },
+    },
+    "arms": {
+        "arm1": {
+            "robot": "panda",
+            "base": {"xyz": [0, 0, 0.2], "rpy": [0, 0, 0]},
+            "locked": {"panda_finger_joint1": 0.02},
+            "limits": {"velocity": 0.5, "acceleration": 0.5, "jerk": 0.5},
+            "reality": {
+                "links": {"mass": {"uniform": 0.05}, "center": {"normal": 0.001}},
+                "friction": {"present": True, "most": 0.05},
+                "encoder": {"resolution": 0.001, "noise": 0.001, "window": 0.004, "cutoff": 50.0},
+                "drive": {"delay": 0.001, "bandwidth": 300.0, "quantum": 0.001},
+                "camera": {
+                    "noise": 1.0,
+                    "exposure": 0.005,
+                    "k1": {"uniform": 0.01},
+                    "k2": {"normal": 0.01},
+                },
+            },
+            "force_limit": 100.0,
+            "collision": {"stop": True, "threshold": 1.5},
+            "tick_hz": 50.0,
+            "camera": {
+                "mount": {"xyz": [1.0, 0, 1.0], "look_at": [0, 0, 0.5]},
+                "resolution": [64, 48],
+                "fov": 50.0,
+                "fps": 30.0,
+                "latency": 0.01,
+                "drop": 0.1,
+                "noise": 1.0,
+            },
+            "tree": {"sequence": [{"move_joints": {"by": {"panda_joint1": 10}}}, {"wait": 3.0}]},
+        }
+    },
+}
+"""A file that gives every number of the world, of objects, arms and cameras."""
+
+WORDS: tuple[Tree, ...] = (
+    {"parallel": {"policy": 1, "children": ["succeed", {"wait": 1.0}]}},
+    {"switch": {"value": 1, "cases": {"1": "succeed"}, "default": "succeed"}},
+    {"retry": {"times": 3, "delay": 0.05, "child": "fail"}},
+    {"repeat": {"times": 3, "child": "succeed"}},
+    {"timeout": {"seconds": 1.0, "child": {"wait": 5.0}}},
+    {"delay": {"seconds": 1.0, "child": {"wait": 5.0}}},
+    {"rate": {"hz": 10.0, "child": {"wait": 5.0}}},
+    {"wait": {"seconds": 1.0}},
+    {"compare": {"value": 1.0, "relation": "near", "to": 1.0, "tolerance": 1e-6}},
+)
+_POSE = {"xyz": [0.35, 0.1, 0.55]}
+LOOKED_FOR: tuple[Tree, ...] = (
+    {"marker": {"id": 3, "size": 0.03}},
+    {
+        "shape": "box",
+        "size": [0.05, 0.05, 0.05],
+        "color": {"ranges": [{"hue": [42.0, 70.0], "saturation": [0.4, 1.0], "value": [0.2, 1.0]}]},
+    },
+)
+"""What skills may look for."""
+
+FORMS: Mapping[str, tuple[Tree, ...]] = {
+    "circle": ({"plane": {"normal": [0.0, 0.0, 1.0]}},),
+    "move_joints": (
+        {"to": [0, -90, -90, -90, 90, 0]},
+        {"to": {"shoulder_pan_joint": 10.0}},
+        {"by": {"shoulder_pan_joint": 10.0}},
+        {"by": [0, 5, 5, 0, 0, 5]},
+    ),
+    "move_linear": (
+        {"offset": {"xyz": [0, 0, 0.05], "rpy": [0, 0, 5]}},
+        {"to": {**_POSE, "rpy": [180, 0, 0]}},
+    ),
+    "reach_to_pose": (
+        {"offset": {"xyz": [0, 0, 0.05], "rpy": [0, 0, 5]}},
+        {"to": {**_POSE, "rpy": [180, 0, 0]}},
+        {"to": {**_POSE, "quat": [0, 1.0, 0, 0]}},
+        {"to": {**_POSE, "look_at": [0.35, 0.1, 0]}},
+    ),
+    "rotate_tool": ({"angle": 10, "axis": [0, 0, 1]},),
+    "spawn": ({"object": "cube", "at": {"xyz": [0.6, 0, 0.3]}},),
+    "approach_and_attach": (
+        {"object": "cube", "direction": [0, 0, -1]},
+        {"object": "cube", "at": {"xyz": [0.40, -0.45, 0.425]}},
+    ),
+    "grasp": (
+        {
+            "object": "cube",
+            "at": {"xyz": [0.40, -0.45, 0.425]},
+            "most_force": 60.0,
+            "force": 40.0,
+            "mass": 0.3,
+        },
+        {
+            "at": {"xyz": [0.40, -0.45, 0.425]},
+            "width": 0.05,
+            "height": 0.05,
+            "depth": 0.05,
+            "friction": 0.8,
+            "approach": [0, 0, -1],
+        },
+    ),
+    "regrasp": (
+        {
+            "object": "cube",
+            "most_force": 60.0,
+            "force": 40.0,
+            "mass": 0.3,
+            "approach": [0, 0, -1],
+        },
+    ),
+    "open_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),
+    "close_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),
+    "release": ({"width": 0.02, "speed": 0.05},),
+    "look_at": ({"at": {"xyz": [0.68, 0.11, 0.70]}, "direction": [-1, 0, 0]},),
+    **dict.fromkeys(("scan", "locate", "wait_for"), LOOKED_FOR),
+    "count": tuple(form | {"height": 0.4} for form in LOOKED_FOR),
+    "track": (
+        {
+            "color": {
+                "ranges": [{"hue": [42.0, 70.0], "saturation": [0.4, 1.0], "value": [0.2, 1.0]}]
+            },
+            "target_size": 0.05,
+            "duration": 2.0,
+            "until_still": 1.0,
+        },
+    ),
+}
+"""Ports of skills beside those of their examples and those with a default, such that in all forms
+together every port is given that can hold a number."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number in a tree file.
+
+    Attributes:
+        file: The whole file.
+        path: Path of the number in it.
+        node: Path of the node of which it is a port; empty where it is a field of the file.
+        model: Model of the node's ports, or of the file.
+        skill: Skill in whose scenario the node stands; empty where nothing comes before it.
+    """
+
+    file: Tree
+    path: Path
+    node: Path
+    model: type[BaseModel]
+    skill: str = ""
+
+    def __str__(self) -> str:
+        return ".".join(str(part) for part in self.path[len(self.node) :])
+
+    @property
+    def steps(self) -> float:
+        """Simulated seconds until the node has had its first ticks."""
+        return 0.2 + (begin(self.skill) if self.skill else 0.0)
+
+    @property
+    def field(self) -> str:
+        """Name of the innermost field that holds it."""
+        return next(part for part in reversed(self.path) if isinstance(part, str))
+
+    @property
+    def owner(self) -> tuple[type[BaseModel], str]:
+        """The innermost model with the name of its field."""
+        path = self.path[len(self.node) :]
+        for end in reversed(range(len(path))):
+            for model in models_in(type_at(self.model, path[:end])):
+                if path[end] in model.model_fields:
+                    return model, str(path[end])
+        raise LookupError(str(self))
+
+    @property
+    def value(self) -> int | float:
+        """The value that it has in the file."""
+        value: int | float = at(self.file, self.path)
+        return value
+
+    def set_to(self, value: Data) -> Tree:
+        """The file with another value in its place."""
+        changed = copy.deepcopy(self.file)
+        at(changed, self.path[:-1])[self.path[-1]] = value
+        return changed
+
+    def is_taken(self, value: float) -> bool:
+        """Whether the model takes a value."""
+        data = self.set_to(value)
+        try:
+            if issubclass(self.model, PortModel):
+                given = at(data, self.node)
+                fields = self.model.model_fields.keys()
+                validate_literals(self.model, {name: given[name] for name in fields & given.keys()})
+            else:
+                data["arms"]["arm1"]["tree"] = NodeSpec("wait", "wait", {})
+                data = {key: item for key, item in data.items() if key != "bt_dualarm"}
+                self.model.model_validate(with_tuples({"name": "all", **data}))
+        except ValidationError:
+            return False
+        return True
+
+    @cached_property
+    def ends(self) -> tuple[float, float]:
+        """Smallest and largest number that the model takes, to the last bit."""
+        return self._end(-1), self._end(1)
+
+    @cached_property
+    def is_whole(self) -> bool:
+        """Whether only whole numbers may stand there."""
+        return not self.is_taken(self.value + 1e-6) and not self.is_taken(self.value - 1e-6)
+
+    def _end(self, sign: int) -> float:
+        """The last number that is taken on the way to the largest, or the smallest, there is."""
+        if self.is_whole:
+            return float(_last(self.is_taken, int(self.value), sign * LARGEST_INTEGER))
+        taken = order(self.value)
+        refused = order(sign * sys.float_info.max)
+        return number(_last(lambda place: self.is_taken(number(place)), taken, refused))
+
+
+def _last(is_taken: Callable[[int], bool], taken: int, refused: int) -> int:
+    """The last whole number that is taken on the way to one that may be refused."""
+    if is_taken(refused):
+        return refused
+    while abs(refused - taken) > 1:
+        middle = (taken + refused) // 2
+        taken, refused = (middle, refused) if is_taken(middle) else (taken, middle)
+    return taken
+
+
+def at(data: Data, path: Path) -> Data:
+    for part in path:
+        data = data[part]
+    return data
+
+
+def order(value: float) -> int:
+    """The place of a number among all that a double can be."""
+    (bits,) = struct.unpack("<q", struct.pack("<d", value))
+    return int(bits) if bits >= 0 else -(bits & 0x7FFFFFFFFFFFFFFF)
+
+
+def number(place: int) -> float:
+    """The number at a place; the inverse of `order`."""
+    value = struct.unpack("<d", struct.pack("<q", abs(place)))[0]
+    return float(value if place >= 0 else -value)
+
+
+def numbers(registry: Registry) -> Iterator[Number]:
+    """Every number of the file, of the words and of the shipped skills."""
+    for path in _paths(FILE):
+        if path != ("bt_dualarm",) and "tree" not in path:
+            yield Number(FILE, path, (), TreeContent)
+    for node in WORDS:
+        (word,) = node
+        yield from _of_node(Scenario(), node, LANGUAGE[word].ports, "")
+    for name, skill in registry.skills.items():
+        example = node_of(skill.example)[name]
+        fields = skill.Ports.model_fields.items()
+        defaults = {
+            name: _plain(field.default) for name, field in fields if not field.is_required()
+        }
+        given = {name: value for name, value in defaults.items() if value is not None}
+        for form in ({}, *FORMS.get(name, ())):
+            ports = {**given, **(form or example)}
+            skill_before = name if SCENARIOS[name].before else ""
+            yield from _of_node(SCENARIOS[name], {name: ports}, skill.Ports, skill_before)
+
+
+@cache
+def begin(skill: str) -> float:
+    """Simulated seconds that what comes before a skill takes in its scenario."""
+    ended = candidate(skill).perform().result.runs[-1].ended_s
+    assert ended is not None
+    return ended
+
+
+def _of_node(
+    scenario: Scenario, node: Tree, model: type[PortModel], skill: str
+) -> Iterator[Number]:
+    file = {"bt_dualarm": 1, **scenario.file(node)}
+    (name,) = node
+    place = ("arms", "arm1", "tree", "sequence", len(scenario.before), name)
+    ports = {port: value for port, value in node[name].items() if port in model.model_fields}
+    for path in _paths(ports):
+        yield Number(file, (*place, *path), place, model, skill)
+
+
+def _paths(data: Data, path: Path = ()) -> Iterator[Path]:
+    if isinstance(data, (dict, list)):
+        for part, item in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _paths(item, (*path, part))
+    elif isinstance(data, (int, float)) and not isinstance(data, bool):
+        yield path
+
+
+def _plain(value: object) -> Data:
+    return json.loads(json.dumps(value, default=lambda model: model.model_dump(exclude_unset=True)))
+
+
+def fields_of(model: type[BaseModel]) -> Iterator[tuple[type[BaseModel], str]]:
+    """Every field that can hold a number, of a model and of those within it."""
+    for name, field in model.model_fields.items():
+        for inner in _numbers_in(field.annotation):
+            if inner is None:
+                yield model, name
+            else:
+                yield from fields_of(inner)
+
+
+def _numbers_in(annotation: object) -> Iterator[type[BaseModel] | None]:
+    """None for a number that may stand there, a model for one that may."""
+    if annotation in (int, float):
+        yield None
+    elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    else:
+        items = get_args(annotation)
+        for item in items[:1] if get_origin(annotation) is Annotated else items:
+            yield from _numbers_in(item)

@@ -1,0 +1,246 @@
+"""The whole check: what the file says of itself, and the robots, scenes and poses that it names."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.runtime.file_check import check
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.problems import Problem, SpecError
+
+FILE = """\
+bt_dualarm: 1
+name: task
+world: {{scene: {scene}}}
+objects:
+  {thing}: {{shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, pose: {{xyz: [0.4, 0, 0.1]}}}}
+arms:
+  arm1:
+    robot: {robot}
+    posture: {posture}
+    camera: {{mount: {mount}}}
+    tree: {tree}
+"""
+GOOD = {
+    "scene": "empty",
+    "thing": "cube",
+    "robot": "ur5",
+    "posture": "home",
+    "mount": "wrist",
+    "tree": "{wait: {seconds: 1}}",
+}
+
+
+@pytest.fixture(scope="module")
+def registry() -> Registry:
+    return Registry.load()
+
+
+def problems_of(tmp_path: Path, registry: Registry, **changes: str) -> tuple[Problem, ...]:
+    path = tmp_path / "task.yaml"
+    path.write_text(FILE.format(**{**GOOD, **changes}))
+    return check(path, registry.kinds).problems
+
+
+def test_a_good_file_has_no_problems(tmp_path: Path, registry: Registry) -> None:
+    assert problems_of(tmp_path, registry) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "given", "message", "nearest"),
+    [
+        ("scene", "tabel", "there is no scene 'tabel'", "table"),
+        ("robot", "ur55", "there is no robot 'ur55'", "ur5"),
+        ("posture", "hoem", "there is no posture of ur5 'hoem'", "home"),
+        ("mount", "wirst", "there is no camera mount of ur5 'wirst'", "wrist"),
+        (
+            "tree",
+            "{reach_to_pose: {posture: hoem}}",
+            "reach_to_pose: there is no posture of ur5 'hoem'",
+            "home",
+        ),
+    ],
+)
+def test_a_name_that_leads_nowhere_is_an_error_with_the_nearest_one(
+    tmp_path: Path, registry: Registry, change: str, given: str, message: str, nearest: str
+) -> None:
+    (problem,) = problems_of(tmp_path, registry, **{change: given})
+    assert (problem.severity, problem.message) == ("error", message)
+    assert f"'{nearest}'" in problem.hint
+
+
+def test_what_has_no_room_is_said_where_it_is_put(tmp_path: Path, registry: Registry) -> None:
+    """The arm where it has no base of its own, the object at its pose."""
+    path = tmp_path / "task.yaml"
+    text = FILE.format(**GOOD)
+    path.write_text(text.replace("xyz: [0.4, 0, 0.1]", "xyz: [0.0, 0, 0.05]"))
+    (problem,) = check(path, registry.kinds).problems
+    assert (problem.place.line, problem.message.partition(" would be ")[0]) == (7, "arm 'arm1'")
+    path.write_text(text.replace("xyz: [0.4, 0, 0.1]", "xyz: [0.4, 0, 0.0]"))
+    (problem,) = check(path, registry.kinds).problems
+    assert (problem.place.line, problem.place.column) == (5, text.splitlines()[4].index("{xyz") + 1)
+    assert problem.message == "object 'cube' would be 25 mm deep in floor"
+
+
+def test_a_name_that_the_scene_has_already_is_an_error(tmp_path: Path, registry: Registry) -> None:
+    (problem,) = problems_of(tmp_path, registry, thing="floor")
+    assert problem.severity == "error"
+    assert "part of the scene" in problem.message
+
+
+@pytest.mark.parametrize(
+    ("tree", "words"),
+    [
+        ("{reach_to_pose: {to: {xyz: [5, 0, 0.3]}}}", "out of reach of arm1"),
+        ("{reach_to_pose: {to: {xyz: [0.3, 0.2, 0.8], rpy: [0, 0, 0]}}}", ""),
+        ("{transport: {object: cube, to: {xyz: [0, 0, 3]}}}", "out of reach of arm1"),
+        ("{transport: {object: cube, to: {xyz: [0.4, 0.2, 0.4]}}}", ""),
+    ],
+)
+def test_a_pose_out_of_reach_is_a_warning_and_no_error(
+    tmp_path: Path, registry: Registry, tree: str, words: str
+) -> None:
+    found = problems_of(tmp_path, registry, tree=tree)
+    assert [problem.severity for problem in found] == (["warning"] if words else [])
+    assert all(words in problem.message for problem in found)
+
+
+@pytest.mark.parametrize(("robot", "most"), [("ur3", 3), ("xarm7", 3.5), ("ur5", 5), ("ur10", 10)])
+def test_a_load_beyond_the_payload_is_a_warning(
+    tmp_path: Path, registry: Registry, robot: str, most: float
+) -> None:
+    """Wherever something is carried; what only stands there may weigh what it likes."""
+    carries = "{transport: {object: cube, to: {xyz: [0.3, 0.1, 0.4]}}}"
+    for mass, tree, count in ((most + 0.1, carries, 1), (most, carries, 0), (90, "succeed", 0)):
+        file = FILE.replace("mass: 0.1", f"mass: {mass}")
+        path = tmp_path / "task.yaml"
+        path.write_text(file.format(**{**GOOD, "robot": robot, "tree": tree}))
+        found = check(path, registry.kinds).problems
+        assert [one.severity for one in found] == ["warning"] * count
+        assert all(f"cube weighs {mass:g} kg" in one.message for one in found)
+        assert all(f"a {robot}, is {most:g} kg" in one.hint for one in found)
+
+
+@pytest.mark.parametrize(
+    ("tree", "message", "hint"),
+    [
+        (
+            "{move_joints: {to: [0, 0]}}",
+            "move_joints: to: 2 values for the 6 joints of ur5",
+            "base to tip: shoulder_pan_joint",
+        ),
+        (
+            "{move_joints: {by: {elbow: 3}}}",
+            "move_joints: there is no joint of ur5 'elbow'",
+            "'elbow_joint'",
+        ),
+        ("{move_joints: {to: [0, 0, 0, 0, 0, 0]}}", "", ""),
+        ("{move_joints: {by: {elbow_joint: 3}}}", "", ""),
+        (
+            "{sequence: [{set: {key: q, value: [0, 0]}}, {move_joints: {to: '{q}'}}]}",
+            "",
+            "",
+        ),
+    ],
+)
+def test_values_of_joints_are_those_of_the_robot(
+    tmp_path: Path, registry: Registry, tree: str, message: str, hint: str
+) -> None:
+    found = problems_of(tmp_path, registry, tree=tree)
+    assert [problem.message for problem in found] == ([message] if message else [])
+    assert all(hint in problem.hint for problem in found)
+
+
+def test_a_skill_that_looks_needs_a_camera_that_moves_with_the_arm(
+    tmp_path: Path, registry: Registry
+) -> None:
+    assert problems_of(tmp_path, registry, tree="track") == ()
+    standing = "{xyz: [1, 0, 1], look_at: [0.4, 0, 0.5]}"
+    (problem,) = problems_of(tmp_path, registry, tree="track", mount=standing)
+    assert problem.message == "track: arm1 has no camera that moves with it"
+    assert problem.hint == "give arm1 one: camera: {mount: wrist}"
+
+
+MISTAKEN = """\
+bt_dualarm: 1
+name: task
+params:
+  speed: {type: number, default: fast}
+world: {scene: tabel, seed: -1}
+objects:
+  cube: {shape: box, size: [0.05, 0.05, 0.05], mass: heavy, pose: {xyz: [0.4, 0, 0.1]}}
+arms:
+  arm1:
+    robot: ur55
+    gripper: robotiq_2f58
+    tree: {circel: {radius: 1}}
+  arm2:
+    robot: panda
+    base: {xyz: [1, 0]}
+    posture: hoem
+    camera: {mount: wrst, fps: none}
+    tree:
+      sequence:
+        - reach_to_pose: {posture: hom, speed: 50}
+        - move_joints: {to: 7}
+        - track
+        - grasp: {object: cubus}
+  arm3: {robot: ur5, base: {xyz: [0, 2, 0]}, limits: {speed: 1}, tree: {set: {key: n}}}
+"""
+
+
+def test_all_mistakes_are_told_at_once(tmp_path: Path, registry: Registry) -> None:
+    """What a file names outside of itself is looked up whatever else is wrong with it."""
+    path = tmp_path / "task.yaml"
+    path.write_text(MISTAKEN)
+    found = [problem.message for problem in check(path, registry.kinds).problems]
+    assert found == [
+        "default of speed: expected a number, not text 'fast'",
+        "there is no scene 'tabel'",
+        "seed: must be at least 0, not -1",
+        "mass: expected a number, not text 'heavy'",
+        "there is no robot 'ur55'",
+        "there is no gripper 'robotiq_2f58'",
+        "there is no node or skill 'circel'",
+        "xyz: expected 3 items, not 2",
+        "there is no posture of panda 'hoem'",
+        "there is no camera mount of panda 'wrst'",
+        "fps: expected a number, not text 'none'",
+        "reach_to_pose: there is no posture of panda 'hom'",
+        "reach_to_pose: speed: must be at most 1, not 50",
+        "move_joints: to: expected a list or a mapping, not 7",
+        "grasp: arm2 has no gripper",
+        "grasp: there is no object 'cubus'",
+        "unknown field 'speed'",
+        "set: port 'value' is missing",
+    ]
+
+
+def test_what_stands_in_what_is_told_with_mistakes_of_the_trees(
+    tmp_path: Path, registry: Registry
+) -> None:
+    text = FILE.format(**{**GOOD, "tree": "circel"})
+    other = "  ball: {shape: sphere, size: [0.05], mass: 0.1, pose: {xyz: [0.4, 0, 0.1]}}\n"
+    third = "  can: {shape: box, size: [0.1, 0.1, 0.1], mass: 1, pose: {xyz: [0.4, 0.07, 0.1]}}\n"
+    path = tmp_path / "task.yaml"
+    path.write_text(text.replace("arms:", f"{other}{third}arms:"))
+    messages = [problem.message for problem in check(path, registry.kinds).problems]
+    assert messages[-1] == "there is no node or skill 'circel'"
+    assert len(messages) == 3
+    assert all("deep in" in message for message in messages[:2])
+
+
+def test_what_is_wrong_is_raised_where_a_file_is_wanted(tmp_path: Path, registry: Registry) -> None:
+    path = tmp_path / "task.yaml"
+    path.write_text(textwrap.dedent(FILE.format(**{**GOOD, "robot": "ur55"})))
+    with pytest.raises(SpecError, match="ur55"):
+        check(path, registry.kinds).runnable()
+
+
+@pytest.mark.parametrize("path", sorted(share_dir("trees").rglob("*.yaml")), ids=lambda p: p.stem)
+def test_shipped_trees_are_fine(path: Path, registry: Registry) -> None:
+    assert check(path, registry.kinds).problems == ()

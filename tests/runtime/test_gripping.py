@@ -1,0 +1,96 @@
+"""What a file asks of its grippers is checked against their pages, with line and column."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.robots.gripper import gripper_names
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.runtime.file_check import check
+from bt_dualarm.skill.registry import Registry
+
+KINDS = Registry.load().kinds
+
+MISTAKEN = """\
+bt_dualarm: 1
+name: gripper_mistakes
+world: {scene: empty}
+arms:
+  arm1:
+    robot: ur5
+    gripper: robotiq_2f58
+    tree: open_gripper
+  arm2:
+    robot: panda
+    base: {xyz: [2, 0, 0]}
+    gripper: panda_hand
+    tree:
+      sequence:
+        - open_gripper: {width: 0.09, speed: 0.2}
+        - close_gripper: {force: 100, speed: 0.001}
+  arm3:
+    robot: ur3
+    base: {xyz: [4, 0, 0]}
+    tree:
+      guard: {condition: holding, child: {wait: 1}}
+  arm4:
+    robot: ur3
+    base: {xyz: [6, 0, 0]}
+    gripper: suction_cup
+    tree: {sequence: [{close_gripper: {force: 61}}, {close_gripper: {width: 0.3}}]}
+"""
+
+SAID = (
+    (7, 14, "there is no gripper 'robotiq_2f58'", "did you mean 'robotiq_2f85'?"),
+    (15, 33, "open_gripper: width: panda_hand cannot do 0.09 m", "its width is 0 to 0.08 m"),
+    (15, 46, "open_gripper: speed: panda_hand cannot do 0.2 m/s", "its speed is 0.005 to 0.1 m/s"),
+    (16, 34, "close_gripper: force: panda_hand cannot do 100 N", "its force is 5 to 70 N"),
+    (16, 46, "close_gripper: speed: panda_hand cannot do 0.001 m/s", "its speed is 0.005 to 0.1"),
+    (21, 15, "holding: arm3 has no gripper", "give arm3 one: gripper: NAME"),
+    (26, 47, "close_gripper: force: suction_cup cannot do 61 N", "its force is 5 to 60 N"),
+)
+"""Line, column, message, beginning of the hint: all of them at once."""
+
+
+def test_every_mistake_is_said_where_it_stands() -> None:
+    problems = check(MISTAKEN, KINDS).problems
+    said = [(p.place.line, p.place.column, p.message, p.hint) for p in problems]
+    assert [(*row[:3], row[3][: len(SAID[i][3])]) for i, row in enumerate(said)] == list(SAID)
+
+
+@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("gripper", gripper_names())
+def test_any_gripper_fits_any_robot_of_the_catalog(gripper: str, robot: str) -> None:
+    text = f"""\
+bt_dualarm: 1
+name: fits
+world: {{scene: empty}}
+arms:
+  arm1:
+    robot: {robot}
+    gripper: {gripper}
+    tree: {{sequence: [open_gripper, {{close_gripper: {{empty: true}}}}, go_home]}}
+"""
+    assert check(text, KINDS).problems == ()
+
+
+def test_a_page_that_is_wrong_is_said_with_its_own_lines(tmp_path: Path) -> None:
+    (tmp_path / "claw.yaml").write_text(
+        "title: Claw\n"
+        "tool: {xyz: [0, 0, 0.1]}\n"
+        "palm: {mass: 0.2, shapes: [{shape: box, size: [0.1, 0.1]}]}\n"
+        "force: {value: [20, 10], source: my own claw}\n"
+        "payload: {value: 1, source: my own claw}\n",
+        encoding="utf-8",
+    )
+    text = (
+        "bt_dualarm: 1\nname: claw\nworld: {scene: empty}\n"
+        "arms: {arm1: {robot: ur5, gripper: claw.yaml, tree: open_gripper}}\n"
+    )
+    problems = check(text, KINDS, folder=tmp_path).problems
+    lines = [str(problem) for problem in problems]
+    assert any("gripper 'claw.yaml' cannot be used" in line for line in lines)
+    assert any("claw.yaml:3:" in line and "a box has 3 sizes" in line for line in lines)
+    assert any("claw.yaml:4:" in line and "the least comes first" in line for line in lines)

@@ -1,0 +1,59 @@
+"""A marker that is looked for and that nothing bears is warned of, with what there is instead."""
+
+from __future__ import annotations
+
+import pytest
+
+from bt_dualarm.runtime.file_check import check
+from bt_dualarm.skill.registry import Registry
+
+KINDS = Registry.load().kinds
+
+FILE = """\
+bt_dualarm: 1
+name: markers
+world: {{scene: empty}}
+objects:
+  tag:
+    shape: box
+    size: [0.06, 0.06, 0.04]
+    mass: 0.1
+    marker: {{dictionary: apriltag_36h11, id: 5, size: 0.045}}
+    pose: {{xyz: [0.5, 0, 0.02]}}
+arms:
+  arm1:
+    robot: panda
+    camera: {{}}
+    tree: {{count: {{marker: {marker}}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("marker", "message", "hint"),
+    [
+        (
+            "{id: 5, size: 0.045}",
+            "nothing bears marker 5 of aruco_4x4_50; tag bears 5 of apriltag_36h11",
+            "did you mean dictionary: apriltag_36h11?",
+        ),
+        (
+            "{dictionary: apriltag_36h11, id: 5, size: 0.06}",
+            "that of tag is of 45 mm and not of 60",
+            "did you mean size: 0.045?",
+        ),
+        ("{id: 7, size: 0.045}", "nothing bears marker 7 of aruco_4x4_50", "there are 5 of april"),
+    ],
+)
+def test_it_is_warned_of(marker: str, message: str, hint: str) -> None:
+    checked = check(FILE.format(marker=marker), KINDS)
+    [problem] = checked.problems
+    assert problem.severity == "warning"
+    assert problem.message == f"count: marker: {message}"
+    assert problem.hint.startswith(hint)
+    assert (problem.place.line, problem.place.column) == (15, 28)
+    assert checked.file is not None
+
+
+def test_one_that_something_bears_is_fine() -> None:
+    given = "{dictionary: apriltag_36h11, id: 5, size: 0.045}"
+    assert not check(FILE.format(marker=given), KINDS).problems

@@ -1,0 +1,92 @@
+"""Every number of the format has a range, and what is within it can be run."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import pytest
+from pydantic import BaseModel
+
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.runtime.file_check import check
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.document import TreeContent
+from tests.families import WHOLE
+from tests.runtime.numbers import Number, fields_of, numbers
+
+REGISTRY = Registry.load()
+NUMBERS = list(numbers(REGISTRY))
+ANY_VALUE = {("compare", "value"), ("compare", "to"), ("switch", "value")}
+"""Ports that take any value."""
+
+RANGED = [one for one in NUMBERS if (one.node[-1:] + one.path[len(one.node) :]) not in ANY_VALUE]
+
+
+FIRST = {(one.node[-1:], *one.owner): one for one in reversed(RANGED)}
+"""One of each field of a node: coordinates are bounded alike, and so are forms of a skill."""
+
+
+def test_every_number_of_the_format_is_among_them() -> None:
+    models: list[type[BaseModel]] = [TreeContent]
+    models += [word.ports for word in LANGUAGE.values()]
+    models += [skill.Ports for skill in REGISTRY.skills.values()]
+    wanted = {field for model in models for field in fields_of(model)}
+    assert wanted - {one.owner for one in NUMBERS} == set()
+
+
+def test_every_number_has_a_smallest_and_a_largest() -> None:
+    """So large a bound that no one could mean it is none."""
+    assert [str(one) for one in RANGED if not -1e10 < one.ends[0] < one.ends[1] < 1e10] == []
+
+
+def test_a_number_out_of_its_range_is_refused_by_name() -> None:
+    wrong = {str(one): found for one in RANGED if (found := what_passes_beyond(one))}
+    assert wrong == {}
+
+
+def what_passes_beyond(one: Number) -> list[str]:
+    """Values out of a number's range that are not refused, or not by its name."""
+    smallest, largest = one.ends
+    step = 1 if one.is_whole else 0
+    beyond = (
+        (smallest - step) if step else math.nextafter(smallest, -math.inf),
+        (largest + step) if step else math.nextafter(largest, math.inf),
+        *(sign * size for sign in (-1, 1) for size in (1e15, sys.float_info.max, math.inf)),
+        math.nan,
+    )
+    names = [part for part in one.path[len(one.node) :] if isinstance(part, str)]
+    found = []
+    for value in beyond:
+        whole = int(value) if step and abs(value) < 1e16 else value
+        checked = check(one.set_to(whole), REGISTRY.kinds, build=False)
+        messages = [str(problem) for problem in checked.problems if problem.severity == "error"]
+        if not any(name in message for message in messages for name in names):
+            found.append(f"{value}: {messages}")
+    return found
+
+
+@pytest.mark.parametrize("one", FIRST.values(), ids=str)
+def test_a_number_within_its_range_is_run_or_refused_before(one: Number) -> None:
+    """The smallest, the largest, and those nearest to nothing: no leaf has a bug, no run breaks.
+
+    One of these values in turns; each of them in ``make matrix``.
+    """
+    tiny = [value for value in (5e-324, 1e-9) if one.is_taken(value)]
+    values = [*dict.fromkeys((*one.ends, *tiny))]
+    turn = [*FIRST.values()].index(one) % len(values)
+    for value in values if WHOLE else values[turn : turn + 1]:
+        checked = check(one.set_to(int(value) if one.is_whole else value), REGISTRY.kinds)
+        if checked.file is None:
+            assert all(problem.message for problem in checked.problems)
+            continue
+        with Run(checked.file, REGISTRY, RunOptions(renderer="ray")) as run:
+            run.step(one.steps)
+            run.stop()
+            result = run.finish()
+        assert result.error == "", f"{value}: {result.error}"
+        leaves = [leaf for arm in result.arms.values() for leaf in arm.leaves.values()]
+        bugs = [f"{value}: {leaf.reason}" for leaf in leaves if leaf.code == "EXCEPTION"]
+        assert bugs == []

@@ -1,0 +1,47 @@
+"""What a tree file says of its robots: what is wrong with a description, at its own place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bt_dualarm.runtime.file_check import check
+from bt_dualarm.sim.world import World
+from bt_dualarm.skill.registry import Registry
+from tests.robots.small_arm import NAME, PAGE, URDF, line_of, written
+
+TREE = f"""\
+bt_dualarm: 1
+name: small
+world: {{scene: empty}}
+arms:
+  arm1: {{robot: {NAME}, base: {{xyz: [0, 0, 0.4]}}, tree: go_home}}
+  arm2: {{robot: {NAME}, base: {{xyz: [2, 0, 0.4]}}, tree: go_home}}
+"""
+
+
+def test_problems_of_a_description_have_their_own_places(
+    tmp_path: Path, registry: Registry
+) -> None:
+    """Once, however many arms are of it; each arm says that it cannot be used."""
+    urdf = URDF.replace('value="1.0"', 'value="-1"').replace('xyz="0 1 0"', 'xyz="0 1"')
+    written(tmp_path, urdf, PAGE.replace("[0, 30]", "[0]"))
+    (tmp_path / "tree.yaml").write_text(TREE, encoding="utf-8")
+    found = check(tmp_path / "tree.yaml", registry.kinds).problems
+    assert sorted((Path(p.place.file).name, p.place.line) for p in found) == [
+        ("small.urdf", line_of(urdf, 'value="-1"')),
+        ("small.urdf", line_of(urdf, 'xyz="0 1"')),
+        ("small.yaml", line_of(PAGE, "home:")),
+        ("tree.yaml", line_of(TREE, "arm1")),
+        ("tree.yaml", line_of(TREE, "arm2")),
+    ]
+
+
+def test_an_arm_may_have_a_link_called_pedestal(tmp_path: Path, registry: Registry) -> None:
+    """As Baxter has; that which the world puts below its base is another body."""
+    written(tmp_path, URDF.replace('"lower"', '"pedestal"'))
+    (tmp_path / "tree.yaml").write_text(TREE, encoding="utf-8")
+    checked = check(tmp_path / "tree.yaml", registry.kinds)
+    assert checked.problems == ()
+    model = World(checked.runnable()).model
+    names = [model.body(number).name for number in range(model.nbody)]
+    assert {"arm1/pedestal", "arm1/pedestal/"} <= set(names)

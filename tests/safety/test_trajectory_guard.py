@@ -1,0 +1,53 @@
+"""A trajectory is slowed where something asks for it, and goes on as planned when nothing does."""
+
+from __future__ import annotations
+
+import pytest
+
+from bt_dualarm.safety.failsafe import FailSafeCheck, Reservations
+from bt_dualarm.safety.guard import GuardReport, SeparationRule, TrajectoryGuard
+from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.sources import TrajectorySource
+from tests.sim.worlds import ROBOTS, world_with
+from tests.trajectory.test_time_scaling import drawn
+
+SLOW_S = 0.7
+"""Long enough for the slower speed to be reached and kept for a while."""
+
+AGAIN_S = 0.5
+"""Seconds in which the planned speed is back: a change takes 0.1 to 0.4 s."""
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("begin", [0.2, 0.4])
+def test_a_motion_is_as_fast_as_planned_soon_after_nothing_slows_it(
+    robot: str, begin: float
+) -> None:
+    """However long it was slow, wherever on its path it is."""
+    world = world_with(robot)
+    whole = drawn(world.robots["arm1"], 0.6)
+    motion = TrajectorySource(whole)
+    report = GuardReport()
+    check = FailSafeCheck(world, "arm1", whole.dt, Reservations())
+    sent = motion.next(0.0)
+    rule = SeparationRule(check, report, sent, 0.0)
+    guard = TrajectoryGuard(motion, rule, world.robots["arm1"].limits, report)
+    began = begin * whole.duration
+
+    def go(seconds: float, scale: float, sent: SetPoint) -> SetPoint:
+        """Go on, asked for a time scale; the guard looks when it wants to."""
+        due = 0.0
+        for step in range(round(seconds / whole.dt)):
+            if step * whole.dt >= due:
+                wait, refusal = guard.go_on(sent, scale, "a test", step * whole.dt)
+                assert refusal is None
+                due = step * whole.dt + wait
+            sent = motion.next(0.0)
+        return sent
+
+    sent = go(began, 1.0, sent)
+    sent = go(SLOW_S, 0.5, sent)
+    assert motion.parameter.scale == 0.5
+    go(AGAIN_S, 1.0, sent)
+    assert motion.parameter.scale == 1.0
+    assert report.slowed == 1

@@ -1,0 +1,120 @@
+"""Sensors and drives of arms on a bench: no plant, only what their joints are at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.sim.devices import ArmDrives, ArmHardware, Drives, Encoders, parts_of
+from bt_dualarm.spec.reality import DriveErrors, EncoderErrors
+
+STEP = 0.002
+ARM = "arm"
+
+
+@dataclass(frozen=True)
+class Joints:
+    """An arm whose joints lie in all arrays at the same places."""
+
+    qpos_ids: Any
+    dof_ids: Any
+    actuator_ids: Any
+    data: Any
+    model: Any = None
+
+
+class Bench:
+    """Arms whose encoders read, and whose drives get, what they are told.
+
+    Args:
+        sensed: What the encoders do to what they read, by arm.
+        driven: What the drives do to a torque, their gain and their efforts, by arm.
+    """
+
+    def __init__(
+        self, sensed: Mapping[str, EncoderErrors], driven: Mapping[str, ArmDrives]
+    ) -> None:
+        self._parts = parts_of({name: len(one.effort) for name, one in driven.items()})
+        self.encoders = Encoders(sensed, self._parts, STEP)
+        self.drives = Drives(driven, self._parts, STEP)
+        n = sum(len(one.effort) for one in driven.values())
+        self._true: Any = SimpleNamespace(qpos=np.zeros(n), qvel=np.zeros(n), ctrl=np.zeros(n))
+        self._here: dict[str, Joints] = {}
+        self.hardware: dict[str, ArmHardware] = {}
+        self._connect()
+
+    def begin(self, name: str, seed: int = 0) -> None:
+        """Have an arm come."""
+        part = self._parts[name]
+        ids = np.arange(part.start, part.stop)
+        self._here[name] = Joints(ids, ids, ids, self._true)
+        self.encoders.begin(name, np.random.default_rng(seed))
+        self.drives.begin(name)
+        self.hardware[name] = ArmHardware(self.encoders, part, self.drives, name)
+        self.hardware[name].connect(self._here[name])
+        self._connect()
+
+    def _connect(self) -> None:
+        self.encoders.connect(self._true, self._here)
+        self.drives.connect(self._true, self._here)
+
+    def place(self, name: str, q: Vector, v: Vector) -> None:
+        """Say where an arm is, and how fast; each of shape (dof,)."""
+        self._true.qpos[self._parts[name]] = q
+        self._true.qvel[self._parts[name]] = v
+
+    def torque(self, name: str) -> Vector:
+        """What the joints of an arm get, of shape (dof,)."""
+        torque: Vector = self._true.ctrl[self._parts[name]].copy()
+        return torque
+
+
+class BenchEncoders:
+    """Encoders of one arm that read what they are told.
+
+    Args:
+        errors: What they do to it.
+        dof: Number of joints.
+        seed: Seed of the noise.
+    """
+
+    def __init__(self, errors: EncoderErrors, dof: int, seed: int) -> None:
+        self._bench = Bench({ARM: errors}, {ARM: ArmDrives(DriveErrors(), *np.ones((2, dof)))})
+        self._bench.begin(ARM, seed)
+
+    @property
+    def q(self) -> Vector:
+        return self._bench.hardware[ARM].q
+
+    @property
+    def v(self) -> Vector:
+        return self._bench.hardware[ARM].v
+
+    def read(self, q: Vector, v: Vector, stamp: float) -> None:
+        self._bench.place(ARM, q, v)
+        self._bench.encoders.read(stamp)
+
+
+class BenchDrives:
+    """Drives of one arm whose motors are looked at.
+
+    Args:
+        errors: What they do to a torque.
+        gain: Factor of each joint's torque, of shape (dof,).
+        effort: Effort limits, of shape (dof,), N m.
+    """
+
+    def __init__(self, errors: DriveErrors, gain: Vector, effort: Vector) -> None:
+        self._bench = Bench({ARM: EncoderErrors()}, {ARM: ArmDrives(errors, gain, effort)})
+        self._bench.begin(ARM)
+
+    def passed(self, torque: Vector) -> Vector:
+        """What the joints get in the step after a command."""
+        self._bench.hardware[ARM].command(torque)
+        self._bench.drives.drive()
+        return self._bench.torque(ARM)

@@ -1,0 +1,135 @@
+"""What is believed of a picture is by calibration, encoders and a clock; what it shows is true."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.camera import Camera
+from bt_dualarm.sim.camera_optics import Calibration, calibration_of
+from bt_dualarm.sim.frame import Frame
+from bt_dualarm.sim.renderer import Image
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import CameraSpec
+from bt_dualarm.spec.values import Uncertainty
+from tests.sim.test_camera import Recorder
+from tests.sim.worlds import arm, file_of
+
+GREY = 100
+
+
+def moving(reality: object) -> World:
+    """A UR5 with a camera at its wrist that falls: nobody holds it."""
+    return World(file_of({"arm1": arm("ur5", camera={}, reality=reality)}), seed=1)
+
+
+def delivered(world: World, camera: Camera, steps: int) -> list[Frame]:
+    """All frames of so many steps of physics."""
+    seen: list[Frame] = []
+    camera.subscribe(seen.append)
+    for _ in range(steps):
+        if camera.due(world.time):
+            camera.capture(world)
+        camera.deliver(world.time)
+        world.step()
+    return seen
+
+
+@pytest.mark.parametrize("offset", [-0.02, -0.003, 0.0, 0.003, 0.02])
+def test_a_clock_that_is_off_shifts_stamps_and_the_poses_that_go_with_them(offset: float) -> None:
+    """The pose is that of the stamp, not of the exposure: so they are when a clock is off."""
+    world = moving("ideal")
+    hardware = world.hardware["arm1"]
+    nominal = world.nominal["arm1"]
+    known = Calibration(lambda time: nominal.camera_pose_at(hardware.q_at(time)), 1.0, offset)
+    camera = Camera("arm1/camera", CameraSpec(fps=50.0), Recorder(), calibration=known)
+    places = {}
+    seen: list[Frame] = []
+    camera.subscribe(seen.append)
+    for _ in range(100):
+        places[round(world.time, 9)] = nominal.camera_pose_at(hardware.q)
+        if camera.due(world.time):
+            camera.capture(world)
+        camera.deliver(world.time)
+        world.step()
+    assert len(seen) > 5
+    late = [frame for frame in seen if frame.stamp > 0.03]
+    for frame in late:
+        assert (frame.stamp - offset) / 0.02 == pytest.approx(round((frame.stamp - offset) / 0.02))
+        near = min(places, key=lambda time: abs(time - frame.stamp))
+        there = places[near]
+        assert frame.pose.distance(there) < 0.012, "a step of physics at the speed of the fall"
+        if abs(near - frame.stamp) < 1e-9:
+            assert frame.pose.distance(there) < 1e-12
+
+
+def test_a_picture_of_the_future_waits_for_the_time_of_its_stamp() -> None:
+    world = moving("ideal")
+    known = Calibration(lambda _: Pose.identity(), 1.0, 0.01)
+    camera = Camera("arm1/camera", CameraSpec(fps=50.0), Recorder(), calibration=known)
+    camera.subscribe(lambda _: None)
+    camera.capture(world)
+    assert camera.deliver(0.009) == []
+    assert len(camera.deliver(0.01)) == 1
+
+
+def test_the_field_of_view_is_that_of_the_file() -> None:
+    world = moving({"camera": {"focal": 0.1}})
+    camera = Camera(
+        "arm1/camera", CameraSpec(), Recorder(), calibration=calibration_of(world, "arm1", 0)
+    )
+    (frame, *_) = delivered(world, camera, 40)
+    true = math.radians(float(world.model.cam_fovy[world.arms["arm1"].camera_id]))
+    assert frame.fov_rad == pytest.approx(math.radians(50.0))
+    assert abs(true - frame.fov_rad) > 1e-3
+
+
+def suffered(noise: float, light: float, count: int = 1) -> Image:
+    known = Calibration(
+        lambda _: Pose.identity(), 1.0, noise=noise, light=Uncertainty(uniform=light)
+    )
+    image = np.zeros((60, 80, 3), np.uint8)
+    image[10:50, 20:70] = GREY
+    return np.array([known.suffered(image.copy(), (20, 10, 70, 50)) for _ in range(count)])
+
+
+def test_pixels_have_the_noise_that_is_given_and_the_rest_stays_black() -> None:
+    (image,) = suffered(4.0, 0.0)
+    part = image[10:50, 20:70].astype(float)
+    assert part.std() == pytest.approx(4.0, rel=0.05)
+    assert part.mean() == pytest.approx(GREY, abs=0.3)
+    image[10:50, 20:70] = 0
+    assert not image.any()
+
+
+def test_each_picture_has_a_light_of_its_own() -> None:
+    levels = suffered(0.0, 0.2, 300)[:, 30, 40, 0].astype(float)
+    assert 0.78 * GREY <= levels.min() < 0.83 * GREY
+    assert 1.17 * GREY < levels.max() <= 1.22 * GREY
+
+
+def test_a_good_picture_is_handed_on_as_it_is() -> None:
+    known = Calibration(lambda _: Pose.identity(), 1.0)
+    image = np.zeros((4, 4, 3), np.uint8)
+    assert known.suffered(image, (0, 0, 4, 4)) is image
+
+
+@pytest.mark.parametrize("noise", [1.5, 200.0])
+def test_noise_is_what_was_drawn_in_whole_levels_that_there_are(noise: float) -> None:
+    """What a black picture has more, and a white one less; where levels end, it ends."""
+    count = 600
+    shape = (10, 20, 3)
+    found = Calibration(lambda _: Pose.identity(), 1.0, noise=noise, rng=np.random.default_rng(5))
+    rng = np.random.default_rng(5)
+    Uncertainty().draw(rng, 1)  # of the light, which stays as it is
+    drawn = np.rint(noise * rng.standard_normal(count + 2**18, dtype=np.float32))
+    begin = int(rng.integers(2**18))
+    expected = drawn[begin : begin + count].reshape(shape)
+    suffer = found.suffering((0, 0, 20, 10))
+    black, white = (suffer(np.full(shape, level, np.uint8)).astype(float) for level in (0, 255))
+    assert (black == expected.clip(0, 255)).all()
+    assert (white == 255 - (-expected).clip(0, 255)).all()
+    assert (noise < 100.0) == (abs(expected).max() < 255.0)

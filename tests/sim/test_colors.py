@@ -1,0 +1,37 @@
+"""The colors of arms: who looks for a named color must not take an arm for the target."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.perception.detection import ColorFilter
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.spec.document import NAMED_COLORS
+from bt_dualarm.spec.values import Color
+from tests.sim.worlds import world_with
+
+TARGETS = ("red", "orange", "yellow", "green", "blue")
+
+
+@pytest.mark.parametrize("robot", robot_names())
+def test_no_part_of_an_arm_has_the_color_of_a_target(robot: str) -> None:
+    """The blue joints of a UR5 were once followed instead of a blue cube."""
+    model = world_with(robot).model
+    for geom in range(model.ngeom):
+        material = int(model.geom_matid[geom])
+        rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+        for light in (0.4, 0.7, 1.0):
+            pixel = np.round(255 * light * rgba[:3]).astype(np.uint8)[None, None]
+            taken = [name for name in TARGETS if ColorFilter(Color.named(name)).mask(pixel).any()]
+            body = model.body(int(model.geom_bodyid[geom])).name
+            assert not taken, f"{body} is {taken[0]} to a camera"
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_an_object_of_a_named_color_has_that_color_only(name: str) -> None:
+    """In the shade as in full light."""
+    for light in (0.4, 0.7, 1.0):
+        pixel = np.round(255 * light * np.array(NAMED_COLORS[name])).astype(np.uint8)[None, None]
+        taken = [other for other in TARGETS if ColorFilter(Color.named(other)).mask(pixel).any()]
+        assert taken == [name]

@@ -1,0 +1,45 @@
+"""What a world is made of: where objects begin, by the seed and their own names."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import NoiseSpec, ObjectSpec
+from tests.sim.worlds import Place, arm, box, file_of
+
+
+def noisy(xyz: Place = (0.5, 0.4, 0.2), **fields: Any) -> ObjectSpec:
+    return box(xyz, noise=NoiseSpec(xyz=(0.1, 0.2, 0.0), yaw=45.0), **fields)
+
+
+def test_noise_depends_on_the_seed_and_the_name_alone() -> None:
+    """Other objects, their order and when it arrives change nothing."""
+    alone = file_of({"arm1": arm("ur5")}, {"cube": noisy()})
+    others = {"a": noisy(), "cube": noisy(spawned=False), "z": noisy()}
+    among = World(file_of({"arm1": arm("ur5")}, others), seed=7)
+    among.spawn_object("cube")
+    pose = World(alone, seed=7).object_pose("cube")
+    assert pose.distance(among.object_pose("cube")) < 1e-12
+    assert pose.angle(among.object_pose("cube")) < 1e-7
+    assert among.object_pose("a").distance(pose) > 1e-3
+    assert World(alone, seed=8).object_pose("cube").distance(pose) > 1e-3
+
+
+def test_noise_stays_within_its_widths() -> None:
+    names = [f"cube{i}" for i in range(40)]
+    file = file_of({"arm1": arm("ur5")}, {name: noisy(spawned=False) for name in names})
+    world = World(file, seed=1)
+    poses = {}
+    for name in names:  # one after the other: they would be inside one another
+        world.spawn_object(name)
+        poses[name] = world.object_pose(name)
+        world.remove_object(name)
+    away = np.array([pose.position for pose in poses.values()]) - (0.5, 0.4, 0.2)
+    assert (np.abs(away) <= (0.1, 0.2, 1e-12)).all()
+    assert (np.ptp(away, axis=0)[:2] > (0.1, 0.2)).all()
+    turns = [pose.angle(Pose.identity()) for pose in poses.values()]
+    assert np.radians(30.0) < max(turns) <= np.radians(45.0)

@@ -1,0 +1,113 @@
+"""Pictures for people have the shadows that lamps cast, and are else what cameras see."""
+
+from __future__ import annotations
+
+import cv2
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from bt_dualarm.core.pose import Matrix
+from bt_dualarm.robots.robot import LOOP_GROUPS
+from bt_dualarm.sim.painter import ScenePainter
+from bt_dualarm.sim.ray_renderer import RayScene, Shading, fan_of
+from bt_dualarm.sim.renderer import Image, Viewpoint
+
+SIZE = (240, 180)
+VIEW = Viewpoint(np.array((1.5, -1.0, 1.4)), np.array((0.0, 0.0, 0.1)), 50.0)
+BALL = np.array((0.1, 0.0, 0.4))
+RADIUS = 0.15
+SCENE = """
+<mujoco>
+  <visual><headlight ambient=".4 .4 .4" diffuse="0 0 0"/></visual>
+  <worldbody>
+    {lights}
+    <geom type="plane" size="4 4 .1" rgba=".8 .8 .8 1"/>
+    <geom type="sphere" size=".15" pos="0.1 0 0.4" group="1" rgba=".6 .2 .2 1"/>
+  </worldbody>
+</mujoco>
+"""
+LAMP = '<light pos="{place}" dir="0 0 -1" diffuse=".5 .5 .5" castshadow="{casts}"/>'
+SUN = '<light dir="{place}" type="directional" diffuse=".5 .5 .5"/>'
+
+
+def painted(lights: str, finer: int = 1) -> tuple[Image, Image, Matrix, npt.NDArray[np.bool_]]:
+    """Picture, the same without shadows, what rays meet, and whether that is the ground."""
+    model = mujoco.MjModel.from_xml_string(SCENE.format(lights=lights))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+    fan = fan_of(VIEW, *SIZE)
+    hits = RayScene(model, LOOP_GROUPS).trace(data, fan)
+    plain = Shading(model).colors(data, fan, hits)
+    rays = np.einsum("ij,jrc->rci", fan.axes, fan.rays)
+    away = np.where(hits.geoms < 0, 0.0, hits.distances)  # of the sky: the eye itself
+    places = fan.eye + rays * away[..., None]
+    return ScenePainter(model).draw(data, VIEW, SIZE, finer), plain, places, hits.geoms == 0
+
+
+def hidden_m(places: Matrix, lamp: Matrix) -> Matrix:
+    """How deep in the shadow of the ball points lie: by the closed form, negative outside, m."""
+    toward = lamp - places
+    toward = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
+    along = ((BALL - places) * toward).sum(axis=-1)
+    aside = np.linalg.norm(BALL - places - along[..., None] * toward, axis=-1)
+    return np.where(along > 0, RADIUS - aside, -np.inf)
+
+
+@pytest.mark.parametrize("place", [(0.3, -0.4, 2.0), (-0.5, 0.2, 1.5), (0.1, 0.0, 3.0)])
+@pytest.mark.parametrize("distant", [False, True])
+@pytest.mark.parametrize("finer", [1, 2])
+def test_the_ground_is_dark_where_a_ball_hides_the_lamp(
+    place: tuple[float, float, float], distant: bool, finer: int
+) -> None:
+    """By the closed form, but for two pixels at an edge (10 to 20 mm each)."""
+    lamp = np.array(place)
+    form, said = (SUN, -lamp) if distant else (LAMP, lamp)
+    lights = form.format(place=" ".join(map(str, said)), casts="true")
+    picture, plain, places, ground = painted(lights, finer)
+    ball = cv2.dilate((~ground).astype(np.uint8), np.ones((2 * finer + 1,) * 2, np.uint8)) > 0
+    deep = hidden_m(places, 1e4 * lamp if distant else lamp)
+    change = plain.astype(int) - picture
+    dark = ~ball & (deep > 0.02 * finer)
+    lit = ~ball & (deep < -0.02 * finer)
+    assert dark.sum() > 150
+    assert lit.sum() > 10_000
+    assert change[dark].min() > 40
+    np.testing.assert_array_equal(picture[lit], plain[lit])
+
+
+def test_a_surface_that_sees_the_lamp_has_no_shadow_on_it() -> None:
+    """Neither stripes nor spots: the ball's side toward the lamp is as without shadows."""
+    picture, plain, places, _ = painted(LAMP.format(place="0.3 -0.4 2", casts="true"))
+    normals = (places - BALL) / RADIUS
+    lamp = np.array((0.3, -0.4, 2.0))
+    facing = (normals * (lamp - places)).sum(axis=-1) / np.linalg.norm(lamp - places, axis=-1)
+    on_ball = np.abs(np.linalg.norm(places - BALL, axis=-1) - RADIUS) < 1e-6
+    lit = on_ball & (facing > 0.2)
+    assert lit.sum() > 400
+    np.testing.assert_array_equal(picture[lit], plain[lit])
+
+
+@pytest.mark.parametrize(
+    "lights",
+    [LAMP.format(place="0.3 -0.4 2", casts="false"), ""],
+    ids=["casts none", "no lamp"],
+)
+def test_without_a_shadow_it_is_what_cameras_see(lights: str) -> None:
+    picture, plain, _, _ = painted(lights)
+    np.testing.assert_array_equal(picture, plain)
+
+
+def test_of_two_lamps_each_casts_its_own_shadow() -> None:
+    """Where one is hidden, the other one's light is left."""
+    lamps = np.array(((0.6, -0.4, 2.0), (-0.6, 0.3, 2.0)))
+    both = "".join(LAMP.format(place=" ".join(map(str, lamp)), casts="true") for lamp in lamps)
+    picture, plain, places, ground = painted(both)
+    first, second = ((hidden_m(places, lamp) > 0.02) & ground for lamp in lamps)
+    for one, other in ((first, second), (second, first)):
+        alone = one & ~other
+        assert alone.sum() > 200
+        change = plain[alone].astype(int) - picture[alone]
+        assert 40 < np.median(change) < 110, "half of 255, less what falls aslant"

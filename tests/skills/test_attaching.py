@@ -1,0 +1,55 @@
+"""What `approach_and_attach` leaves behind: fingers that open, and an arm that is free."""
+
+from __future__ import annotations
+
+import pytest
+
+from bt_dualarm.sim.world import World
+from tests.plays import Stage
+from tests.skills.scenarios import CUBE, GRIPPING, ON_TABLE, PICK, Scenario, Tree
+
+
+@pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand"])
+def test_fingers_by_whose_tips_a_thing_hangs_open(gripper: str, stage: Stage) -> None:
+    """They are shut to be a tip; pressed on what is welded to the hand, they stuck half-way."""
+    arm = GRIPPING | {"gripper": gripper}
+    release: Tree = {"release": {"width": 0.02}}
+    file = Scenario(ON_TABLE, arm=arm, scene="table").file(PICK, release, {"open_gripper": {}})
+    play = stage.run(file)
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
+    assert play.leaf("release").metrics["width_m"] == pytest.approx(0.02, abs=1.5e-3)
+    assert play.world.attachments.attached_to("arm1") == ("cube",)
+
+
+def test_what_was_detached_touches_the_fingers_again(stage: Stage) -> None:
+    """Only the weld lets the tips slide on it: afterwards fingers grasp it as anything else."""
+    up: Tree = {"move_linear": {"offset": {"xyz": [0, 0, 0.1]}}}
+    grasp: Tree = {"grasp": {"object": "cube"}}
+    file = Scenario(ON_TABLE, arm=GRIPPING, scene="table").file(
+        PICK, {"detach": {"object": "cube"}}, up, grasp
+    )
+    play = stage.run(file)
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
+    assert play.world.object_pose("cube").position[2] > 0.43
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+def test_after_a_touch_that_was_none_of_the_object_the_arm_is_free(
+    robot: str, stage: Stage
+) -> None:
+    """It came down on what had taken the object's place, and stayed on it."""
+    other = {"other": CUBE | {"pose": {"xyz": [0.25, -0.45, 0.425]}}}
+
+    def swap(world: World) -> None:
+        for name, way in (("cube", -0.15), ("other", 0.15)):
+            world.data.qpos[world.pose_address(name)] += way
+
+    arm = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}}
+    aside: Tree = {"reach_to_pose": {"offset": {"xyz": [0, 0.05, 0.05]}}}
+    scenario = Scenario(ON_TABLE | other, arm=arm, scene="table")
+    play = stage.play(scenario.file({"selector": [PICK, aside]}), deeds=((1.0, swap),))
+    play.run()
+    first, second = play.arm().runs[:2]
+    assert first.code == "PROXIMITY_NOT_REACHED", first
+    assert second.status == "SUCCESS", second
+    assert "touched" not in second.metrics, second

@@ -1,0 +1,27 @@
+"""What sticks to the hand as it goes back from `place` is felt, held again, and can be placed."""
+
+from __future__ import annotations
+
+import pytest
+
+import bt_dualarm as bt
+from benchmarks.false_success_ways import Hand, file_of, ways
+
+
+@pytest.mark.parametrize("name", ["sticks to a finger for 2.5 s", "sticks to the cup for 2.5 s"])
+def test_what_came_along_is_held_again(name: str) -> None:
+    """The gripper says so, before the referee looks; the next `place` sets it down."""
+    way = next(way for way in ways() if (way.skill, way.name) == ("place", name))
+    file = file_of(way)
+    grasp, place = way.leaves
+    tree = {"sequence": [grasp, {"retry": {"times": 2, "child": place}}]}
+    file["arms"]["arm1"]["tree"] = tree
+    with bt.open(file) as opened:
+        hand = Hand(opened.world, way)
+        opened.watch(hand)
+        result = opened.finish()
+    first, second = (leaf for leaf in result.arms["arm1"].runs if leaf.skill == "place")
+    assert first.code == "NOT_PLACED"
+    assert "came along" in first.reason
+    assert second.status == "SUCCESS", second.reason
+    assert not hand.lies

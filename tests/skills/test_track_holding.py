@@ -1,0 +1,29 @@
+"""Following by camera with something in the hand: it touches nothing that nobody asked for."""
+
+from __future__ import annotations
+
+import pytest
+
+from bt_dualarm.sim.world import World
+from tests.plays import Stage
+from tests.skills.scenarios import GRIPPING, Scenario
+from tests.skills.trials import BLOCK, FOLLOW_HOLDING, FOLLOWED, LOOK_HOLDING, LOW_CAMERA
+
+
+@pytest.mark.parametrize("blocked", [True, False])
+def test_it_stops_before_what_it_holds_touches_something(blocked: bool, stage: Stage) -> None:
+    """It pushed on whatever stood in the way of the cube, with 190 N."""
+
+    def lead(world: World) -> None:
+        y = -0.45 + min(max(0.03 * (world.time - 5.5), 0.0), 0.09)
+        world.model.body_pos[world.object_body("other"), 1] = y
+
+    objects = FOLLOWED | (BLOCK if blocked else {})
+    scenario = Scenario(objects, arm=GRIPPING | {"camera": LOW_CAMERA}, scene="table")
+    play = stage.play(scenario.file(*LOOK_HOLDING, FOLLOW_HOLDING))
+    play.watchers.append(lead)
+    play.run()
+    leaf = play.leaf("track")
+    assert (leaf.code or leaf.status) == ("IN_COLLISION" if blocked else "SUCCESS"), leaf
+    assert ("block" in leaf.reason) is blocked
+    assert "touched" not in leaf.metrics, leaf

@@ -1,0 +1,110 @@
+"""The following law: poles where they belong, and no swinging however little an arm may do."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bt_dualarm.control.kernel_rows import Gains, PlaneLimits
+from bt_dualarm.control.servo_kernels import (
+    braking_speed,
+    closing_velocity,
+    fading_acceleration,
+    following_gains,
+    jerk_bandwidth,
+    pole_gains,
+)
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.trajectory.limits import stopping_distance
+
+PERIOD = 0.002  # s
+SLACK = 1.5e-4  # m
+LITTLE_TO_MUCH = [
+    # From a UR5 at a tenth of its limits to a Panda at all of its.
+    PlaneLimits(acceleration, jerk)
+    for acceleration, jerk in itertools.product((0.2, 1.0, 8.0), (4.0, 50.0, 600.0, 5000.0))
+]
+
+
+def sampled(gains: Gains, period: float) -> Matrix:
+    """What a period makes of error, its derivative and the acceleration sent, all relative."""
+    c, b, f = gains
+    sent = np.array((-f * b * c, -f * b, 1.0 - f))
+    return np.array(
+        ((1.0, period, 0.0) + 0.5 * period**2 * sent, (0.0, 1.0, 0.0) + period * sent, sent)
+    )
+
+
+@given(
+    w=st.floats(0.5, 400.0), p=st.floats(0.5, 2000.0), period=st.sampled_from((0.001, 0.002, 0.008))
+)
+def test_the_sampled_system_has_the_poles_that_are_asked_for(
+    w: float, p: float, period: float
+) -> None:
+    """Compared by their polynomials: equal roots are known to half of the digits only."""
+    gains = pole_gains((w, w, p), period)
+    wanted = np.poly(np.exp(-np.array((w, w, p)) * period))
+    assert np.poly(sampled(gains, period)) == pytest.approx(wanted, abs=1e-9)
+    assert min(gains) > 0.0
+
+
+@given(distance=st.floats(1e-6, 3.0), a=st.floats(0.01, 20.0), j=st.floats(0.1, 10_000.0))
+def test_from_its_speed_it_comes_to_rest_at_the_target(distance: float, a: float, j: float) -> None:
+    speed = np.array((braking_speed(distance, PlaneLimits(a, j)),))
+    way = stopping_distance(speed, np.zeros(1), np.array((a,)), np.array((j,)))
+    assert way[0] == pytest.approx(distance, rel=1e-6)
+
+
+@given(w=st.floats(20.0, 300.0), jerk=st.floats(1.0, 10_000.0))
+def test_a_jump_as_large_as_the_slack_takes_no_more_than_the_jerk(w: float, jerk: float) -> None:
+    """The first change of acceleration is the largest, and the bandwidth no more than is wanted."""
+    c, b, f = following_gains(w, SLACK, jerk, PERIOD)
+    assert f * b * c * SLACK <= 1.001 * jerk * PERIOD
+    pole = np.exp(-min(w, jerk_bandwidth(jerk, SLACK)) * PERIOD)
+    assert np.polyval(np.poly(sampled(Gains(c, b, f), PERIOD)), pole) == pytest.approx(0, abs=1e-9)
+
+
+def followed(
+    place: Vector, reach: PlaneLimits, bandwidth: float, noise: float, seconds: float
+) -> Matrix:
+    """Error along two axes, of shape (n, 2), of a point within limits; the target trembles."""
+    rng = np.random.default_rng(0)
+    gains = following_gains(bandwidth, SLACK, reach.jerk, PERIOD)
+    p = np.zeros(2)
+    v = np.zeros(2)
+    a = np.zeros(2)
+    errors = []
+    for _ in range(round(seconds / PERIOD)):
+        away = place + noise * rng.normal(size=2) - p
+        goal = closing_velocity(away, gains, reach)
+        wanted = fading_acceleration(goal - v, gains.b, reach.jerk)
+        wanted *= min(1.0, reach.acceleration / max(float(np.hypot(*wanted)), 1e-12))
+        step = gains.f * (wanted - a)
+        a = a + step * min(1.0, reach.jerk * PERIOD / max(float(np.hypot(*step)), 1e-12))
+        p = p + v * PERIOD + 0.5 * a * PERIOD**2
+        v = v + a * PERIOD
+        errors.append(place - p)
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("reach", LITTLE_TO_MUCH, ids=str)
+@pytest.mark.parametrize("distance", [3e-4, 0.01, 0.2])
+def test_it_arrives_without_passing_the_target(reach: PlaneLimits, distance: float) -> None:
+    """Near or far, with little jerk or much: who brakes by acceleration alone swings here."""
+    along = np.array((0.8, -0.6))
+    longest = 4.0 * (np.cbrt(distance / reach.jerk) + np.sqrt(distance / reach.acceleration)) + 1.0
+    error = followed(distance * along, reach, 200.0, 0.0, longest) @ along
+    assert abs(error[-1]) < 0.01 * distance
+    assert error.min() > -0.01 * distance
+
+
+@pytest.mark.parametrize("reach", LITTLE_TO_MUCH, ids=str)
+def test_noise_does_not_grow(reach: PlaneLimits) -> None:
+    """White noise of 0.05 mm at a target at rest: less than that comes through."""
+    error = followed(np.zeros(2), reach, 200.0, 5e-5, 8.0)
+    late = error[len(error) // 2 :]
+    assert np.sqrt(np.mean(late**2)) < 5e-5

@@ -1,0 +1,223 @@
+"""The servo follows a target in a plane, holds the rest, and keeps the arm's limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+import pytest
+
+from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.trajectory.limits import SetPoint, SetPointLimiter
+from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
+
+PERIOD = 0.002  # s
+MM = 1e-3
+YZ = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+BANDWIDTH = 30.0  # rad/s: that of a camera at 30 Hz
+POSTURES = {
+    # Away from limits and singularities, with 0.1 m to move in every direction of the plane.
+    "ur5": np.array([0.0015, -0.9451, 1.5663, 2.5204, -1.5723, 3.1416]),
+    "panda": np.array([0.0, -0.156, 0.0, -2.198, 0.0, 2.042, 0.785]),
+}
+ROBOTS = pytest.mark.parametrize("robot", POSTURES)
+
+PlaceOf: TypeAlias = Callable[[float], PlaneTarget | None]
+
+
+@dataclass
+class Follower:
+    """A servo behind the gate, without a world: what it sends is where the arm is."""
+
+    robot: str
+    speed: float = 1.0
+    axes: Matrix = field(default_factory=lambda: YZ)
+
+    def __post_init__(self) -> None:
+        robot = load_robot(self.robot)
+        self.kinematics = Kinematics(robot, Pose.identity())
+        self.limits = robot.limits.scaled(self.speed)
+        self.start = POSTURES.get(self.robot, robot.postures["home"])
+        self.origin = self.kinematics.matrix(self.start)
+
+    def follow(self, place: PlaceOf, seconds: float, bandwidth: float = BANDWIDTH) -> Trajectory:
+        """What is sent; ``gate`` knows what had to be bent."""
+        still = np.zeros_like(self.start)
+        start = SetPoint(self.start, still, still)
+
+        def target(time: float, _: Vector) -> PlaneTarget | None:
+            return place(time)
+
+        servo = PlanarServo(
+            self.kinematics, self.limits, PERIOD, start, self.axes, target, bandwidth
+        )
+        self.gate = SetPointLimiter(self.limits, PERIOD, self.start)
+        sent = [self.gate.send(servo(i * PERIOD)) for i in range(round(seconds / PERIOD))]
+        q, v, a = (np.array([getattr(point, name) for point in sent]) for name in ("q", "v", "a"))
+        return Trajectory(PERIOD, q, v, a)
+
+    def poses(self, motion: Trajectory) -> Matrix:
+        """Of the tool, of shape (n, 4, 4)."""
+        return np.array([self.kinematics.matrix(q) for q in motion.q])
+
+    def displacement(self, motion: Trajectory) -> Matrix:
+        """Of the tool from its start, of shape (n, 3)."""
+        moved: Matrix = self.poses(motion)[:, :3, 3] - self.origin[:3, 3]
+        return moved
+
+    def assert_held(
+        self, motion: Trajectory, distance: float = 1.0 * MM, angle: float = 2e-3
+    ) -> None:
+        """The third axis and the orientation did not move."""
+        poses = self.poses(motion)
+        normal = np.cross(*self.axes)
+        assert np.abs((poses[:, :3, 3] - self.origin[:3, 3]) @ normal).max() < distance
+        turns = poses[:, :3, :3] @ self.origin[:3, :3].T
+        cosines = 0.5 * (np.trace(turns, axis1=1, axis2=2) - 1)
+        assert np.arccos(np.clip(cosines, -1, 1)).max() < angle
+
+    def assert_kept(self, motion: Trajectory) -> None:
+        """The limits are kept, and nothing had to be bent for it."""
+        use = use_of_limits(motion, self.limits)
+        assert max(use.velocity, use.acceleration, use.jerk) < 1 + 2e-6
+        assert use.position_margin > 0
+        assert self.gate.clipped == 0
+
+
+def circle(radius: float, period: float) -> Callable[[float], PlaneTarget]:
+    """A target that circles around the start, at full speed from the first moment."""
+    w = 2 * np.pi / period
+
+    def at(time: float) -> PlaneTarget:
+        place = radius * np.array([np.cos(w * time), np.sin(w * time)])
+        turned = np.array([-place[1], place[0]])
+        return PlaneTarget(place, w * turned, -w * w * place)
+
+    return at
+
+
+def at_rest(place: Vector) -> PlaneTarget:
+    return PlaneTarget(place, np.zeros(2), np.zeros(2))
+
+
+@ROBOTS
+def test_it_follows_a_circle(robot: str) -> None:
+    """0.1 m every four seconds: once it has caught up, within a tenth of a millimeter."""
+    follower = Follower(robot)
+    target = circle(0.1, 4.0)
+    motion = follower.follow(target, 6.0)
+    wanted = np.array([target(i * PERIOD).position for i in range(len(motion))])
+    error = np.linalg.norm(follower.displacement(motion)[:, 1:] - wanted, axis=1)
+    assert error[round(2.0 / PERIOD) :].max() < 0.1 * MM
+    follower.assert_held(motion)
+    follower.assert_kept(motion)
+
+
+@ROBOTS
+@pytest.mark.parametrize("speed", [0.3, 1.0])
+def test_it_catches_up_without_overshoot(robot: str, speed: float) -> None:
+    """A target that stands still 0.15 m away: approached fast, never passed by a millimeter."""
+    follower = Follower(robot, speed)
+    place = np.array([0.12, -0.09])
+    motion = follower.follow(lambda _: at_rest(place), 4.0)
+    moved = follower.displacement(motion)[:, 1:]
+    assert np.linalg.norm(moved[-1] - place) < 0.1 * MM
+    along = moved @ place / np.linalg.norm(place)
+    assert along.max() < np.linalg.norm(place) + 1.0 * MM
+    follower.assert_held(motion)
+    follower.assert_kept(motion)
+
+
+@ROBOTS
+def test_it_comes_to_rest_when_the_target_vanishes(robot: str) -> None:
+    """Within a second, not far from where it was, the rest still held."""
+    follower = Follower(robot)
+    target = circle(0.1, 4.0)
+    motion = follower.follow(lambda time: target(time) if time < 2.0 else None, 3.0)
+    lost = round(2.0 / PERIOD)
+    moved = follower.displacement(motion)
+    assert np.linalg.norm(np.diff(moved[lost - 2 : lost], axis=0)) / PERIOD > 0.1  # it did move
+    assert np.linalg.norm(np.diff(moved[-2:], axis=0)) / PERIOD < 1e-4
+    assert np.linalg.norm(moved[-1] - moved[lost]) < 0.05
+    follower.assert_held(motion)
+    follower.assert_kept(motion)
+
+
+@ROBOTS
+def test_it_goes_on_after_a_target_has_jumped(robot: str) -> None:
+    """A false sighting a quarter of a meter away for half a second, and back."""
+    follower = Follower(robot)
+    near = at_rest(np.array([0.05, 0.05]))
+    far = at_rest(np.array([-0.2, 0.1]))
+    motion = follower.follow(lambda time: far if 1.0 < time < 1.5 else near, 4.0)
+    moved = follower.displacement(motion)[-1, 1:]
+    assert np.linalg.norm(moved - near.position) < 0.1 * MM
+    follower.assert_held(motion)
+    follower.assert_kept(motion)
+
+
+@ROBOTS
+def test_it_gives_up_where_the_arm_cannot_hold_its_plane(robot: str) -> None:
+    """Two meters away: stretched out, no arm holds anything. It says so before it swings about."""
+    follower = Follower(robot)
+    with pytest.raises(Failure, match=r"out of its plane") as caught:
+        follower.follow(lambda _: at_rest(np.array([0.0, 2.0])), 8.0)
+    assert caught.value.code == "UNREACHABLE"
+    assert follower.gate.clipped == 0
+
+
+@ROBOTS
+def test_a_noisy_target_does_not_break_the_limits(robot: str) -> None:
+    """Millimeters of noise in position, as much as the arm may do in the derivatives."""
+    rng = np.random.default_rng(3)
+    follower = Follower(robot)
+    clean = circle(0.08, 3.0)
+
+    def noisy(time: float) -> PlaneTarget:
+        p, v, a = clean(time)
+        return PlaneTarget(
+            p + rng.normal(0, 0.003, 2), v + rng.normal(0, 0.2, 2), a + rng.normal(0, 5.0, 2)
+        )
+
+    motion = follower.follow(noisy, 3.0)
+    follower.assert_kept(motion)
+    follower.assert_held(motion, 3 * MM, 0.02)
+
+
+@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("speed", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("axes", [YZ, np.eye(3)[:2], np.eye(3)[[0, 2]]], ids=["yz", "xy", "xz"])
+def test_no_arm_swings_before_a_target_that_rests(robot: str, speed: float, axes: Matrix) -> None:
+    """10 mm away, with the noise of an estimate, however little of its limits it may use.
+
+    Who brakes by acceleration alone goes from side to side for ever with little jerk.
+    """
+    rng = np.random.default_rng(5)
+    follower = Follower(robot, speed, axes)
+    place = np.array([0.008, -0.006])
+
+    def seen(_: float) -> PlaneTarget:
+        return PlaneTarget(
+            place + rng.normal(0, 5e-5, 2), rng.normal(0, 1e-3, 2), rng.normal(0, 1e-2, 2)
+        )
+
+    motion = follower.follow(seen, 5.0, 200.0)
+    error = follower.displacement(motion) @ axes.T - place
+    assert np.abs(error[round(4.0 / PERIOD) :]).max() < 0.2 * MM
+    assert (error @ place).max() / np.linalg.norm(place) < 0.3 * MM, "it passed the target"
+    follower.assert_held(motion)
+    follower.assert_kept(motion)
+
+
+def test_a_redundant_arm_stays_near_its_posture() -> None:
+    """Ten circles close in the joints too: the elbow does not wander off."""
+    follower = Follower("panda")
+    motion = follower.follow(circle(0.1, 2.0), 20.0)
+    rounds = motion.q[:: round(2.0 / PERIOD)][1:]
+    assert np.abs(np.diff(rounds[2:], axis=0)).max() < 1e-3

@@ -1,0 +1,154 @@
+"""The fastest motion along a path, against closed forms and against TOPP-RA's authors."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import scipy.ndimage
+import toppra
+import toppra.algorithm
+import toppra.constraint
+from scipy.interpolate import CubicSpline
+
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.trajectory.kernel_arrays import PathOnGrid
+from bt_dualarm.trajectory.path_timing import Profile, TimeOptimal, spline_through
+from bt_dualarm.trajectory.timing_kernels import squares_of_rates
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+LIMITS = {name: load_robot(name).limits for name in robot_names()}
+
+
+def corners(limits: JointLimits, rng: np.random.Generator) -> Matrix:
+    """Far configurations with sharp turns: the acceleration changes sides all the time."""
+    lower = np.maximum(limits.lower, -3.0)
+    upper = np.minimum(limits.upper, 3.0)
+    return rng.uniform(lower, upper, (12, len(lower)))
+
+
+def wandering(limits: JointLimits, rng: np.random.Generator) -> Matrix:
+    """Short steps in any direction."""
+    return np.cumsum(rng.normal(0.0, 0.02, (60, len(limits.lower))), axis=0)
+
+
+def waves(limits: JointLimits, rng: np.random.Generator) -> Matrix:
+    """Smooth, with joints that turn back, and one that stays where it is."""
+    dof = len(limits.lower)
+    t = np.linspace(0.0, 2.0 * np.pi, 40)[:, None]
+    path: Matrix = 0.3 * np.sin(t * rng.integers(1, 4, dof) + rng.uniform(0.0, 6.0, dof))
+    path[:, rng.integers(dof)] = 0.1
+    return path
+
+
+def squared_rates_of_toppra(path: CubicSpline, limits: JointLimits, grid: Vector) -> Vector:
+    """(ds/dt)² over the grid, by the authors' package, of shape (n,)."""
+    logging.getLogger("toppra").setLevel(logging.CRITICAL)
+    geometry = toppra.SplineInterpolator(path.x, path(path.x), bc_type="not-a-knot")
+    constraints = [
+        toppra.constraint.JointVelocityConstraint(np.stack((-limits.velocity, limits.velocity), 1)),
+        toppra.constraint.JointAccelerationConstraint(
+            np.stack((-limits.acceleration, limits.acceleration), 1)
+        ),
+    ]
+    problem = toppra.algorithm.TOPPRA(
+        constraints, geometry, gridpoints=grid, solver_wrapper="seidel"
+    )
+    rates: Vector = problem.compute_parameterization(0.0, 0.0)[1]
+    return rates**2
+
+
+@pytest.mark.parametrize("draw", [corners, wandering, waves])
+@pytest.mark.parametrize("arm", sorted(LIMITS))
+def test_it_is_as_fast_as_what_the_authors_package_finds(
+    arm: str, draw: Callable[[JointLimits, np.random.Generator], Matrix]
+) -> None:
+    """Its linear programs are solved to 1e-6 or so, which adds up along a path."""
+    limits = LIMITS[arm]
+    for seed in range(4):
+        path = spline_through(draw(limits, np.random.default_rng(seed)), limits, closed=False)
+        profile = TimeOptimal(path, limits).fastest
+        squares = squared_rates_of_toppra(path, limits, profile.place)
+        theirs = Profile.from_rates(profile.place, np.sqrt(squares))
+        assert abs(profile.duration / theirs.duration - 1.0) < 1e-5
+
+
+def test_on_a_coarse_grid_theirs_all_but_stops_and_a_finer_one_says_that_ours_is_right() -> None:
+    """Where a bend has few places, their largest speed there may be one that leads to rest."""
+    limits = LIMITS["xarm7"]
+    path = spline_through(wandering(limits, np.random.default_rng(1)), limits, closed=False)
+    ours, theirs = durations(path, limits, 200)
+    finer, theirs_finer = durations(path, limits, 400)
+    finest, theirs_finest = durations(path, limits, 1600)
+    assert 1.005 * ours < theirs
+    assert finest < finer < ours
+    assert (theirs_finer, theirs_finest) == pytest.approx((finer, finest), rel=1e-5)
+
+
+def durations(path: CubicSpline, limits: JointLimits, steps: int) -> tuple[float, float]:
+    """Seconds that the fastest motion takes on a grid of so many steps: ours, theirs."""
+    grid = np.linspace(0.0, path.x[-1], steps + 1)
+    slope = path(grid, 1)
+    most = (limits.velocity / np.abs(slope)).min(axis=1) ** 2
+    on_grid = PathOnGrid(grid, slope, path(grid, 2), most)
+    ours = squares_of_rates(on_grid, limits.acceleration, np.ones_like(grid))
+    theirs = squared_rates_of_toppra(path, limits, grid)
+    first, second = (Profile.from_rates(grid, np.sqrt(one)).duration for one in (ours, theirs))
+    return first, second
+
+
+@pytest.mark.parametrize("draw", [corners, wandering, waves])
+@pytest.mark.parametrize("arm", sorted(LIMITS))
+def test_limits_are_kept_at_every_place_and_one_of_them_is_reached(
+    arm: str, draw: Callable[[JointLimits, np.random.Generator], Matrix]
+) -> None:
+    """Also with a share of the acceleration only: what is fastest is always at some limit.
+
+    At the end of a step the acceleration is the step's own: the limits hold at both ends of it.
+    """
+    limits = LIMITS[arm]
+    rng = np.random.default_rng(7)
+    path = spline_through(draw(limits, rng), limits, closed=False)
+    fastest = TimeOptimal(path, limits)
+    grid = fastest.grid
+    share = scipy.ndimage.gaussian_filter1d(rng.uniform(0.05, 1.0, len(grid)), 5.0)
+    profile = fastest.profile(share)
+    slope = path(grid, 1)
+    curvature = path(grid, 2)
+    squares = profile.rate**2
+    change = np.diff(squares)[:, None] / (2.0 * np.diff(grid)[:, None])
+    allowed = limits.acceleration * share[:, None]
+    velocity = (np.abs(slope) * profile.rate[:, None] / limits.velocity).max(axis=1)
+    use = [
+        np.abs(slope[end] * change + curvature[end] * squares[end, None]) / allowed[end]
+        for end in (slice(None, -1), slice(1, None))
+    ]
+    acceleration = np.maximum(*use).max(axis=1)
+    assert velocity.max() <= 1.0 + 1e-9
+    assert acceleration.max() <= 1.0 + 1e-6
+    used = np.maximum(velocity[1:], acceleration)
+    # Where a step ends at the largest speed of its end, the next one is at that limit.
+    assert np.maximum(used[1:], used[:-1]).min() > 1.0 - 1e-6
+
+
+@pytest.mark.parametrize("length", [0.01, 0.3, 2.0])
+@pytest.mark.parametrize("arm", sorted(LIMITS))
+def test_a_straight_line_takes_what_the_trapezoid_of_its_velocity_takes(
+    arm: str, length: float
+) -> None:
+    """Speeding up, at the velocity limit if it is reached, slowing down."""
+    limits = LIMITS[arm]
+    way = length * np.linspace(0.2, 1.0, len(limits.lower))
+    line = spline_through(np.linspace(0.0, 1.0, 30)[:, None] * way, limits, closed=False)
+    velocity = (limits.velocity / way).min()
+    acceleration = (limits.acceleration / way).min()
+    shortest = 2.0 / np.sqrt(acceleration)
+    if acceleration > velocity**2:
+        shortest = 1.0 / velocity + velocity / acceleration
+    assert TimeOptimal(line, limits).fastest.duration == pytest.approx(shortest, rel=1e-3)

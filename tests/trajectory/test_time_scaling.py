@@ -1,0 +1,89 @@
+"""A motion at another scale keeps its path and the limits, and can go on again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.core.pose import Matrix, Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.problem import trace
+from bt_dualarm.robots.robot import Robot
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.trajectory.paths import circle
+from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.sources import TrajectorySource
+from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
+
+DT = 0.004
+ROBOTS = ("ur5", "panda")
+
+
+def drawn(robot: Robot, speed: float) -> Trajectory:
+    """A circle of 0.1 m."""
+    arm = Kinematics(robot, Pose.identity())
+    q = robot.postures["home"]
+    axes = np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0))
+    path = circle(arm.forward(q), axes, 0.1, mode="from")
+    return trace(arm, path, q, robot.limits.scaled(speed), DT).motion
+
+
+def sent(motion: TrajectorySource, count: int) -> Trajectory:
+    points = [motion.next(0.0) for _ in range(count)]
+    q, v, a = (np.array([getattr(point, name) for point in points]) for name in ("q", "v", "a"))
+    return Trajectory(DT, q, v, a)
+
+
+def away_from(path: Matrix, q: Matrix) -> float:
+    """Farthest of q from the path's samples, of shape (n, dof), rad."""
+    gaps = np.abs(q[:, None] - path[None]).max(axis=2)
+    return float(gaps.min(axis=1).max())
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+def test_a_halt_stays_on_the_path(name: str, share: float) -> None:
+    """At half speed there is room in the limits to brake on the path wherever it is."""
+    robot = load_robot(name)
+    whole = drawn(robot, 0.5)
+    motion = TrajectorySource(whole)
+    last = sent(motion, int(share * len(whole))).q[-1]
+    halt = motion.halt(robot.limits)
+    assert halt is not None
+    assert np.abs(halt.q[0] - last).max() < 1e-9
+    assert not halt.v[-1].any()
+    assert use_of_limits(halt, robot.limits).within
+    step = float(np.abs(np.diff(whole.q, axis=0)).max())
+    assert away_from(whole.q, halt.q) < 0.51 * step
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_motion_slows_down_stands_and_goes_on(name: str) -> None:
+    robot = load_robot(name)
+    start = robot.postures["home"]
+    whole = point_to_point(start, start + 0.5, robot.limits.scaled(0.5), DT)
+    motion = TrajectorySource(whole)
+    parts = [sent(motion, len(whole) // 3)]
+    for scale in (0.0, 0.4, 1.0):
+        assert motion.change_scale(scale, robot.limits)
+        parts.append(sent(motion, 180))
+        if scale == 0.0:
+            assert not parts[-1].v[-1].any()
+            assert not motion.done
+    while not motion.done:
+        parts.append(sent(motion, 1))
+    q, v, a = (np.vstack([getattr(part, key) for part in parts]) for key in ("q", "v", "a"))
+    assert use_of_limits(Trajectory(DT, q, v, a), robot.limits).within
+    assert q[-1] == pytest.approx(whole.q[-1], abs=1e-6)
+    assert motion.progress == 1.0
+    way = (q - start)[:, :1]
+    assert np.abs((q - start) - way).max() < 1e-9  # all joints keep to the straight line
+
+
+def test_a_motion_at_its_own_pace_is_sent_as_planned() -> None:
+    whole = drawn(load_robot("ur5"), 1.0)
+    motion = TrajectorySource(whole, along_path=True)
+    motion.measure(np.zeros(3))
+    assert np.array_equal(sent(motion, len(whole)).q, whole.q)
+    assert motion.done
+    assert [s for _, s in motion.take_measured()] == pytest.approx(np.arange(len(whole)) * DT)

@@ -1,0 +1,88 @@
+"""What the kernels of timing mean: the same functions in Python, and the same sums in NumPy."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from bt_dualarm.core.pose import Matrix
+from bt_dualarm.trajectory.kernel_arrays import Parabolas, Spline
+from bt_dualarm.trajectory.path_timing import (
+    AveragedMotion,
+    StretchedMotion,
+    TimeOptimal,
+    spline_through,
+)
+from bt_dualarm.trajectory.timing_kernels import enter_average, enter_joints, enter_shares
+from bt_dualarm.trajectory.trajectory import shares_of_limits
+from tests.source import ROOT
+from tests.trajectory.timed import LIMITS, timed
+
+SEEDS = range(4)
+STEP = 0.004
+
+
+def test_compiled_kernels_do_what_plain_python_does() -> None:
+    command = [sys.executable, "-m", "tests.trajectory.timed", *map(str, SEEDS)]
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    for seed, theirs in zip(SEEDS, pickle.loads(done.stdout), strict=True):  # noqa: S301
+        for mine, kind in zip(timed(seed), theirs, strict=True):
+            assert mine == pytest.approx(kind, abs=1e-9)
+
+
+def motion_of(seed: int, width: float, closed: bool) -> AveragedMotion:
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 2.0 * np.pi, 20)[:, None]
+    path = spline_through(0.3 * np.sin(t + rng.uniform(0.0, 6.0, 3)), LIMITS, closed)
+    return AveragedMotion(path, TimeOptimal(path, LIMITS).fastest, width)
+
+
+def judged(motion: AveragedMotion, most: float) -> tuple[Matrix, Matrix, int]:
+    """The course of a motion, shares of its limits, and how many steps were looked at."""
+    path = motion.path
+    profile = motion.profile
+    period = path.x[-1] if path.extrapolate == "periodic" else 0.0
+    spline = Spline(path.x, np.ascontiguousarray(path.c.swapaxes(0, 1)), period)
+    parabolas = Parabolas(profile.time, profile.place, profile.rate, *profile.pieces)
+    course = np.empty((3, len(StretchedMotion(motion, STEP, 1.0))))
+    shares = np.empty_like(course)
+    limits = np.array((LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk))
+    v, a = np.empty((2, course.shape[1], 3))
+    enter_average(parabolas, motion.width, STEP, course)
+    enter_joints(spline, course, v, a)
+    return course, shares, enter_shares(v, a, STEP, limits, most, shares)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("width", [STEP, 0.1, 3.0])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_shares_of_limits_are_those_of_the_set_points(
+    seed: int, width: float, closed: bool
+) -> None:
+    """Also where the average is wider than the motion that is averaged."""
+    motion = motion_of(seed, width, closed)
+    course, shares, count = judged(motion, np.inf)
+    times = np.minimum(np.arange(count) * STEP, motion.unstretched)
+    assert count == course.shape[1]
+    for mine, theirs in zip(course, motion.profile.smoothed(times, width), strict=True):
+        assert mine == pytest.approx(theirs, abs=1e-9)
+    whole = StretchedMotion(motion, STEP, 1.0).whole()
+    assert shares == pytest.approx(np.array(shares_of_limits(whole, LIMITS)), rel=1e-6, abs=1e-6)
+
+
+def test_no_more_is_looked_at_once_it_takes_too_much() -> None:
+    """What has been looked at until then is the same, and its last step is the first that does."""
+    motion = motion_of(0, 0.05, closed=False)
+    _, whole, count = judged(motion, np.inf)
+    needed = np.maximum(np.maximum(whole[0], np.sqrt(whole[1])), np.cbrt(whole[2]))
+    most = 0.9 * float(needed.max())
+    _, shares, stopped = judged(motion, most)
+    assert stopped == int(np.argmax(needed > most)) + 1 < count
+    assert (shares[:, :stopped] == whole[:, :stopped]).all()

@@ -1,0 +1,70 @@
+"""A browser as tests need it: asks as the page does, or as it never would."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+from urllib.parse import urlsplit
+
+
+class Browser:
+    """Asks a server for what its page asks for.
+
+    Args:
+        url: Address of the page.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self.place = urlsplit(url)
+
+    def ask(
+        self, what: str, body: object = None, *, token: bool = True, **headers: str
+    ) -> tuple[int, bytes]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.place.port or 0, timeout=10)
+        path = f"{self.place.path}{what}" if token else f"/{what}"
+        content = None if body is None else body if isinstance(body, bytes) else json.dumps(body)
+        kind = {} if body is None else {"Content-Type": "application/json"}
+        given = {name.replace("_", "-"): value for name, value in headers.items()}
+        method = "GET" if body is None else "POST"
+        try:
+            connection.request(method, path, content, kind | given)
+            answer = connection.getresponse()
+            return answer.status, answer.read()
+        finally:
+            connection.close()
+
+    def told(self, what: str) -> Any:
+        """What is answered, in JSON."""
+        status, content = self.ask(what)
+        assert status == 200, content
+        return json.loads(content)
+
+    def now(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.told("now")
+        return found
+
+    def press(self, deed: str, value: object = None) -> None:
+        status, content = self.ask("do", {"deed": deed, "value": value})
+        assert status == 200, content
+
+    def until(self, what: str, is_so: Callable[[Any], bool]) -> Any:
+        """What is answered once it is as it should be."""
+        for _ in range(600):
+            found = self.told(what)
+            if is_so(found):
+                return found
+            time.sleep(0.05)  # another process looks at the file
+        raise AssertionError(f"{what} never became so: {found}")
+
+    def held(self) -> dict[str, Any]:
+        """The run as it stands once it is held."""
+        for _ in range(500):
+            found = self.now()
+            if found["held"] and found["paused"]:
+                return found
+            time.sleep(0.01)  # the run goes on in another thread
+        raise AssertionError("it is not held")

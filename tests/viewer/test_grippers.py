@@ -1,0 +1,107 @@
+"""Every gripper on every robot is shown, live and from its record, beside the arm's own joints."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bt_dualarm
+from bt_dualarm.core.errors import DivergenceError
+from bt_dualarm.replay.record import Record
+from bt_dualarm.robots.gripper import FINGERS, PALM
+from bt_dualarm.robots.gripper_mjspec import CUP
+from bt_dualarm.robots.mjspec import joint_motors
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.viewer.live_view import Snapshot
+from bt_dualarm.viewer.past import RecordView
+from tests.grippers.test_mounting import GRIPPERS
+from tests.sim.worlds import ROBOTS, WORLD, world_with
+
+MOUNTED = [(robot, gripper) for robot in ROBOTS for gripper in (None, *GRIPPERS)]
+SHOWN = [pair for pair in MOUNTED if pair[0] in robot_names() or pair[1] == "panda_hand"]
+
+TREE = """\
+bt_dualarm: 1
+name: gripper
+world: {scene: empty, time_limit: 20}
+arms:
+  first:
+    robot: ROBOT
+    gripper: GRIPPER
+    tree:
+      sequence: [{wait: {seconds: 0.06}}, {spawn: {arm: late}}, {wait: {seconds: 0.1}}]
+  late:
+    robot: ROBOT
+    gripper: GRIPPER
+    base: {xyz: [0, 3, 0]}
+    spawned: false
+    tree: {sequence: [{wait: {seconds: 0.04}}, {remove: {arm: late}}]}
+"""
+
+
+@pytest.mark.parametrize(("robot", "gripper"), MOUNTED)
+def test_the_motors_of_an_arm_are_those_of_its_joints(robot: str, gripper: str | None) -> None:
+    """Found by the model alone, they are those that the robot's description names."""
+    world = world_with(robot, gripper=gripper)
+    body = world.arms["arm1"]
+    assert joint_motors(world.model, "arm1").tolist() == body.actuator_ids.tolist()
+    assert joint_motors(world.model, "arm2").size == 0
+
+
+@pytest.mark.parametrize(("robot", "gripper"), SHOWN)
+def test_an_arm_with_a_gripper_is_shown_live_and_from_its_record(
+    robot: str, gripper: str | None, tmp_path: Path
+) -> None:
+    """Arms that come and go too; both views agree on the tool, and draw what takes hold."""
+    text = TREE.replace("ROBOT", robot).replace("GRIPPER", gripper or "none")
+    tree = tmp_path / "gripper.yaml"
+    tree.write_text(text)
+    shutil.copytree(WORLD / "robots", tmp_path / "robots")  # descriptions beside the file
+    shown = {}
+    with bt_dualarm.open(tree, record=tmp_path / "out") as run:
+        snapshot = Snapshot(run.world, run.assembly.arms, run.views)
+        while not run.done:
+            run.step(run.world.timestep)
+            snapshot.take()
+            shown[snapshot.now["time"]] = snapshot.now
+        looks = snapshot.looks
+        bodies = {run.world.model.body(int(shape["body"])).name for shape in looks.shapes}
+    parts = () if gripper is None else (PALM, CUP if "suction" in gripper else FINGERS[0])
+    assert {f"first/{part}" for part in parts} <= bodies
+    record = Record.read(tmp_path / "out")
+    view = RecordView(tmp_path / "out")
+    seen = []
+    for time in record.times.tolist():
+        now = shown[round(time, 4)]
+        then = view.past.moment(time)
+        assert now["generation"] == then["generation"]
+        for live, past in zip(now["arms"], then["arms"], strict=True):
+            assert ("tool" in live) == ("tool" in past)
+            if "tool" in live:
+                seen.append((live["arm"], now["generation"]))
+                assert np.allclose(live["tool"], past["tool"], atol=2e-4)
+                assert live["error_deg"] == pytest.approx(past["error_deg"], abs=1e-3)
+    assert {arm for arm, _ in seen} == {"first", "late"}
+    for generation in {generation for _, generation in seen}:
+        drawn = view.past.looks(generation).shapes
+        model = record.model(generation)
+        assert {f"first/{part}" for part in parts} <= {
+            model.body(int(shape["body"])).name for shape in drawn
+        }
+
+
+@pytest.mark.parametrize("gripper", GRIPPERS)
+def test_a_drive_that_diverges_is_named_as_no_joint(gripper: str) -> None:
+    """A cup's drive acts on a body, the fingers' on a tendon: their ids are not a joint's."""
+    world = world_with("ur5", gripper=gripper)
+    drive = world.model.actuator("arm1/gripper/drive").id
+
+    def gone_wrong() -> None:
+        world.data.ctrl[drive] = np.nan
+
+    world.equipment.drive = gone_wrong  # type: ignore[method-assign]  # that is the fault
+    with pytest.raises(DivergenceError, match="drive 'arm1/gripper/drive'"):
+        world.step()

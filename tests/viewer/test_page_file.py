@@ -1,0 +1,128 @@
+"""A record as one file is the page of `bt-replay`, with the same answers in it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+import zlib
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.replay.record import Record
+from bt_dualarm.runtime.report import json_ready
+from bt_dualarm.spec.yaml_reader import Json
+from bt_dualarm.viewer.past import RecordView, html_of, page_data
+from bt_dualarm.viewer.server import whole_page
+from tests.replay.runs import SHORT, WATCHING, recorded
+from tests.viewer.test_past import FAILING
+
+RECORD = re.compile(r'<script type="text/plain" id="record">([A-Za-z0-9+/=]+)</script>')
+
+ASK = """\
+const fs = require("fs");
+const [page, scene, ...asked] = process.argv.slice(2);
+const text = /id="record">([^<]+)</.exec(fs.readFileSync(page, "utf8"))[1];
+const script = fs.readFileSync(scene, "utf8").split("\\n// ----")[0] + SOURCE;
+const run = new Function("text", "asked", script + `
+  return (async () => {
+    const source = keptSource(await inflated(text)), found = [];
+    for (const what of asked) found.push(await source.ask(what).catch(error => error.message));
+    const [mesh] = Object.keys((await inflated(text)).meshes);
+    return { found, eye: source.eye("arm1", 0.2), mesh: (await source.mesh(mesh)).byteLength };
+  })();`);
+run(text, asked).then(said => console.log(JSON.stringify(said)));
+"""
+
+
+def kept(page: str) -> Json:
+    """The record in a page."""
+    [text] = RECORD.findall(page)
+    found: Json = json.loads(zlib.decompress(base64.b64decode(text)))
+    return found
+
+
+@pytest.fixture(scope="module")
+def failed(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    return recorded(tmp_path_factory.mktemp("failed"), FAILING)
+
+
+def answers(record: Record, page: Path, *asked: str) -> Json:
+    """What the page's own script answers."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("there is no node to run the page's script")
+    pages = share_dir("assets") / "pages"
+    page.write_text(html_of(record), encoding="utf-8")
+    script = page.with_suffix(".js")
+    source = json.dumps((pages / "source.js").read_text(encoding="utf-8"))
+    script.write_text(ASK.replace("SOURCE", source), encoding="utf-8")
+    command = [node, str(script), str(page), str(pages / "scene.js"), *asked]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+    said: Json = json.loads(done.stdout)
+    return said
+
+
+def test_it_is_the_page_of_the_replay_and_asks_nobody(failed: Record) -> None:
+    """Only what it may ask, and the record in it, differ; text of a tree cannot end a script."""
+    page = html_of(failed)
+    served = whole_page()
+    assert "connect-src 'none'" in page
+    assert "connect-src 'self'" in served
+    alone = RECORD.sub("", page).replace("connect-src 'none'", "connect-src 'self'")
+    assert alone == served
+    assert page.count("</script>") == served.count("</script>") + 1
+    assert kept(page) == json.loads(json.dumps(json_ready(page_data(failed))))
+
+
+def test_it_answers_what_the_server_answers(failed: Record, tmp_path: Path) -> None:
+    """At every state that it has, at times between them, and of every node."""
+    view = RecordView(failed.folder)
+    times = [moment["time"] for moment in page_data(failed)["moments"]]
+    assert {round(float(event["time_s"]), 4) for event in failed.events} <= {*times}
+    assert max(later - time for time, later in pairwise(times)) < 0.0401
+    nodes = ["arm1:sequence", "arm1:sequence/reach_to_pose", "arm1:sequence/aside/reach_to_pose"]
+    asked = [f"at?t={time}" for time in times]
+    asked += ["now", "log?after=0", "series?after=0", "why", *(f"why?of={node}" for node in nodes)]
+    asked += [f"scene?generation={number}" for number in failed.models]
+    said = answers(failed, tmp_path / "page.html", *asked)
+    found = dict(zip(asked, said["found"], strict=True))
+    for what, has in found.items():
+        name, _, query = what.partition("?")
+        given = dict(pair.split("=") for pair in query.split("&") if pair)
+        answer = json.loads(view.questions[name](given).content)
+        assert has == json.loads(json.dumps(json_ready(answer))), what
+    assert said["mesh"] in {len(mesh) for mesh in view.past.looks(0).meshes.values()}
+
+
+def test_it_tells_what_a_node_waited_for(failed: Record, tmp_path: Path) -> None:
+    """Of a node that ran at the time that is shown; of one that never ran, that it never did."""
+    asked = ["why?of=arm1:sequence&t=0.3", "why?of=0.3", "why?of=arm1:nonsense"]
+    said = answers(failed, tmp_path / "page.html", *asked)
+    running, then, none = said["found"]
+    assert [story["status"] for story in running["stories"]] == ["RUNNING"]
+    assert then == running
+    assert none == "this page has no answer to that"
+
+
+def test_it_has_the_pictures_of_the_cameras(tmp_path: Path) -> None:
+    record = recorded(tmp_path, WATCHING)
+    said = answers(record, tmp_path / "page.html", "now")
+    kind, _, text = str(said["eye"]).partition(",")
+    assert kind == "data:image/jpeg;base64"
+    assert base64.b64decode(text).startswith(b"\xff\xd8")
+
+
+def test_text_of_a_tree_cannot_end_the_script(tmp_path: Path) -> None:
+    said = SHORT.replace(
+        "- subtree", "- set: {key: other, value: '</script><b>'}\n        - subtree"
+    )
+    page = html_of(recorded(tmp_path, said))
+    assert page.count("</script>") == 2
+    assert "</script><b>" in json.dumps(kept(page))

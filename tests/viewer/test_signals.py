@@ -1,0 +1,220 @@
+"""What a page shows over time depends on the run, and not on how often a page asks."""
+
+from __future__ import annotations
+
+import base64
+import json
+from functools import partial
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import bt_dualarm
+from bt_dualarm.core.pose import Matrix
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.sim.frame import Frame
+from bt_dualarm.sim.renderer import Image
+from bt_dualarm.viewer import signals as signals_module
+from bt_dualarm.viewer.live_view import LiveView
+from bt_dualarm.viewer.past import Pictures, RecordView
+from bt_dualarm.viewer.server import Viewers
+from bt_dualarm.viewer.signals import COLUMNS, Signals
+
+GRASPING = """\
+bt_dualarm: 1
+name: grasping
+world: {scene: empty, time_limit: 20}
+objects:
+  cube: {shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, color: red, pose: {xyz: [0.45, 0, 0.025]}}
+arms:
+  arm1:
+    robot: panda
+    gripper: panda_hand
+    tree: {sequence: [{grasp: {object: cube}}, {fail: {reason: enough}}]}
+"""
+TRACKING = """\
+bt_dualarm: 1
+name: tracking
+world: {scene: empty, time_limit: 20}
+objects:
+  block:
+    shape: box
+    size: [0.06, 0.06, 0.04]
+    mass: 0.1
+    color: yellow
+    pose: {xyz: [0.45, 0, 0.02]}
+arms:
+  arm1:
+    robot: panda
+    camera: {mount: wrist, resolution: [160, 120], fov: 70, fps: 30}
+    tree:
+      sequence:
+        - look_at: {at: {xyz: [0.45, 0, 0.02]}, distance: 0.35}
+        - track: {color: yellow, plane: xy, duration: 0.6}
+"""
+
+
+def asked(view: Any, what: str, **query: object) -> Any:
+    given = {name: str(value) for name, value in query.items()}
+    return json.loads(view.questions[what](given).content)
+
+
+def table(series: Any, arm: str = "arm1") -> Matrix:
+    assert tuple(series["columns"]) == COLUMNS
+    rows = np.frombuffer(base64.b64decode(series["arms"][arm]), np.float32)
+    return rows.reshape(-1, len(COLUMNS)).astype(float)
+
+
+@pytest.fixture(scope="module")
+def grasped(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any, Any, Any]:
+    """A record, and what the live view said of its end although nobody had asked before."""
+    folder = tmp_path_factory.mktemp("grasped") / "out"
+    stop = StopRequest()
+    with (
+        bt_dualarm.open(GRASPING, stop=stop, record=folder) as run,
+        LiveView(run, stop, paused=False) as view,
+    ):
+        view.gate.set_speed(None)
+        run.finish()
+        said = tuple(asked(view, what) for what in ("series", "now", "log"))
+    return (folder, *said)
+
+
+def test_signals_are_sampled_while_nobody_asks(grasped: tuple[Path, Any, Any, Any]) -> None:
+    """25 times a simulated second from the beginning on, as in the record."""
+    folder, series, now, _ = grasped
+    live = table(series)
+    past = table(asked(RecordView(folder), "series"))
+    assert np.diff(live[:, 0]) == pytest.approx(0.04, abs=1e-4)
+    assert len(live) == pytest.approx(25 * now["time"], abs=2)
+    at = np.searchsorted(past[:, 0], live[:, 0] - 1e-4)
+    np.testing.assert_allclose(live, past[at], atol=2e-3)
+
+
+def test_the_gripper_is_shown(grasped: tuple[Path, Any, Any, Any]) -> None:
+    """How far it is open, how hard it presses, what is between its pads; live and afterwards."""
+    folder, series, now, _ = grasped
+    rows = table(series)
+    assert rows[0, 6] == pytest.approx(0.08, abs=0.002)
+    assert rows[-1, 6] == pytest.approx(0.05, abs=0.002)
+    assert rows[-1, 7] > 1.0
+    [arm] = now["arms"]
+    assert now["over"]
+    assert [node["status"] for node in arm["nodes"]] == ["FAILURE", "SUCCESS", "FAILURE"]
+    assert arm["gripper"]["holds"] == ["cube"]
+    assert arm["gripper"]["opening_m"] == pytest.approx(0.05, abs=0.002)
+    assert arm["gripper"]["force_n"] > 1.0
+    view = RecordView(folder)
+    [early], [late] = (asked(view, "at", t=time)["arms"] for time in (0.1, now["time"]))
+    assert (early["gripper"]["holds"], late["gripper"]["holds"]) == ([], ["cube"])
+    assert late["gripper"]["force_n"] == pytest.approx(arm["gripper"]["force_n"], abs=1.0)
+    assert late["gripper"]["opening_m"] == pytest.approx(arm["gripper"]["opening_m"], abs=1e-3)
+
+
+def test_failures_are_known_apart_from_the_log(grasped: tuple[Path, Any, Any, Any]) -> None:
+    """Live and afterwards the same, with time, node and reason: the time line marks them."""
+    folder, _, _, log = grasped
+    assert [line["level"] for line in log["failures"]] == ["FAILURE"] * 2
+    assert "enough" in log["failures"][0]["text"]
+    assert asked(RecordView(folder), "log")["failures"] == log["failures"]
+    now = asked(RecordView(folder), "now")
+    assert now["begin"] == pytest.approx(log["failures"][0]["time"], abs=1e-3)
+
+
+def test_of_long_runs_fewer_samples_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(signals_module, "MOST_ROWS", 20)
+    with bt_dualarm.open(TRACKING) as run:
+        signals = Signals(run.world, run.assembly.arms)
+        run.watch(signals)
+        run.step(2.0)
+        rows = table(signals.since(0.0))
+        assert 10 <= len(rows) <= 21
+        assert np.diff(rows[:, 0]) == pytest.approx(rows[1, 0] - rows[0, 0], abs=1e-3)
+        assert rows[-1, 0] > 1.7
+        late = table(signals.since(rows[-3, 0]))
+        np.testing.assert_array_equal(late, rows[-2:])
+        assert table(signals.since(99.0)).shape == (0, len(COLUMNS))
+
+
+def test_the_whole_picture_is_shown_where_only_a_part_was_exposed(tmp_path: Path) -> None:
+    """What was exposed is as it was; the rest is drawn for who looks on. The hash stays."""
+    plain = bt_dualarm.run(TRACKING).state_sha256
+    shown: list[tuple[Frame, Image]] = []
+    with bt_dualarm.open(TRACKING, record=tmp_path / "out") as run:
+        pictures = Pictures(run.world, lambda: True)
+
+        def look(arm: str, frame: Frame) -> None:
+            pictures.take(arm, frame)
+            content = np.frombuffer(pictures.jpeg(arm) or b"", np.uint8)
+            whole = cv2.imdecode(content, cv2.IMREAD_COLOR_RGB)
+            assert whole is not None
+            shown.append((frame, whole.astype(np.uint8)))
+
+        assert run.open_record is not None
+        run.open_record.trace.frame_readers.append(look)
+        assert run.finish().state_sha256 == plain
+    parts = [pair for pair in shown if pair[0].region != (0, 0, 160, 120)]
+    assert len(parts) > 5
+    for frame, whole in parts[-3:]:
+        left, top, right, bottom = frame.region
+        outside = np.ones(whole.shape[:2], bool)
+        outside[top:bottom, left:right] = False
+        assert frame.image[outside].max() == 0, "not exposed"
+        assert (whole[outside].max(axis=-1) > 20).mean() > 0.95, "drawn"
+        inside = np.abs(whole[~outside].astype(int) - frame.image[~outside])
+        assert np.median(inside) < 8, "as it was exposed, but for JPEG"
+
+
+def test_a_page_is_waited_for_until_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long it is silent: a browser may stall, or its window be hidden."""
+    clock = [100.0]
+    monkeypatch.setattr("bt_dualarm.viewer.server.time.monotonic", lambda: clock[0])
+    viewers = Viewers()
+    assert not viewers.is_anyone_there
+    for says, seconds in (
+        (partial(viewers.asked, ""), 2.0),
+        (viewers.fetched, 10.0),
+        (partial(viewers.asked, "one"), 600.0),
+    ):
+        says()
+        clock[0] += seconds - 0.1
+        assert viewers.is_anyone_there
+        clock[0] += 0.2
+        assert not viewers.is_anyone_there
+    viewers.asked("one")
+    viewers.asked("two")
+    viewers.left("one")
+    clock[0] += 60.0
+    assert viewers.is_anyone_there, "the other one"
+    viewers.left("two")
+    assert viewers.is_anyone_there, "it may only be loaded anew"
+    clock[0] += 3.1
+    assert not viewers.is_anyone_there
+    for number in range(1000):
+        viewers.asked(f"page {number}" * 100)
+    assert len(viewers._until) <= 100
+
+
+def test_the_run_is_shown_after_its_end_until_the_page_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bt_dualarm.viewer.server._RELOAD_S", 0.0)
+    stop = StopRequest()
+    tree = GRASPING.replace("{grasp: {object: cube}}, ", "")
+    with (
+        bt_dualarm.open(tree, stop=stop, record=tmp_path / "out") as run,
+        LiveView(run, stop, paused=False) as view,
+    ):
+        run.finish()
+        asked(view, "now", page="one")
+        waits = Thread(target=view.linger)
+        waits.start()
+        assert asked(view, "now", page="one")["over"]
+        assert waits.is_alive()
+        view.do({"deed": "leave", "value": "one"})
+        waits.join(30)
+        assert not waits.is_alive()

@@ -1,0 +1,181 @@
+"""Whoever asks slowly, or takes slowly, or asks nothing at all, keeps nobody else waiting."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from threading import active_count
+
+import numpy as np
+import pytest
+
+from bt_dualarm.spec.yaml_reader import Json
+from bt_dualarm.viewer import server as server_module
+from bt_dualarm.viewer.server import MOST_CONNECTIONS, Asked, PageAnswer, Served
+from tests.viewer.browsers import Browser
+
+SLOW = 200
+LARGE = b"x" * 20_000_000
+
+
+class Fake:
+    """What is behind a page that has one small answer, one large one, and one that is a bug."""
+
+    @property
+    def questions(self) -> Mapping[str, Asked]:
+        def broken(_: object) -> PageAnswer:
+            raise RuntimeError("a bug")
+
+        return {
+            "now": lambda _: PageAnswer.of({"kind": "fake"}),
+            "large": lambda _: PageAnswer.numbers(LARGE),
+            "broken": broken,
+        }
+
+    def do(self, asked: Json) -> Json:
+        return asked
+
+
+@pytest.fixture
+def browser() -> Iterator[Browser]:
+    served = Served(Fake())
+    served.begin()
+    try:
+        yield Browser(served.url)
+    finally:
+        served.end()
+
+
+def begins(browser: Browser) -> Mapping[str, bytes]:
+    """What a slow client sends before it stops."""
+    place = browser.place
+    head = f"Host: 127.0.0.1:{place.port}\r\n".encode()
+    post = f"POST {place.path}do HTTP/1.1\r\n".encode() + head
+    return {
+        "nothing": b"",
+        "half a request line": b"GET /",
+        "half a head": f"GET {place.path}now HTTP/1.1\r\n".encode() + head,
+        "half a body": post + b"Content-Type: application/json\r\nContent-Length: 99\r\n\r\n{",
+        "takes nothing": f"GET {place.path}large HTTP/1.1\r\n".encode() + head + b"\r\n",
+    }
+
+
+@pytest.mark.parametrize(
+    "how", ["nothing", "half a request line", "half a head", "half a body", "takes nothing"]
+)
+def test_slow_clients_keep_nobody_waiting(browser: Browser, how: str) -> None:
+    """200 of them, and each of 20 requests is answered within a second, by a few threads."""
+    threads = active_count()
+    with ExitStack() as stack:
+        for _ in range(SLOW):
+            slow = socket.create_connection(("127.0.0.1", browser.place.port or 0), timeout=10)
+            stack.enter_context(slow)
+            slow.sendall(begins(browser)[how])
+        browser.now()  # those who came before have been taken up now
+        took = []
+        for _ in range(20):
+            began = time.monotonic()
+            assert browser.now() == {"kind": "fake"}
+            browser.press("go")
+            took.append(time.monotonic() - began)
+        assert np.median(took) < 1.0
+        assert active_count() - threads <= 8
+
+
+def test_of_more_connections_than_there_may_be_the_oldest_silent_one_goes(browser: Browser) -> None:
+    with ExitStack() as stack:
+        silent = []
+        for _ in range(MOST_CONNECTIONS + 20):
+            one = socket.create_connection(("127.0.0.1", browser.place.port or 0), timeout=10)
+            silent.append(stack.enter_context(one))
+            assert len(silent) % 50 or browser.now()["kind"] == "fake"
+        assert browser.now()["kind"] == "fake"
+        assert silent[0].recv(1) == b""
+        silent[-1].setblocking(False)
+        with pytest.raises(BlockingIOError):
+            silent[-1].recv(1)
+
+
+def test_patience_with_slow_clients_ends(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server_module, "TIMEOUT_S", 0.2)
+    for how, begun in begins(browser).items():
+        with socket.create_connection(("127.0.0.1", browser.place.port or 0), timeout=10) as slow:
+            slow.sendall(begun)
+            if how == "takes nothing":
+                browser.now()
+            try:
+                while slow.recv(1 << 16):
+                    pass
+            except ConnectionResetError:
+                pass
+    assert browser.now()["kind"] == "fake"
+
+
+def test_the_end_of_the_server_breaks_off_what_is_open(caplog: pytest.LogCaptureFixture) -> None:
+    """Silently: no traceback, no thread of it is left."""
+    served = Served(Fake())
+    served.begin()
+    browser = Browser(served.url)
+    with ExitStack() as stack:
+        for begun in begins(browser).values():
+            slow = socket.create_connection(("127.0.0.1", browser.place.port or 0), timeout=10)
+            stack.enter_context(slow)
+            slow.sendall(begun)
+        assert browser.now()["kind"] == "fake"
+        served.end()
+        assert slow.recv(1 << 20), "what was taken until then"
+    assert caplog.text == ""
+    with pytest.raises(ConnectionRefusedError):
+        browser.now()
+
+
+def test_a_bug_is_logged_and_no_text_of_it_is_served(
+    browser: Browser, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert browser.ask("broken") == (500, b"nothing is served here")
+    assert "a bug" in caplog.text
+    assert browser.now()["kind"] == "fake"
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"\r\n\r\n",
+        b"GET\r\n\r\n",
+        b"GET  HTTP/1.1\r\n\r\n",
+        b"GET /\xff\xfe HTTP/1.1\r\n\r\n",
+        b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 200 + b"\r\n",
+        b"GET / HTTP/1.1\r\nX: " + b"y" * 100_000 + b"\r\n\r\n",
+        b"\x16\x03\x01" + b"\x00" * 200 + b"\r\n\r\n",
+    ],
+)
+def test_what_is_no_http_is_refused(browser: Browser, head: bytes) -> None:
+    with socket.create_connection(("127.0.0.1", browser.place.port or 0), timeout=10) as one:
+        one.sendall(head)
+        said = one.recv(1000)
+    assert said.startswith((b"HTTP/1.1 400 ", b"HTTP/1.1 403 "))
+
+
+def test_a_request_says_once_where_it_goes_and_how_long_it_is(browser: Browser) -> None:
+    """Two hosts, two lengths, a body in chunks: nobody guesses which is meant."""
+    place = browser.place
+    line = f"POST {place.path}do HTTP/1.1\r\n"
+    host = f"Host: 127.0.0.1:{place.port}\r\n"
+    kind = "Content-Type: application/json\r\n"
+    body = json.dumps({"deed": "go"})
+    length = f"Content-Length: {len(body)}\r\n"
+    good = line + host + kind + length
+    for head, status in (
+        (good, b"200"),
+        (good + host, b"403"),
+        (good + "Content-Length: 3\r\n", b"403"),
+        (good + "Origin: http://127.0.0.1\r\n", b"403"),
+        (line + host + kind + "Transfer-Encoding: chunked\r\n", b"403"),
+        (line + host + kind, b"400"),
+    ):
+        with socket.create_connection(("127.0.0.1", place.port or 0), timeout=10) as one:
+            one.sendall(f"{head}\r\n{body}".encode())
+            assert one.recv(1000).split(b" ")[1] == status, head

@@ -1,0 +1,301 @@
+"""Watching, holding and stepping a run changes nothing of it, and only its own page may do so."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+
+import bt_dualarm
+from bt_dualarm.behaviors.report import StatusChange
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.viewer.live_view import LiveView
+from bt_dualarm.viewer.server import Gate, GateError, whole_page
+from tests.replay.runs import write_short
+from tests.viewer.browsers import Browser
+
+
+@contextmanager
+def watched(tree: Path, *, paused: bool = True) -> Iterator[tuple[Run, Browser, Thread]]:
+    """A run that is advanced in a thread, and a browser on its page."""
+    stop = StopRequest()
+    with (
+        bt_dualarm.open(tree, stop=stop) as run,
+        LiveView(run, stop, paused=paused) as view,
+    ):
+        view.gate.set_speed(None)
+
+        def finish() -> None:
+            view.gate.hold()
+            run.finish()
+
+        thread = Thread(target=finish)
+        thread.start()
+        try:
+            yield run, Browser(view.url), thread
+        finally:
+            stop.ask()
+            thread.join(30)
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    return write_short(tmp_path / "trees")
+
+
+def test_holding_and_stepping_leave_the_hash_as_it_is(tree: Path) -> None:
+    plain = bt_dualarm.run(tree).state_sha256
+    rng = np.random.default_rng(3)
+    with watched(tree) as (run, browser, thread):
+        for _ in range(25):
+            browser.press(str(rng.choice(["step", "tick", "step", "pause"])))
+            browser.held()
+        browser.press("go")
+        thread.join(60)
+        assert run.result.state_sha256 == plain
+
+
+def test_one_step_is_one_step_and_one_tick_goes_to_the_next_tick(tree: Path) -> None:
+    with watched(tree) as (run, browser, _):
+        assert browser.held()["time"] == 0.0
+        browser.press("step")
+        first = browser.held()
+        assert (first["time"], first["why"]) == (pytest.approx(0.002), "one step")
+        browser.press("tick")
+        assert browser.held()["time"] == pytest.approx(0.022), "50 ticks a second"
+        assert run.time == pytest.approx(0.022)
+
+
+def test_a_breakpoint_holds_it_where_the_node_changes(tree: Path) -> None:
+    with watched(tree) as (_, browser, _):
+        browser.press("break", "reach_to_pose SUCCESS\n\n")
+        browser.press("go")
+        found = browser.held()
+        assert found["why"] == "arm1:sequence/aside/reach_to_pose → SUCCESS"
+        assert found["breakpoints"] == ["reach_to_pose SUCCESS"]
+        [arm] = found["arms"]
+        states = {(node["depth"], node["name"]): node["status"] for node in arm["nodes"]}
+        assert states[(1, "aside")] == "SUCCESS"
+
+
+def test_the_scene_has_what_the_poses_are_of(tree: Path) -> None:
+    """Real meshes of the robot, each to be had by its name; shapes on bodies that there are."""
+    with watched(tree) as (run, browser, _):
+        scene = json.loads(browser.ask("scene")[1])
+        assert browser.now()["name"] == "short"
+        bodies = run.world.model.nbody
+        assert max(shape["body"] for shape in scene["shapes"]) < bodies
+        assert len(browser.now()["poses"]) == -(-7 * 4 * bodies // 3) * 4
+        meshes = {name: browser.ask(f"mesh?name={quote(name)}") for name in scene["meshes"]}
+        assert {status for status, _ in meshes.values()} == {200}
+        triangles = 0
+        for _, content in meshes.values():
+            vertices, faces = np.frombuffer(content[:8], np.uint32).tolist()
+            assert len(content) == 32 + 9 * vertices + 6 * faces
+            triangles += faces
+        assert triangles > 50_000, "a UR5 as its maker draws it, not its hulls"
+        assert browser.ask("mesh?name=nothing")[0] == 400
+
+
+def test_nobody_else_is_served(tree: Path) -> None:
+    """No token, another host's name, another page's origin, no JSON: nothing, and nothing done."""
+    with watched(tree) as (_, browser, _):
+        port = browser.place.port
+        go = {"deed": "go"}
+        refused = [
+            browser.ask("now", token=False),
+            browser.ask("0123456789abcdef012345/now", token=False),
+            browser.ask("now", Host=f"evil.example:{port}"),
+            browser.ask("now", Host="127.0.0.1"),
+            browser.ask("now", Origin="http://evil.example"),
+            browser.ask("now", Origin="null"),
+            browser.ask("do", go, Origin=f"http://127.0.0.1:{(port or 0) + 1}"),
+            browser.ask("do", go, Host=f"evil.example:{port}"),
+            browser.ask("do", go, Content_Type="text/plain"),
+            browser.ask("do", go, token=False),
+            browser.ask("../do", go),
+        ]
+        assert {status for status, _ in refused} == {403}
+        assert {content for _, content in refused} == {b"nothing is served here"}
+        assert browser.now()["paused"]
+        assert browser.ask("now", Origin=f"http://127.0.0.1:{port}")[0] == 200
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"[" * 15_000,
+        b" " * 30_000,
+        {"deed": "explode"},
+        {"deed": "speed", "value": "fast"},
+        {"deed": "speed", "value": -1},
+        {"deed": "speed", "value": [1]},
+        {"deed": "speed", "value": True},
+        {"deed": "speed", "value": 10**400},
+        {"deed": "speed", "value": -(10**400)},
+        b'{"deed": "speed", "value": 1e999}',
+        b'{"deed": "speed", "value": NaN}',
+        b'{"deed": "speed", "value": ' + b"9" * 15_000 + b"}",
+        {"deed": "break", "value": 10**4000},
+        {"deed": "break", "value": "x\n" * 60},
+        {"deed": "break", "value": "x" * 400},
+        {"deed": {"deed": "go"}},
+    ],
+)
+def test_what_makes_no_sense_is_refused_and_changes_nothing(tree: Path, body: object) -> None:
+    with watched(tree) as (_, browser, _):
+        status, content = browser.ask("do", body)
+        assert status == 400
+        assert content
+        state = browser.now()
+        assert (state["paused"], state["speed"], state["breakpoints"]) == (True, None, [])
+
+
+def test_browsers_come_and_go(tree: Path) -> None:
+    plain = bt_dualarm.run(tree).state_sha256
+    with watched(tree) as (run, browser, thread):
+        browser.press("go")
+        for _ in range(100):
+            connection = http.client.HTTPConnection("127.0.0.1", browser.place.port or 0)
+            connection.connect()
+            connection.sock.sendall(b"GET /x HTTP/1.1\r\nHost: \xff\xfe\r\n")
+            connection.close()
+        thread.join(60)
+        assert run.result.state_sha256 == plain
+
+
+def test_a_held_run_ends_when_it_is_asked_to(tree: Path) -> None:
+    stop = StopRequest()
+    with bt_dualarm.open(tree, stop=stop) as run, LiveView(run, stop) as view:
+        Thread(target=stop.ask).start()
+        view.gate.hold()
+        assert run.finish().ending == "it was asked to stop"
+
+
+def test_speed_holds_simulated_time_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("bt_dualarm.viewer.server.time.monotonic", lambda: clock[0])
+    slept: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        clock[0] += seconds
+
+    monkeypatch.setattr("bt_dualarm.viewer.server.time.sleep", sleep)
+    gate = Gate(lambda: False, paused=False, speed=2.0)
+    for step in range(500):
+        gate.after_step(0.002 * (step + 1))
+    assert clock[0] - 100.0 == pytest.approx(499 * 0.002 / 2.0)
+    gate.set_speed(None)
+    del slept[:]
+    gate.after_step(9.0)
+    assert slept == []
+    with pytest.raises(GateError, match=r"from 0\.001 to 1000"):
+        gate.set_speed(float("nan"))
+
+
+def test_breakpoints_are_a_node_a_status_or_both() -> None:
+    change = StatusChange(1.0, "arm1", "main/circle", "circle", "RUNNING", "FAILURE")
+    for name, holds in (
+        ("circle", True),
+        ("main/circle", True),
+        ("FAILURE", True),
+        ("circle FAILURE", True),
+        ("circle SUCCESS", False),
+        ("SUCCESS", False),
+        ("line", False),
+    ):
+        gate = Gate(lambda: False, paused=False)
+        gate.set_breakpoints([name])
+        gate.on_event(change)
+        assert gate.state["paused"] is holds, name
+
+
+def test_the_command_shows_the_address_and_waits(tree: Path) -> None:
+    program = "import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
+    command = [sys.executable, "-c", program, str(tree), "--view", "--display", "quiet"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        said = process.stderr.readline()
+        assert said.startswith("held until you let it go: http://127.0.0.1:")
+        browser = Browser(said.split()[-1])
+        assert browser.ask("")[1].decode() == whole_page()
+        browser.press("speed", None)
+        browser.press("go")
+        assert process.wait(60) == 0
+
+
+def test_a_file_that_is_saved_while_the_run_is_held_is_taken_up(tree: Path) -> None:
+    """What is wrong with it is told on the page; what is right is seen there at once."""
+    program = "import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
+    command = [sys.executable, "-c", program, str(tree), "--view", "--watch", "--display", "quiet"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            browser = Browser(process.stderr.readline().split()[-1])
+            browser.press("tick")
+            browser.held()
+            text = tree.read_text()
+            tree.write_text(text.replace("reach_to_pose", "reach"))
+            said = browser.until("log?after=0", lambda log: "saved with errors" in str(log))
+            assert "there is no node or skill" in str(said)
+            tree.write_text(
+                text.replace('reach_to_pose: {offset: "{goal}"}', "wait: {seconds: 0.1}")
+            )
+            now = browser.until("now", lambda now: now["arms"][0]["nodes"][-1]["kind"] == "wait")
+            assert now["held"]
+            browser.press("speed", None)
+            browser.press("go")
+            assert process.wait(60) == 0
+        finally:
+            process.kill()
+
+
+def test_two_browsers_see_the_same_and_one_may_go(tree: Path) -> None:
+    plain = bt_dualarm.run(tree).state_sha256
+    with watched(tree) as (run, browser, thread):
+        other = Browser(browser.url)
+        other.press("tick")
+        assert browser.held()["time"] == other.held()["time"]
+        browser.press("break", "FAILURE")
+        assert other.now()["breakpoints"] == ["FAILURE"]
+        other.press("go")
+        thread.join(60)
+        assert run.result.state_sha256 == plain
+
+
+def test_without_it_nothing_of_it_is_imported(tree: Path) -> None:
+    program = (
+        "import bt_dualarm.cli as cli, sys; cli.run([sys.argv[1], '--display', 'quiet']);"
+        "late = ('bt_dualarm.viewer', 'bt_dualarm.replay');"
+        "sys.exit(any(name.startswith(late) for name in sys.modules))"
+    )
+    assert subprocess.run([sys.executable, "-c", program, str(tree)], check=False).returncode == 0
+
+
+def test_the_page_asks_nobody_else_and_its_script_can_be_read(tmp_path: Path) -> None:
+    page = whole_page()
+    named = page.replace("http://www.w3.org/2000/svg", "")  # a name, which nobody looks up
+    assert "https:" not in named
+    assert "http:" not in named
+    assert "connect-src 'self'" in page
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("there is no node to read the page's script")
+    script = tmp_path / "page.js"
+    script.write_text(page[page.rindex("<script>") + 8 : page.rindex("</script>")])
+    assert subprocess.run([node, "--check", script], check=False).returncode == 0
