@@ -124,8 +124,8 @@ def stage(tmp_path: Path, registry: Registry) -> Stage:
 UNDRAWN = """
 import sys
 from bt_dualarm.cli import run
-from bt_dualarm.runtime import recorder
-recorder.files_of = lambda *_: iter(())
+from bt_dualarm.runtime import plots
+plots.files_of = lambda *_: iter(())
 sys.exit(run())
 """
 

@@ -14,8 +14,8 @@ def undrawn() -> Iterator[None]:
 
     That they are drawn is for tests/runtime/test_record.py and tests/test_trees.py.
     """
-    from bt_dualarm.runtime import recorder
+    from bt_dualarm.runtime import plots
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recorder, "files_of", lambda *_: iter(()))
+        patch.setattr(plots, "files_of", lambda *_: iter(()))
         yield

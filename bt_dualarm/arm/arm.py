@@ -113,7 +113,7 @@ class SharedArm(ArmState):
         self.carrying = PayloadCheck(world, name)
         self.lease = Lease(name, lambda: controller.at_rest)
         self.patience = Backoff(name, seed)
-        self.slip = SlipResponse(self)
+        self.slip = SlipResponse(world, name, controller)
 
 
 class Arm(ArmState):

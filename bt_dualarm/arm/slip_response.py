@@ -9,12 +9,13 @@ from typing import Final
 
 from bt_dualarm.arm.gripper import LOST_S, gives, has_slipped, is_lost, leaks
 from bt_dualarm.arm.payload import grip_force_for, min_grip_force
-from bt_dualarm.arm.state import ArmState
 from bt_dualarm.control.collision_detection import CollisionDetector
+from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix
 from bt_dualarm.sim.arm_models import NominalLoad
 from bt_dualarm.sim.grippers import GripperCommand, GripperHardware
+from bt_dualarm.sim.world import World
 from bt_dualarm.sim.world_view import Attachment
 
 FIRMER: Final = 3.0
@@ -45,7 +46,9 @@ class SlipResponse:
     does not explain; in both cases also by the opening of the fingers or a cup's vacuum.
 
     Args:
-        arm: State of the arm.
+        world: World that the arm is in.
+        name: Name of the arm in the tree file.
+        controller: Controller that follows the motions of the skills.
 
     Attributes:
         felt: Number of slips to which it responded, or would have if a firmer grip were possible.
@@ -53,16 +56,19 @@ class SlipResponse:
         may_touch: Whether contact of the held object is intended, so that no pull counts as a slip.
     """
 
-    def __init__(self, arm: ArmState) -> None:
-        self._arm = arm
+    def __init__(self, world: World, name: str, controller: JointController) -> None:
+        # Not the arm itself, which keeps this response: the world of a run is freed with the run.
+        self._world = world
+        self._name = name
+        self._controller = controller
         self._pads = PadSlipDetector()
-        self._joints = JointSlipDetector(arm)
+        self._joints = JointSlipDetector(world, name, controller)
         self._held: Attachment | None = None
         self._gripped_first: Attachment | None = None
         self._generation = -1
-        self._nominal = arm.world.nominal[arm.name]
+        self._nominal = world.nominal[name]
         self._friction = 0.0
-        self._loads = arm.payload
+        self._loads = self._nominal.loads
         self._too_heavy: Failure | None = None
         self._lift_s = 0.0
         self._width = 0.0
@@ -71,7 +77,7 @@ class SlipResponse:
         self._taken: Attachment | None = None
         self._taken_width = 0.0
         self._left_since: float | None = None
-        self._weighed = arm.payload
+        self._weighed = self._loads
         self._refused: frozenset[str] = frozenset()
         self.may_touch = False
         self.felt = 0
@@ -89,13 +95,13 @@ class SlipResponse:
             failure = self._too_heavy
             self._too_heavy = None
             raise failure
-        hardware = self._arm.world.grippers.get(self._arm.name)
+        hardware = self._world.grippers.get(self._name)
         held = self._held
         if hardware is None or held is None:
             return
-        if self._arm.time - self._sensed_at > LOST_S:
+        if self._world.time - self._sensed_at > LOST_S:
             self._held = None
-            self._arm.world.attachments.detach(self._arm.name, held.object)
+            self._world.attachments.detach(self._name, held.object)
             raise Failure(
                 "DROPPED",
                 f"{held.object!r} is no longer held",
@@ -107,7 +113,7 @@ class SlipResponse:
     def look(self) -> None:
         """Evaluate the sensors and respond; to be called once a control period."""
         self._check_payload()
-        hardware = self._arm.world.grippers.get(self._arm.name)
+        hardware = self._world.grippers.get(self._name)
         if hardware is None:
             return
         pulled = self._joints.feels() if hardware.tactile is None else False
@@ -131,8 +137,8 @@ class SlipResponse:
         pulled = self._pads.feels(hardware, self._friction) or pulled
         if self._lift_s > 0.0:
             pulled = False
-            self._lift_s -= self._arm.period * bool(self._arm.setpoint.v.any())
-        now = self._arm.time
+            self._lift_s -= self._controller.period * bool(self._controller.setpoint.v.any())
+        now = self._world.time
         asked = hardware.commanded
         if not is_lost(hardware.gripper, hardware.width, hardware.vacuum, asked.force):
             self._sensed_at = now
@@ -142,10 +148,10 @@ class SlipResponse:
 
     def _gripped(self) -> Attachment | None:
         """First object in the gripper; looked up again only when the world has changed."""
-        world = self._arm.world
+        world = self._world
         if self._generation != world.generation:
             self._generation = world.generation
-            gripped = world.attachments.gripped_by(self._arm.name)
+            gripped = world.attachments.gripped_by(self._name)
             self._gripped_first = next(iter(gripped), None)
         return self._gripped_first
 
@@ -153,9 +159,9 @@ class SlipResponse:
         self._held = held
         self._width = hardware.width
         self._full = 0.0
-        declared = self._arm.world.objects[held.object]
+        declared = self._world.objects[held.object]
         self._friction = max(hardware.gripper.friction, declared.friction)
-        self._sensed_at = self._arm.time
+        self._sensed_at = self._world.time
         self._pads.forget()
         self._too_heavy = None
         self._lift_s = _LIFT_S
@@ -176,8 +182,8 @@ class SlipResponse:
             return
         mass = sum(load.mass or 0.0 for load in known)
         doubt = math.sqrt(sum(load.mass_doubt**2 for load in known))
-        hardware = self._arm.world.grippers.get(self._arm.name)
-        robot = self._arm.robot
+        hardware = self._world.grippers.get(self._name)
+        robot = self._world.robots[self._name]
         limits = [(robot.payload, robot.name)]
         if hardware is not None and self._gripped() is not None:
             limits.append((hardware.gripper.payload, hardware.gripper.name))
@@ -195,7 +201,7 @@ class SlipResponse:
             if min_grip_force(hardware.gripper, self._friction, load) > most:
                 self._too_heavy = _too_heavy(load, most)
                 return
-            needed = min(grip_force_for(self._arm.world, held, load, _SHAKE), most)
+            needed = min(grip_force_for(self._world, held, load, _SHAKE), most)
             self._ask(hardware, needed)
 
     def _detach_released(self, held: Attachment, hardware: GripperHardware) -> None:
@@ -204,7 +210,7 @@ class SlipResponse:
         They are wider open than around the object and no longer press; a cup has no vacuum.
         """
         page = hardware.gripper
-        now = self._arm.time
+        now = self._world.time
         if page.fingers:
             wider = has_slipped(page, hardware.width - self._taken_width)
             has_left = wider and hardware.force < _PRESSES * hardware.commanded.force
@@ -215,7 +221,7 @@ class SlipResponse:
         elif self._left_since is None:
             self._left_since = now
         elif now - self._left_since > LOST_S:
-            self._arm.world.attachments.detach(self._arm.name, held.object)
+            self._world.attachments.detach(self._name, held.object)
 
     def _gives(self, hardware: GripperHardware) -> bool:
         """Whether the fingers approach each other, or the vacuum falls."""
@@ -227,7 +233,7 @@ class SlipResponse:
     def _grip(self, held: Attachment, hardware: GripperHardware) -> None:
         most = min(hardware.gripper.force.most, held.most_force)
         self.felt = self.felt + 1
-        self.felt_at = self._arm.time
+        self.felt_at = self._world.time
         self._ask(hardware, min(FIRMER * hardware.commanded.force, most))
 
     def _ask(self, hardware: GripperHardware, force: float) -> None:
@@ -279,13 +285,15 @@ class JointSlipDetector:
     """Slip detection by joint torques: a `CollisionDetector` with lower thresholds.
 
     Args:
-        arm: State of the arm.
+        world: World that the arm is in.
+        name: Name of the arm in the tree file.
+        controller: Controller that follows the motions of the skills.
     """
 
-    def __init__(self, arm: ArmState) -> None:
-        self._controller = arm.controller
-        self._nominal = arm.world.nominal[arm.name]
-        self._loads = arm.payload
+    def __init__(self, world: World, name: str, controller: JointController) -> None:
+        self._controller = controller
+        self._nominal = world.nominal[name]
+        self._loads = self._nominal.loads
         self._watch = CollisionDetector(self._nominal.friction, _OF_A_COLLISION)
 
     def feels(self) -> bool:

@@ -16,15 +16,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from typing import TYPE_CHECKING, Final
 
-from bt_dualarm.cli.arguments import add_params, add_skills, add_view, imported_skills
+from bt_dualarm.cli.arguments import add_params, add_skills, add_view, imported_skills, seed
 from bt_dualarm.cli.entry import FAILED, OVERRUN, SUCCEEDED, UNUSABLE, complain, early
 from bt_dualarm.core.errors import DualArmError
-from bt_dualarm.runtime.options import find_tree
-from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
 
 if TYPE_CHECKING:
     from bt_dualarm.runtime.outcome import RunResult
+    from bt_dualarm.runtime.run import Run
     from bt_dualarm.viewer.live_view import LiveView
 
 
@@ -120,13 +119,6 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def seed(text: str) -> int:
-    """The value of ``--seed``."""
-    if not text.isascii() or not text.isdecimal() or int(text) >= 2**32:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 4294967295")
-    return int(text)
-
-
 def _folder(text: str) -> Path:
     if not text.strip():
         raise argparse.ArgumentTypeError("the folder needs a name; '.' is the current folder")
@@ -166,6 +158,7 @@ def opened_again(arguments: argparse.Namespace, kept: Path | None, stop: StopReq
     # Imported here, because a run without --resume does without the packages for replay.
     from bt_dualarm.replay.record import Record, ReplayError
     from bt_dualarm.replay.rerun import Changed, parse_place, resumed
+    from bt_dualarm.runtime.options import find_tree
 
     folder, time = parse_place(arguments.resume)
     record = Record.read(folder)
@@ -380,7 +373,6 @@ def _opened(arguments: argparse.Namespace, folder: Path | None, stop: StopReques
         return opened_again(arguments, folder, stop)
     tree = find_tree(arguments.file)  # reports a wrong name before the slow imports
 
-    from bt_dualarm.cli.arguments import imported_skills
     from bt_dualarm.runtime import api
 
     imported_skills("bt-run", arguments.skills, arguments.watchdog)

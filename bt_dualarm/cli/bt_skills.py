@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from bt_dualarm.cli.arguments import (
     add_skills,
@@ -22,14 +21,14 @@ from bt_dualarm.cli.arguments import (
 )
 from bt_dualarm.cli.entry import SUCCEEDED
 from bt_dualarm.core.errors import DualArmError
-from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.kinematics.solver import Workspace
-from bt_dualarm.robots.robot import Robot
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from bt_dualarm.core.pose import Pose, Vector
+    from bt_dualarm.kinematics.solver import Workspace
     from bt_dualarm.robots.gripper import Gripper, Interval
+    from bt_dualarm.robots.robot import Robot
     from bt_dualarm.spec.node_types import NodeType
     from bt_dualarm.spec.reference import PortDescription
 
@@ -119,6 +118,10 @@ class RobotSummary:
 
 def robot_summary(robot: Robot) -> RobotSummary:
     """The summary of a robot of the catalog, or of one's own."""
+    # Imported here, because help and the node types do without the robot model.
+    from bt_dualarm.core.pose import Pose
+    from bt_dualarm.kinematics.solver import Workspace
+
     arm = Workspace(robot, Pose.identity())
     limits = robot.limits
     rates = zip(limits.lower, limits.upper, limits.velocity, strict=True)
@@ -172,7 +175,7 @@ def _ahead(pose: Pose) -> Triple:
 
 def _degrees(angle: float) -> float:
     """To a hundredth; the zero has no sign."""
-    return round(float(np.rad2deg(angle)), 2) + 0.0
+    return round(float(math.degrees(angle)), 2) + 0.0
 
 
 def _triple(values: Iterable[float], digits: int = 3) -> Triple:

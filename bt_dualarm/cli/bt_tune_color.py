@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from bt_dualarm.cli.arguments import add_params, add_skills, imported_skills
-from bt_dualarm.cli.bt_run import seed
+from bt_dualarm.cli.arguments import add_params, add_skills, imported_skills, seed
 from bt_dualarm.cli.entry import FAILED, SUCCEEDED
 from bt_dualarm.core.errors import DualArmError
 

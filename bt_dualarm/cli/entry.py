@@ -287,8 +287,8 @@ def _ended(program: str, argv: Sequence[str] | None) -> int:
     """Call the ``main`` of a program and return its exit code; print expected errors."""
     from bt_dualarm.core.errors import DualArmError, Overrun
 
-    module = import_module(f"bt_dualarm.cli.{program.replace('-', '_')}")
     try:
+        module = import_module(f"bt_dualarm.cli.{program.replace('-', '_')}")
         return int(module.main(argv))
     except DualArmError as error:
         complain(program, error)

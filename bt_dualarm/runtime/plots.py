@@ -1,18 +1,26 @@
-"""Plots of a run: planned and executed paths in the plane and over time."""
+"""Plots of a run: planned and executed paths in the plane and over time, and their files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import cycle, islice
+from pathlib import Path
 from typing import TypedDict
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.runtime.series import Series
-from bt_dualarm.sim.painter import StillRenderer
+from bt_dualarm.core.share import write_atomically
+from bt_dualarm.runtime.outcome import Holding, Holdings, RunResult
+from bt_dualarm.runtime.series import Series, Tracks
+from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
 from bt_dualarm.sim.renderer import Viewpoint
 
 REFERENCES = ("planned", "target")
@@ -255,3 +263,94 @@ def _label_plane(axes: Axes, u: int, v: int, title: str) -> None:
     axes.set_title(title, fontsize=10)
     axes.set_aspect("equal", adjustable="datalim")
     axes.grid(visible=True, alpha=0.3)
+
+
+MOST_DRAWN = 8192
+"""Points plotted per line: several for each column of pixels."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Data for the plots of a run.
+
+    Attributes:
+        tracks: Positions of tools and objects over time.
+        holdings: Attachments of objects to arms.
+        stills: Renderings of the world at the start and at the end.
+    """
+
+    tracks: Tracks
+    holdings: Holdings
+    stills: Sequence[StillRenderer]
+
+
+def files_of(
+    result: RunResult, observed: Observed, stop: StopRequest
+) -> Iterator[tuple[str, Callable[[Path], None]]]:
+    """Yields ``overview.png``, ``scene.png``, ``<arm>_plane.png`` and ``<arm>_time.png``.
+
+    There is no scene without a visible object, and no plot of an arm without series.
+
+    Args:
+        result: Result of the run.
+        observed: Data to plot.
+        stop: The remaining files are skipped once the end is urgent.
+
+    Yields:
+        Name of a file, and the function that draws and writes it.
+    """
+    if not len(observed.tracks.time):
+        return
+    for name, draw in _drawings(result, observed):
+        if stop.urgent:
+            return
+        yield f"{name}.png", partial(_write, draw)
+
+
+def _write(draw: Callable[[], Figure], path: Path) -> None:
+    write_atomically(path, FigureCanvasAgg(draw()).print_png)
+
+
+def _drawings(result: RunResult, observed: Observed) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    time = observed.tracks.time
+    shown = _drawn(len(time))
+    time = time[shown]
+    paths = {name: path[shown] for name, path in observed.tracks.positions().items()}
+    yield "overview", partial(overview, paths, observed.tracks.bases)
+    stills = [still for still in observed.stills if still.is_sound]
+    viewpoint = best_viewpoint(stills, PICTURE[0] / PICTURE[1])
+    if viewpoint is not None:
+        yield "scene", partial(scene, stills, viewpoint)
+    for arm in result.arms.values():
+        leaves = {
+            leaf.partition("/")[2] or leaf: {name: _thinned(one) for name, one in series.items()}
+            for leaf, series in arm.series.items()
+        }
+        if leaves:
+            title = f"{arm.name} ({arm.robot})"
+            carried = _carried(observed.holdings.of(arm.name), time, paths)
+            yield f"{arm.name}_plane", partial(in_plane, leaves, time, carried, title)
+            yield f"{arm.name}_time", partial(over_time, leaves, title)
+
+
+def _thinned(series: Series) -> Series:
+    shown = _drawn(len(series.time))
+    return replace(series, time=series.time[shown], values=series.values[shown])
+
+
+def _drawn(count: int) -> npt.NDArray[np.int_]:
+    """Indices of the points to plot: all, or `MOST_DRAWN` of them, including the ends."""
+    return np.linspace(0, count - 1, min(count, MOST_DRAWN)).round().astype(int)
+
+
+def _carried(
+    holdings: Sequence[Holding], time: Vector, paths: Mapping[str, Matrix]
+) -> dict[str, Matrix]:
+    """Path of each object while it was held, NaN at other times."""
+    found: dict[str, Matrix] = {}
+    for held in holdings:
+        path = paths.get(OBJECT + held.object)
+        if path is not None:
+            during = held.during(time)
+            found.setdefault(held.object, np.full_like(path, np.nan))[during] = path[during]
+    return found

@@ -30,7 +30,7 @@ from bt_dualarm.recording.history_file import (
 from bt_dualarm.runtime.arm_runtime import IdleObserver, RunView
 from bt_dualarm.runtime.events import Journal
 from bt_dualarm.runtime.history import History
-from bt_dualarm.runtime.observations import HashedWorld, Observed, StateLog, files_of
+from bt_dualarm.runtime.observations import HashedWorld, StateLog
 from bt_dualarm.runtime.outcome import Ending, Holdings, HoldingWorld, RunResult
 from bt_dualarm.runtime.report import json_ready, summary_of
 from bt_dualarm.runtime.series import Sample, SampledWorld, Tracks
@@ -485,8 +485,11 @@ class Recorder(IdleObserver):
         yield SUMMARY, lambda path: self._write_summary(path, result)
         if not stop.urgent:
             stills = (self._start, StillRenderer.of(self._world))
-            observed = Observed(self._tracks, self._holdings, stills)
-            yield from files_of(result, observed, stop)
+            # Imported here: matplotlib takes as long to import as a short run.
+            from bt_dualarm.runtime import plots
+
+            observed = plots.Observed(self._tracks, self._holdings, stills)
+            yield from plots.files_of(result, observed, stop)
 
     def _incomplete(self, why: str) -> RecordError:
         return RecordError(f"the record in {self._folder} is not complete: {why}")

@@ -19,7 +19,7 @@ from bt_dualarm.behaviors.report import LeafReport, StatusChange
 from bt_dualarm.core.errors import SkillError
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.core.share import write_atomically, write_text
-from bt_dualarm.runtime import observations, plots
+from bt_dualarm.runtime import plots
 from bt_dualarm.runtime.arm_runtime import ArmView
 from bt_dualarm.runtime.events import LogCapture
 from bt_dualarm.runtime.observations import StateLog
@@ -335,7 +335,7 @@ def test_a_plane_shows_what_its_own_arm_holds_and_nothing_else() -> None:
     time = np.linspace(0.0, 2.0, 21)
     away = np.column_stack((1.0 + time, time, time))
     paths = {"object_mine": 0.1 * away, "object_other": away}
-    carried = observations._carried([Holding("arm1", "mine", 0.5, 1.5)], time, paths)
+    carried = plots._carried([Holding("arm1", "mine", 0.5, 1.5)], time, paths)
     figure: Figure = plots.in_plane(curve().of("arm1"), time, carried, "arm1")
     (axes,) = figure.axes
     assert [line.get_label() for line in axes.lines] == ["mine", "executed", "planned"]
@@ -456,7 +456,7 @@ def test_a_picture_that_cannot_be_drawn_is_left_out_and_told(
     def broken(*_: object) -> None:
         raise ZeroDivisionError("in a plot")
 
-    monkeypatch.setattr(observations, "overview", broken)
+    monkeypatch.setattr(plots, "overview", broken)
     with pytest.raises(RecordError, match=r"overview\.png could not be made: ZeroDivisionError"):
         record(tmp_path / "torn")
     left = {path.name for path in (tmp_path / "torn").iterdir()}
