@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
@@ -39,6 +39,8 @@ from bt_dualarm.spec.values import (
     Refers,
 )
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, TreeInput, with_tuples
+
+Described = TypeVar("Described", Robot, Gripper)
 
 _UNITS = {"width": "m", "speed": "m/s", "force": "N"}
 
@@ -118,8 +120,12 @@ class Names:
         if not {("world",), ("world", "scene")} & self.left_out:
             self._scene()
         for name, arm in self.file.arms.items():
-            robot = self._robot(("arms", name, "robot"), arm.robot)
-            gripper = self._gripper(("arms", name, "gripper"), arm.gripper)
+            robot = self._described(
+                ("arms", name, "robot"), "robot", arm.robot, robot_names(), load_robot
+            )
+            gripper = self._described(
+                ("arms", name, "gripper"), "gripper", arm.gripper, gripper_names(), load_gripper
+            )
             if robot is not None:
                 robot = self._locked(("arms", name, "locked"), arm, robot, gripper)
                 self.robots[name] = robot if gripper is None else with_gripper(robot, gripper)
@@ -144,21 +150,6 @@ class Names:
                     message = f"'{name}' is the name of a part of the scene '{world.scene}' already"
                     self._add((part, name), message, "call it differently", key=True)
 
-    def _robot(self, path: DataPath, name: str) -> Robot | None:
-        if is_unknown(name):
-            return None
-        if not is_description_path(name) and name not in robot_names():
-            self._unknown(path, "robot", name, robot_names())
-            return None
-        try:
-            return load_robot(name, self.file.root)
-        except DescriptionError as error:
-            self._add(path, f"robot '{name}' cannot be used", "its description has errors")
-            self.problems += error.problems
-        except CatalogError as error:
-            self._add(path, f"robot '{name}' cannot be used", str(error))
-        return None
-
     def _locked(self, path: DataPath, arm: ArmSpec, robot: Robot, gripper: Gripper | None) -> Robot:
         """The robot with its locked joints at the file's positions, if these are valid."""
         if not arm.locked or path in self.left_out:
@@ -174,19 +165,27 @@ class Names:
             self._add((*path, joint), message, hint, key=True)
         return load_robot(arm.robot, self.file.root, arm.locked)
 
-    def _gripper(self, path: DataPath, name: str | None) -> Gripper | None:
+    def _described(
+        self,
+        path: DataPath,
+        what: str,
+        name: str | None,
+        known: Iterable[str],
+        read: Callable[[str, Path | None], Described],
+    ) -> Described | None:
+        """The robot or gripper of a name, None if there is none or its description has errors."""
         if name is None or is_unknown(name):
             return None
-        if not is_description_path(name) and name not in gripper_names():
-            self._unknown(path, "gripper", name, gripper_names())
+        if not is_description_path(name) and name not in known:
+            self._unknown(path, what, name, known)
             return None
         try:
-            return load_gripper(name, self.file.root)
+            return read(name, self.file.root)
         except DescriptionError as error:
-            self._add(path, f"gripper '{name}' cannot be used", "its page has errors")
+            self._add(path, f"{what} '{name}' cannot be used", "its description has errors")
             self.problems += error.problems
         except CatalogError as error:
-            self._add(path, f"gripper '{name}' cannot be used", str(error))
+            self._add(path, f"{what} '{name}' cannot be used", str(error))
         return None
 
     def _arm(self, path: DataPath, arm: ArmSpec, robot: Robot) -> None:

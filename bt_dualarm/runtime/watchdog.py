@@ -34,11 +34,10 @@ _LIBRARIES: Final = (
 _WAITING: Final = (
     "bdb",
     "_pydevd_bundle",
-    "bt_dualarm.cli.entry.SafeStream.",
-    "bt_dualarm.cli.entry.Output.",
+    "bt_dualarm.cli.safe_streams",
     "bt_dualarm.planning.process",
 )
-"""Modules and classes that wait for a user at a debugger or terminal, or have their own limits."""
+"""Modules and packages that wait for a user at a debugger or terminal, or have their own limits."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ def _is_a(owner: object, kind: tuple[str, str]) -> bool:
 
 
 def _waits(frame: FrameType) -> bool:
-    return f"{_module(frame)}.{frame.f_code.co_qualname}".startswith(_WAITING)
+    return _module(frame).startswith(_WAITING)
 
 
 def _position(frames: list[FrameType]) -> str:

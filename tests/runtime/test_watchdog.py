@@ -102,7 +102,7 @@ def test_where_no_skill_has_called_it_code_of_the_package_may_take_its_time() ->
 
 def test_a_debugger_and_a_terminal_may_take_their_time() -> None:
     """Code below one of their functions waits for a person."""
-    for module in ("bdb", "bt_dualarm.cli.entry"):
+    for module in ("bdb", "bt_dualarm.cli.safe_streams"):
         names: dict[str, Any] = {"__name__": module, "sleep": time.sleep}
         exec("def prompt(): sleep(0.8)", names)  # noqa: S102 - a module that waits
         dog = Watchdog(0.2, StopRequest())
