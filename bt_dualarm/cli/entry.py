@@ -319,6 +319,9 @@ class ProcessEnd:
         self._before: int | None = None
         self._monitor: subprocess.Popen[bytes] | None = None
         self._is_installed = False
+        # The watchdog's thread postpones the end, and so does the thread that it watches: without
+        # a lock both may start a monitor, and nobody would end the first one.
+        self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
         """Install the handler; without `sysv_signal` in the C library, only the line is printed."""
@@ -336,7 +339,8 @@ class ProcessEnd:
     def __exit__(self, *error: object) -> None:
         """Turn the alarm off."""
         self.postpone(0.0)
-        self._is_installed = False
+        with self._lock:
+            self._is_installed = False
         if self._monitor is not None and self._monitor.stdin is not None:
             with suppress(OSError):
                 self._monitor.stdin.close()
@@ -352,14 +356,15 @@ class ProcessEnd:
         A run that is closed after the block still has a watchdog, which calls this. Without the
         handler the alarm would end the process at once, and nobody would end the monitor.
         """
-        if not self._is_installed:
-            return
-        signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
-        if self._monitor is None and seconds and self._before is not None:
-            self._monitor = _started_monitor()
-        if self._monitor is not None and self._monitor.stdin is not None:
-            with suppress(OSError):  # the monitor has ended; the alarm still covers computing code
-                os.write(self._monitor.stdin.fileno(), f"{seconds}\n".encode())
+        with self._lock:
+            if not self._is_installed:
+                return
+            signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
+            if self._monitor is None and seconds and self._before is not None:
+                self._monitor = _started_monitor()
+            if self._monitor is not None and self._monitor.stdin is not None:
+                with suppress(OSError):  # it has ended; the alarm still covers computing code
+                    os.write(self._monitor.stdin.fileno(), f"{seconds}\n".encode())
 
     def _on_signal(self, _number: int) -> None:
         """Handle the signal, at an arbitrary point of C code in this thread."""

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+import types
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bt_dualarm.cli import entry
 from bt_dualarm.cli.entry import ProcessEnd
 from bt_dualarm.runtime.signals import StopRequest
 from tests.families import some
@@ -205,3 +209,25 @@ def test_a_last_resort_is_none_outside_of_its_block() -> None:
         assert signal.getitimer(signal.ITIMER_VIRTUAL)[0] > 0.0
     end.postpone(60.0)
     assert signal.getitimer(signal.ITIMER_VIRTUAL) == (0.0, 0.0)
+
+
+def test_two_threads_that_postpone_the_end_start_one_monitor(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The watchdog's thread and the one that it watches: the first monitor was never ended."""
+    started = []
+    both = threading.Barrier(2)
+
+    def slowly() -> types.SimpleNamespace:
+        started.append(threading.get_ident())
+        with contextlib.suppress(threading.BrokenBarrierError):
+            both.wait(0.2)  # the second thread comes here at once, or not at all
+        return types.SimpleNamespace(stdin=None, wait=lambda: 0)
+
+    monkeypatch.setattr(entry, "_started_monitor", slowly)
+    with ProcessEnd("bt-run", StopRequest()) as end:
+        other = threading.Thread(target=end.postpone, args=(60.0,))
+        other.start()
+        end.postpone(60.0)
+        other.join()
+    assert len(started) == 1
