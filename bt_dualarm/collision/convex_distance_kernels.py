@@ -1,4 +1,12 @@
-"""Distance between two convex shapes (GJK): compiled."""
+"""Distance between two convex shapes by the algorithm of Gilbert, Johnson and Keerthi (GJK).
+
+E. G. Gilbert, D. W. Johnson, S. S. Keerthi, A fast procedure for computing the distance between
+complex objects in three-dimensional space, IEEE J. Robotics and Automation 4(2), 1988. The nearest
+point of a simplex follows C. Ericson, Real-Time Collision Detection, 2005, section 5.1: by the
+Voronoi region that contains the origin.
+
+A simplex is stored as rows of a matrix: up to four corners, and the nearest point in row `POINT`.
+"""
 
 from __future__ import annotations
 
@@ -9,27 +17,128 @@ from bt_dualarm.collision.kernel_arrays import Frames, Numbers
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix
 
-# The point nearest to the origin of a point, a segment, a triangle or a tetrahedron.
-#
-# After Ericson, Real-Time Collision Detection, 2005, 5.1: by the regions in which the origin can
-# lie.
-# A simplex is rows of a matrix: up to four corners, and the nearest point in row `POINT`.
-
+SCRATCH: Final = (8, 3)
+"""Shape of the scratch array of `distance`: simplex, nearest point, and a support point."""
 
 POINT: Final = 4
 """Row of the nearest point."""
 
+_CORNER: Final = 5
+"""Row of the second shape's support point."""
+
+_ROUNDS: Final = 40
+_EXACT: Final = 1e-4
+"""Relative accuracy of a distance."""
+
+_TINY: Final = 1e-9
+"""Distance up to which shapes count as in contact, m."""
+
+
+@kernel
+def distance(
+    corners: Matrix,
+    ranges: Numbers,
+    frames: Frames,
+    first: int,
+    second: int,
+    enough: float,
+    least: float,
+    hints: Matrix,
+    pair: int,
+    scratch: Matrix,
+) -> float:
+    """Lower bound of the distance between the hulls of two shapes, m; negative: in contact.
+
+    Args:
+        corners: Corners of all shapes, as in `ConvexShapes`.
+        ranges: Corners of each shape, as in `ConvexShapes`.
+        frames: Motion of everything that the first 0, 1, ... joints move, from the reference.
+        first: Index of a shape.
+        second: Index of the other shape.
+        enough: Distance above which the exact value does not matter, m.
+        least: Distance below which the exact value does not matter, m.
+        hints: Initial directions from the second to the first, of shape (p, 3); updated.
+        pair: Row of `hints` for this pair.
+        scratch: Scratch array of shape `SCRATCH`.
+    """
+    # For any direction, the gap between the supporting planes is a lower bound of the distance.
+    # Only these bounds are returned: errors of the iteration make distances smaller, never larger.
+    x = hints[pair, 0]
+    y = hints[pair, 1]
+    z = hints[pair, 2]
+    lower = float(-math.inf)
+    count = 0
+    for _ in range(_ROUNDS):
+        length = max(math.sqrt(x * x + y * y + z * z), _TINY)
+        # A pair moves little between two configurations: its last direction separates it at once.
+        hints[pair, 0] = x
+        hints[pair, 1] = y
+        hints[pair, 2] = z
+        # Support point of the Minkowski difference, opposite to the direction of the nearest point.
+        write_support_point(corners, ranges, frames, first, -x, -y, -z, scratch, count)
+        write_support_point(corners, ranges, frames, second, x, y, z, scratch, _CORNER)
+        for i in range(3):
+            scratch[count, i] -= scratch[_CORNER, i]
+        gap = (x * scratch[count, 0] + y * scratch[count, 1] + z * scratch[count, 2]) / length
+        lower = max(lower, gap)
+        # In the first round the length is that of the hint, not an upper bound of the distance.
+        if lower >= enough or (count > 0 and length - gap <= _EXACT * length):
+            break
+        count = nearest(scratch, count + 1)
+        x = scratch[POINT, 0]
+        y = scratch[POINT, 1]
+        z = scratch[POINT, 2]
+        # Nearest point of the simplex: an upper bound, so that a value below `least` is final.
+        if count == 4 or math.sqrt(x * x + y * y + z * z) < max(least, _TINY):
+            return float(lower - _TINY)
+    return float(lower)
+
+
+@kernel
+def write_support_point(
+    corners: Matrix,
+    ranges: Numbers,
+    frames: Frames,
+    shape: int,
+    x: float,
+    y: float,
+    z: float,
+    scratch: Matrix,
+    row: int,
+) -> None:
+    """Write the corner of a shape that is farthest in the direction (x, y, z) into a row."""
+    f = ranges[shape, 2]
+    # The direction is rotated back into the reference configuration once, instead of each corner
+    # into the current one.
+    u = x * frames[f, 0, 0] + y * frames[f, 1, 0] + z * frames[f, 2, 0]
+    v = x * frames[f, 0, 1] + y * frames[f, 1, 1] + z * frames[f, 2, 1]
+    w = x * frames[f, 0, 2] + y * frames[f, 1, 2] + z * frames[f, 2, 2]
+    best = -math.inf
+    found = ranges[shape, 0]
+    for k in range(ranges[shape, 0], ranges[shape, 1]):
+        reach = u * corners[k, 0] + v * corners[k, 1] + w * corners[k, 2]
+        if reach > best:
+            best = reach
+            found = k
+    for i in range(3):
+        scratch[row, i] = (
+            frames[f, i, 0] * corners[found, 0]
+            + frames[f, i, 1] * corners[found, 1]
+            + frames[f, i, 2] * corners[found, 2]
+            + frames[f, i, 3]
+        )
+
 
 @kernel
 def nearest(simplex: Matrix, count: int) -> int:
-    """Enter the point nearest to the origin, and leave those corners alone that it hangs on.
+    """Write the point nearest to the origin, and keep only the corners that span it.
 
     Args:
-        simplex: Corners, of shape (5 or more, 3); those that are left come first.
+        simplex: Corners, of shape (5 or more, 3); the remaining ones are moved to the front.
         count: Number of corners, 1 to 4.
 
     Returns:
-        How many corners are left; 4 where the origin lies inside.
+        Number of corners that remain; 4 if the origin is inside.
     """
     if count == 1:
         return _at_corner(simplex, 0)
@@ -41,28 +150,8 @@ def nearest(simplex: Matrix, count: int) -> int:
 
 
 @kernel
-def _product(simplex: Matrix, a: int, b: int, c: int, d: int) -> float:
-    """Of the way from row a to row b with that from row c to row d."""
-    return float(
-        (simplex[b, 0] - simplex[a, 0]) * (simplex[d, 0] - simplex[c, 0])
-        + (simplex[b, 1] - simplex[a, 1]) * (simplex[d, 1] - simplex[c, 1])
-        + (simplex[b, 2] - simplex[a, 2]) * (simplex[d, 2] - simplex[c, 2])
-    )
-
-
-@kernel
-def _dot(simplex: Matrix, a: int, b: int, c: int) -> float:
-    """Product of the way from row a to row b with row c."""
-    return float(
-        (simplex[b, 0] - simplex[a, 0]) * simplex[c, 0]
-        + (simplex[b, 1] - simplex[a, 1]) * simplex[c, 1]
-        + (simplex[b, 2] - simplex[a, 2]) * simplex[c, 2]
-    )
-
-
-@kernel
 def _at_corner(simplex: Matrix, a: int) -> int:
-    """As `nearest`, of one corner."""
+    """`nearest` for one corner."""
     for i in range(3):
         simplex[POINT, i] = simplex[0, i] = simplex[a, i]
     return 1
@@ -70,7 +159,7 @@ def _at_corner(simplex: Matrix, a: int) -> int:
 
 @kernel
 def _on_segment(simplex: Matrix, a: int, b: int) -> int:
-    """As `nearest`, of two corners."""
+    """`nearest` for two corners."""
     along = -_dot(simplex, a, b, a)
     square = _product(simplex, a, b, a, b)
     if along <= 0.0 or square == 0.0:
@@ -78,6 +167,7 @@ def _on_segment(simplex: Matrix, a: int, b: int) -> int:
     if along >= square:
         return _at_corner(simplex, b)
     share = along / square
+    # Both rows are read before either is written: b may be row 0 on a face of a tetrahedron.
     for i in range(3):
         start = simplex[a, i]
         end = simplex[b, i]
@@ -89,13 +179,15 @@ def _on_segment(simplex: Matrix, a: int, b: int) -> int:
 
 @kernel
 def _on_triangle(simplex: Matrix, a: int, b: int, c: int) -> int:
-    """As `nearest`, of three corners."""
+    """`nearest` for three corners."""
+    # d1 ... d6 as in Ericson 5.1.5, with the origin as the query point.
     d1 = -_dot(simplex, a, b, a)
     d2 = -_dot(simplex, a, c, a)
     d3 = -_dot(simplex, a, b, b)
     d4 = -_dot(simplex, a, c, b)
     d5 = -_dot(simplex, a, b, c)
     d6 = -_dot(simplex, a, c, c)
+    # Barycentric coordinates of the origin's projection, times the square of |ab x ac|.
     at_c = d1 * d4 - d3 * d2
     at_b = d5 * d2 - d1 * d6
     at_a = d3 * d6 - d5 * d4
@@ -125,14 +217,14 @@ def _on_triangle(simplex: Matrix, a: int, b: int, c: int) -> int:
 
 @kernel
 def _on_tetrahedron(simplex: Matrix) -> int:
-    """As `nearest`, of four corners: by the faces that the origin is outside of."""
+    """`nearest` for four corners: the nearest of the faces that the origin is outside of."""
     least = math.inf
     face = -1
     trial = simplex.copy()
     for across in range(4):
         if not _is_outside(simplex, across):
             continue
-        trial[:] = simplex
+        trial[:] = simplex  # the triangle's solution overwrites its corners
         _on_triangle(trial, (across + 1) % 4, (across + 2) % 4, (across + 3) % 4)
         square = trial[POINT, 0] ** 2 + trial[POINT, 1] ** 2 + trial[POINT, 2] ** 2
         if square < least:
@@ -145,7 +237,7 @@ def _on_tetrahedron(simplex: Matrix) -> int:
 
 @kernel
 def _is_outside(simplex: Matrix, across: int) -> bool:
-    """Whether the origin and a corner are not on one side of the face across."""
+    """Whether the origin is not on the same side of a face as the opposite corner."""
     a = (across + 1) % 4
     b = (across + 2) % 4
     c = (across + 3) % 4
@@ -158,114 +250,28 @@ def _is_outside(simplex: Matrix, across: int) -> bool:
     x = uy * vz - uz * vy
     y = uz * vx - ux * vz
     z = ux * vy - uy * vx
+    # Heights along the normal; the sign of the normal cancels in the product. A flat tetrahedron
+    # has product zero, and counts as outside of all its faces.
     face = x * simplex[a, 0] + y * simplex[a, 1] + z * simplex[a, 2]
     corner = x * simplex[across, 0] + y * simplex[across, 1] + z * simplex[across, 2]
     return bool(-face * (corner - face) <= 0.0)
 
 
-# How far apart two convex shapes are: as near as is needed, and never too far.
-#
-# Gilbert, Johnson and Keerthi (1988): whatever direction is looked along, the gap between the
-# shapes
-# in that direction is a lower bound of their distance. It is all that is made use of, so that
-# errors
-# of the iteration make distances smaller, not larger.
-
-
-SCRATCH: Final = (8, 3)
-"""Shape of what `distance` writes in."""
-
-_CORNER: Final = 5
-_ROUNDS: Final = 40
-_EXACT: Final = 1e-4
-"""Share of a distance to which it is found."""
-
-_TINY: Final = 1e-9
-"""Meters; shapes that are as near touch."""
+@kernel
+def _product(simplex: Matrix, a: int, b: int, c: int, d: int) -> float:
+    """Dot product of the vectors from row a to row b and from row c to row d."""
+    return float(
+        (simplex[b, 0] - simplex[a, 0]) * (simplex[d, 0] - simplex[c, 0])
+        + (simplex[b, 1] - simplex[a, 1]) * (simplex[d, 1] - simplex[c, 1])
+        + (simplex[b, 2] - simplex[a, 2]) * (simplex[d, 2] - simplex[c, 2])
+    )
 
 
 @kernel
-def distance(
-    corners: Matrix,
-    heaps: Numbers,
-    frames: Frames,
-    first: int,
-    second: int,
-    enough: float,
-    least: float,
-    hints: Matrix,
-    pair: int,
-    scratch: Matrix,
-) -> float:
-    """A lower bound of the distance of the corners of two shapes in m; negative: they touch.
-
-    Args:
-        corners: Corners of all shapes, as `Shapes` has them.
-        heaps: Which of them are whose, as `Shapes` has them.
-        frames: Where what has been moved by so many joints is, from where it was.
-        first: Number of a shape.
-        second: Number of another.
-        enough: Meters above which nothing more is to be known.
-        least: Meters below which nothing more is to be known.
-        hints: Directions to begin with, from the second to the first, of shape (p, 3); renewed.
-        pair: Row of theirs.
-        scratch: Room to write in, of shape `SCRATCH`.
-    """
-    x = hints[pair, 0]
-    y = hints[pair, 1]
-    z = hints[pair, 2]
-    lower = float(-math.inf)
-    count = 0
-    for _ in range(_ROUNDS):
-        length = max(math.sqrt(x * x + y * y + z * z), _TINY)
-        hints[pair, 0] = x
-        hints[pair, 1] = y
-        hints[pair, 2] = z
-        enter_farthest(corners, heaps, frames, first, -x, -y, -z, scratch, count)
-        enter_farthest(corners, heaps, frames, second, x, y, z, scratch, _CORNER)
-        for i in range(3):
-            scratch[count, i] -= scratch[_CORNER, i]
-        gap = (x * scratch[count, 0] + y * scratch[count, 1] + z * scratch[count, 2]) / length
-        lower = max(lower, gap)
-        if lower >= enough or (count > 0 and length - gap <= _EXACT * length):
-            break
-        count = nearest(scratch, count + 1)
-        x = scratch[POINT, 0]
-        y = scratch[POINT, 1]
-        z = scratch[POINT, 2]
-        if count == 4 or math.sqrt(x * x + y * y + z * z) < max(least, _TINY):
-            return float(lower - _TINY)
-    return float(lower)
-
-
-@kernel
-def enter_farthest(
-    corners: Matrix,
-    heaps: Numbers,
-    frames: Frames,
-    shape: int,
-    x: float,
-    y: float,
-    z: float,
-    scratch: Matrix,
-    row: int,
-) -> None:
-    """Enter the corner of a shape that lies farthest in the direction (x, y, z) into a row."""
-    f = heaps[shape, 2]
-    u = x * frames[f, 0, 0] + y * frames[f, 1, 0] + z * frames[f, 2, 0]
-    v = x * frames[f, 0, 1] + y * frames[f, 1, 1] + z * frames[f, 2, 1]
-    w = x * frames[f, 0, 2] + y * frames[f, 1, 2] + z * frames[f, 2, 2]
-    best = -math.inf
-    found = heaps[shape, 0]
-    for k in range(heaps[shape, 0], heaps[shape, 1]):
-        reach = u * corners[k, 0] + v * corners[k, 1] + w * corners[k, 2]
-        if reach > best:
-            best = reach
-            found = k
-    for i in range(3):
-        scratch[row, i] = (
-            frames[f, i, 0] * corners[found, 0]
-            + frames[f, i, 1] * corners[found, 1]
-            + frames[f, i, 2] * corners[found, 2]
-            + frames[f, i, 3]
-        )
+def _dot(simplex: Matrix, a: int, b: int, c: int) -> float:
+    """Dot product of the vector from row a to row b with row c."""
+    return float(
+        (simplex[b, 0] - simplex[a, 0]) * simplex[c, 0]
+        + (simplex[b, 1] - simplex[a, 1]) * simplex[c, 1]
+        + (simplex[b, 2] - simplex[a, 2]) * simplex[c, 2]
+    )

@@ -1,4 +1,8 @@
-"""What the kernels of the search read: an arm's joints, shapes, and which of them may meet."""
+"""Arrays that the kernels of swept collision checks and of RRT-Connect read and write.
+
+Named tuples of arrays are the only structures that compiled code reads at full speed. `SweptArm` is
+the model of one arm in its world, `Query` the problem of a search, `Trees` its result.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +16,20 @@ from bt_dualarm.core.pose import Matrix, Vector
 Numbers: TypeAlias = npt.NDArray[np.int64]
 
 Draws: TypeAlias = npt.NDArray[np.uint64]
-"""State of a sequence of random numbers, of shape (1,); not zero."""
+"""State of a random number generator, of shape (1,); not zero."""
 
 Frames: TypeAlias = npt.NDArray[np.float64]
-"""Transforms, of shape (n, 3, 4): a rotation, and a place in the last column; or without it."""
+"""Transforms, of shape (n, 3, 4): rotation, and translation in the last column; or rotations only,
+of shape (n, 3, 3)."""
 
 
 class Joints(NamedTuple):
-    """The turning joints of one arm, base to tip, as they stand in its reference configuration.
+    """Revolute joints of one arm, base to tip, in its reference configuration.
 
     Attributes:
-        reference: The configuration, of shape (dof,), rad.
+        reference: Reference configuration, of shape (dof,), rad.
         anchors: Points on the axes in the world, of shape (dof, 3), m.
-        axes: Directions of the axes, of shape (dof, 3).
+        axes: Directions of the axes in the world, of shape (dof, 3).
     """
 
     reference: Vector
@@ -33,49 +38,51 @@ class Joints(NamedTuple):
 
 
 class ConvexShapes(NamedTuple):
-    """Convex shapes, where they are in the reference configuration: corners, rounded by a radius.
+    """Convex shapes in the reference configuration: hulls of corners, inflated by a radius.
 
     A half space has no corners; its center is a point of its plane.
 
     Attributes:
         corners: Corners of all shapes in the world, of shape (c, 3), m.
-        heaps: First corner of each shape, the first after its last, and the number of joints that
+        ranges: First corner of each shape, the first after its last, and the number of joints that
             move it, of shape (n, 3).
-        radii: Meters by which each is rounded, of shape (n,).
-        centers: Centers of spheres and of boxes around them, of shape (n, 3), m.
-        bounds: Radii of the spheres; inf for a half space, of shape (n,), m.
-        turns: Axes of the boxes as columns, of shape (n, 3, 3).
-        halves: Half of the edges of the boxes, of shape (n, 3), m.
-        normals: Outward normals of half spaces, zero of the others, of shape (n, 3).
-        reaches: Meters that any point of each is moved at most by a radian of each joint, (n, dof).
+        radii: Radius of inflation of each shape, of shape (n,), m.
+        centers: Centers of the bounding spheres and bounding boxes in the world, of shape (n, 3),
+            m.
+        bounds: Radii of the bounding spheres, of shape (n,), m; inf for a half space.
+        rotations: Axes of the bounding boxes as columns, of shape (n, 3, 3).
+        half_extents: Half of the edges of the bounding boxes, of shape (n, 3), m.
+        normals: Outward normals of half spaces, of shape (n, 3); zero for other shapes.
+        reaches: Largest motion of any point of each shape per radian of each joint, in any
+            configuration, of shape (n, dof), m/rad.
     """
 
     corners: Matrix
-    heaps: Numbers
+    ranges: Numbers
     radii: Vector
     centers: Matrix
     bounds: Vector
-    turns: Frames
-    halves: Matrix
+    rotations: Frames
+    half_extents: Matrix
     normals: Matrix
     reaches: Matrix
 
 
 class Pairs(NamedTuple):
-    """Pairs of shapes that are to keep apart; the first is moved by more joints than the second.
+    """Pairs of shapes to check; the first is moved by more joints than the second.
 
     Attributes:
-        first: Numbers of shapes, of shape (p,).
-        second: Numbers of shapes, of shape (p,).
-        least: Distances that they keep, of shape (p,), m; negative where they may touch.
-        apart: Directions from the second to the first in which they are apart, or least in one
-            another where they may touch, of shape (p, 3): where to look first.
+        first: Indices of shapes, of shape (p,).
+        second: Indices of shapes, of shape (p,).
+        least: Least allowed distances, of shape (p,), m; negative where penetration is allowed.
+        directions: Initial separating directions from the second to the first, or directions of
+            least penetration where that is allowed, of shape (p, 3).
     """
 
     first: Numbers
     second: Numbers
     least: Vector
-    apart: Matrix
+    directions: Matrix
 
 
 class SweptArm(NamedTuple):
@@ -83,26 +90,26 @@ class SweptArm(NamedTuple):
 
     Attributes:
         joints: Joints of the arm.
-        shapes: Shapes that it has, and that it may meet.
-        pairs: Which of them are to keep apart.
-        spare: Meters that they keep between them besides, but near the ends of a way.
+        shapes: Shapes of the arm and of everything that it may collide with.
+        pairs: Pairs of shapes to check.
+        clearance: Distance to keep on top of the least distances except near the ends of a path, m.
     """
 
     joints: Joints
     shapes: ConvexShapes
     pairs: Pairs
-    spare: float
+    clearance: float
 
 
 class Query(NamedTuple):
-    """Where a search looks, and for how long.
+    """Sampling bounds and limits of a search.
 
     Attributes:
-        lower: Least angles that are drawn, of shape (dof,), rad.
-        upper: Largest angles that are drawn, of shape (dof,), rad.
-        radii: Meters that the arm moves at most per radian of each joint, of shape (dof,).
-        longest: Longest branch of the trees, in meters that the arm moves.
-        checks: Number of configurations at which it ends.
+        lower: Lower bounds of samples, of shape (dof,), rad.
+        upper: Upper bounds of samples, of shape (dof,), rad.
+        radii: Largest motion of the arm per radian of each joint, of shape (dof,), m/rad.
+        longest: Longest extension of a tree, as motion of the arm, m.
+        checks: Number of configurations checked after which the search ends.
     """
 
     lower: Vector
@@ -113,11 +120,11 @@ class Query(NamedTuple):
 
 
 class Trees(NamedTuple):
-    """Two trees, each with room for so many nodes.
+    """Two trees with a fixed capacity of nodes.
 
     Attributes:
-        nodes: Configurations, of shape (2, most, dof), rad.
-        parents: Numbers of the nodes that they hang on, of shape (2, most); -1 of a root.
+        nodes: Configurations, of shape (2, capacity, dof), rad.
+        parents: Indices of the parent nodes, of shape (2, capacity); -1 for a root.
         counts: Numbers of nodes, of shape (2,).
     """
 

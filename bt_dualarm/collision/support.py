@@ -1,4 +1,8 @@
-"""Would an object stand where it is to be put? By the shapes that are declared below it."""
+"""Stability of a placed object: what supports it at a pose, and whether it tips, slides or rolls.
+
+`support_below` lowers an object onto the geoms below it without a simulation. `bearing_ahead` finds
+the first surface along a line of sight that could support something.
+"""
 
 from __future__ import annotations
 
@@ -18,33 +22,46 @@ if TYPE_CHECKING:
 
 
 MARGIN_M: Final = 0.003
-"""Distance in meters that the center of mass keeps from the edge of what bears it: an arm puts
-things down to a millimeter, and a file knows what is where to another. The edge is found by rays,
-up to a fifteenth of the object's width too far inside."""
+"""Distance of the center of mass from the edge of the support, m: an arm places objects to 1 mm,
+and positions in a tree file are known to another. The edge is found by rays, up to a fifteenth of
+the object's width too far inside."""
 
-_RAYS: Final = (
-    16  # along each axis of the footprint; even, so that none meets a ball's lowest point
-)
-_INSET: Final = 1e-4  # m from the outline, where a ray may miss
-_NEAR_M: Final = 0.005  # around the lowest point of what rolls
-_LEVEL: Final = math.tan(math.radians(0.3))  # slope on which a ball stays by its rolling friction
-_BULGE_M: Final = 5e-5  # in that distance: a ball of 0.25 m radius
-_UPRIGHT: Final = 0.5  # cosine, of a cylinder that stands
-_FLAT: Final = math.radians(5.0)  # slope of what something flat may lie on
-_STEEPEST: Final = 0.8  # share of the slope that friction bears
+_RAYS: Final = 16
+"""Rays along each axis of the footprint; even, so that none hits a sphere's lowest point."""
+
+_INSET: Final = 1e-4
+"""Distance of the outermost rays from the outline, m: on it, a ray may miss the object."""
+
+_NEAR_M: Final = 0.005
+"""Distance from the lowest point of a round object within which the support must be level, m."""
+
+_LEVEL: Final = math.tan(math.radians(0.3))
+"""Largest slope on which rolling friction holds a ball."""
+
+_BULGE_M: Final = 5e-5
+"""Largest rise of the support within `_NEAR_M`, m: that of a ball of 0.25 m radius."""
+
+_UPRIGHT: Final = 0.5
+"""Least cosine of the tilt of a standing cylinder's axis."""
+
+_FLAT: Final = math.radians(5.0)
+"""Largest slope of a surface that supports a flat object, rad."""
+
+_STEEPEST: Final = 0.8
+"""Largest slope as a share of the friction coefficient."""
 
 
 @dataclass(frozen=True)
 class Support:
-    """What an object meets as it is lowered, and how it stands on that.
+    """Support of a lowered object.
 
     Attributes:
-        below: Distance in m that it is lowered until it touches; negative if it touches higher up.
-        tilt: Most by which it would tip until it rests, in rad, wherever its center of mass is
-            within `MARGIN_M` from the middle.
-        slope: Slope of what bears it, rad.
+        below: Distance by which it is lowered until contact, m; negative if it touches higher up.
+        tilt: Largest angle by which it tips until it rests, rad, for any center of mass within
+            `MARGIN_M` of its middle.
+        slope: Slope of the supporting surface, rad.
         friction: Coefficient of friction between the two.
-        rolls: Whether it would roll away: it is round, and what is below it slopes or bulges.
+        rolls: Whether it would roll away: a round object on a surface that slopes or bulges.
     """
 
     below: float
@@ -55,30 +72,30 @@ class Support:
 
     @property
     def slides(self) -> bool:
-        """Whether friction does not hold it on the slope, with a fifth of it in hand."""
+        """Whether friction does not hold it on the slope with a reserve of a fifth."""
         return math.tan(self.slope) > _STEEPEST * self.friction
 
 
 def support_below(
     world: World, thing: str, pose: Pose, above: float, below: float
 ) -> Support | None:
-    """What would bear an object at a pose, by the shapes of the world as plans know it.
+    """Support of an object at a pose, by the sensed state of the world.
 
-    Arms and what they hold bear nothing.
+    Arms and their payloads support nothing.
 
-    The object is lowered without turning: the gaps between its lower side and what is below it are
+    The object is lowered without turning: the gaps between its lower side and the geoms below are
     measured along vertical rays. It comes to rest on the facet of their lower convex hull that is
     below its center of mass, and tips by the slope of that facet.
 
     Args:
-        world: World that is looked at now, and never changed.
-        thing: Name of the object; where that is now does not count.
-        pose: Pose in the world.
-        above: Distance in m above the pose from which it is lowered.
-        below: Distance in m below the pose to which it is.
+        world: World in its current state; never changed.
+        thing: Name of the object; its current pose does not count.
+        pose: Pose of the object in the world.
+        above: Distance above the pose from which it is lowered, m.
+        below: Distance below the pose to which it is lowered, m.
 
     Returns:
-        The support; None where it meets nothing in between.
+        The support; None if there is none within these distances.
     """
     drop = np.array((0.0, 0.0, above))
     lower = _lower_side(world, thing, pose)
@@ -88,69 +105,76 @@ def support_below(
     nearest = float(gaps.min())
     if not -above < nearest <= below:
         return None
+    # Rays into a void are cut off: the hull needs finite gaps, and a facet that deep is steeper
+    # than 45 degrees in any case.
     gaps = np.minimum(gaps, nearest + max(float(np.ptp(lower[:, :2])), below))
     flat = np.column_stack((lower[:, :2] - pose.position[:2], gaps))
     hull = _LowerHull(flat)
     around = np.arange(8) * (math.pi / 4.0)
-    room = 0.4 * float(np.ptp(flat[:, :2], axis=0).min())  # of what is thinner than the margin
+    # An object thinner than the margin could not keep it from its own edges.
+    room = 0.4 * float(np.ptp(flat[:, :2], axis=0).min())
     ring = min(MARGIN_M, room) * np.column_stack((np.cos(around), np.sin(around)))
     tilt: float = max(hull.tilt(at) for at in (np.zeros(2), *ring))
-    bearing = [hits[i] for i in hull.corners(np.zeros(2))]
-    near = [hit for hit in bearing if hit.geom >= 0]
-    slope = max((hit.slope for hit in near), default=0.0)
-    rubs = [float(world.model.geom_friction[hit.geom, 0]) for hit in near]
-    friction = max(world.objects[thing].friction, min(rubs, default=0.0))
+    corners = [hits[i] for i in hull.corners(np.zeros(2))]
+    bearing = [hit for hit in corners if hit.geom >= 0]
+    slope = max((hit.slope for hit in bearing), default=0.0)
+    coefficients = [float(world.model.geom_friction[hit.geom, 0]) for hit in bearing]
+    # MuJoCo combines the friction of two geoms by their maximum.
+    friction = max(world.objects[thing].friction, min(coefficients, default=0.0))
     spec = world.objects[thing]
     axis = pose.rotation_matrix[:, 2]
     if spec.shape == "box" or (spec.shape == "cylinder" and abs(axis[2]) > _UPRIGHT):
         return Support(nearest, tilt, slope, friction, rolls=False)
     if spec.shape == "capsule" and abs(axis[2]) > _UPRIGHT:
         return Support(nearest, tilt, slope, friction, rolls=tilt > _LEVEL)
+    # A lying cylinder or capsule rolls across its axis, a sphere in any direction.
     along = axis[:2] / max(math.hypot(axis[0], axis[1]), 1e-9)
     across = [np.array((-along[1], along[0]))]
     if spec.shape == "sphere":
         across = [np.array((1.0, 0.0)), np.array((0.0, 1.0))]
     lowest = lower[int(np.argmin(gaps))]
-    level = all(rays.is_level(lowest + drop, way) for way in across)
+    level = all(rays.is_level(lowest + drop, direction) for direction in across)
     if level and spec.shape == "sphere":
         return Support(nearest, 0.0, 0.0, friction, rolls=False)
     if level:
         ends = (-min(MARGIN_M, room) * along, min(MARGIN_M, room) * along)
         tilt = max(abs(float(hull.gradient(at) @ along)) for at in ends)
         return Support(nearest, math.atan(tilt), slope, friction, rolls=False)
-    # Between two things it lies as in a trough.
+    # Between two objects it lies as in a trough.
     return Support(nearest, tilt, slope, friction, rolls=tilt > math.radians(1.0))
 
 
 def bearing_ahead(
     world: World, start: Vector, toward: Vector, passes: Collection[str]
 ) -> float | None:
-    """How far away what could bear something is along a line of sight, by the shapes of plans.
+    """Distance along a line of sight to a surface that could support an object.
 
-    Arms and what they hold bear nothing.
+    Arms and their payloads support nothing, and do not block the line.
 
     Args:
-        world: World that is looked at now, and never changed.
-        start: Where the line begins, of shape (3,), m.
-        toward: Its direction, of shape (3,) and length 1.
-        passes: Names of objects that are looked through.
+        world: World in its current state; never changed.
+        start: Beginning of the line in the world, of shape (3,), m.
+        toward: Unit vector of its direction in the world, of shape (3,).
+        passes: Names of objects that do not block the line.
 
     Returns:
-        Distance in m; None where the line meets nothing, or nothing that faces upward there.
+        Distance in m; None if the line hits nothing, or first something that is not level.
     """
     solid = (world.model.geom_contype != 0) | (world.model.geom_conaffinity != 0)
-    left_out = _borne(world) | {world.object_geom(name) for name in passes if name in world.objects}
+    left_out = _arm_geoms(world) | {
+        world.object_geom(name) for name in passes if name in world.objects
+    }
     hit = _first_hit(world, set(np.flatnonzero(solid).tolist()) - left_out, start, toward)
     return hit.length if math.isfinite(hit.length) and hit.slope <= _FLAT else None
 
 
 @dataclass(frozen=True)
 class _Hit:
-    """Where a ray ends.
+    """End of a ray.
 
     Attributes:
-        length: Way in m; infinite where nothing is below.
-        geom: Id of the shape, -1 for none.
+        length: Length of the ray, m; infinite if it hits nothing.
+        geom: Id of the geom, -1 for none.
         slope: Slope of its surface, rad.
     """
 
@@ -160,12 +184,12 @@ class _Hit:
 
 
 class _Rays:
-    """Vertical rays onto what stands still below an object.
+    """Vertical rays onto the fixed geoms and free objects below an object.
 
     Args:
-        world: World that is looked at now.
+        world: World in its current state.
         thing: Name of the object, which is left out.
-        lower: Points from near which rays go down, of shape (n, 3), m.
+        lower: Points near which the rays start, of shape (n, 3), m.
     """
 
     def __init__(self, world: World, thing: str, lower: Matrix) -> None:
@@ -174,29 +198,31 @@ class _Rays:
         self._world = world
         middle = lower[:, :2].mean(axis=0)
         wide = float(np.linalg.norm(lower[:, :2] - middle, axis=1).max()) + 2.0 * _NEAR_M
+        # Geoms whose bounding sphere no ray can hit are left out; a plane has none.
         aside = np.linalg.norm(sensed.geom_xpos[:, :2] - middle, axis=1)
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         near = plane | (aside <= wide + model.geom_rbound)
-        left_out = {world.object_geom(thing)} | _borne(world)
+        left_out = {world.object_geom(thing)} | _arm_geoms(world)
         solid = near & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
         self._geoms = [geom for geom in np.flatnonzero(solid).tolist() if geom not in left_out]
 
     def down(self, point: Vector) -> _Hit:
-        """Where a ray downwards from a point of the world, of shape (3,), ends."""
+        """First hit of a ray downward from a point of the world, of shape (3,)."""
         return _first_hit(self._world, self._geoms, point, np.array((0.0, 0.0, -1.0)))
 
-    def is_level(self, point: Vector, way: Vector) -> bool:
-        """Whether what is below a point neither slopes nor bulges along a way of shape (2,)."""
-        step = np.array((*(_NEAR_M * way), 0.0))
-        back, here, on = (self.down(point + side * step).length for side in (-1.0, 0.0, 1.0))
-        if not (math.isfinite(back) and math.isfinite(on)):
+    def is_level(self, point: Vector, direction: Vector) -> bool:
+        """Whether the surface below a point neither slopes nor bulges along a direction, (2,)."""
+        step = np.array((*(_NEAR_M * direction), 0.0))
+        before, here, after = (self.down(point + side * step).length for side in (-1.0, 0.0, 1.0))
+        if not (math.isfinite(before) and math.isfinite(after)):
             return False
-        slope = abs(on - back) / (2.0 * _NEAR_M)
-        return slope <= _LEVEL and 0.5 * (back + on) - here <= _BULGE_M
+        # Central differences; a ray is longer where the surface is lower.
+        slope = abs(after - before) / (2.0 * _NEAR_M)
+        return slope <= _LEVEL and 0.5 * (before + after) - here <= _BULGE_M
 
 
-def _borne(world: World) -> set[int]:
-    """Shapes of the arms and of what they hold."""
+def _arm_geoms(world: World) -> set[int]:
+    """Geoms of the arms and of their payloads."""
     found = set[int]()
     for name, body in world.arms.items():
         found |= set(body.geom_ids)
@@ -205,7 +231,7 @@ def _borne(world: World) -> set[int]:
 
 
 def _first_hit(world: World, geoms: Collection[int], point: Vector, toward: Vector) -> _Hit:
-    """Where a ray from a point of the world, of shape (3,), first meets one of some shapes."""
+    """First hit of a ray from a point of the world, of shape (3,), among some geoms."""
     model = world.model
     data = world.sensed
     best = _Hit(math.inf, -1, 0.0)
@@ -220,41 +246,45 @@ def _first_hit(world: World, geoms: Collection[int], point: Vector, toward: Vect
             size = model.geom_size[geom]
             length = mujoco.mju_rayGeom(center, axes, size, point, toward, kind, normal)
         if 0.0 <= length < best.length:
+            # A component of exactly zero counts as level, vertical sides of upright boxes included.
             upward = min(abs(float(normal[2])), 1.0) or 1.0
             best = _Hit(float(length), geom, math.acos(upward))
     return best
 
 
 class _LowerHull:
-    """The lower convex hull of points.
+    """Lower convex hull of points.
 
     Args:
-        points: Places and heights, of shape (n, 3), m.
+        points: Horizontal positions and heights, of shape (n, 3), m.
     """
 
     def __init__(self, points: Matrix) -> None:
-        apex = (*points[:, :2].mean(axis=0), points[:, 2].max() + 1.0)  # else it may have no volume
+        # An apex above all points: without it, the hull of a flat support has no volume.
+        apex = (*points[:, :2].mean(axis=0), points[:, 2].max() + 1.0)
         hull = scipy.spatial.ConvexHull(np.vstack((points, apex)))
         is_lower = hull.equations[:, 2] < -1e-9
         equations = hull.equations[is_lower]
+        # A facet is n . x + d = 0 with the outward normal n, hence z = -(n_x x + n_y y + d) / n_z.
         self._corners = hull.simplices[is_lower]
         self._gradients = -equations[:, :2] / equations[:, 2:3]
         self._heights = -equations[:, 3] / equations[:, 2]
 
     def _facet(self, at: Vector) -> int:
+        # The hull is convex from below: its height is the maximum over the planes of its facets.
         return int(np.argmax(self._gradients @ at + self._heights))
 
     def gradient(self, at: Vector) -> Vector:
-        """Slope along x and y of the facet at a place, each of shape (2,)."""
+        """Slope along x and y of the facet at a position, both of shape (2,)."""
         gradient: Vector = self._gradients[self._facet(at)]
         return gradient
 
     def tilt(self, at: Vector) -> float:
-        """Angle of that facet, rad."""
+        """Slope of the facet at a position of shape (2,), rad."""
         return math.atan(float(np.linalg.norm(self.gradient(at))))
 
     def corners(self, at: Vector) -> list[int]:
-        """Which of the points are its corners."""
+        """Indices of the points at the corners of the facet at a position of shape (2,)."""
         found: list[int] = self._corners[self._facet(at)].tolist()
         return found
 
@@ -266,6 +296,7 @@ def _lower_side(world: World, thing: str, pose: Pose) -> Matrix:
     turn = pose.rotation_matrix
     half = half_extents(spec.shape, spec.size, turn) - (_INSET, _INSET, 0.0)
     shares = np.linspace(-1.0, 1.0, _RAYS)
+    # Rays from below hit the lower side first, whatever the shape.
     upward = np.array((0.0, 0.0, 1.0))
     deep = pose.position[2] - half[2] - 1.0
     size = world.model.geom_size[geom]
@@ -283,12 +314,12 @@ def _lower_side(world: World, thing: str, pose: Pose) -> Matrix:
 
 
 def half_extents(shape: str, size: Sequence[float], turn: Matrix) -> Vector:
-    """Half of what a shape measures along the axes of the world, of shape (3,), m.
+    """Half of the extents of a shape along the axes of the world, of shape (3,), m.
 
     Args:
         shape: Name of the shape.
-        size: Its size, as a tree file has it.
-        turn: Its axes in the world, of shape (3, 3).
+        size: Its size as in a tree file, m.
+        turn: Rotation matrix of the shape in the world, of shape (3, 3).
     """
     if shape == "box":
         edges: Vector = np.abs(turn) @ (0.5 * np.array(size))
@@ -296,6 +327,7 @@ def half_extents(shape: str, size: Sequence[float], turn: Matrix) -> Vector:
     if shape == "sphere":
         return np.full(3, size[0])
     radius, length = size
+    # The axis contributes its projection; the radius that of a disk across it, or of a sphere.
     along = np.abs(turn[:, 2])
     round_off = np.ones(3) if shape == "capsule" else np.sqrt(np.maximum(1.0 - along**2, 0.0))
     extents: Vector = 0.5 * length * along + radius * round_off

@@ -1,4 +1,8 @@
-"""How far an arm may move in joint space before it comes too near to something: compiled."""
+"""Continuous collision checks of long paths, and the model of an arm that they read.
+
+`is_clear` tells whether a path is free without sampling it densely. `swept_arm` converts the geoms
+of a `CollisionChecker` to the arrays of `swept_kernels`.
+"""
 
 from __future__ import annotations
 
@@ -12,42 +16,78 @@ from bt_dualarm.collision.checker import CollisionChecker, last_joint
 from bt_dualarm.collision.kernel_arrays import ConvexShapes, Joints, Numbers, Pairs, SweptArm
 from bt_dualarm.core.pose import Matrix, Vector
 
-# An arm in its world as the kernels of the search read it.
+CLEARANCE: Final = 2.5e-3
+"""Distance that shapes keep on top of their least distances, m: to pass anything closer would take
+many checks."""
 
+_LONG_M: Final = 2.0
+"""Length of a path, as motion of the arm, above which compiled checks pay off, m: to gather the
+shapes takes as long as MuJoCo's checks of 0.7 m, and to load the code 30 ms in each process."""
 
-SPARE: Final = 2.5e-3
-"""Meters that shapes keep between them besides what they are to keep: to squeeze along something
-closer would take many looks."""
+_SAMPLES: Final = 12
+"""Configurations at which MuJoCo confirms the result, both ends among them."""
 
 _SIDES: Final = 24
-"""Sides of the prism that stands for a cylinder; it is 0.9 % wider than the cylinder is."""
+"""Sides of the prism that circumscribes a cylinder: its corners are 0.9 % farther from the axis."""
 
 _GEOM: Final = mujoco.mjtGeom
 
 _SIGNS: Final = np.array(np.meshgrid((-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0))).T.reshape(-1, 3)
-"""Corners of a cube."""
+"""Corners of a cube with edges of length 2."""
 
 _POINT: Final = np.zeros((1, 3))
 
-_TURN: Final = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
-_RING: Final = np.stack((np.cos(_TURN), np.sin(_TURN)), axis=1) / np.cos(np.pi / _SIDES)
+_ANGLES: Final = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+_RING: Final = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), axis=1) / np.cos(np.pi / _SIDES)
 
 
 class UnknownShapeError(ValueError):
-    """A shape that the kernels do not know."""
+    """Shape or joint that the kernels do not support."""
 
 
-def swept(checker: CollisionChecker, ends: Iterable[Vector] = ()) -> SweptArm:
-    """An arm in its world, as a test of configurations has them.
+def is_clear(checker: CollisionChecker, rows: Matrix) -> bool | None:
+    """Whether a path is free of collisions; None if that is uncertain, or the path is short.
+
+    True is stricter than samples: pairs in contact at neither end do not touch in between at all,
+    so that MuJoCo's checks of any configuration on the path would find no collision, either.
 
     Args:
-        checker: Test of configurations.
-        ends: Configurations of shape (dof,), rad, in which the arm stands: what touches there may
-            be as deep as the checker lets it, all else may not touch at all.
+        checker: Collision checker for the path.
+        rows: Configurations, of shape (n, dof), rad, joined by straight segments.
+    """
+    if float((np.abs(np.diff(rows, axis=0)) @ checker.radii).sum()) < _LONG_M:
+        return None
+    # MuJoCo confirms the compiled checks at a few configurations. It comes first because it can say
+    # no: the compiled checks are bounds, which can only say yes.
+    picked = np.linspace(0.0, len(rows) - 1.0, _SAMPLES)
+    low = np.minimum(picked.astype(int), len(rows) - 2)
+    between = rows[low] + (picked - low)[:, None] * (rows[low + 1] - rows[low])
+    if not all(checker.free(q) for q in between):
+        return False
+    from bt_dualarm.collision.swept_kernels import first_too_near
+
+    try:
+        arm = swept_arm(checker, (rows[0], rows[-1]))
+    except UnknownShapeError:
+        return None
+    hints = arm.pairs.directions.copy()
+    checks = np.zeros(1, np.int64)
+    rows = np.ascontiguousarray(rows)
+    # Too close for the bounds is not yet a collision: None, and the caller samples the path.
+    return True if first_too_near(arm, rows, checker.radii, hints, checks) == len(rows) else None
+
+
+def swept_arm(checker: CollisionChecker, ends: Iterable[Vector] = ()) -> SweptArm:
+    """Model of an arm in its world for the kernels, equivalent to a collision checker.
+
+    Args:
+        checker: Collision checker of the arm; the reference configuration is its present one.
+        ends: Configurations at the ends of a path, each of shape (dof,), rad: pairs in contact
+            there may penetrate as far as the checker allows, all others must not touch.
 
     Raises:
-        UnknownShapeError: It has shapes of other kinds than planes that stand still, spheres,
-            capsules, cylinders, boxes and convex meshes, or joints that do not turn.
+        UnknownShapeError: A shape is no fixed plane, sphere, capsule, cylinder, box or convex mesh,
+            or a joint is not revolute.
     """
     touching = _touching(checker, ends)
     checker.place(checker.present)
@@ -58,24 +98,28 @@ def swept(checker: CollisionChecker, ends: Iterable[Vector] = ()) -> SweptArm:
     least = np.maximum(checker.least[first, second], 0.0)
     one = np.searchsorted(used, first)
     other = np.searchsorted(used, second)
-    moved = shapes.heaps[:, 2]
+    moved = shapes.ranges[:, 2]
     flat = np.isinf(shapes.bounds)
+    # The kernels expect the shape on the later link first, and a plane second.
     swapped = (moved[one] < moved[other]) | flat[one]
     one, other = np.where(swapped, other, one), np.where(swapped, one, other)
     if flat[one].any() or moved[flat].any():
         raise UnknownShapeError("a plane that an arm carries")
-    apart = shapes.centers[one] - shapes.centers[other] + 1e-6
+    # Initial directions for GJK; the offset keeps them from zero for concentric shapes.
+    directions = shapes.centers[one] - shapes.centers[other] + 1e-6
     for (low, high), normal in touching.items():
         for p in np.flatnonzero((first == low) & (second == high)):
             least[p] = checker.least[low, high]
-            apart[p] = normal if swapped[p] else -normal
-    together = moved[one] != moved[other]
-    pairs = Pairs(*(column[together].copy() for column in (one, other, least, apart)))
-    return SweptArm(joints, shapes, pairs, SPARE)
+            # The normal points from the lower id to the higher, a direction from second to first.
+            directions[p] = normal if swapped[p] else -normal
+    # Shapes that the same joints move keep their distance whatever the arm does.
+    relative = moved[one] != moved[other]
+    pairs = Pairs(*(column[relative].copy() for column in (one, other, least, directions)))
+    return SweptArm(joints, shapes, pairs, CLEARANCE)
 
 
 def _touching(checker: CollisionChecker, ends: Iterable[Vector]) -> dict[tuple[int, int], Vector]:
-    """Shapes that touch at the ends, the lower number first, with the normal from it, (3,)."""
+    """Pairs of geoms in contact at the ends, lower id first, with the normal from it, (3,)."""
     touching = {}
     for q in ends:
         checker.place(q)
@@ -91,14 +135,15 @@ def _joints(checker: CollisionChecker) -> Joints:
     data = checker.data
     ids = checker.joint_ids
     if (model.jnt_type[ids] != mujoco.mjtJoint.mjJNT_HINGE).any():
-        raise UnknownShapeError("a joint that does not turn")
+        raise UnknownShapeError("a joint that is not revolute")
     return Joints(checker.present.copy(), data.xanchor[ids].copy(), data.xaxis[ids].copy())
 
 
 def _pairs(checker: CollisionChecker) -> tuple[Numbers, Numbers]:
-    """Shapes that may not meet, the lower number first, each of shape (p,).
+    """Ids of the geoms of each pair to check, the lower id first, each of shape (p,).
 
-    Those that MuJoCo compares: not of one rigid body, not of a body and the one it hangs on.
+    These are the pairs that MuJoCo's own filters pass: different rigid bodies that are not parent
+    and child, and whose bits match.
     """
     model = checker.model
     asked = np.flatnonzero((model.geom_conaffinity != 0) | (model.geom_contype != 0))
@@ -110,8 +155,10 @@ def _pairs(checker: CollisionChecker) -> tuple[Numbers, Numbers]:
     kept = (types[:, None] & affinities) != 0
     kept |= kept.T
     kept &= welds[:, None] != welds
+    # The world (weld id 0) is no parent in this sense: an arm's first link may hit the floor.
     related = (welds[:, None] == above) & (welds[:, None] != 0) & (welds != 0)
     kept &= ~(related | related.T)
+    # MuJoCo's encoding of pairs excluded in the model, by the bodies' ids.
     signatures = (bodies[:, None].astype(np.int64) << 16) + bodies
     excluded = np.isin(signatures, model.exclude_signature)
     kept &= ~(excluded | excluded.T)
@@ -121,7 +168,7 @@ def _pairs(checker: CollisionChecker) -> tuple[Numbers, Numbers]:
 
 
 def _shapes(checker: CollisionChecker, geoms: Numbers, joints: Joints) -> ConvexShapes:
-    """These geoms, where they are now."""
+    """Shapes of geoms at their current poses."""
     model = checker.model
     data = checker.data
     solids, radii = zip(*(_solid(model, geom) for geom in geoms.tolist()), strict=True)
@@ -133,28 +180,29 @@ def _shapes(checker: CollisionChecker, geoms: Numbers, joints: Joints) -> Convex
     local: Matrix = np.concatenate(solids)
     low = np.minimum.reduceat(local, begins)
     high = np.maximum.reduceat(local, begins)
+    # Bounding boxes and spheres share their center: one transform places both.
     middles = 0.5 * (low + high)
     far = np.maximum.reduceat(((local - middles[owner]) ** 2).sum(axis=1), begins)
-    turns = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    rotations = data.geom_xmat[geoms].reshape(-1, 3, 3)
     places = data.geom_xpos[geoms]
-    corners = np.einsum("nij,nj->ni", turns[owner], local) + places[owner]
+    corners = np.einsum("nij,nj->ni", rotations[owner], local) + places[owner]
     flat = model.geom_type[geoms] == _GEOM.mjGEOM_PLANE
     moved = _moved(checker, geoms)
     return ConvexShapes(
         corners=corners,
-        heaps=np.stack((begins, ends, moved), axis=1),
+        ranges=np.stack((begins, ends, moved), axis=1),
         radii=rounding,
-        centers=places + np.einsum("nij,nj->ni", turns, middles),
+        centers=places + np.einsum("nij,nj->ni", rotations, middles),
         bounds=np.where(flat, np.inf, np.sqrt(far) + rounding),
-        turns=turns.copy(),
-        halves=0.5 * (high - low) + rounding[:, None],
-        normals=np.where(flat[:, None], turns[:, :, 2], 0.0),
+        rotations=rotations.copy(),
+        half_extents=0.5 * (high - low) + rounding[:, None],
+        normals=np.where(flat[:, None], rotations[:, :, 2], 0.0),
         reaches=_reaches(joints, moved, corners, owner, begins, rounding),
     )
 
 
 def _moved(checker: CollisionChecker, geoms: Numbers) -> Numbers:
-    """How many joints move each geom, of shape (n,)."""
+    """Number of joints that move each geom, of shape (n,)."""
     model = checker.model
     moved = np.zeros(len(geoms), np.int64)
     links = model.jnt_bodyid[checker.joint_ids].tolist()
@@ -172,10 +220,10 @@ def _reaches(
     begins: Numbers,
     rounding: Vector,
 ) -> Matrix:
-    """Meters that any point is moved at most by a radian of each joint, of shape (n, dof).
+    """Largest motion of any point of each shape per radian of each joint, of shape (n, dof), m/rad.
 
-    The distance from the axis of the last joint that moves it, then from joint to joint, stretched
-    out: it holds in every configuration.
+    For the last joint that moves a shape, the distance from its axis; for earlier ones, the length
+    of the stretched chain of anchors up to the farthest point. Valid in every configuration.
     """
     anchors = joints.anchors
     last = np.maximum(moved - 1, 0)
@@ -194,7 +242,7 @@ def _reaches(
 
 
 def _solid(model: mujoco.MjModel, geom: int) -> tuple[Matrix, float]:
-    """Corners in the geom's own frame, of shape (n, 3), and the radius that rounds them, in m."""
+    """Corners in the geom's frame, of shape (n, 3), m, and the radius of inflation, m."""
     kind = int(model.geom_type[geom])
     size = model.geom_size[geom]
     if kind == _GEOM.mjGEOM_BOX:
@@ -206,6 +254,8 @@ def _solid(model: mujoco.MjModel, geom: int) -> tuple[Matrix, float]:
         vertices = model.mesh_vert[start : start + model.mesh_vertnum[mesh]].astype(float)
         if graph < 0:
             return vertices, 0.0
+        # Only the vertices of the convex hull. Their ids follow two counts and the edge address of
+        # each of them.
         count = int(model.mesh_graph[graph])
         chosen = model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]
         return vertices[chosen], 0.0
@@ -218,48 +268,4 @@ def _solid(model: mujoco.MjModel, geom: int) -> tuple[Matrix, float]:
         return _POINT, float(size[0])
     if kind == _GEOM.mjGEOM_PLANE:
         return _POINT, 0.0
-    raise UnknownShapeError(f"a shape of kind {kind}")
-
-
-# Whether a long way is clear, by machine code: MuJoCo need not look at all of it then.
-
-
-_LONG_M: Final = 2.0
-"""Meters that the arm moves from which it pays: to gather its shapes takes as long as MuJoCo's
-looks at 0.7 m, and to load the code 30 ms in each process."""
-
-_SAMPLES: Final = 12
-"""Configurations at which MuJoCo confirms it, the ends among them."""
-
-
-def is_clear(checker: CollisionChecker, rows: Matrix) -> bool | None:
-    """Whether nothing is touched on a way; None where that is not certain, or the way is short.
-
-    What touches at neither end touches nowhere in between, not by a hair; where it is clear, each
-    look of MuJoCo's at the way would find nothing, either.
-
-    Args:
-        checker: Test of configurations that holds for the way.
-        rows: Configurations, of shape (n, dof), rad, straight from one to the next.
-    """
-    if float((np.abs(np.diff(rows, axis=0)) @ checker.radii).sum()) < _LONG_M:
-        return None
-    picked = np.linspace(0.0, len(rows) - 1.0, _SAMPLES)
-    low = np.minimum(picked.astype(int), len(rows) - 2)
-    between = rows[low] + (picked - low)[:, None] * (rows[low + 1] - rows[low])
-    if not all(checker.free(q) for q in between):
-        return False
-    return True if _keeps_off(checker, rows) else None
-
-
-def _keeps_off(checker: CollisionChecker, rows: Matrix) -> bool:
-    from bt_dualarm.collision.swept_kernels import first_too_near
-
-    try:
-        arm = swept(checker, (rows[0], rows[-1]))
-    except UnknownShapeError:
-        return False
-    hints = arm.pairs.apart.copy()
-    spent = np.zeros(1, np.int64)
-    rows = np.ascontiguousarray(rows)
-    return first_too_near(arm, rows, checker.radii, hints, spent) == len(rows)
+    raise UnknownShapeError(f"a geom of type {kind}")

@@ -1,4 +1,13 @@
-"""How far an arm may move in joint space before it comes too near to something: compiled."""
+"""Continuous collision checks of straight segments in joint space by conservative advancement.
+
+While two shapes are a distance d apart, the arm may move until one has moved by d relative to the
+other, whatever lies in between (B. Mirtich, Impulse-based Dynamic Simulation of Rigid Body Systems,
+PhD thesis, UC Berkeley, 1996). `free_share` covers a segment with such intervals: no obstacle is
+too thin to be found. `first_too_near` does the same for many configurations of one path.
+
+Bounds of motion are in meters for the whole segment, so that a share of it in [0, 1] times a bound
+is the motion on that share.
+"""
 
 from __future__ import annotations
 
@@ -7,26 +16,222 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from bt_dualarm.collision.convex_distance_kernels import SCRATCH, distance, enter_farthest
+from bt_dualarm.collision.convex_distance_kernels import SCRATCH, distance, write_support_point
 from bt_dualarm.collision.kernel_arrays import ConvexShapes, Frames, Joints, Numbers, SweptArm
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 
-# Where an arm's shapes are in a configuration, and how far they get on a straight way.
+WHOLE: Final = 1.0
+"""Resolution for callers that need to know only whether all of a segment is free."""
+
+_SHORT: Final = 1e-4
+"""Motion of the arm that needs no closer look, m."""
+
+_SHORT_END: Final = 4e-4
+"""Likewise at the ends of a segment, m, where the arm is known to be free or in allowed contact."""
+
+_DEEPEST: Final = 64
+"""Capacity of the stack of open intervals; each is less than half as long as the one below it."""
+
+_FARTHEST: Final = 0.1
+"""Largest useful room around one of many configurations, m."""
+
+_LEAVING: Final = 0.05
+"""Clearance per distance from the nearer end of a segment, up to the full clearance: the arm may
+begin close to an obstacle and depart from it."""
+
+_CORNER: Final = 0
+"""Row of the scratch array for a support point."""
+
+
+class Segment(NamedTuple):
+    """A straight segment in joint space, with the state of the arm at one configuration on it.
+
+    Attributes:
+        start: First configuration, of shape (dof,), rad.
+        end: Last configuration, of shape (dof,), rad.
+        travel: As in `write_travel`.
+        local: As in `write_local_travel`.
+        frames: As in `write_frames`.
+        centers: As in `write_centers`.
+        scratch: Scratch array of `distance`.
+        needs: As in `write_needs`.
+    """
+
+    start: Vector
+    end: Vector
+    travel: Matrix
+    local: Matrix
+    frames: Frames
+    centers: Matrix
+    scratch: Matrix
+    needs: Vector
 
 
 @kernel
-def enter_frames(joints: Joints, start: Vector, end: Vector, share: float, frames: Frames) -> None:
-    """Enter where what is moved by 0, 1, ... joints goes from where it is in the reference.
+def free_share(
+    swept: SweptArm, start: Vector, end: Vector, resolution: float, hints: Matrix, checks: Numbers
+) -> float:
+    """Share of a segment, from its start, on which all pairs keep their least distances.
 
-    Products of exponentials (Lynch and Park, Modern Robotics, 2017, 4.1).
+    Args:
+        swept: The arm in its world.
+        start: Configuration of shape (dof,), rad, known to be free.
+        end: Configuration of shape (dof,), rad.
+        resolution: Accuracy of the result if the segment is not free, as a share of it.
+        hints: Separating direction of each pair when last computed, of shape (p, 3); updated.
+        checks: Number of configurations checked, of shape (1,); incremented.
+
+    Returns:
+        Share in [0, 1]; less than 1 if not all of the segment is free.
+    """
+    segment = segment_of(swept, start, end)
+    write_travel(swept.shapes, start, end, segment.travel)
+    move_to(swept, segment, 0.5)
+    active = np.empty(len(swept.pairs.least), np.int64)
+    active = active[: select_active_pairs(swept, segment, active)]
+    checks[0] += 1
+    return _explore(swept, segment, active, resolution, hints, checks) if len(active) else 1.0
+
+
+@kernel
+def _explore(
+    swept: SweptArm,
+    segment: Segment,
+    active: Numbers,
+    resolution: float,
+    hints: Matrix,
+    checks: Numbers,
+) -> float:
+    """`free_share` for the pairs that can collide: by bisection, the left half first.
+
+    Each check covers an interval on both sides of its configuration.
+    """
+    lows = np.zeros(_DEEPEST)
+    highs = np.ones(_DEEPEST)
+    left = 1
+    farthest = 1.0
+    most = segment.travel[1:].max()
+    # Depth first: the left part is pushed last, so that the result is the first blocked interval.
+    while left:
+        left -= 1
+        low = lows[left]
+        high = highs[left]
+        if (high - low) * most < (_SHORT if low > 0.0 and high < 1.0 else _SHORT_END):
+            continue
+        middle = 0.5 * (low + high)
+        move_to(swept, segment, middle)
+        checks[0] += 1
+        away = min(middle, 1.0 - middle)
+        around = share_around(swept, segment, active, away, 1.0, hints)
+        if around < 0.0:
+            if middle - low < resolution:
+                return float(low)
+            # Blocked in the middle: only what lies before it still matters.
+            farthest = middle
+            lows[0] = low
+            highs[0] = middle
+            left = 1
+            continue
+        if middle + around < high:
+            lows[left] = middle + around
+            highs[left] = high
+            left = left + 1
+        if middle - around > low:
+            lows[left] = low
+            highs[left] = middle - around
+            left = left + 1
+    return farthest
+
+
+@kernel
+def first_too_near(
+    swept: SweptArm, rows: Matrix, radii: Vector, hints: Matrix, checks: Numbers
+) -> int:
+    """First of many configurations on the segment to which a pair comes too close.
+
+    Args:
+        swept: The arm in its world.
+        rows: Configurations, of shape (n, dof), rad; the first and the last are known to be free.
+        radii: Largest motion of the arm per radian of each joint, of shape (dof,), m/rad.
+        hints: As in `free_share`.
+        checks: As in `free_share`.
+
+    Returns:
+        Index of the configuration; n if the whole path is free.
+    """
+    count = len(rows)
+    shapes = swept.shapes
+    segment = segment_of(swept, rows[0], rows[0])
+    ranges = shapes.ranges
+    # With bounds of 1 m, the "share" from `share_around` is the room in meters of motion.
+    for n in range(len(ranges)):
+        segment.travel[n + 1, ranges[n, 2]] = segment.local[n, ranges[n, 2]] = 1.0
+    moved = np.zeros(count)
+    for i in range(1, count):
+        moved[i] = moved[i - 1] + np.sum(np.abs(rows[i] - rows[i - 1]) * radii)
+    active = np.arange(len(swept.pairs.least))
+    until = 0.0
+    for i in range(1, count):
+        if moved[i] <= until:  # within the room around an earlier configuration
+            continue
+        room = 0.0
+        if _SHORT_END < moved[i] < moved[-1] - _SHORT_END:
+            write_frames(swept.joints, rows[i], rows[i], 0.0, segment.frames)
+            write_centers(shapes, segment.frames, segment.centers)
+            checks[0] += 1
+            # No clearance on top (distance 0 from the end): the segments between the rows are
+            # checked with it where the room does not cover them.
+            room = share_around(swept, segment, active, 0.0, _FARTHEST, hints)
+            if room < 0.0:
+                return i
+        gap = moved[i] - room - until
+        if gap > _SHORT and free_share(swept, rows[i - 1], rows[i], WHOLE, hints, checks) < 1.0:
+            return i
+        until = moved[i] + room
+    return count
+
+
+@kernel
+def segment_of(swept: SweptArm, start: Vector, end: Vector) -> Segment:
+    """Segment with arrays allocated for its state."""
+    centers = swept.shapes.centers
+    dof = len(start)
+    return Segment(
+        start,
+        end,
+        np.zeros((len(centers) + 1, dof + 1)),
+        np.zeros((len(centers), dof + 1)),
+        np.empty((dof + 1, 3, 4)),
+        centers.copy(),  # those of fixed shapes are never written again
+        np.empty(SCRATCH),
+        np.empty(len(centers)),
+    )
+
+
+@kernel
+def move_to(swept: SweptArm, segment: Segment, share: float) -> None:
+    """Write the state of the arm at a share of the segment."""
+    joints, shapes, _, _ = swept
+    write_frames(joints, segment.start, segment.end, share, segment.frames)
+    write_centers(shapes, segment.frames, segment.centers)
+    write_local_travel(
+        joints, shapes, segment.frames, segment.centers, segment.travel, segment.local
+    )
+
+
+@kernel
+def write_frames(joints: Joints, start: Vector, end: Vector, share: float, frames: Frames) -> None:
+    """Write the motion of everything that the first 0, 1, ... joints move, from the reference.
+
+    Product of exponentials (K. M. Lynch, F. C. Park, Modern Robotics, 2017, section 4.1).
 
     Args:
         joints: Joints of the arm.
-        start: Configuration of shape (dof,), rad.
-        end: Another, likewise.
-        share: Share of the straight way from the one to the other.
-        frames: Transforms, of shape (dof + 1, 3, 4), to be entered.
+        start: First configuration of a segment, of shape (dof,), rad.
+        end: Last configuration of the segment, of shape (dof,), rad.
+        share: Share of the segment at which the arm is.
+        frames: Output: transforms, of shape (dof + 1, 3, 4).
     """
     reference, anchors, axes = joints
     for i in range(3):
@@ -39,7 +244,7 @@ def enter_frames(joints: Joints, start: Vector, end: Vector, share: float, frame
         x = axes[k, 0]
         y = axes[k, 1]
         z = axes[k, 2]
-        # Rodrigues: the identity, the axis' cross product, and its square.
+        # Rodrigues' formula I + sin [w] + (1 - cos) [w]^2, with [w]^2 = w w^T - I.
         xx = 1.0 - rest * (y * y + z * z)
         xy = rest * x * y - sine * z
         xz = rest * x * z + sine * y
@@ -59,6 +264,7 @@ def enter_frames(joints: Joints, start: Vector, end: Vector, share: float, frame
             frames[k + 1, i, 0] = u
             frames[k + 1, i, 1] = v
             frames[k + 1, i, 2] = w
+            # A rotation R about an anchor a maps x to R x + (I - R) a.
             frames[k + 1, i, 3] = (
                 frames[k, i, 3]
                 + (a - u) * anchors[k, 0]
@@ -68,12 +274,12 @@ def enter_frames(joints: Joints, start: Vector, end: Vector, share: float, frame
 
 
 @kernel
-def enter_centers(shapes: ConvexShapes, frames: Frames, centers: Matrix) -> None:
-    """Enter where the centers of those shapes are that move, of shape (n, 3), m."""
-    heaps = shapes.heaps
+def write_centers(shapes: ConvexShapes, frames: Frames, centers: Matrix) -> None:
+    """Write the centers of the moving shapes in the world, of shape (n, 3), m."""
+    ranges = shapes.ranges
     references = shapes.centers
     for n in range(len(centers)):
-        f = heaps[n, 2]
+        f = ranges[n, 2]
         if f == 0:
             continue
         x = references[n, 0]
@@ -86,50 +292,50 @@ def enter_centers(shapes: ConvexShapes, frames: Frames, centers: Matrix) -> None
 
 
 @kernel
-def enter_ways(shapes: ConvexShapes, start: Vector, end: Vector, ways: Matrix) -> None:
-    """Enter how far the shapes move at most on the way, by joints 0 to k, wherever the arm is.
+def write_travel(shapes: ConvexShapes, start: Vector, end: Vector, travel: Matrix) -> None:
+    """Write upper bounds of the shapes' motion on a segment, valid in any configuration.
 
     Args:
         shapes: The shapes.
-        start: Configuration of shape (dof,), rad.
-        end: Another, likewise.
-        ways: Sums over joints, those of all shapes in the first row: radians; then of each shape,
-            meters: of shape (1 + n, dof + 1), to be entered.
+        start: First configuration, of shape (dof,), rad.
+        end: Last configuration, of shape (dof,), rad.
+        travel: Output, of shape (1 + n, dof + 1), zero before: column k holds the sum over the
+            first k joints, row 0 their turns in rad, and row n + 1 the motion of shape n in m. The
+            difference of two columns bounds the motion relative to a shape on an earlier link.
     """
-    heaps = shapes.heaps
+    ranges = shapes.ranges
     reaches = shapes.reaches
     for k in range(len(start)):
-        ways[0, k + 1] = ways[0, k] + abs(end[k] - start[k])
+        travel[0, k + 1] = travel[0, k] + abs(end[k] - start[k])
     for n in range(len(reaches)):
-        for k in range(heaps[n, 2]):
-            ways[n + 1, k + 1] = ways[n + 1, k] + abs(end[k] - start[k]) * reaches[n, k]
+        for k in range(ranges[n, 2]):
+            travel[n + 1, k + 1] = travel[n + 1, k] + abs(end[k] - start[k]) * reaches[n, k]
 
 
 @kernel
-def enter_ways_here(
+def write_local_travel(
     joints: Joints,
     shapes: ConvexShapes,
     frames: Frames,
     centers: Matrix,
-    ways: Matrix,
-    here: Matrix,
+    travel: Matrix,
+    local: Matrix,
 ) -> None:
-    """Enter how fast the shapes move at most on the way where they are now, as `enter_ways`.
+    """Write bounds of the shapes' motion as if their current levers held on all of a segment.
 
     Args:
         joints: Joints of the arm.
         shapes: The shapes.
-        frames: As of `enter_frames`.
-        centers: As of `enter_centers`.
-        ways: As of `enter_ways`.
-        here: Meters for the whole of the way at the speed of now, of shape (n, dof + 1), to be
-            entered.
+        frames: As in `write_frames`.
+        centers: As in `write_centers`.
+        travel: As in `write_travel`.
+        local: Output, of shape (n, dof + 1), m: column k holds the sum over the first k joints.
     """
     _, anchors, axes = joints
-    heaps = shapes.heaps
+    ranges = shapes.ranges
     bounds = shapes.bounds
     for k in range(len(axes)):
-        turn = ways[0, k + 1] - ways[0, k]
+        turn = travel[0, k + 1] - travel[0, k]
         ax = _turned(frames, k, 0, axes)
         ay = _turned(frames, k, 1, axes)
         az = _turned(frames, k, 2, axes)
@@ -137,7 +343,7 @@ def enter_ways_here(
         py = _turned(frames, k, 1, anchors) + frames[k, 1, 3]
         pz = _turned(frames, k, 2, anchors) + frames[k, 2, 3]
         for n in range(len(bounds)):
-            if heaps[n, 2] > k:
+            if ranges[n, 2] > k:
                 x = centers[n, 0] - px
                 y = centers[n, 1] - py
                 z = centers[n, 2] - pz
@@ -145,12 +351,12 @@ def enter_ways_here(
                 v = z * ax - x * az
                 w = x * ay - y * ax
                 lever = math.sqrt(u * u + v * v + w * w) + bounds[n]
-                here[n, k + 1] = here[n, k] + turn * lever
+                local[n, k + 1] = local[n, k] + turn * lever
 
 
 @kernel
 def _turned(frames: Frames, k: int, i: int, vectors: Matrix) -> float:
-    """Coordinate i of vector k, which the joints before it have turned."""
+    """Coordinate i of vector k, rotated by the joints before it."""
     return float(
         frames[k, i, 0] * vectors[k, 0]
         + frames[k, i, 1] * vectors[k, 1]
@@ -158,76 +364,28 @@ def _turned(frames: Frames, k: int, i: int, vectors: Matrix) -> float:
     )
 
 
-# How much room an arm has in one configuration on its way: how far it may go on to both sides.
-
-
-_LEAVING: Final = 0.05
-"""Near the ends of a way less than what is to spare will do, this share of how far the arm is from
-there: so it may stand close to something, and go away from it."""
-
-_CORNER: Final = 0
-
-
-class Course(NamedTuple):
-    """A straight way, how far it moves the shapes, and where everything is at one place on it."""
-
-    start: Vector
-    end: Vector
-    ways: Matrix
-    here: Matrix
-    frames: Frames
-    centers: Matrix
-    scratch: Matrix
-    needs: Vector
-
-
 @kernel
-def course_of(swept: SweptArm, start: Vector, end: Vector) -> Course:
-    """The straight way, with room for all that is to be known of it."""
-    centers = swept.shapes.centers
-    dof = len(start)
-    return Course(
-        start,
-        end,
-        np.zeros((len(centers) + 1, dof + 1)),
-        np.zeros((len(centers), dof + 1)),
-        np.empty((dof + 1, 3, 4)),
-        centers.copy(),
-        np.empty(SCRATCH),
-        np.empty(len(centers)),
-    )
-
-
-@kernel
-def go_to(swept: SweptArm, course: Course, share: float) -> None:
-    """Enter where everything is at a place on the way."""
-    joints, shapes, _, _ = swept
-    enter_frames(joints, course.start, course.end, share, course.frames)
-    enter_centers(shapes, course.frames, course.centers)
-    enter_ways_here(joints, shapes, course.frames, course.centers, course.ways, course.here)
-
-
-@kernel
-def those_near(swept: SweptArm, course: Course, active: Numbers) -> int:
-    """Enter the pairs that can meet on a way, from where they are in its middle; tells how many."""
+def select_active_pairs(swept: SweptArm, segment: Segment, active: Numbers) -> int:
+    """Write the pairs that can collide on a segment, by its middle; returns their number."""
     first, second, least, _ = swept.pairs
     bounds = swept.shapes.bounds
     normals = swept.shapes.normals
-    heaps = swept.shapes.heaps
-    ways = course.ways
-    here = course.here
-    centers = course.centers
+    ranges = swept.shapes.ranges
+    travel = segment.travel
+    local = segment.local
+    centers = segment.centers
     kept = 0
     for p in range(len(first)):
         one = first[p]
         other = second[p]
-        last = heaps[one, 2]
-        before = heaps[other, 2]
-        way = ways[one + 1, last] - ways[one + 1, before]
-        turn = ways[0, last] - ways[0, before]
+        last = ranges[one, 2]
+        before = ranges[other, 2]
+        bound = travel[one + 1, last] - travel[one + 1, before]
+        turn = travel[0, last] - travel[0, before]
+        # Both halves start in the middle: `share_around` with a share of 0.5, solved for the room.
         if turn < 2.0:
-            way = min(way, (here[one, last] - here[one, before]) / (1.0 - 0.5 * turn))
-        if _gap(centers, bounds, normals, one, other) < least[p] + swept.spare + 0.5 * way:
+            bound = min(bound, (local[one, last] - local[one, before]) / (1.0 - 0.5 * turn))
+        if _gap(centers, bounds, normals, one, other) < least[p] + swept.clearance + 0.5 * bound:
             active[kept] = p
             kept += 1
     return kept
@@ -235,7 +393,7 @@ def those_near(swept: SweptArm, course: Course, active: Numbers) -> int:
 
 @kernel
 def _gap(centers: Matrix, bounds: Vector, normals: Matrix, first: int, second: int) -> float:
-    """The distance of the spheres around two shapes, or of the one from a plane, in m."""
+    """Distance between the bounding spheres of two shapes, or of the first to a plane, m."""
     x = centers[first, 0] - centers[second, 0]
     y = centers[first, 1] - centers[second, 1]
     z = centers[first, 2] - centers[second, 2]
@@ -246,94 +404,132 @@ def _gap(centers: Matrix, bounds: Vector, normals: Matrix, first: int, second: i
 
 
 @kernel
-def room_around(
-    swept: SweptArm, course: Course, active: Numbers, away: float, most: float, hints: Matrix
+def share_around(
+    swept: SweptArm, segment: Segment, active: Numbers, away: float, most: float, hints: Matrix
 ) -> float:
-    """The share of the way that the arm may go to both sides, up to ``most``; -1: it is too near.
+    """Share of the segment that is free on both sides of the current configuration.
 
-    Of a room of d meters: s with ``s W <= d``, W the most that the whole way moves a shape, or with
-    ``s L <= (1 - s T) d``, where the way at the speed of now would move it by L, and turns it by T:
-    levers grow by no more than it is moved. ``away`` is the share from here to the nearer end.
+    Args:
+        swept: The arm in its world.
+        segment: Segment with the state at the configuration.
+        active: Pairs to check; the one that limits the result is moved to the front.
+        away: Share of the segment from here to its nearer end.
+        most: Largest share of interest.
+        hints: As in `free_share`.
+
+    Returns:
+        Share, up to ``most``; -1 if a pair is closer than its least distance and clearance.
     """
-    # Fields are looked up here, not in the loop: that would count references each time.
-    firsts, seconds, leasts, aparts = swept.pairs
-    corners, heaps, radii, _, bounds, turns, halves, normals, _ = swept.shapes
-    _, _, ways, here, frames, centers, scratch, needs = course
+    # A pair with room d may move on a share s with s W <= d, where W bounds its relative motion on
+    # the whole segment; or with s L <= (1 - s T) d, where L is that motion at the current levers
+    # and T its turn: levers grow by no more than the pair moves. Solved for s, the larger one wins.
+    #
+    # Fields are read here: inside the loop, compiled code would count references each time.
+    firsts, seconds, leasts, directions = swept.pairs
+    corners, ranges, radii, _, bounds, rotations, half_extents, normals, _ = swept.shapes
+    _, _, travel, local, frames, centers, scratch, needs = segment
     best = most
-    usual = swept.spare
+    full = swept.clearance
     for index in range(len(active)):
         p = active[index]
         first = firsts[p]
         second = seconds[p]
         least = leasts[p]
-        if index == 1:  # the nearest one has been looked at
-            enter_needs(heaps, ways, here, best, needs)
+        # The pair that limited the previous check has just lowered `best`: with it, the spheres
+        # rule out most others.
+        if index == 1:
+            write_needs(ranges, travel, local, best, needs)
         gap = _gap(centers, bounds, normals, first, second) - least
-        if index and gap >= max(needs[first], usual):
+        if index and gap >= max(needs[first], full):
             continue
-        last = heaps[first, 2]
-        before = heaps[second, 2]
-        way = ways[first + 1, last] - ways[first + 1, before]
-        turn = ways[0, last] - ways[0, before]
-        local = here[first, last] - here[first, before]
-        spare = min(usual, _LEAVING * way * away)
-        enough = max(_need(best, way, local, turn), spare)
-        low = spare
-        by_box = _boxes_gap(frames, heaps, turns, halves, bounds, centers, first, second)
+        last = ranges[first, 2]
+        before = ranges[second, 2]
+        bound = travel[first + 1, last] - travel[first + 1, before]
+        turn = travel[0, last] - travel[0, before]
+        fast = local[first, last] - local[first, before]
+        clearance = min(full, _LEAVING * bound * away)
+        enough = max(_need(best, bound, fast, turn), clearance)
+        low = clearance
+        by_box = _boxes_gap(frames, ranges, rotations, half_extents, bounds, centers, first, second)
         if by_box >= enough + least:
             continue
         rounding = radii[first] + radii[second] + least
         enough = enough + rounding
         low = low + rounding
         if math.isinf(bounds[second]):
-            apart = _above(corners, heaps, normals, centers, frames, first, second, scratch)
+            apart = _height_above(corners, ranges, normals, centers, frames, first, second, scratch)
         else:
-            if least < 0.0:  # they may touch, where only this direction tells how deep
-                hints[p] = aparts[p]
-            apart = distance(corners, heaps, frames, first, second, enough, low, hints, p, scratch)
+            # Once two hulls overlap, GJK finds no separating direction: the depth of a tolerated
+            # contact is measured along its normal.
+            if least < 0.0:
+                hints[p] = directions[p]
+            apart = distance(corners, ranges, frames, first, second, enough, low, hints, p, scratch)
         if apart >= enough:
             continue
-        # the first to be asked at the next look
+        # Checked first in the next configuration.
         active[index] = active[0]
         active[0] = p
         if apart < low:
             return -1.0
         room = apart - rounding
-        best = max(room / way, room / (local + room * turn))
+        best = max(room / bound, room / (fast + room * turn))
     return float(best)
+
+
+@kernel
+def _need(share: float, bound: float, fast: float, turn: float) -> float:
+    """Room that a share of the segment requires, m; derived in `share_around`."""
+    if share * turn < 1.0:
+        return min(share * bound, share * fast / (1.0 - share * turn))
+    return share * bound
+
+
+@kernel
+def write_needs(
+    ranges: Numbers, travel: Matrix, local: Matrix, share: float, needs: Vector
+) -> None:
+    """Write the room that each shape requires around it for a share of the segment, m.
+
+    Relative to fixed shapes, and therefore enough relative to moving ones, too.
+    """
+    for n in range(len(needs)):
+        last = ranges[n, 2]
+        needs[n] = _need(share, travel[n + 1, last], local[n, last], travel[0, last])
 
 
 @kernel
 def _boxes_gap(
     frames: Frames,
-    heaps: Numbers,
-    turns: Frames,
-    halves: Matrix,
+    ranges: Numbers,
+    rotations: Frames,
+    half_extents: Matrix,
     bounds: Vector,
     centers: Matrix,
     first: int,
     second: int,
 ) -> float:
-    """The distance of the box around one shape from the sphere around the other, in m."""
+    """Distance between the bounding box of one shape and the bounding sphere of the other, m."""
     if math.isinf(bounds[second]):
         return -1.0
-    one = _box_gap(frames, heaps, turns, halves, centers, second, first) - bounds[first]
-    other = _box_gap(frames, heaps, turns, halves, centers, first, second) - bounds[second]
+    one = _box_gap(frames, ranges, rotations, half_extents, centers, second, first) - bounds[first]
+    other = (
+        _box_gap(frames, ranges, rotations, half_extents, centers, first, second) - bounds[second]
+    )
     return float(max(one, other))
 
 
 @kernel
 def _box_gap(
     frames: Frames,
-    heaps: Numbers,
-    turns: Frames,
-    halves: Matrix,
+    ranges: Numbers,
+    rotations: Frames,
+    half_extents: Matrix,
     centers: Matrix,
     boxed: int,
     other: int,
 ) -> float:
-    """The distance of the center of a shape from the box around another one, in m."""
-    f = heaps[boxed, 2]
+    """Distance of the center of a shape from the bounding box of another one, m."""
+    f = ranges[boxed, 2]
     square = 0.0
     x = centers[other, 0] - centers[boxed, 0]
     y = centers[other, 1] - centers[boxed, 1]
@@ -342,32 +538,16 @@ def _box_gap(
     v = frames[f, 0, 1] * x + frames[f, 1, 1] * y + frames[f, 2, 1] * z
     w = frames[f, 0, 2] * x + frames[f, 1, 2] * y + frames[f, 2, 2] * z
     for i in range(3):
-        along = turns[boxed, 0, i] * u + turns[boxed, 1, i] * v + turns[boxed, 2, i] * w
-        beyond = max(abs(along) - halves[boxed, i], 0.0)
+        along = rotations[boxed, 0, i] * u + rotations[boxed, 1, i] * v + rotations[boxed, 2, i] * w
+        beyond = max(abs(along) - half_extents[boxed, i], 0.0)
         square += beyond * beyond
     return math.sqrt(square)
 
 
 @kernel
-def _need(share: float, way: float, local: float, turn: float) -> float:
-    """Meters of room that are needed for a share of the way, as `room_around` has it."""
-    if share * turn < 1.0:
-        return min(share * way, share * local / (1.0 - share * turn))
-    return share * way
-
-
-@kernel
-def enter_needs(heaps: Numbers, ways: Matrix, here: Matrix, share: float, needs: Vector) -> None:
-    """Enter the room that each shape needs for a share of the way, from what stands still, in m."""
-    for n in range(len(needs)):
-        last = heaps[n, 2]
-        needs[n] = _need(share, ways[n + 1, last], here[n, last], ways[0, last])
-
-
-@kernel
-def _above(
+def _height_above(
     corners: Matrix,
-    heaps: Numbers,
+    ranges: Numbers,
     normals: Matrix,
     places: Matrix,
     frames: Frames,
@@ -375,150 +555,13 @@ def _above(
     plane: int,
     scratch: Matrix,
 ) -> float:
-    """How far above a plane that stands still the lowest corner of a shape is, in m."""
+    """Height of the lowest corner of a shape above a fixed plane, m."""
     x = normals[plane, 0]
     y = normals[plane, 1]
     z = normals[plane, 2]
-    enter_farthest(corners, heaps, frames, first, -x, -y, -z, scratch, _CORNER)
+    write_support_point(corners, ranges, frames, first, -x, -y, -z, scratch, _CORNER)
     return float(
         x * (scratch[_CORNER, 0] - places[plane, 0])
         + y * (scratch[_CORNER, 1] - places[plane, 1])
         + z * (scratch[_CORNER, 2] - places[plane, 2])
     )
-
-
-# How far an arm gets on a straight way in joint space before it comes too near to something.
-#
-# Conservative advancement: where everything keeps its distance, the arm may go on as far as none of
-# its points moves by more than that, whatever lies between.
-
-
-WHOLE: Final = 1.0
-"""Share of a way that it is worth to know of whoever needs all of it, or nothing."""
-
-_SHORT: Final = 1e-4
-"""Meters that are not looked at any closer."""
-
-_SHORT_END: Final = 4e-4
-"""Likewise at the ends of a way, where the arm can stand, and may touch what it touches there."""
-
-_DEEPEST: Final = 64
-"""Parts of a way that can be left to look at; each is less than half of the one before it."""
-
-_FARTHEST: Final = 0.1
-"""Meters of room that are of use from one configuration of many to the next."""
-
-
-@kernel
-def free_share(
-    swept: SweptArm, start: Vector, end: Vector, worth: float, hints: Matrix, spent: Numbers
-) -> float:
-    """The share of a straight way, from its start, on which everything keeps its distance.
-
-    Args:
-        swept: The arm in its world.
-        start: Configuration of shape (dof,), rad, in which the arm can stand.
-        end: Configuration of shape (dof,), rad.
-        worth: Least share by which it is worth to know better how far it is free.
-        hints: Directions in which each pair was apart when it was looked at last, of shape (p, 3);
-            they are renewed.
-        spent: Number of configurations that were looked at, of shape (1,); it grows.
-
-    Returns:
-        From 0 to 1; less than 1 where not all of it is free.
-    """
-    course = course_of(swept, start, end)
-    enter_ways(swept.shapes, start, end, course.ways)
-    go_to(swept, course, 0.5)
-    active = np.empty(len(swept.pairs.least), np.int64)
-    active = active[: those_near(swept, course, active)]
-    spent[0] += 1
-    return _explored(swept, course, active, worth, hints, spent) if len(active) else 1.0
-
-
-@kernel
-def _explored(
-    swept: SweptArm, course: Course, active: Numbers, worth: float, hints: Matrix, spent: Numbers
-) -> float:
-    """As `free_share`, once it is known which pairs can meet: from the middle, then left to right.
-
-    A look covers the way on both sides of it; what is left of it is looked at before what is right.
-    """
-    lows = np.zeros(_DEEPEST)
-    highs = np.ones(_DEEPEST)
-    left = 1
-    farthest = 1.0
-    most = course.ways[1:].max()
-    while left:
-        left -= 1
-        low = lows[left]
-        high = highs[left]
-        if (high - low) * most < (_SHORT if low > 0.0 and high < 1.0 else _SHORT_END):
-            continue
-        middle = 0.5 * (low + high)
-        go_to(swept, course, middle)
-        spent[0] += 1
-        away = min(middle, 1.0 - middle)
-        around = room_around(swept, course, active, away, 1.0, hints)
-        if around < 0.0:
-            if middle - low < worth:
-                return float(low)
-            farthest = middle
-            lows[0] = low
-            highs[0] = middle
-            left = 1
-            continue
-        if middle + around < high:
-            lows[left] = middle + around
-            highs[left] = high
-            left = left + 1
-        if middle - around > low:
-            lows[left] = low
-            highs[left] = middle - around
-            left = left + 1
-    return farthest
-
-
-@kernel
-def first_too_near(
-    swept: SweptArm, rows: Matrix, radii: Vector, hints: Matrix, spent: Numbers
-) -> int:
-    """The first of many configurations on the way to which something comes too near.
-
-    Args:
-        swept: The arm in its world.
-        rows: Configurations, of shape (n, dof), rad; the arm can stand in the first and the last.
-        radii: Meters that the arm moves at most per radian of each joint, of shape (dof,).
-        hints: As of `free_share`.
-        spent: As of `free_share`.
-
-    Returns:
-        Number of the configuration; n where there is none.
-    """
-    count = len(rows)
-    shapes = swept.shapes
-    course = course_of(swept, rows[0], rows[0])
-    heaps = shapes.heaps
-    for n in range(len(heaps)):  # so that a share of the way is a meter
-        course.ways[n + 1, heaps[n, 2]] = course.here[n, heaps[n, 2]] = 1.0
-    moved = np.zeros(count)
-    for i in range(1, count):
-        moved[i] = moved[i - 1] + np.sum(np.abs(rows[i] - rows[i - 1]) * radii)
-    active = np.arange(len(swept.pairs.least))
-    until = 0.0
-    for i in range(1, count):
-        if moved[i] <= until:
-            continue
-        room = 0.0
-        if _SHORT_END < moved[i] < moved[-1] - _SHORT_END:
-            enter_frames(swept.joints, rows[i], rows[i], 0.0, course.frames)
-            enter_centers(shapes, course.frames, course.centers)
-            spent[0] += 1
-            room = room_around(swept, course, active, 0.0, _FARTHEST, hints)
-            if room < 0.0:
-                return i
-        gap = moved[i] - room - until
-        if gap > _SHORT and free_share(swept, rows[i - 1], rows[i], WHOLE, hints, spent) < 1.0:
-            return i
-        until = moved[i] + room
-    return count

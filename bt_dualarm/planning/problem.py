@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bt_dualarm.collision.checker import FINE, CollisionChecker, interpolated
-from bt_dualarm.collision.swept import UnknownShapeError, is_clear, swept
+from bt_dualarm.collision.swept import UnknownShapeError, is_clear, swept_arm
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, refuse_beyond
@@ -95,7 +95,7 @@ def admitted(problem: PlanningProblem) -> PlanningProblem:
             goals.append(goal)
     if not goals:
         raise refusals.pop(0)
-    strict = problem.checker.keeping_off((problem.start, *goals))
+    strict = problem.checker.without_new_contacts((problem.start, *goals))
     return replace(problem, checker=strict, goals=tuple(goals))
 
 
@@ -293,7 +293,7 @@ def path_around(
 def _quick_search(problem: PlanningProblem) -> QuickSearch | None:
     """Compiled search for a problem; None if it does not support all of its shapes."""
     try:
-        arm = swept(problem.checker, (problem.start, *problem.goals))
+        arm = swept_arm(problem.checker, (problem.start, *problem.goals))
     except UnknownShapeError:
         return None
     return QuickSearch(
@@ -358,7 +358,7 @@ def refuse_contact(checker: CollisionChecker, path: Matrix | Trajectory) -> None
     """
     radii = checker.radii
     rows = outline(path, radii, FINE) if isinstance(path, Trajectory) else path
-    strict = checker.keeping_off((rows[0], rows[-1]))
+    strict = checker.without_new_contacts((rows[0], rows[-1]))
     if is_clear(strict, rows):
         return
     last = rows[0]

@@ -70,7 +70,7 @@ class QuickSearch:
         ends = np.array((start, *goals))
         self._lower = np.maximum(ends.min(axis=0) - np.pi, limits.lower)
         self._upper = np.minimum(ends.max(axis=0) + np.pi, limits.upper)
-        self._hints = swept.pairs.apart.copy()
+        self._hints = swept.pairs.directions.copy()
         state = np.random.SeedSequence(seed).generate_state(1, np.uint64)
         self._draws = np.maximum(state, np.uint64(1))
         self._spent = np.zeros(1, np.int64)
@@ -89,7 +89,7 @@ class QuickSearch:
         """
         found: list[Matrix] = []
         for number, (longest, checks, spare) in enumerate(_ATTEMPTS):
-            self._swept = self._swept._replace(spare=spare)
+            self._swept = self._swept._replace(clearance=spare)
             limit = min(checks, most)
             while self.states < limit and not abandoned():
                 goals = self._goals if number else self._goals[:1]
@@ -180,12 +180,12 @@ def warm_up_planning() -> None:
     places = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.5), (0.0, 0.0, -9.0)))
     shapes = ConvexShapes(
         corners=places,
-        heaps=np.array(((0, 1, 2), (1, 2, 0), (2, 3, 0))),
+        ranges=np.array(((0, 1, 2), (1, 2, 0), (2, 3, 0))),
         radii=np.full(3, 0.1),
         centers=places,
         bounds=np.array((0.1, 0.1, np.inf)),
-        turns=np.tile(np.eye(3), (3, 1, 1)),
-        halves=np.full((3, 3), 0.1),
+        rotations=np.tile(np.eye(3), (3, 1, 1)),
+        half_extents=np.full((3, 3), 0.1),
         normals=np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))),
         reaches=np.ones((3, 2)),
     )

@@ -63,12 +63,12 @@ def small_search(seed: int) -> QuickSearch:
     places = np.vstack((corners, balls))
     shapes = ConvexShapes(
         corners=places,
-        heaps=np.array(((0, 4, 2), (4, 5, 0), (5, 6, 0), (6, 7, 0))),
+        ranges=np.array(((0, 4, 2), (4, 5, 0), (5, 6, 0), (6, 7, 0))),
         radii=np.array((0.02, 0.2, 0.2, 0.2)),
         centers=np.vstack(((0.6, 0.0, 0.0), balls)),
         bounds=np.array((0.45, 0.2, 0.2, 0.2)),
-        turns=np.tile(np.eye(3), (4, 1, 1)),
-        halves=np.array(((0.42, 0.12, 0.12), (0.2,) * 3, (0.2,) * 3, (0.2,) * 3)),
+        rotations=np.tile(np.eye(3), (4, 1, 1)),
+        half_extents=np.array(((0.42, 0.12, 0.12), (0.2,) * 3, (0.2,) * 3, (0.2,) * 3)),
         normals=np.zeros((4, 3)),
         reaches=np.array(((1.02, 1.02), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))),
     )

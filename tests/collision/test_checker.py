@@ -193,9 +193,9 @@ def test_on_the_way_nothing_is_touched_that_is_not_touched_at_an_end() -> None:
     touching = above(world, -0.0003)
     apart = above(world, 0.01)
     assert checker.free(touching)
-    assert not checker.keeping_off([apart]).free(touching)
-    assert checker.keeping_off([apart, touching]).free(touching)
-    assert not checker.keeping_off([touching]).free(above(world, -0.01))
+    assert not checker.without_new_contacts([apart]).free(touching)
+    assert checker.without_new_contacts([apart, touching]).free(touching)
+    assert not checker.without_new_contacts([touching]).free(above(world, -0.01))
 
 
 def test_each_other_arm_keeps_a_margin_of_its_own() -> None:

@@ -37,7 +37,7 @@ def test_what_is_clear_is_free_at_every_millimeter(robot: str) -> None:
             )
             if not all(checker.free(q) for q in corners):
                 continue
-            strict = checker.keeping_off(corners[[0, -1]])
+            strict = checker.without_new_contacts(corners[[0, -1]])
             said = is_clear(strict, corners)
             if said is not None or free < 4:
                 true = free_everywhere(strict, corners)

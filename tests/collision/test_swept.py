@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.collision.checker import CollisionChecker, interpolated
-from bt_dualarm.collision.swept import swept
+from bt_dualarm.collision.swept import swept_arm
 from bt_dualarm.collision.swept_kernels import WHOLE, first_too_near, free_share
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.planning.rrt_connect import QuickSearch
@@ -27,13 +27,13 @@ def test_configurations_are_judged_as_mujoco_does(robot: str) -> None:
     for seed in range(3):
         checker = checker_in(robot, seed)
         limits = load_robot(robot).limits
-        arm = swept(checker)
+        arm = swept_arm(checker)
         search = QuickSearch(arm, checker.present, (checker.present,), limits, checker.radii, 1)
         for _ in range(150):
             q = anywhere(limits, rng)
             near = np.array(
                 (q, q + 0.02, q)
-            )  # so far from the ends that all that is to spare is kept
+            )  # so far from the ends that the whole clearance is kept
             free = search.is_free(near)
             theirs = checker.free(q)
             assert theirs or not free
@@ -51,9 +51,9 @@ def test_a_way_that_is_free_is_free_at_every_millimeter(robot: str) -> None:
     parts = 0
     for seed in range(3):
         checker = checker_in(robot, seed)
-        arm = swept(checker)
+        arm = swept_arm(checker)
         radii = checker.radii
-        hints = arm.pairs.apart.copy()
+        hints = arm.pairs.directions.copy()
         spent = np.zeros(1, np.int64)
         for _ in range(20):
             start = anywhere(load_robot(robot).limits, rng)
@@ -82,11 +82,11 @@ def test_an_arm_that_stands_in_touch_gets_away(robot: str) -> None:
         checker = checker_in(robot, seed)
         for _ in range(8):
             start = _in_touch(checker, limits, rng)
-            strict = checker.keeping_off((start,))
-            arm = swept(strict, (start,))
+            strict = checker.without_new_contacts((start,))
+            arm = swept_arm(strict, (start,))
             radii = checker.radii
             assert (arm.pairs.least < 0.0).any()
-            hints = arm.pairs.apart.copy()
+            hints = arm.pairs.directions.copy()
             spent = np.zeros(1, np.int64)
             for _ in range(12):
                 end = start + rng.normal(0.0, 0.3, len(start))
