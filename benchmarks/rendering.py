@@ -22,7 +22,7 @@ from bt_dualarm.core.errors import RendererError
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.perception.detection import ColorFilter, detect
 from bt_dualarm.perception.target_filter import Oscillator, TargetEstimate
-from bt_dualarm.robots.robot import LOOP_GROUPS
+from bt_dualarm.robots.mjspec import LOOP_GROUPS
 from bt_dualarm.sim.camera import Camera
 from bt_dualarm.sim.frame import Window
 from bt_dualarm.sim.gl_renderer import choose_renderer

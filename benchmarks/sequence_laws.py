@@ -319,7 +319,7 @@ class Referee(IdleObserver):
     def _gaps(self, thing: str) -> list[float]:
         """Distances in m of a thing from each finger, or from the hand where it has none."""
         world = self.run.world
-        gripper = world.equipment.mounted.get(ARM)
+        gripper = world.devices.mounted.get(ARM)
         if gripper is None or not gripper.fingers:
             return [world.tool_gap(ARM, thing)]
         geom = world.object_geom(thing)
@@ -359,7 +359,7 @@ class Referee(IdleObserver):
         # What has just been let go of has not fallen yet.
         opened = self._now is not None and self._now.skill in ("open_gripper", "release")
         unnamed = self._closed_unnamed or opened
-        if not gripped and ARM in world.equipment.mounted and not unnamed:
+        if not gripped and ARM in world.devices.mounted and not unnamed:
             for thing, spec in world.objects.items():
                 welded = world.attachments.find(ARM, thing) is not None
                 if spec.fixed or welded or self._is_held(thing) or not self._is_in_hand(thing):

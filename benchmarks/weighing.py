@@ -25,7 +25,7 @@ from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.gripper import load_gripper
-from bt_dualarm.robots.gripper_mjspec import with_gripper
+from bt_dualarm.robots.mounting import with_gripper
 from bt_dualarm.robots.robot import JointLimits, Robot
 from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.safety.failsafe import Reservations

@@ -94,7 +94,7 @@ class Transport(Skill):
     def _report_mass(self, name: str) -> None:
         """Report the estimated mass of an object whose mass is not declared to the arm."""
         for load in self.arm.payload:
-            if load.object == name and load.mass is not None and not load.is_told:
+            if load.object == name and load.mass is not None and not load.mass_declared:
                 self.metrics |= {"weighed_kg": load.mass, "weighed_doubt_kg": load.mass_doubt}
 
     def _verify(self, name: str, goal: Pose) -> None:

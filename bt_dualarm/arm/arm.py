@@ -41,7 +41,8 @@ from bt_dualarm.planning.problem import (
 from bt_dualarm.planning.process import PlanningProcess
 from bt_dualarm.safety.guard import PlanMonitor, clearance
 from bt_dualarm.sim.camera import Camera, GuardedCamera
-from bt_dualarm.sim.world import Contacts, World
+from bt_dualarm.sim.contact_monitor import Contacts
+from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.limits import SetPointSource
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.point_to_point import point_to_point, time_path

@@ -266,7 +266,7 @@ class ArmGripper:
         )
 
     def hold(
-        self, name: str, pose: Pose, most_force: float = math.inf, *, told: bool = True
+        self, name: str, pose: Pose, most_force: float = math.inf, *, mass_declared: bool = True
     ) -> None:
         """Attach an object to the gripper in the nominal model: it moves with the tool from now on.
 
@@ -274,10 +274,10 @@ class ArmGripper:
             name: Name of the object.
             pose: Estimated pose of the object in the world.
             most_force: Force in N of each pad, or of a cup, that the object withstands.
-            told: Whether the arm may use the declared mass, in files that let arms know masses.
+            mass_declared: Whether the arm may use the declared mass, if the file lets arms know it.
         """
         self._lease.refuse_other_threads()
-        self._world.hold(self._arm, name, pose, most_force, told=told)
+        self._world.hold(self._arm, name, pose, most_force, mass_declared=mass_declared)
 
     def refuse_other(self, wanted: str | None = None) -> None:
         """Check that it holds nothing but the named object; a lost object is detached first.

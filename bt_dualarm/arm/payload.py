@@ -18,8 +18,8 @@ from bt_dualarm.grasping.grasp import (
 )
 from bt_dualarm.robots.gripper import Gripper, GripperShape
 from bt_dualarm.sim.arm_models import NominalLoad
+from bt_dualarm.sim.attachments import Attachment
 from bt_dualarm.sim.world import World
-from bt_dualarm.sim.world_view import Attachment
 from bt_dualarm.trajectory.sources import at_scale
 from bt_dualarm.trajectory.trajectory import Trajectory
 
@@ -87,7 +87,7 @@ class PayloadCheck:
         nominal = world.nominal[self._name]
         robot = nominal.robot
         pose = tool_link.inverse @ (seen or world.object_pose(name))
-        new = NominalLoad.of(name, world.objects[name], pose, known=not nominal.weighs)
+        new = NominalLoad.of(name, world.objects[name], pose, known=not nominal.estimates_payload)
         loads = (*nominal.loads, new)
         mass = sum(load.mass for load in loads if load.mass is not None)
         if robot.payload is not None and mass > robot.payload:

@@ -14,9 +14,9 @@ from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix
 from bt_dualarm.sim.arm_models import NominalLoad
+from bt_dualarm.sim.attachments import Attachment
 from bt_dualarm.sim.grippers import GripperCommand, GripperHardware
 from bt_dualarm.sim.world import World
-from bt_dualarm.sim.world_view import Attachment
 
 FIRMER: Final = 3.0
 """Factor by which the force grows at each slip, up to what gripper and object withstand."""
@@ -178,7 +178,7 @@ class SlipResponse:
         if not names:
             self._too_heavy = None
         known = [load for load in loads if load.mass is not None]
-        if names == self._refused or all(load.is_told for load in known):
+        if names == self._refused or all(load.mass_declared for load in known):
             return
         mass = sum(load.mass or 0.0 for load in known)
         doubt = math.sqrt(sum(load.mass_doubt**2 for load in known))
@@ -195,7 +195,9 @@ class SlipResponse:
 
     def _hold_estimated_load(self, held: Attachment, hardware: GripperHardware) -> None:
         """Increase the force if an object of undeclared mass is heavier than assumed."""
-        weighed = [one for one in self._loads if one.object == held.object and not one.is_told]
+        weighed = [
+            one for one in self._loads if one.object == held.object and not one.mass_declared
+        ]
         for load in weighed:
             most = min(hardware.gripper.force.most, held.most_force)
             if min_grip_force(hardware.gripper, self._friction, load) > most:

@@ -15,7 +15,8 @@ from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.robot import JointLimits, Robot
 from bt_dualarm.sim.arm_models import NominalLoad
-from bt_dualarm.sim.world import ContactMonitor, Contacts, World
+from bt_dualarm.sim.contact_monitor import ContactMonitor, Contacts
+from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.limits import SetPoint
 
 BACKOFF_S = (0.5, 2.0)

@@ -329,7 +329,7 @@ class ComputedTorque:
         )
         self.collision_detected = False
         self._payload_estimator = (
-            PayloadEstimator(self._nominal, period) if self._nominal.weighs else None
+            PayloadEstimator(self._nominal, period) if self._nominal.estimates_payload else None
         )
         self._set_loads(self._nominal.loads, grace=False)
 
@@ -401,7 +401,7 @@ class ComputedTorque:
             self.collision_detected = self.collision_detector.update(
                 self._inertias[0], sent, self._disturbance_torque
             )
-        hardware.was_commanded(self._torque.copy())
+        hardware.note_command(self._torque.copy())
         return sent
 
     def _call(self, flags: int) -> int:

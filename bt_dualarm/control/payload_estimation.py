@@ -381,7 +381,7 @@ class PayloadEstimator:
             load = self._estimate(index)
             if load is not None and _is_new(load, self._reported.get(unknown.object)):
                 self._reported[unknown.object] = load
-                self._nominal.weigh(load)
+                self._nominal.update_load(load)
                 is_new = True
         if is_new:
             self._held = self._nominal.loads
@@ -418,7 +418,7 @@ class PayloadEstimator:
     def _set_loads(self, loads: tuple[NominalLoad, ...]) -> None:
         """Estimate the loads of unknown mass among those that the arm holds now."""
         self._held = loads
-        unknown = {load.object: load for load in loads if not load.is_told}
+        unknown = {load.object: load for load in loads if not load.mass_declared}
         for index in reversed(range(len(self._loads))):
             if self._loads[index].object not in unknown:
                 self._parameters.drop(self._own + 4 * index, 4)
@@ -428,7 +428,7 @@ class PayloadEstimator:
             if name not in estimated:
                 self._loads.append(load)
                 self._parameters.add(4)
-        self._dynamics = ArmDynamics(self._nominal, [load for load in loads if load.is_told])
+        self._dynamics = ArmDynamics(self._nominal, [load for load in loads if load.mass_declared])
         self._estimated = ArmDynamics(self._nominal, loads)
 
     def _load_columns(self, load: NominalLoad) -> Matrix:

@@ -20,9 +20,8 @@ from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.replay.record import Facts
 from bt_dualarm.robots.gripper import gripper_names, load_gripper
-from bt_dualarm.robots.gripper_mjspec import add_gripper, with_gripper
-from bt_dualarm.robots.mjspec import TOOL_GEOM, robot_spec
-from bt_dualarm.robots.robot import LOOP_GROUPS, VISUAL_GROUP
+from bt_dualarm.robots.mjspec import LOOP_GROUPS, TOOL_GEOM, VISUAL_GROUP, add_gripper, robot_spec
+from bt_dualarm.robots.mounting import with_gripper
 from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.sim.ray_renderer import geom_colors
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.errors import DualArmError
-from bt_dualarm.sim.frame import Frame, Plain
+from bt_dualarm.sim.frame import Frame, JsonList
 from bt_dualarm.sim.renderer import Image, Region
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import Color
@@ -138,13 +138,13 @@ class Detection:
         )
 
     @property
-    def plain(self) -> Plain:
+    def plain(self) -> JsonList:
         """What was measured, as `Frame.answer` has it."""
         measured = [self.centroid_px, self.area_px, self.bounds_px, self.confidence]
         return [*measured, self.touches_border]
 
     @classmethod
-    def of_plain(cls, frame: Frame, plain: Plain) -> Detection:
+    def of_plain(cls, frame: Frame, plain: JsonList) -> Detection:
         """The detection of that frame again, to the last bit."""
         (x, y), area, (left, top, right, bottom), confidence, touches_border = plain
         box = (left, top, right, bottom)
@@ -184,7 +184,7 @@ def detect_all(
     if frame.memory is None:
         return [found for found, _ in detect_blobs(frame, color, min_area, max_area)]
 
-    def look() -> Plain:
+    def look() -> JsonList:
         return [found.plain for found, _ in detect_blobs(frame, color, min_area, max_area)]
 
     found = frame.answer(f"detect {color.name} from {min_area!r} to {max_area!r} px", look)

@@ -16,7 +16,7 @@ from bt_dualarm.perception.detection import Detection
 from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.perception.shape_fit import OutlineScene, OutlineView, ShapeFit, ShapeFitter
 from bt_dualarm.sim.composition import DICTIONARIES
-from bt_dualarm.sim.frame import Frame, Plain
+from bt_dualarm.sim.frame import Frame, JsonList
 from bt_dualarm.spec.values import MarkerSpec
 
 Grey: TypeAlias = npt.NDArray[np.uint8]
@@ -85,7 +85,7 @@ def markers_in(frame: Frame, marker: MarkerSpec) -> list[OutlineView]:
     return views
 
 
-def _look(frame: Frame, marker: MarkerSpec) -> Plain:
+def _look(frame: Frame, marker: MarkerSpec) -> JsonList:
     """Edge, corners, box and area of each such marker, in px from the image's corner."""
     grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     large = cv2.resize(grey, None, fx=_LARGER, fy=_LARGER, interpolation=cv2.INTER_LINEAR)
@@ -93,7 +93,7 @@ def _look(frame: Frame, marker: MarkerSpec) -> Plain:
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     known = cv2.aruco.getPredefinedDictionary(DICTIONARIES[marker.dictionary])
     all_corners, ids, _ = cv2.aruco.ArucoDetector(known, settings).detectMarkers(large)
-    found: Plain = []
+    found: JsonList = []
     for four, number in zip(all_corners, () if ids is None else ids.ravel(), strict=False):
         corners = (np.asarray(four, dtype=float).reshape(4, 2) + 0.5) / _LARGER
         edge = _edge(grey, corners, marker.cells) if number == marker.id else np.zeros((0, 2))

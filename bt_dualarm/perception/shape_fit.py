@@ -14,7 +14,7 @@ import numpy.typing as npt
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import Blob, ColorFilter, Detection, detect_blobs
 from bt_dualarm.perception.known_shape import KnownShape
-from bt_dualarm.sim.frame import Frame, LazyFrame, Plain
+from bt_dualarm.sim.frame import Frame, JsonList, LazyFrame
 from bt_dualarm.sim.renderer import Image
 
 # Outlines with subpixel accuracy in an image of a camera at rest
@@ -86,7 +86,7 @@ def outlines(frame: Frame, color: ColorFilter, min_area: float) -> list[OutlineV
         min_area: Least area in square pixels.
     """
 
-    def look() -> Plain:
+    def look() -> JsonList:
         return [
             [
                 [] if detection.touches_border else _edge(frame, blob).ravel().tolist(),

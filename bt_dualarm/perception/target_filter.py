@@ -223,7 +223,7 @@ class TargetEstimate:
         """
         return self._last.stamp
 
-    def anew(self) -> TargetEstimate:
+    def fresh(self) -> TargetEstimate:
         """One for another target, of the same model, that has not seen anything yet."""
         return TargetEstimate(self._model)
 
@@ -390,11 +390,11 @@ class DualFilterEstimate(TargetEstimate):
         self._share = self._believed()
 
     @property
-    def calm_share(self) -> float:
+    def slow_share(self) -> float:
         """Weight of the calm filter, from 0 to 1."""
         return self._share
 
-    def anew(self) -> DualFilterEstimate:
+    def fresh(self) -> DualFilterEstimate:
         """One for another target, of the same models, that has not seen anything yet."""
         return DualFilterEstimate(self._calmness, self._jerk, self._lively)
 

@@ -176,27 +176,27 @@ class _Other:
 
 
 @dataclass
-class Impostors:
+class Distractors:
     """Objects that have the target's look, seen while it was lost where it cannot have been.
 
     Attributes:
-        said: Why the last one was refused; empty where none was.
+        reason: Why the last one was refused; empty where none was.
         count: How often one was refused in a frame.
     """
 
-    said: str = ""
+    reason: str = ""
     count: int = 0
     _others: list[_Other] = field(default_factory=list)
 
     def forget(self) -> None:
         """The target is found again: what else is in view is told apart by where that is."""
         self._others.clear()
-        self.said = ""
+        self.reason = ""
 
     def refuse(self, why: str) -> None:
         """Count something in a frame that is not the target, and keep why."""
         self.count += 1
-        self.said = why
+        self.reason = why
 
     def follow(self, stamp: float, seen: list[Sighting]) -> list[bool]:
         """Which of the objects in a frame are those that were refused before, each at most one."""
@@ -296,7 +296,7 @@ class TargetTracker:
         self._outline = Outline(localizer)
         self._estimate = estimate or TargetEstimate()
         self._before_loss: TargetEstimate | None = None
-        self.impostors = Impostors()
+        self.distractors = Distractors()
         self._settings = settings or TrackerSettings()
         self._hunting = True
         self._in_row = 0
@@ -349,7 +349,7 @@ class TargetTracker:
             self._missed(frame.stamp)
         else:
             self._take(chosen, frame)
-        self._camera.looks.append(self._look(frame.stamp))
+        self._camera.findings.append(self._look(frame.stamp))
 
     def window(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
         """Where the target will be seen at ``stamp``, wide enough for what is not known."""
@@ -442,22 +442,22 @@ class TargetTracker:
             return None
         expected = lost.predict(min(stamp, lost.stamp + FORESEEN_S)).position
         been = np.array([one.point for one in self.sightings.newest()])
-        others = self.impostors.follow(stamp, [seen.sighting for seen in found])
+        others = self.distractors.follow(stamp, [seen.sighting for seen in found])
         best = None
         least = math.inf
         for seen, is_other in zip(found, others, strict=True):
             sighting = seen.sighting
             if is_other:
-                self.impostors.refuse("it came from where the target cannot have been")
+                self.distractors.refuse("it came from where the target cannot have been")
                 continue
             off = off_its_way(lost, stamp, sighting, been, depth=self._outline.known)
             if off is not None:
-                self.impostors.add(stamp, sighting)
-                self.impostors.refuse(f"it appeared {off:.2f} m from where the target can be")
+                self.distractors.add(stamp, sighting)
+                self.distractors.refuse(f"it appeared {off:.2f} m from where the target can be")
                 continue
             if not self._outline.alike(sighting, late):
                 share = sighting.side / self._outline.side
-                self.impostors.refuse(f"it looks {share:.2f} times as wide")
+                self.distractors.refuse(f"it looks {share:.2f} times as wide")
                 continue
             away = float(np.linalg.norm(sighting.point - expected))
             if away < least:
@@ -471,7 +471,7 @@ class TargetTracker:
 
     def _take(self, seen: VisiblePart, frame: Frame) -> None:
         if self._hunting:
-            self._estimate = self._estimate.anew()
+            self._estimate = self._estimate.fresh()
             self._hunting = False
             self._in_row = 0
         detection = seen.detection
@@ -482,7 +482,7 @@ class TargetTracker:
         if self.locked:
             self.last_stamp = max(self.last_stamp, sighting.stamp)
             self.lost_since = self._before_loss = None
-            self.impostors.forget()
+            self.distractors.forget()
         if seen.whole:
             if self._localizer.learn(detection, frame):
                 self._relocate(sighting.stamp)
@@ -500,7 +500,7 @@ class TargetTracker:
         (newest,) = self.sightings.newest(1)
         if abs(self._localizer.relocate(newest).side / newest.side - 1.0) > _RESIZED:
             self._outline.forget()
-        self._estimate = self._estimate.anew()
+        self._estimate = self._estimate.fresh()
         for sighting in self.sightings.newest(min(_RELOCATED, self._in_row)):
             if sighting.stamp > stamp - _RELOCATED_S:
                 now = self._localizer.relocate(sighting)
@@ -511,7 +511,7 @@ class TargetTracker:
             return
         if self._in_row < self._settings.confirm:
             # A speck that did not stay: not yet a target, so not a loss either.
-            self._estimate = self._before_loss or self._estimate.anew()
+            self._estimate = self._before_loss or self._estimate.fresh()
             self._hunting = True
         elif stamp - self.last_stamp > self._settings.lost_after:
             self.lost_since = self.last_stamp

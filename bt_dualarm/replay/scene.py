@@ -19,12 +19,10 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.recording.history_file import Block, HistoryError, blocks_of
 from bt_dualarm.replay.record import Record, ReplayError, check_picture
 from bt_dualarm.robots.gripper import FINGERS
-from bt_dualarm.robots.gripper_mjspec import CUP
-from bt_dualarm.robots.mjspec import TOOL_SITE, joint_motors
-from bt_dualarm.robots.robot import PARTS_GROUP
+from bt_dualarm.robots.mjspec import CUP, PARTS_GROUP, TOOL_SITE, joint_motors
 from bt_dualarm.runtime.observations import KnownFrame
 from bt_dualarm.runtime.recorder import FRAMES
-from bt_dualarm.sim.frame import Plain
+from bt_dualarm.sim.frame import JsonList
 from bt_dualarm.sim.renderer import Image, Region, enter_blocks
 from bt_dualarm.spec.problems import is_name
 
@@ -182,7 +180,7 @@ def known_frames(record: Record, until: float) -> dict[str, dict[float, KnownFra
 
     A resumed run need not render them. Frames of older records, without a stride, are skipped.
     """
-    answers: dict[tuple[str, float], dict[str, Plain]] = defaultdict(dict)
+    answers: dict[tuple[str, float], dict[str, JsonList]] = defaultdict(dict)
     for note in record.notes:
         if note["kind"] == "found":
             answers[note["arm"], note["stamp"]][note["asked"]] = note["answer"]

@@ -26,9 +26,10 @@ from bt_dualarm.runtime.series import SeriesLog
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.camera import Camera
 from bt_dualarm.sim.camera_optics import calibration_of
+from bt_dualarm.sim.contact_monitor import Contacts
 from bt_dualarm.sim.gl_renderer import choose_renderer
 from bt_dualarm.sim.renderer import Renderer, RendererKind
-from bt_dualarm.sim.world import Contacts, World
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.document import TreeFile
@@ -161,8 +162,8 @@ class _MountedCamera:
     def deliver(self, time: float) -> None:
         self.camera.deliver(time)
         trace = self.frame_log.trace
-        while trace is not None and self.camera.looks:
-            trace.of_look(self.frame_log.arm, self.camera.looks.popleft())
+        while trace is not None and self.camera.findings:
+            trace.of_look(self.frame_log.arm, self.camera.findings.popleft())
 
 
 def assemble(

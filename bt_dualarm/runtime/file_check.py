@@ -19,7 +19,7 @@ from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.kinematics.solver import Workspace
 from bt_dualarm.robots.description_file import is_description_path, problems_of
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
-from bt_dualarm.robots.gripper_mjspec import COMES_OFF, stock_joints, with_gripper
+from bt_dualarm.robots.mounting import COMES_OFF, stock_joints, with_gripper
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.robots.urdf_xml import DescriptionError

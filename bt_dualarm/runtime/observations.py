@@ -22,7 +22,7 @@ from bt_dualarm.recording.history_file import Block, HistoryWriter
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.report import json_ready
-from bt_dualarm.sim.frame import Frame, FrameFinding, Plain
+from bt_dualarm.sim.frame import Frame, FrameFinding, JsonList
 from bt_dualarm.sim.renderer import Region
 
 _log = logging.getLogger(__name__)
@@ -247,7 +247,7 @@ class TraceEvents:
         for read in self.frame_readers:
             read(arm, frame)
 
-    def of_answer(self, arm: str, stamp: float, question: str, answer: Plain) -> None:
+    def of_answer(self, arm: str, stamp: float, question: str, answer: JsonList) -> None:
         """Add the answer to a question about a frame, with all bits of its numbers."""
         event = {"kind": "found", "arm": arm, "time_s": self.clock(), "stamp": float(stamp)}
         self._add({**event, "asked": question, "answer": answer})
@@ -319,7 +319,7 @@ class KnownFrame:
     region: Region
     stride: int
     crc: int
-    answers: Mapping[str, Plain]
+    answers: Mapping[str, JsonList]
 
 
 @dataclass
@@ -356,7 +356,7 @@ class FrameLog:
         self.taken += 1
         return True
 
-    def recall(self, stamp: float, question: str, look: Callable[[], Plain]) -> Plain:
+    def recall(self, stamp: float, question: str, look: Callable[[], JsonList]) -> JsonList:
         """Recorded answer to a question about a frame, or else the answer of ``look``."""
         picture = self.known.get(stamp)
         if picture is not None and question in picture.answers:

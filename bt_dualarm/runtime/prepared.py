@@ -36,10 +36,10 @@ from bt_dualarm.runtime.signals import StopRequest, ctrl_c_ends
 from bt_dualarm.runtime.watchdog import Watchdog
 from bt_dualarm.safety.failsafe import warm_up_reservations
 from bt_dualarm.sim.camera_optics import warm_up_lens, warm_up_shutter
+from bt_dualarm.sim.contact_monitor import warm_up_contacts
 from bt_dualarm.sim.devices import warm_up_sensors
 from bt_dualarm.sim.grippers import warm_up_fingers, warm_up_held_objects, warm_up_tactile_sensors
 from bt_dualarm.sim.ray_renderer import warm_up_renderer
-from bt_dualarm.sim.world import warm_up_contacts
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.problems import Named
@@ -155,7 +155,7 @@ class Prepared:
             renderer=self.renderer,
             reality={
                 name: errors.model_dump(exclude_defaults=True)
-                for name, errors in self.assembly.world.equipment.errors.items()
+                for name, errors in self.assembly.world.devices.errors.items()
             },
             state_sha256=self.states.sha256,
         )

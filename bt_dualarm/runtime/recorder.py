@@ -35,7 +35,8 @@ from bt_dualarm.runtime.outcome import Ending, Holdings, HoldingWorld, RunResult
 from bt_dualarm.runtime.report import json_ready, summary_of
 from bt_dualarm.runtime.series import Sample, SampledWorld, Tracks
 from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.sim.painter import RenderedWorld, StillRenderer
+from bt_dualarm.sim.painter import StillRenderer
+from bt_dualarm.sim.renderer import RenderableWorld
 
 _log = logging.getLogger(__name__)
 
@@ -366,7 +367,7 @@ WriteFile: TypeAlias = Callable[[Path], object]
 """Writes one file atomically."""
 
 
-class RecordedWorld(SampledWorld, HashedWorld, HoldingWorld, RenderedWorld, Protocol):
+class RecordedWorld(SampledWorld, HashedWorld, HoldingWorld, RenderableWorld, Protocol):
     """The world as the recorder reads it."""
 
 

@@ -28,7 +28,7 @@ class NominalLoad:
         inertia: Moments of inertia about the axes of ``pose``, of shape (3,), kg m²; None likewise.
         pose: Pose of its center of mass in the tool's link, as it was when it was attached.
         gyration: Moments of inertia of its shape for 1 kg, of shape (3,), m².
-        is_told: Whether the file says the mass; else the arm has to weigh it.
+        mass_declared: Whether the file says the mass; else the arm has to weigh it.
         mass_doubt: Standard deviation of a mass that was weighed, kg.
         center_doubt: Standard deviation of a center that was, along an axis, m.
     """
@@ -38,7 +38,7 @@ class NominalLoad:
     inertia: Vector | None
     pose: Pose
     gyration: Vector
-    is_told: bool = True
+    mass_declared: bool = True
     mass_doubt: float = 0.0
     center_doubt: float = 0.0
 
@@ -47,7 +47,7 @@ class NominalLoad:
         """The load that a declared object is: its mass is spread evenly, and known or not."""
         gyration = inertia_per_mass(thing)
         if not known:
-            return cls(name, None, None, pose, gyration, is_told=False)
+            return cls(name, None, None, pose, gyration, mass_declared=False)
         return cls(name, thing.mass, thing.mass * gyration, pose, gyration)
 
 
@@ -101,14 +101,14 @@ class NominalArm:
         model: mujoco.MjModel,
         friction: JointFriction,
         *,
-        weighs: bool = False,
+        estimates_payload: bool = False,
     ) -> None:
         self.name = name
         self.robot = robot
         self.base = base
         self.model = model
         self.friction = friction
-        self.weighs = weighs
+        self.estimates_payload = estimates_payload
         self.loads: tuple[NominalLoad, ...] = ()
         self.tool_site = int(model.site(f"{name}/{TOOL_SITE}").id)
         self.tool_body = int(model.body(f"{name}/{robot.tool_link}").id)
@@ -119,10 +119,10 @@ class NominalArm:
 
     def hold(self, loads: Iterable[NominalLoad]) -> None:
         """Believe that the arm holds these; what it has weighed and still holds, it knows."""
-        weighed = {load.object: load for load in self.loads if not load.is_told}
+        weighed = {load.object: load for load in self.loads if not load.mass_declared}
         self.loads = tuple(weighed.get(load.object, load) for load in loads)
 
-    def weigh(self, load: NominalLoad) -> None:
+    def update_load(self, load: NominalLoad) -> None:
         """Believe this of a load that the arm holds and was told no mass of."""
         self.loads = tuple(load if one.object == load.object else one for one in self.loads)
 
@@ -226,7 +226,7 @@ class SampledArm:
         camera: Pose of the camera where its calibration has it; None for exactly there.
         focal: Factor of its focal length.
         stamp_s: Seconds by which its clock is ahead.
-        bend: Radial distortion of its lens that its calibration does not know, OpenCV's k1 and k2.
+        distortion: Radial distortion of its lens that the calibration lacks, OpenCV's k1 and k2.
     """
 
     links: Mapping[str, LinkFactors]
@@ -236,7 +236,7 @@ class SampledArm:
     camera: Pose | None
     focal: float
     stamp_s: float
-    bend: tuple[float, float]
+    distortion: tuple[float, float]
 
 
 def random_stream(seed: int, owner: str) -> np.random.Generator:
@@ -258,7 +258,7 @@ def sample_arm(
     """
     links = _links(errors.links, list(robot.model.links), random_stream(seed, f"{name}:links"))
     links |= _links(errors.links, fingers, random_stream(seed, f"{name}:fingers"))
-    camera, focal, stamp_s, bend = _camera(errors, random_stream(seed, f"{name}:calibration"))
+    camera, focal, stamp_s, distortion = _camera(errors, random_stream(seed, f"{name}:calibration"))
     return SampledArm(
         links=links,
         friction=_friction(errors, robot, random_stream(seed, f"{name}:friction")),
@@ -267,7 +267,7 @@ def sample_arm(
         camera=camera,
         focal=focal,
         stamp_s=stamp_s,
-        bend=bend,
+        distortion=distortion,
     )
 
 

@@ -23,7 +23,7 @@ from bt_dualarm.sim.frame import (
     Window,
     focal_length_px,
 )
-from bt_dualarm.sim.renderer import Exposure, Image, Region, Renderer, clip_region
+from bt_dualarm.sim.renderer import Exposure, Image, Region, RenderableWorld, Renderer, clip_region
 
 _CLOCK_TOLERANCE_S = 1e-9
 _MOST_LOOKS = 16  # far more than frames that are delivered in one step
@@ -52,18 +52,6 @@ class CameraTiming(Protocol):
     @property
     def noise(self) -> float:
         """Standard deviation of the shake along x and y, in pixels."""
-
-
-class SeenWorld(Protocol):
-    """The part of a world that a camera looks at."""
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """MuJoCo's model."""
-
-    @property
-    def data(self) -> mujoco.MjData:
-        """MuJoCo's state."""
 
 
 FrameCallback: TypeAlias = Callable[[Frame], None]
@@ -106,12 +94,12 @@ class Camera:
         self.aim: WindowRequest | None = None
         self.latest: Frame | None = None
         self.frames = 0
-        self.looks: deque[FrameFinding] = deque(maxlen=_MOST_LOOKS)
+        self.findings: deque[FrameFinding] = deque(maxlen=_MOST_LOOKS)
         self._calibration = calibration
         self._memory = memory
         self._optics = Optics(renderer)
         if calibration is not None:
-            self._optics = Optics(renderer, calibration.exposure_s, calibration.bend)
+            self._optics = Optics(renderer, calibration.exposure_s, calibration.distortion)
         self._rng = rng or np.random.default_rng(0)
         self._next_index = 0
         self._known: tuple[mujoco.MjModel, int] | None = None
@@ -134,7 +122,7 @@ class Camera:
             return False
         return time >= self._next_index * self.period - _CLOCK_TOLERANCE_S
 
-    def capture(self, world: SeenWorld) -> Frame:
+    def capture(self, world: RenderableWorld) -> Frame:
         """Expose now, whether due or not; the frame waits for ``deliver``, unless it gets lost.
 
         Raises:
@@ -158,10 +146,10 @@ class Camera:
         if self._is_faulty:
             shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
         exposure = Exposure(camera_id, self.width, self.height, region, window.stride, alone=True)
-        suffer = known.suffering(region, window.stride) if known.suffers else None
+        degrade = known.degradation(region, window.stride) if known.is_degraded else None
 
         def draw(state: mujoco.MjData) -> Image:
-            return self._optics.picture(model, state, exposure, shake, suffer)
+            return self._optics.render(model, state, exposure, shake, degrade)
 
         memory = self._memory if self._memory is not None and self._memory.keeps else None
         facts = stamp, pose, known.fov_rad, region, window.stride, self.noise, memory
@@ -266,9 +254,9 @@ class GuardedCamera:
         self._aim = aim
 
     @property
-    def looks(self) -> deque[FrameFinding]:
-        """What was found in frames of late, as `Camera.looks`."""
-        return self._camera.looks
+    def findings(self) -> deque[FrameFinding]:
+        """What was found in frames of late, as `Camera.findings`."""
+        return self._camera.findings
 
     def subscribe(self, callback: FrameCallback) -> Callable[[], None]:
         """Have every frame handed to ``callback``; returns how to stop it."""

@@ -72,7 +72,7 @@ class Lens:
             asked.alone,
         )  # fmt: skip
 
-    def bent(self, image: Image, exposure: Exposure) -> Image:
+    def distorted(self, image: Image, exposure: Exposure) -> Image:
         """The image behind the lens, black outside of the exposure's region."""
         (left, top, right, bottom) = self.widened(exposure).clipped
         step = exposure.stride
@@ -189,7 +189,7 @@ class Shutter:
         self._open_s = exposure_s
         self._model: mujoco.MjModel | None = None
 
-    def picture(
+    def render(
         self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, draw: Draw
     ) -> Image:
         """The image of an exposure that has its middle now.
@@ -268,7 +268,7 @@ def warm_up_shutter() -> None:
     spec.worldbody.add_body(name="thing").add_geom(size=(0.1, 0.1, 0.1))
     model = spec.compile()
     data = mujoco.MjData(model)
-    Shutter(1.0).picture(model, data, Exposure(0, 2, 2), lambda *_: np.zeros((2, 2, 3), np.uint8))
+    Shutter(1.0).render(model, data, Exposure(0, 2, 2), lambda *_: np.zeros((2, 2, 3), np.uint8))
 
 
 # Calibration of a camera, and the errors of its images
@@ -297,7 +297,7 @@ class Calibration:
         noise: Standard deviation of a pixel's noise, of 255 levels.
         light: Spread of the brightness, drawn for each image.
         exposure_s: Seconds for which the shutter is open.
-        bend: Radial distortion that is not known, OpenCV's k1 and k2.
+        distortion: Radial distortion that is not known, OpenCV's k1 and k2.
         rng: Source of noise and light.
     """
 
@@ -307,13 +307,13 @@ class Calibration:
     noise: float = 0.0
     light: Uncertainty = EVEN
     exposure_s: float = 0.0
-    bend: tuple[float, float] = (0.0, 0.0)
+    distortion: tuple[float, float] = (0.0, 0.0)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     _bank: npt.NDArray[np.uint8] = field(
         init=False, default_factory=lambda: np.zeros((2, 0), np.uint8)
     )
 
-    def suffered(self, image: Image, region: Region, stride: int = 1) -> Image:
+    def degraded(self, image: Image, region: Region, stride: int = 1) -> Image:
         """The image as it arrives; what was not exposed stays black.
 
         Args:
@@ -323,11 +323,11 @@ class Calibration:
         """
         left, top, right, bottom = region
         blocks = np.ascontiguousarray(image[top:bottom:stride, left:right:stride])
-        enter_blocks(image, region, stride, self.suffering(region, stride)(blocks))
+        enter_blocks(image, region, stride, self.degradation(region, stride)(blocks))
         return image
 
-    def suffering(self, region: Region, stride: int = 1) -> Callable[[Image], Image]:
-        """What the next image will suffer, as it was drawn now.
+    def degradation(self, region: Region, stride: int = 1) -> Callable[[Image], Image]:
+        """What the next image will degrade, as it was drawn now.
 
         Args:
             region: Part that is exposed.
@@ -336,22 +336,22 @@ class Calibration:
         Returns:
             Function of the colors of its blocks, of shape (rows, columns, 3).
         """
-        if not self.suffers:
+        if not self.is_degraded:
             return lambda blocks: blocks
         left, top, right, bottom = region
         light = 1.0 + self.light.draw_one(self.rng)
         shape = -((top - bottom) // stride), -((left - right) // stride), 3
         more, less = self._noise_of(math.prod(shape)).reshape(2, *shape)
 
-        def suffer(blocks: Image) -> Image:
+        def degrade(blocks: Image) -> Image:
             # OpenCV keeps to the levels that there are.
             bright = cv2.add(cv2.convertScaleAbs(blocks, alpha=light), more)
             return np.asarray(cv2.subtract(bright, less), dtype=np.uint8)
 
-        return suffer
+        return degrade
 
     @property
-    def suffers(self) -> bool:
+    def is_degraded(self) -> bool:
         """Whether an image arrives as another than was exposed."""
         return bool(self.noise or self.light.most)
 
@@ -397,8 +397,8 @@ def calibration_of(world: World, name: str, seed: int) -> Calibration:
         raise WorldError(f"arm {name!r} has no camera")
     hardware = world.hardware[name]
     nominal = world.nominal[name]
-    errors = world.equipment.errors[name].camera
-    drawn = world.equipment.drawn[name]
+    errors = world.devices.errors[name].camera
+    drawn = world.devices.sampled[name]
     return Calibration(
         pose_at=lambda time: nominal.camera_pose_at(hardware.q_at(time)),
         fov_rad=camera.fov_rad,
@@ -406,7 +406,7 @@ def calibration_of(world: World, name: str, seed: int) -> Calibration:
         noise=errors.noise,
         light=errors.light,
         exposure_s=errors.exposure,
-        bend=drawn.bend,
+        distortion=drawn.distortion,
         rng=random_stream(seed, f"{name}:pixels"),
     )
 
@@ -420,24 +420,27 @@ class Optics:
     Args:
         renderer: Renderer of its images.
         exposure_s: Seconds for which its shutter is open.
-        bend: Radial distortion of its lens, OpenCV's k1 and k2.
+        distortion: Radial distortion of its lens, OpenCV's k1 and k2.
     """
 
     def __init__(
-        self, renderer: Renderer, exposure_s: float = 0.0, bend: tuple[float, float] = (0.0, 0.0)
+        self,
+        renderer: Renderer,
+        exposure_s: float = 0.0,
+        distortion: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self._renderer = renderer
         self._shutter = Shutter(exposure_s) if exposure_s else None
-        self._bend = bend
+        self._distortion = distortion
         self._lens: Lens | None = None
 
-    def picture(
+    def render(
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
         exposure: Exposure,
         shake: Vector,
-        suffer: Callable[[Image], Image] | None = None,
+        degrade: Callable[[Image], Image] | None = None,
     ) -> Image:
         """What an exposure shows: colors of its blocks, of shape (rows, columns, 3).
 
@@ -446,7 +449,7 @@ class Optics:
             data: State of it, its kinematics up to date.
             exposure: Part of the image that is asked for, alone, its corner on the grid of blocks.
             shake: Turn of the camera about its x and y axes meanwhile, of shape (2,), rad.
-            suffer: What the colors of its blocks, of shape (rows, columns, 3), suffer besides.
+            degrade: What the colors of its blocks, of shape (rows, columns, 3), degrade besides.
         """
         shakes = shake.any()
 
@@ -458,23 +461,23 @@ class Optics:
 
         if exposure.is_empty:
             return np.zeros((0, 0, 3), np.uint8)
-        if not any(self._bend):
+        if not any(self._distortion):
             blocks = self._exposed(model, data, exposure, draw)
-            return blocks if suffer is None else suffer(blocks)
+            return blocks if degrade is None else degrade(blocks)
         if self._lens is None:
             fov_rad = math.radians(float(model.cam_fovy[exposure.camera_id]))
             focal_px = focal_length_px(exposure.height, fov_rad)
-            self._lens = Lens(*self._bend, exposure.width, exposure.height, focal_px)
+            self._lens = Lens(*self._distortion, exposure.width, exposure.height, focal_px)
         wide = self._lens.widened(exposure)
         seen = self._lens.seen(self._exposed(model, data, wide, draw), exposure)
-        return seen if suffer is None else suffer(seen)
+        return seen if degrade is None else degrade(seen)
 
     def _exposed(
         self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, draw: Draw
     ) -> Image:
         if self._shutter is None:
             return draw(data, exposure)
-        return self._shutter.picture(model, data, exposure, draw)
+        return self._shutter.render(model, data, exposure, draw)
 
 
 @contextmanager

@@ -19,9 +19,17 @@ from bt_dualarm.core.errors import CatalogError, WorldError
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.robots.gripper import Gripper
-from bt_dualarm.robots.gripper_mjspec import add_gripper
-from bt_dualarm.robots.mjspec import TOOL_SITE, chain_spec, robot_spec
-from bt_dualarm.robots.robot import GEOM_TYPES, OBJECT_GROUP, SCENE_GROUP, Robot, half_sizes
+from bt_dualarm.robots.mjspec import (
+    GEOM_TYPES,
+    OBJECT_GROUP,
+    SCENE_GROUP,
+    TOOL_SITE,
+    add_gripper,
+    chain_spec,
+    half_sizes,
+    robot_spec,
+)
+from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.arm_models import LinkFactors, SampledArm, inertia_per_mass
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.values import MarkerSpec

@@ -526,9 +526,9 @@ class ArmHardware:
             torque: Torques of the joints, of shape (dof,), N m, within their efforts.
         """
         kernels().take_torques(np.array(torque, dtype=float), self.drives)
-        self.was_commanded(torque)
+        self.note_command(torque)
 
-    def was_commanded(self, torque: Vector) -> None:
+    def note_command(self, torque: Vector) -> None:
         """Note that the drives have been given torques, of shape (dof,), N m; see `command`."""
         self.commanded = torque
         if self._is_ideal:
@@ -578,7 +578,7 @@ class DeviceBank:
             for name, one in errors.items()
         }
         self._drives = Drives(drives, parts, timestep)
-        self._rubbing = JointFrictionModel(
+        self._friction_model = JointFrictionModel(
             {name: one.friction for name, one in drawn.items()}, parts
         )
 
@@ -586,7 +586,7 @@ class DeviceBank:
         """The sensors and drives of an arm that comes, whose noise a seed draws."""
         self._encoders.begin(name, random_stream(seed, f"{name}:encoders"))
         self._drives.begin(name)
-        self._rubbing.begin(name)
+        self._friction_model.begin(name)
         return ArmHardware(self._encoders, self._parts[name], self._drives, name)
 
     def end(self, name: str) -> None:
@@ -599,7 +599,7 @@ class DeviceBank:
         """Belong to the arms of the plant that are there; anew after each recompilation."""
         self._encoders.connect(data, arms)
         self._drives.connect(data, arms)
-        self._rubbing.connect(model, data, arms)
+        self._friction_model.connect(model, data, arms)
 
     def sense(self, time: float) -> None:
         """Read the sensors at a simulated time in s, instead of what they read at this moment."""
@@ -609,6 +609,6 @@ class DeviceBank:
         """Let the drives act during the next step of physics."""
         self._drives.drive()
 
-    def rub(self) -> None:
+    def update_friction(self) -> None:
         """Set the joints' friction for the velocities that the plant has now."""
-        self._rubbing.act()
+        self._friction_model.act()

@@ -38,7 +38,7 @@ class FrameFinding:
     locked: bool
 
 
-Plain: TypeAlias = list[Any]
+JsonList: TypeAlias = list[Any]
 """What was found in an image as JSON can say it: numbers, texts, lists of them."""
 
 
@@ -52,7 +52,7 @@ class FrameMemory(Protocol):
     def knows(self, stamp: float, region: Region, stride: int) -> bool:
         """Whether such an image is known, and what those who looked at it found."""
 
-    def recall(self, stamp: float, question: str, look: Callable[[], Plain]) -> Plain:
+    def recall(self, stamp: float, question: str, look: Callable[[], JsonList]) -> JsonList:
         """The answer to a question about the image of a stamp.
 
         Args:
@@ -107,7 +107,7 @@ class Frame:
             seen.memory, seen.merges,
         )  # fmt: skip
 
-    def answer(self, question: str, look: Callable[[], Plain]) -> Plain:
+    def answer(self, question: str, look: Callable[[], JsonList]) -> JsonList:
         """What is found in it; not looked for where that is known; arguments as of `Memory`."""
         if self.memory is None:
             return look()

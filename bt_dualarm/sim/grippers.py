@@ -15,8 +15,8 @@ import numpy as np
 
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.gripper import FINGERS, PALM, Cup, Gripper, Tactile
-from bt_dualarm.robots.gripper_mjspec import CUP, FELT, PAD
-from bt_dualarm.robots.gripper_mjspec import DRIVE as DRIVE_NAME
+from bt_dualarm.robots.mjspec import CUP, PAD, PAD_FORCE
+from bt_dualarm.robots.mjspec import DRIVE as DRIVE_NAME
 from bt_dualarm.sim.kernel_columns import (
     ASKED_FORCE,
     ASKED_WIDTH,
@@ -156,7 +156,7 @@ class TactileSensors:
 
     def connect(self, model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> None:
         """Belong to the gripper of an arm of the plant; anew after each recompilation."""
-        first, second = (int(model.sensor(f"{arm}/{name}/{FELT}").adr[0]) for name in FINGERS)
+        first, second = (int(model.sensor(f"{arm}/{name}/{PAD_FORCE}").adr[0]) for name in FINGERS)
         if second != first + _FORCE:
             raise AssertionError("the sensors of two pads follow each other")
         self._felt: Vector = data.sensordata[first : second + _FORCE]

@@ -6,17 +6,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Protocol
+from typing import Final
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.robots.robot import LOOP_GROUPS, OBJECT_GROUP, SCENE_GROUP
+from bt_dualarm.robots.mjspec import LOOP_GROUPS, OBJECT_GROUP, SCENE_GROUP
 from bt_dualarm.sim.ray_kernel_arrays import Fan, Hits
 from bt_dualarm.sim.ray_renderer import RayScene, Shading, fan_of
-from bt_dualarm.sim.renderer import Image, Viewpoint, fitted
+from bt_dualarm.sim.renderer import Image, RenderableWorld, Viewpoint, fitted
 
 # Images for people, with shadows.
 #
@@ -245,13 +245,6 @@ _BOX_CORNERS: Final = np.array(
 )
 
 
-class RenderedWorld(Protocol):
-    """What is read of the world."""
-
-    model: mujoco.MjModel
-    data: mujoco.MjData
-
-
 @dataclass(frozen=True, eq=False)
 class StillRenderer:
     """A world at one moment.
@@ -267,7 +260,7 @@ class StillRenderer:
     time: float
 
     @classmethod
-    def of(cls, world: RenderedWorld) -> StillRenderer:
+    def of(cls, world: RenderableWorld) -> StillRenderer:
         """The world as it is now."""
         return cls(world.model, world.data.qpos.copy(), float(world.data.time))
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.robots.robot import LOOP_GROUPS
+from bt_dualarm.robots.mjspec import LOOP_GROUPS
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 """Red, green, blue, of shape (height, width, 3)."""
@@ -91,6 +91,18 @@ class Exposure:
     def clipped(self) -> Region:
         """The part that is drawn, inside the image; may be empty."""
         return clip_region(self.region, self.width, self.height)
+
+
+class RenderableWorld(Protocol):
+    """The part of a world that images are rendered from."""
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """Compiled model of the world."""
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """State of the model."""
 
 
 class Renderer(Protocol):

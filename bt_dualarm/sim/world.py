@@ -11,10 +11,10 @@ import numpy as np
 
 from bt_dualarm.core.errors import DivergenceError, OverlapError, WorldError
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.core.share import weakly
-from bt_dualarm.robots.gripper_mjspec import load_arm
+from bt_dualarm.robots.mounting import load_arm
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim import composition
+from bt_dualarm.sim.attachments import Attachments
 from bt_dualarm.sim.composition import (
     ArmBody,
     MountingSurface,
@@ -25,7 +25,7 @@ from bt_dualarm.sim.composition import (
     noisy_pose,
     surface_below,
 )
-from bt_dualarm.sim.world_view import Attachments, Devices, HoldingView
+from bt_dualarm.sim.world_view import Devices, HoldingView
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 
 # Physics step, with a check for divergence
@@ -113,7 +113,9 @@ MOST_DEPTH = 0.005
 """Depth in meters up to which an object that comes may be inside another: contacts push it out."""
 
 
-def overlap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> tuple[str, float] | None:
+def deepest_overlap(
+    model: mujoco.MjModel, data: mujoco.MjData, name: str
+) -> tuple[str, float] | None:
     """What an arm or object is deepest inside of, and how deep in m; None below ``MOST_DEPTH``.
 
     Args:
@@ -130,7 +132,7 @@ def overlap(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> tuple[str,
     return worst
 
 
-def no_room(kind: str, name: str, other: str, depth: float) -> OverlapError:
+def overlap_error(kind: str, name: str, other: str, depth: float) -> OverlapError:
     """What is said of an arm or object that would be so many meters deep in another object."""
     return OverlapError(name, f"{kind} {name!r} would be {1000 * depth:.0f} mm deep in {other}")
 
@@ -153,7 +155,7 @@ class World(HoldingView):
         on_forces: Functions that are called in each step, when contacts have the forces of it.
         declared_arms: Every arm of the file, present or not.
         declared_objects: Every object of the file, likewise.
-        equipment: Hardware, grippers and nominal model of each arm that is present, by name.
+        devices: Hardware, grippers and nominal model of each arm that is present, by name.
 
     Raises:
         CatalogError: A robot or scene is unknown or broken.
@@ -176,14 +178,14 @@ class World(HoldingView):
         self.objects: dict[str, ObjectSpec] = {}
         self.before_removal: list[Callable[[str], None]] = []
         self.generation = 0
-        self.equipment = Devices(file, self.robots, mounted, seed)
-        self.hardware = self.equipment.hardware
-        self.nominal = self.equipment.nominal
-        self.grippers = self.equipment.grippers
-        self.on_forces: list[Callable[[], None]] = [self.equipment.rub]
+        self.devices = Devices(file, self.robots, mounted, seed)
+        self.hardware = self.devices.hardware
+        self.nominal = self.devices.nominal
+        self.grippers = self.devices.grippers
+        self.on_forces: list[Callable[[], None]] = [self.devices.update_friction]
         self._spec = composition.scene_spec(file.world, file.root)
         if mounted:
-            self.on_forces.append(self.equipment.carry)
+            self.on_forces.append(self.devices.move_held_objects)
             composition.copy_contact_options(self._spec)
         check_declarations(file, self.robots, composition.names_in(self._spec))
         self.attachments = Attachments(self._spec, self._recompile, self._take_up)
@@ -195,23 +197,23 @@ class World(HoldingView):
         Raises:
             DivergenceError: A torque or the state is not finite, or time did not advance.
         """
-        self.equipment.drive()
+        self.devices.drive()
         time = self._stepping.advance(self.on_forces)
-        self.equipment.sense(time)
+        self.devices.sense(time)
 
     def sense(self) -> None:
         """Read all sensors; `step` does so at its end."""
-        self.equipment.sense(self.data.time)
+        self.devices.sense(self.data.time)
 
     def overlaps(self) -> Iterator[OverlapError]:
         """Each arm or object that is inside another object now; of two in each other the first."""
         said: set[tuple[str, str]] = set()
         for kind, names in (("arm", self.arms), ("object", self.objects)):
             for name in names:
-                inside = overlap(self.model, self.data, name)
+                inside = deepest_overlap(self.model, self.data, name)
                 if inside is not None and (inside[0].partition("/")[0], name) not in said:
                     said.add((name, inside[0].partition("/")[0]))
-                    yield no_room(kind, name, *inside)
+                    yield overlap_error(kind, name, *inside)
 
     def refuse_overlaps(self) -> None:
         """Raise an `OverlapError` if an arm or object is inside another object at the start."""
@@ -231,10 +233,10 @@ class World(HoldingView):
         self._recompile()
         self._take_posture(name)
         self._look_again()
-        inside = overlap(self.model, self.data, name)
+        inside = deepest_overlap(self.model, self.data, name)
         if inside is not None:
             self.remove_arm(name)
-            raise no_room("arm", name, *inside)
+            raise overlap_error("arm", name, *inside)
 
     def remove_arm(self, name: str) -> None:
         """Take an arm away; what it held falls.
@@ -250,7 +252,7 @@ class World(HoldingView):
         self.attachments.forget(name)
         composition.remove_arm(self._spec, name, self.robots[name])
         del self.arms[name]
-        self.equipment.remove(name)
+        self.devices.remove(name)
         self._recompile()
 
     def spawn_object(self, name: str, pose: Pose | None = None) -> None:
@@ -264,10 +266,10 @@ class World(HoldingView):
             raise WorldError(f"object {name!r} is present already")
         self._put_object(name, pose or self._poses[name])
         self._recompile()
-        inside = overlap(self.model, self.data, name)
+        inside = deepest_overlap(self.model, self.data, name)
         if inside is not None:
             self.remove_object(name)
-            raise no_room("object", name, *inside)
+            raise overlap_error("object", name, *inside)
 
     def remove_object(self, name: str) -> None:
         """Take an object away, out of any arm's hold.
@@ -311,7 +313,7 @@ class World(HoldingView):
 
     def _put_object(self, name: str, pose: Pose) -> None:
         self.objects[name] = thing = self._file.objects[name]
-        add_object(self._spec, name, thing, pose, self.equipment.drawn_object(name))
+        add_object(self._spec, name, thing, pose, self.devices.sampled_object(name))
 
     def _compile(self) -> None:
         try:
@@ -337,7 +339,7 @@ class World(HoldingView):
 
     def _look_again(self) -> None:
         """Bring up to date what hangs on the state, and read the sensors."""
-        self.equipment.rub()
+        self.devices.update_friction()
         mujoco.mj_step1(self.model, self.data)
         self.sense()
 
@@ -348,143 +350,23 @@ class World(HoldingView):
             name: ArmBody.find(name, self.robots[name], self._file.arms[name].base.pose, *plant)
             for name in self.arms
         }
-        self.equipment.connect(plant, self.arms, self.attachments, self.objects)
+        self.devices.connect(plant, self.arms, self.attachments, self.objects)
 
     def _add_arm(self, name: str) -> None:
         arm = self._file.arms[name]
         robot = self.robots[name]
-        drawn = self.equipment.drawn[name]
+        drawn = self.devices.sampled[name]
         surface = self._surfaces[name]
         visuals = self._visuals
-        gripper = self.equipment.mounted.get(name)
+        gripper = self.devices.mounted.get(name)
         composition.add_arm(
             self._spec, name, arm, robot, drawn, gripper, surface=surface, visuals=visuals
         )
-        self.equipment.add(name, self._spec.option)
+        self.devices.add(name, self._spec.option)
         self.arms[name] = None  # type: ignore[assignment]  # bound when the model is compiled
 
     def _take_posture(self, name: str) -> None:
         """Put an arm that has just come into its initial posture: before its first step only."""
         posture = self.robots[name].postures[self._file.arms[name].posture]
         self.data.qpos[self.arms[name].qpos_ids] = posture
-        self.equipment.open_gripper(name)
-
-
-# True contacts of the arms and their forces, for scoring only.
-#
-# No arm senses these. An arm senses a contact only by a joint that lags behind its set-point, is
-# too fast, or needs more than its effort; its motions fail by that alone.
-
-
-_NOBODY = -1
-
-
-class ContactMonitor:
-    """What one arm touches from now on, what it touches already and what it holds aside.
-
-    Args:
-        arm: Name of the arm.
-        already: Names of the objects that it touches when the watch begins.
-
-    Attributes:
-        forces_n: Largest normal force of a contact, by the name of the object, N.
-    """
-
-    def __init__(self, arm: str, already: frozenset[str]) -> None:
-        self.arm = arm
-        self.forces_n: dict[str, float] = {}
-        self._already = already
-
-    def note(self, thing: str, force_n: float) -> None:
-        """Take up one contact."""
-        if thing not in self._already and force_n > self.forces_n.get(thing, 0.0):
-            self.forces_n[thing] = force_n
-
-
-class Contacts:
-    """Looks at the contacts of a world in each of its steps, for those who watch.
-
-    After a step MuJoCo has found the contacts of now, and has no forces for them yet.
-
-    Args:
-        world: World whose arms and objects may come and go.
-    """
-
-    def __init__(self, world: World) -> None:
-        self._world = world
-        self._watches: list[ContactMonitor] = []
-        self._generation = -1
-        world.on_forces.append(weakly(self._look))
-
-    def watch(self, arm: str) -> ContactMonitor:
-        """Begin to watch an arm that is in the world."""
-        watch = ContactMonitor(
-            arm, frozenset(thing for one, thing, _ in self._touching() if one == arm)
-        )
-        self._watches.append(watch)
-        return watch
-
-    def end(self, watch: ContactMonitor) -> None:
-        """Watch no more; harmless when that has ended."""
-        self._watches = [one for one in self._watches if one is not watch]
-
-    def _look(self) -> None:
-        """Take up what was touched in this step."""
-        if not self._watches:
-            return
-        for arm, thing, force in self._touching():
-            for watch in self._watches:
-                if watch.arm == arm:
-                    watch.note(thing, force)
-
-    def _touching(self) -> list[tuple[str, str, float]]:
-        """Arm, object and normal force in N of each contact of an arm with what is not its own."""
-        model = self._world.model
-        data = self._world.data
-        if not data.ncon:
-            return []
-        if self._generation != self._world.generation:
-            self._bind()
-        geoms = data.contact.geom
-        if not self._meets(geoms, self._owner, self._holder):
-            return []
-        owners = self._owner[geoms]
-        holders = self._holder[geoms]
-        strange = (owners[:, 0] != owners[:, 1]) & (owners.max(axis=1) != _NOBODY)
-        strange &= data.contact.dist <= 0.0  # a cup's lip feels what is near, too
-        strange &= (holders[:, 0] != owners[:, 1]) & (holders[:, 1] != owners[:, 0])
-        found = []
-        force = np.empty(6)
-        for i in np.flatnonzero(strange).tolist():
-            mujoco.mj_contactForce(model, data, i, force)
-            for mine, other in ((0, 1), (1, 0)):
-                arm = self._arms[owners[i, mine]]
-                thing = name_of_geom(model, int(geoms[i, other])).partition("/")[0]
-                if owners[i, mine] != _NOBODY and thing != arm:  # its pedestal bears its name
-                    found.append((arm, thing, float(force[0])))
-        return found
-
-    def _bind(self) -> None:
-        """Look up whose the shapes are, and who holds what."""
-        from bt_dualarm.sim.device_kernels import any_unrequested
-
-        world = self._world
-        self._meets = any_unrequested
-        self._generation = world.generation
-        self._arms = tuple(world.arms)
-        self._owner = np.full(world.model.ngeom, _NOBODY)
-        self._holder = np.full(world.model.ngeom, _NOBODY - 1)
-        for index, body in enumerate(world.arms.values()):
-            self._owner[list(body.geom_ids)] = index
-        for held in world.attachments:
-            self._holder[world.object_geom(held.object)] = self._arms.index(held.arm)
-
-
-def warm_up_contacts() -> None:
-    """Have all kernels of contacts compiled."""
-    from bt_dualarm.sim.device_kernels import any_unrequested
-
-    pairs = np.zeros((4, 2), np.int32)
-    numbers = np.zeros(1, np.int64)
-    for one in (pairs, pairs[::2]):  # a single contact lies in one piece, several do not
-        any_unrequested(one, numbers, numbers)
+        self.devices.open_gripper(name)

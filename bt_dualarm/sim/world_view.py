@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
 from bt_dualarm.core.errors import WorldError
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.core.share import weakly
 from bt_dualarm.robots.gripper import FINGERS, Gripper
 from bt_dualarm.robots.robot import JointFriction, Robot
-from bt_dualarm.sim import composition
 from bt_dualarm.sim.arm_models import (
     LinkFactors,
     NominalArm,
@@ -24,129 +22,12 @@ from bt_dualarm.sim.arm_models import (
     sample_arm,
     sample_object,
 )
+from bt_dualarm.sim.attachments import Attachment, Attachments
 from bt_dualarm.sim.composition import ArmBody, must_be_among, nominal_model
 from bt_dualarm.sim.devices import ArmHardware, DeviceBank
 from bt_dualarm.sim.grippers import GripperHardware, HeldObjectMotion, move_held_objects
 from bt_dualarm.spec.document import ObjectSpec, TreeFile
 from bt_dualarm.spec.reality import REALITY_SETS, RealityErrors, resolved
-
-
-@dataclass(frozen=True, eq=False)
-class Attachment:
-    """An object held by an arm.
-
-    Attributes:
-        relative: Pose of the object in the arm's tool link at the moment of attaching, by the
-            arm's encoders; of one that was seen, by where it was seen.
-        since: Simulated time in seconds.
-        was_seen: Whether that pose is by sight, and not the true one.
-        by_gripper: Whether fingers or a cup hold it, and no weld: then it is only believed.
-        most_force: Force of each pad, or of a cup, that it may be held with at most, N.
-        lay: Pose in the world at which fingers or a cup were believed to take it.
-        is_told: Whether the file tells its mass, where arms are told any: it was taken by name.
-    """
-
-    arm: str
-    object: str
-    relative: Pose
-    since: float
-    was_seen: bool = False
-    by_gripper: bool = False
-    most_force: float = math.inf
-    is_told: bool = True
-    lay: Pose | None = None
-
-    @property
-    def name(self) -> str:
-        """Name of the weld in the model."""
-        return f"{self.arm}+{self.object}"
-
-
-class Attachments:
-    """The registry of a world's attachments.
-
-    Args:
-        spec: MjSpec of the world.
-        recompile: Method of the world that takes up a change of the spec.
-        rebind: Method of the world that takes up a change of what is held, and of nothing else.
-    """
-
-    def __init__(
-        self, spec: mujoco.MjSpec, recompile: Callable[[], None], rebind: Callable[[], None]
-    ) -> None:
-        self._spec = spec
-        self._recompile = weakly(recompile)
-        self._rebind = weakly(rebind)
-        self._held: dict[tuple[str, str], Attachment] = {}
-
-    def __iter__(self) -> Iterator[Attachment]:
-        return iter(self._held.values())
-
-    def __len__(self) -> int:
-        return len(self._held)
-
-    def attached_to(self, arm: str) -> tuple[str, ...]:
-        """Objects that the arm holds, in the order in which they were attached."""
-        return tuple(a.object for a in self._held.values() if a.arm == arm)
-
-    def find(self, arm: str, thing: str) -> Attachment | None:
-        """The attachment of this pair, if there is one."""
-        return self._held.get((arm, thing))
-
-    def gripped_by(self, arm: str) -> tuple[Attachment, ...]:
-        """Objects that the arm's fingers or cup are assumed to hold, in the order of picking."""
-        return tuple(a for a in self._held.values() if a.arm == arm and a.by_gripper)
-
-    def attach(
-        self, new: Attachment, link: str, relative: Pose, tips: Sequence[str] = ()
-    ) -> Attachment:
-        """Weld an object to an arm's link; a second time changes nothing.
-
-        Args:
-            new: What is to be held.
-            link: Name of the arm's tool link.
-            relative: Pose of the object in it, as it truly is.
-            tips: Names of the fingers by whose tips it is held, if it is.
-        """
-        held = self._held.get((new.arm, new.object))
-        if held is not None:
-            return held
-        composition.add_weld(self._spec, new.name, link, new.object, relative, tips)
-        self._held[new.arm, new.object] = new
-        self._recompile()
-        return new
-
-    def hold(self, new: Attachment) -> None:
-        """Believe that a gripper holds an object; what was believed of the pair is replaced.
-
-        What is welded to the arm stays so: nothing holds more firmly.
-        """
-        held = self._held.get((new.arm, new.object))
-        if held is not None and not held.by_gripper:
-            return
-        self._held[new.arm, new.object] = new
-        self._rebind()
-
-    def detach(self, arm: str, thing: str) -> bool:
-        """Release an object; returns whether it was held."""
-        held = self._held.pop((arm, thing), None)
-        if held is None:
-            return False
-        if held.by_gripper:
-            self._rebind()
-        else:
-            composition.remove_weld(self._spec, held.name)
-            self._recompile()
-        return True
-
-    def forget(self, name: str) -> None:
-        """Take away every weld of an arm or object that is about to leave (no recompilation)."""
-        for key, held in list(self._held.items()):
-            if name in key:
-                if not held.by_gripper:
-                    composition.remove_weld(self._spec, held.name)
-                del self._held[key]
-
 
 # Interface of arms to their controllers: hardware and nominal model
 
@@ -166,7 +47,7 @@ class Devices:
         grippers: Drives and sensors of the grippers by arm.
         nominal: What is believed of each arm.
         errors: How far each declared arm may be from that.
-        drawn: What the seed has made of each declared arm.
+        sampled: What the seed has made of each declared arm.
     """
 
     def __init__(
@@ -184,17 +65,17 @@ class Devices:
         self.mounted = mounted
         self.grippers: dict[str, GripperHardware] = {}
         self._places: list[tuple[ArmHardware, Vector]] = []
-        self._carrying: list[HeldObjectMotion] = []
+        self._held_motions: list[HeldObjectMotion] = []
         self.errors: dict[str, RealityErrors] = {
             name: resolved(file.world.reality, arm.reality, REALITY_SETS)
             for name, arm in file.arms.items()
         }
-        self.drawn: dict[str, SampledArm] = {
+        self.sampled: dict[str, SampledArm] = {
             name: sample_arm(errors, robots[name], seed, name, _fingers(mounted.get(name)))
             for name, errors in self.errors.items()
         }
         efforts = {name: robot.limits.effort for name, robot in robots.items()}
-        self._electronics = DeviceBank(self.errors, self.drawn, efforts, file.world.timestep)
+        self._bank = DeviceBank(self.errors, self.sampled, efforts, file.world.timestep)
 
     def add(self, name: str, option: mujoco.MjOption) -> None:
         """Equip an arm that comes into a world with these options."""
@@ -206,9 +87,9 @@ class Devices:
             friction = replace(robot.friction, uncertainty=errors.friction.coulomb.most)
         model = nominal_model(name, arm, robot, option, rotors=errors.links.rotor)
         self.nominal[name] = NominalArm(
-            name, robot, arm.base.pose, model, friction, weighs=not errors.payload.known
+            name, robot, arm.base.pose, model, friction, estimates_payload=not errors.payload.known
         )
-        self.hardware[name] = self._electronics.begin(name, self._seed)
+        self.hardware[name] = self._bank.begin(name, self._seed)
         if name in self.mounted:
             rng = random_stream(self._seed, f"{name}:gripper")
             self.grippers[name] = GripperHardware(self.mounted[name], errors, rng, option.timestep)
@@ -218,7 +99,7 @@ class Devices:
         if name in self.grippers:
             self.grippers[name].stand_open()
 
-    def drawn_object(self, name: str) -> LinkFactors:
+    def sampled_object(self, name: str) -> LinkFactors:
         """What the seed has made of an object's mass: the world's reality has the spread."""
         errors = resolved(self._file.world.reality, None, REALITY_SETS)
         return sample_object(errors.payload, self._seed, name)
@@ -226,7 +107,7 @@ class Devices:
     def remove(self, name: str) -> None:
         """Forget an arm that goes."""
         del self.hardware[name], self.nominal[name]
-        self._electronics.end(name)
+        self._bank.end(name)
         self.grippers.pop(name, None)
 
     def connect(
@@ -241,11 +122,11 @@ class Devices:
         self._sensed = mujoco.MjData(self._model)
         self._is_sensed = False
         self._places = []
-        self._carrying = []
+        self._held_motions = []
         self._everywhere = self._sensed.qpos  # views, as in `ArmHardware`
         loads: dict[str, list[NominalLoad]] = {name: [] for name in arms}
         for one in held:
-            known = one.is_told and self.errors[one.arm].payload.known
+            known = one.mass_declared and self.errors[one.arm].payload.known
             load = NominalLoad.of(one.object, objects[one.object], one.relative, known=known)
             loads[one.arm].append(load)
         for name, body in arms.items():
@@ -256,15 +137,15 @@ class Devices:
             self.nominal[name].hold(loads[name])
             if name in self.grippers:
                 self.grippers[name].connect(self._model, body.data, name)
-                self._carrying.append(
+                self._held_motions.append(
                     HeldObjectMotion(self._model, body.data, name, self.mounted[name])
                 )
-        self._electronics.connect(*plant, arms)
+        self._bank.connect(*plant, arms)
 
     def sense(self, time: float) -> None:
         """Read the sensors of all arms at a simulated time in s, which is now."""
         self._is_sensed = False
-        self._electronics.sense(time)
+        self._bank.sense(time)
         for gripper in self.grippers.values():
             gripper.sense(time)
 
@@ -287,17 +168,17 @@ class Devices:
 
     def drive(self) -> None:
         """Let all drives act during the next step."""
-        self._electronics.drive()
+        self._bank.drive()
         for gripper in self.grippers.values():
             gripper.drive()
 
-    def carry(self) -> None:
+    def move_held_objects(self) -> None:
         """Let what grippers hold go with them, after the integration of a step."""
-        move_held_objects(self._model, self._plant, self._carrying)
+        move_held_objects(self._model, self._plant, self._held_motions)
 
-    def rub(self) -> None:
+    def update_friction(self) -> None:
         """Set the friction of all arms for the velocities of now."""
-        self._electronics.rub()
+        self._bank.update_friction()
 
 
 def _fingers(gripper: Gripper | None) -> tuple[str, ...]:
@@ -318,7 +199,7 @@ class WorldView:
     Attributes:
         model: Compiled model; a new object after every change of the world's parts.
         data: State of the model; likewise.
-        equipment: All that arms are controlled through: sensors and drives, and what is believed of
+        devices: All that arms are controlled through: sensors and drives, and what is believed of
             them.
         arms: Arms that are present, by name.
         objects: Objects that are present, by name.
@@ -326,14 +207,14 @@ class WorldView:
 
     model: mujoco.MjModel
     data: mujoco.MjData
-    equipment: Devices
+    devices: Devices
     arms: dict[str, ArmBody]
     objects: dict[str, ObjectSpec]
 
     @property
     def sensed(self) -> mujoco.MjData:
         """Positions by the sensors, and where all bodies are by them; see `Devices.sensed`."""
-        return self.equipment.sensed
+        return self.devices.sensed
 
     @property
     def time(self) -> float:
@@ -473,7 +354,7 @@ class HoldingView(WorldView):
 
         Welded to the hand and pressed on by its tips, they could not slide along it to open.
         """
-        gripper = self.equipment.grippers.get(arm)
+        gripper = self.devices.grippers.get(arm)
         if gripper is None or not gripper.gripper.fingers:
             return ()
         if gripper.width > gripper.gripper.closed_width or not self.touches(arm, thing):
@@ -487,7 +368,7 @@ class HoldingView(WorldView):
         pose: Pose,
         most_force: float = math.inf,
         *,
-        told: bool = True,
+        mass_declared: bool = True,
     ) -> None:
         """Attach an object to an arm's gripper in the nominal model.
 
@@ -496,14 +377,24 @@ class HoldingView(WorldView):
             thing: Name of the object.
             pose: Estimated pose of the object in the world.
             most_force: Largest grip force that it withstands, N.
-            told: Whether the arm may use the declared mass.
+            mass_declared: Whether the arm may use the declared mass.
 
         Raises:
             WorldError: Arm or object is not present, or the object is fixed.
         """
         relative = self._believed(arm, thing, pose)
-        held = Attachment(arm, thing, relative, self.time, was_seen=True, by_gripper=True)
-        self.attachments.hold(replace(held, most_force=most_force, is_told=told, lay=pose))
+        held = Attachment(
+            arm,
+            thing,
+            relative,
+            self.time,
+            was_seen=True,
+            by_gripper=True,
+            most_force=most_force,
+            lay=pose,
+            mass_declared=mass_declared,
+        )
+        self.attachments.hold(held)
 
     def _believed(self, arm: str, thing: str, pose: Pose | None) -> Pose:
         """An object at ``pose``, by default its true one, in the tool link by the encoders."""

@@ -139,7 +139,7 @@ class WantedGrasp:
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
         if world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
-        told = None if world.nominal[arm.name].weighs else world.objects[name].mass
+        told = None if world.nominal[arm.name].estimates_payload else world.objects[name].mass
         return cls(
             name,
             lies or world.object_pose(name),

@@ -254,7 +254,7 @@ class Taking:
             numbers = {"width_m": gripper.width, "expected_m": grasp.width}
             raise Failure("NOT_GRASPED", why_not or _NOT_IT, **numbers)
         lies = gripper.between_the_pads(self._wanted.lies, approach.ranked.grasp.tool)
-        gripper.hold(name, lies, self._wanted.most_force, told=self._wanted.edges is None)
+        gripper.hold(name, lies, self._wanted.most_force, mass_declared=self._wanted.edges is None)
         return name
 
     def _force(self, needed: float) -> float:

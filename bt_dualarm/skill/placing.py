@@ -18,7 +18,7 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.solids import solid_of
 from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.planning.ompl_planner import Planner
-from bt_dualarm.sim.world_view import Attachment
+from bt_dualarm.sim.attachments import Attachment
 from bt_dualarm.skill.grip import Grip, TouchSense
 from bt_dualarm.spec.ports import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, Speed
@@ -740,7 +740,7 @@ class SettingDown:
             return
         pose = arm.tool_pose @ self._in_tool
         if gripper.why_not(name, pose) is None:
-            gripper.hold(name, pose, self._held.most_force, told=self._held.is_told)
+            gripper.hold(name, pose, self._held.most_force, mass_declared=self._held.mass_declared)
         met = "the fingers have met" if gripper.page.fingers else "the cup seals on"
         raise Failure(
             "NOT_PLACED",

@@ -499,7 +499,7 @@ class PlaneTracking:
     @property
     def refused(self) -> str:
         """Why the last candidate was not accepted as the lost target; empty if there was none."""
-        return self._tracker.impostors.said
+        return self._tracker.distractors.reason
 
     def begin(self) -> None:
         """Begin to follow.
@@ -566,7 +566,7 @@ class PlaneTracking:
         return {
             "frames": self._tracker.frames,
             "lost_count": self._tracker.lost_count,
-            "refused_sightings": self._tracker.impostors.count,
+            "refused_sightings": self._tracker.distractors.count,
             "old_data_steps": self._reference.old_data_steps,
             **self._error.metrics(),
         }

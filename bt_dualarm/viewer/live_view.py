@@ -83,7 +83,7 @@ class Snapshot(IdleObserver):
         """Shapes and meshes of the world, computed on first use."""
         with self._lock:
             if self._looks is None:
-                mounted = self._world.equipment.mounted
+                mounted = self._world.devices.mounted
                 arms = {
                     name: (robot, mounted.get(name)) for name, robot in self._world.robots.items()
                 }

@@ -25,11 +25,10 @@ from bt_dualarm.replay.scene import RecordedFrame, recorded_frames
 from bt_dualarm.replay.timeline import Timeline, TimelineNode
 from bt_dualarm.runtime.recorder import EVENTS, FRAMES, HISTORY
 from bt_dualarm.runtime.report import json_ready
-from bt_dualarm.sim.camera import SeenWorld
 from bt_dualarm.sim.composition import CAMERA
 from bt_dualarm.sim.frame import Frame, Scenery
 from bt_dualarm.sim.ray_renderer import RayRenderer
-from bt_dualarm.sim.renderer import Exposure, Image
+from bt_dualarm.sim.renderer import Exposure, Image, RenderableWorld
 from bt_dualarm.spec.yaml_reader import Data, Json
 from bt_dualarm.viewer import signals
 from bt_dualarm.viewer.events import (
@@ -294,7 +293,7 @@ class Pictures:
         is_watched: Returns whether a page is watching; otherwise no copies are made.
     """
 
-    def __init__(self, world: SeenWorld, is_watched: Callable[[], bool]) -> None:
+    def __init__(self, world: RenderableWorld, is_watched: Callable[[], bool]) -> None:
         self._world = world
         self._is_watched = is_watched
         self._latest: dict[str, tuple[Frame, Scenery | None]] = {}

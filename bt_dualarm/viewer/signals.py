@@ -22,9 +22,20 @@ from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.gripper import FINGERS, Gripper, load_gripper
-from bt_dualarm.robots.gripper_mjspec import CUP, PAD, add_gripper, with_gripper
-from bt_dualarm.robots.mjspec import TOOL_GEOM, TOOL_SITE, joint_motors, robot_spec
-from bt_dualarm.robots.robot import COLLISION_GROUP, LOOP_GROUPS, VISUAL_GROUP, Robot
+from bt_dualarm.robots.mjspec import (
+    COLLISION_GROUP,
+    CUP,
+    LOOP_GROUPS,
+    PAD,
+    TOOL_GEOM,
+    TOOL_SITE,
+    VISUAL_GROUP,
+    add_gripper,
+    joint_motors,
+    robot_spec,
+)
+from bt_dualarm.robots.mounting import with_gripper
+from bt_dualarm.robots.robot import Robot
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.arm_runtime import Arms, Controller, IdleObserver
 from bt_dualarm.runtime.clock import Periodic, exact

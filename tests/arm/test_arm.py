@@ -12,7 +12,8 @@ from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.planning.process import PlanningProcess
 from bt_dualarm.safety.failsafe import Reservations
-from bt_dualarm.sim.world import Contacts, World
+from bt_dualarm.sim.contact_monitor import Contacts
+from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.limits import SetPoint
 from bt_dualarm.trajectory.point_to_point import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory

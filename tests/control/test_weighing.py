@@ -91,6 +91,6 @@ def test_an_arm_is_not_told_by_the_file_what_it_cannot_know() -> None:
     q = world.hardware["arm1"].q
     link = world.arms["arm1"].tool_link_pose
     PayloadCheck(world, "arm1").refuse("cube", q, link)
-    world.nominal["arm1"].weighs = False
+    world.nominal["arm1"].estimates_payload = False
     with pytest.raises(Failure, match="20 kg"):
         PayloadCheck(world, "arm1").refuse("cube", q, link)

@@ -10,7 +10,7 @@ import pytest
 
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.robots.gripper import gripper_names, load_gripper
-from bt_dualarm.robots.gripper_mjspec import PAD
+from bt_dualarm.robots.mjspec import PAD
 from bt_dualarm.sim.grippers import GripperCommand
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec

@@ -7,7 +7,7 @@ import pytest
 
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.robots.gripper import Gripper, gripper_names
-from bt_dualarm.robots.gripper_mjspec import DRIVE
+from bt_dualarm.robots.mjspec import DRIVE
 from bt_dualarm.sim.grippers import GripperCommand
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec

@@ -8,7 +8,7 @@ import pytest
 
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.robots.gripper import FINGERS, PALM, gripper_names
-from bt_dualarm.robots.gripper_mjspec import PAD
+from bt_dualarm.robots.mjspec import PAD
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.sim.world import World
 from tests.sim.worlds import ROBOTS, arm, box, file_of, world_with
@@ -105,7 +105,7 @@ def test_without_a_gripper_nothing_changes() -> None:
     option = bare.model.opt
     assert option.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     assert (option.impratio, option.noslip_iterations) == (1.0, 0)
-    assert bare.on_forces == [bare.equipment.rub]
+    assert bare.on_forces == [bare.devices.update_friction]
     held = World(file_of({"arm1": arm("ur5", gripper="robotiq_2f85")}))
     assert held.model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.robots.gripper import FINGERS
-from bt_dualarm.robots.robot import LOOP_GROUPS
+from bt_dualarm.robots.mjspec import LOOP_GROUPS
 from bt_dualarm.sim.ray_renderer import RayScene, fan_of
 from bt_dualarm.sim.renderer import Viewpoint
 from tests.grippers.fingers import FINGERED, opened

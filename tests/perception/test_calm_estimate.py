@@ -96,7 +96,7 @@ def test_a_start_is_noticed_and_a_rest_believed_again(calmness: float, noise: fl
     shares = {}
     for k in range(480):
         estimate.update(k / 60, place(k / 60) + rng.normal(0, noise, 2), SIGMA)
-        shares[k / 60] = estimate.calm_share
+        shares[k / 60] = estimate.slow_share
     assert all(share == 1.0 for time, share in shares.items() if 1.0 < time < 2.0)
     assert all(share == 0.0 for time, share in shares.items() if 2.1 < time < 3.0)
     assert all(share == 1.0 for time, share in shares.items() if time > 6.5)
@@ -127,7 +127,7 @@ def test_in_a_plane_it_is_what_it_is_in_the_world(estimate: TargetEstimate) -> N
 def test_another_target_begins_anew_with_the_same_calmness() -> None:
     estimate = DualFilterEstimate(0.3)
     estimate.update(0.0, np.zeros(2), SIGMA)
-    other = estimate.anew()
+    other = estimate.fresh()
     assert not other.seen
     with pytest.raises(ValueError, match="not been seen"):
         other.predict(0.0)

@@ -193,4 +193,4 @@ def test_nothing_is_predicted_before_the_first_sight() -> None:
     estimate.update(0.0, np.zeros(3), 1e-3)
     assert estimate.stamp == 0.0
     with pytest.raises(ValueError, match="not been seen"):
-        estimate.anew().variance(0.0)
+        estimate.fresh().variance(0.0)

@@ -245,7 +245,7 @@ def test_what_appears_where_it_cannot_have_come_by_then_is_not_the_target(
     studio = make_studio(fps=fps)
     tracker = swapped(studio, x)
     assert not tracker.locked
-    assert tracker.impostors.count > 20
+    assert tracker.distractors.count > 20
     studio.place(x, 0.0, "other")
     follow(studio, tracker, at_rest, 3.0, 3.5)  # both in view
     assert tracker.locked
@@ -262,7 +262,7 @@ def test_one_of_another_size_is_not_the_target_however_late(
     studio.place(0.0, 0.0, "other", y=y)
     follow(studio, tracker, lambda _: (2.0, 0.0), 2.0, 3.5)
     assert not tracker.locked
-    assert "times as wide" in tracker.impostors.said
+    assert "times as wide" in tracker.distractors.reason
 
 
 def test_one_that_comes_along_while_it_is_lost_is_followed_as_another(
@@ -297,7 +297,7 @@ def test_hidden_while_it_goes_on_it_is_found_again(
     studio.place(0.0, 5.0, "screen", y=-0.03)
     follow(studio, tracker, going, 0.6 + hidden, 1.4)
     assert tracker.lost_count == 1
-    assert tracker.locked, tracker.impostors.said
+    assert tracker.locked, tracker.distractors.reason
     assert tracker.predict(1.4).position == pytest.approx(position(going, 1.4), abs=8e-3)
 
 

@@ -87,17 +87,17 @@ def test_the_field_of_view_is_that_of_the_file() -> None:
     assert abs(true - frame.fov_rad) > 1e-3
 
 
-def suffered(noise: float, light: float, count: int = 1) -> Image:
+def degraded(noise: float, light: float, count: int = 1) -> Image:
     known = Calibration(
         lambda _: Pose.identity(), 1.0, noise=noise, light=Uncertainty(uniform=light)
     )
     image = np.zeros((60, 80, 3), np.uint8)
     image[10:50, 20:70] = GREY
-    return np.array([known.suffered(image.copy(), (20, 10, 70, 50)) for _ in range(count)])
+    return np.array([known.degraded(image.copy(), (20, 10, 70, 50)) for _ in range(count)])
 
 
 def test_pixels_have_the_noise_that_is_given_and_the_rest_stays_black() -> None:
-    (image,) = suffered(4.0, 0.0)
+    (image,) = degraded(4.0, 0.0)
     part = image[10:50, 20:70].astype(float)
     assert part.std() == pytest.approx(4.0, rel=0.05)
     assert part.mean() == pytest.approx(GREY, abs=0.3)
@@ -106,7 +106,7 @@ def test_pixels_have_the_noise_that_is_given_and_the_rest_stays_black() -> None:
 
 
 def test_each_picture_has_a_light_of_its_own() -> None:
-    levels = suffered(0.0, 0.2, 300)[:, 30, 40, 0].astype(float)
+    levels = degraded(0.0, 0.2, 300)[:, 30, 40, 0].astype(float)
     assert 0.78 * GREY <= levels.min() < 0.83 * GREY
     assert 1.17 * GREY < levels.max() <= 1.22 * GREY
 
@@ -114,7 +114,7 @@ def test_each_picture_has_a_light_of_its_own() -> None:
 def test_a_good_picture_is_handed_on_as_it_is() -> None:
     known = Calibration(lambda _: Pose.identity(), 1.0)
     image = np.zeros((4, 4, 3), np.uint8)
-    assert known.suffered(image, (0, 0, 4, 4)) is image
+    assert known.degraded(image, (0, 0, 4, 4)) is image
 
 
 @pytest.mark.parametrize("noise", [1.5, 200.0])
@@ -128,8 +128,8 @@ def test_noise_is_what_was_drawn_in_whole_levels_that_there_are(noise: float) ->
     drawn = np.rint(noise * rng.standard_normal(count + 2**18, dtype=np.float32))
     begin = int(rng.integers(2**18))
     expected = drawn[begin : begin + count].reshape(shape)
-    suffer = found.suffering((0, 0, 20, 10))
-    black, white = (suffer(np.full(shape, level, np.uint8)).astype(float) for level in (0, 255))
+    degrade = found.degradation((0, 0, 20, 10))
+    black, white = (degrade(np.full(shape, level, np.uint8)).astype(float) for level in (0, 255))
     assert (black == expected.clip(0, 255)).all()
     assert (white == 255 - (-expected).clip(0, 255)).all()
     assert (noise < 100.0) == (abs(expected).max() < 255.0)

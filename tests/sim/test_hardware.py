@@ -148,7 +148,7 @@ def test_readings_are_those_of_the_moment_they_were_taken_at() -> None:
 def test_two_arms_of_one_seed_are_two_robots() -> None:
     arms = {"arm1": arm("ur5"), "arm2": arm("ur5", (2.0, 0.0, 0.4))}
     world = World(file_of(arms, reality="lab"))
-    one, other = (world.equipment.drawn[name] for name in arms)
+    one, other = (world.devices.sampled[name] for name in arms)
     assert (one.gain != other.gain).all()
     assert (one.friction.viscous != other.friction.viscous).all()
 

@@ -48,7 +48,7 @@ def test_a_point_is_seen_where_opencv_projects_it(seed: int) -> None:
     camera = np.array([[FOCAL_PX, 0, WIDTH / 2], [0, FOCAL_PX, HEIGHT / 2], [0, 0, 1.0]])
     coefficients = np.array([k1, k2, 0.0, 0.0])
     there, _ = cv2.projectPoints(ray, np.zeros(3), np.zeros(3), camera, coefficients)
-    seen = middle(lens(k1, k2).bent(spot(at), WHOLE))
+    seen = middle(lens(k1, k2).distorted(spot(at), WHOLE))
     np.testing.assert_allclose(seen, there.ravel(), atol=0.15)
 
 
@@ -66,16 +66,16 @@ def test_a_part_is_bent_as_in_the_whole_picture(region: Region, stride: int) -> 
     drawn[top:bottom, left:right] = image[top:bottom, left:right]
     expected = np.zeros_like(image)
     inside = slice(region[1], region[3]), slice(region[0], region[2])
-    corners = glass.bent(image, WHOLE)[inside][::stride, ::stride]
+    corners = glass.distorted(image, WHOLE)[inside][::stride, ::stride]
     height, width = expected[inside].shape[:2]
     expected[inside] = corners.repeat(stride, axis=0).repeat(stride, axis=1)[:height, :width]
-    np.testing.assert_array_equal(glass.bent(drawn, part), expected)
+    np.testing.assert_array_equal(glass.distorted(drawn, part), expected)
 
 
 def test_where_the_formula_folds_the_picture_over_nothing_is_seen() -> None:
     """With k1 = -0.3 a wide lens has an edge: at r (1 - 0.3 r²) = 0.70 focal lengths."""
     white = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
-    image = Lens(-0.3, 0.0, WIDTH, HEIGHT, 100.0).bent(white, WHOLE)
+    image = Lens(-0.3, 0.0, WIDTH, HEIGHT, 100.0).distorted(white, WHOLE)
     y, x = np.indices((HEIGHT, WIDTH)) + 0.5
     away = np.hypot(x - WIDTH / 2, y - HEIGHT / 2) / 100.0
     assert (image[away < 0.69] == 255).all()
@@ -84,7 +84,7 @@ def test_where_the_formula_folds_the_picture_over_nothing_is_seen() -> None:
 
 def test_an_empty_part_stays_black() -> None:
     nothing = Exposure(0, WIDTH, HEIGHT, (400, 300, 500, 400))
-    assert not lens(0.1, 0.0).bent(spot((160.0, 120.0)), nothing).any()
+    assert not lens(0.1, 0.0).distorted(spot((160.0, 120.0)), nothing).any()
 
 
 @pytest.mark.parametrize("kernel", [needed, plain(needed)])

@@ -76,6 +76,6 @@ def test_only_what_can_roll_keeps_its_center() -> None:
     """Boxes and standing cylinders have the center that was drawn, a lying one along its axis."""
     for kind, kept in ((ball, (0, 0, 0)), (lying, (0, 0, 1)), (standing, (1, 1, 1))):
         world = world_of(kind(0.03), "rough")
-        drawn = world.equipment.drawn_object("thing").shift
+        drawn = world.devices.sampled_object("thing").shift
         body = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_BODY, "thing")
         assert world.model.body_ipos[body] == pytest.approx(drawn * kept)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.robots.robot import LOOP_GROUPS
+from bt_dualarm.robots.mjspec import LOOP_GROUPS
 from bt_dualarm.sim.painter import ScenePainter
 from bt_dualarm.sim.ray_renderer import RayScene, Shading, fan_of
 from bt_dualarm.sim.renderer import Image, Viewpoint

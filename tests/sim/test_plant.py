@@ -80,7 +80,7 @@ def rubbed(world: World, v: Vector) -> Vector:
     """Torque with which the plant's joints are braked at velocities, beside gravity, N m."""
     body = world.arms["arm1"]
     world.data.qvel[body.dof_ids] = v
-    world.equipment.rub()
+    world.devices.update_friction()
     mujoco.mj_forward(world.model, world.data)
     braked: Vector = -(world.data.qfrc_passive + world.data.qfrc_constraint)[body.dof_ids]
     return braked
@@ -91,7 +91,7 @@ def rubbed(world: World, v: Vector) -> Vector:
 def test_joints_rub_as_the_drawn_friction_says(robot: str, seed: int) -> None:
     """Within 1 %, at velocities at which it does not stop a joint within a step of physics."""
     world = real(robot, seed)
-    friction = world.equipment.drawn["arm1"].friction
+    friction = world.devices.sampled["arm1"].friction
     rng = np.random.default_rng(seed)
     for speed in (0.5, 2.0):
         v = speed * rng.choice([-1.0, 1.0], world.robots["arm1"].dof)
@@ -105,7 +105,7 @@ def test_what_is_dry_sticks_under_less_than_its_level(robot: str) -> None:
         world = real(robot)
         world.model.opt.gravity[:] = 0.0
         mujoco.mj_step1(world.model, world.data)
-        friction = world.equipment.drawn["arm1"].friction
+        friction = world.devices.sampled["arm1"].friction
         body = world.arms["arm1"]
         before = body.q
         world.data.qfrc_applied[body.dof_ids[-1]] = share * friction.static[-1]
@@ -123,7 +123,7 @@ def test_friction_is_the_page_s_as_well_as_that_is_known(robot: str, reality: st
     world = real(robot, 3, reality)
     spread = REALITY_SETS[reality].friction
     limits = world.robots["arm1"].limits
-    true = world.equipment.drawn["arm1"].friction
+    true = world.devices.sampled["arm1"].friction
     page = world.nominal["arm1"].friction
     assert page.uncertainty == spread.coulomb.most
     assert (true.coulomb <= page.coulomb * (1 + spread.coulomb.most) + 1e-9).all()
@@ -167,7 +167,9 @@ def test_a_camera_is_not_where_its_calibration_has_it(mount: str | PoseSpec) -> 
 def test_a_lens_is_not_quite_what_its_calibration_says(reality: str) -> None:
     """It is drawn with the seed, as far off as is said; an ideal one is exact."""
     spread = REALITY_SETS[reality].camera
-    drawn = [real("ur5", seed, reality, camera={}).equipment.drawn["arm1"].bend for seed in (1, 2)]
+    drawn = [
+        real("ur5", seed, reality, camera={}).devices.sampled["arm1"].distortion for seed in (1, 2)
+    ]
     for k1, k2 in drawn:
         assert abs(k1) <= spread.k1.most
         assert abs(k2) <= spread.k2.most

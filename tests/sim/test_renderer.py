@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_dualarm.core.errors import RendererError
-from bt_dualarm.robots.robot import OBJECT_GROUP, SCENE_GROUP, VISUAL_GROUP
+from bt_dualarm.robots.mjspec import OBJECT_GROUP, SCENE_GROUP, VISUAL_GROUP
 from bt_dualarm.sim import gl_renderer
 from bt_dualarm.sim.gl_renderer import GL_PACKAGES, GlRenderer, choose_renderer
 from bt_dualarm.sim.ray_renderer import RayRenderer, camera_rays

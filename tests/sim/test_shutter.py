@@ -54,7 +54,7 @@ class Counting(RayRenderer):
         return super().render(model, data, exposure)
 
 
-def picture(exposure_s: float, **speeds: tuple[float, ...]) -> tuple[Image, int]:
+def render(exposure_s: float, **speeds: tuple[float, ...]) -> tuple[Image, int]:
     """What the camera sees of bodies with these velocities, and of how many pictures that is."""
     model = mujoco.MjModel.from_xml_string(SCENE)
     data = mujoco.MjData(model)
@@ -94,8 +94,8 @@ SIDEWAYS = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 )
 def test_an_edge_is_as_wide_as_it_moves_and_lies_where_it_was(speeds: Any) -> None:
     """A smeared edge is a ramp as wide as the speed in pixels times the time."""
-    sharp, once = picture(0.0, **speeds)
-    blurred, several = picture(0.034, **speeds)
+    sharp, once = render(0.0, **speeds)
+    blurred, several = render(0.034, **speeds)
     moved = 0.034 * 0.5 / DEPTH_M * FOCAL_PX
     assert (once, several) == (1, 1 + math.ceil(moved))
     before = lit(sharp)
@@ -119,10 +119,10 @@ def test_an_edge_is_as_wide_as_it_moves_and_lies_where_it_was(speeds: Any) -> No
     ids=["still", "alike", "a link"],
 )
 def test_where_no_thing_moves_across_it_a_picture_is_drawn_once(speeds: Any) -> None:
-    image, count = picture(0.02, **speeds)
+    image, count = render(0.02, **speeds)
     assert count == 1
-    np.testing.assert_array_equal(image, picture(0.0, **speeds)[0])
+    np.testing.assert_array_equal(image, render(0.0, **speeds)[0])
 
 
 def test_a_fast_thing_is_drawn_so_often_and_no_more() -> None:
-    assert picture(0.1, cube=(2.0, 0, 0, 0, 0, 0))[1] == MOST_PICTURES
+    assert render(0.1, cube=(2.0, 0, 0, 0, 0, 0))[1] == MOST_PICTURES

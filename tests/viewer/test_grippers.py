@@ -12,8 +12,7 @@ import bt_dualarm
 from bt_dualarm.core.errors import DivergenceError
 from bt_dualarm.replay.record import Record
 from bt_dualarm.robots.gripper import FINGERS, PALM
-from bt_dualarm.robots.gripper_mjspec import CUP
-from bt_dualarm.robots.mjspec import joint_motors
+from bt_dualarm.robots.mjspec import CUP, joint_motors
 from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.viewer.live_view import Snapshot
 from bt_dualarm.viewer.past import RecordView
@@ -102,6 +101,6 @@ def test_a_drive_that_diverges_is_named_as_no_joint(gripper: str) -> None:
     def gone_wrong() -> None:
         world.data.ctrl[drive] = np.nan
 
-    world.equipment.drive = gone_wrong  # type: ignore[method-assign]  # that is the fault
+    world.devices.drive = gone_wrong  # type: ignore[method-assign]  # that is the fault
     with pytest.raises(DivergenceError, match="drive 'arm1/gripper/drive'"):
         world.step()
