@@ -38,7 +38,7 @@ class Case(NamedTuple):
     Attributes:
         name: Unique name, such as ``circle lab seed 7``.
         tree: Name of a shipped tree, or the content of a tree file as JSON.
-        seed: Seed of everything random.
+        seed: Random seed.
         reality: ``ideal``, ``lab`` or ``rough``; None for the file's own.
         params: Parameters of the tree.
     """

@@ -7,7 +7,7 @@ Prints::
     0.9 s: tool 100 mm from the center, tree RUNNING
     ...
     at (0.655, 0.088, 0.602) m: stop
-    it was asked to stop: arm1 UNFINISHED, at rest True
+    a stop was requested: arm1 UNFINISHED, at rest True
 """
 
 import bt_dualarm as bt

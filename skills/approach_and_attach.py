@@ -63,14 +63,14 @@ class ApproachAndAttach(Skill):
         )
         proximity: float = port(0.005, "largest gap at which to attach", unit="m", ge=1e-4, le=0.1)
         contact: bool = port(True, "also wait until tool and object touch")
-        speed: Speed = port(0.5, "share of the arm's limits up to the standoff")
-        approach_speed: Speed = port(0.1, "share of the arm's limits on the straight part")
+        speed: Speed = port(0.5, "fraction of the arm's limits up to the standoff")
+        approach_speed: Speed = port(0.1, "fraction of the arm's limits on the straight part")
 
     failures = {
-        "INVALID_TARGET": "the direction has no length, or the object is fixed",
+        "INVALID_TARGET": "the direction is a zero vector, or the object is fixed",
         "GRIPPER_FULL": "the gripper of the arm holds something else",
         "NOT_THERE": "the object is not in the world, or was removed meanwhile",
-        "OUT_OF_REACH": "no approach of the object is reachable and free of collisions",
+        "OUT_OF_REACH": "no approach of the object is both reachable and collision-free",
         "PROXIMITY_NOT_REACHED": "the tool did not come near enough, or did not touch the object",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
@@ -272,7 +272,7 @@ class ApproachAndAttach(Skill):
             self.arm.detach(name)  # after a failure nothing stays attached
             raise
         if self.arm.world.attachments.find(self.arm.name, name) is not held:
-            raise Failure("NOT_THERE", f"object {name!r} was taken out of the tool")
+            raise Failure("NOT_THERE", f"object {name!r} was detached from the tool")
 
 
 def _tool_axis_along(position: Vector, direction: Vector, side: Vector) -> Pose:

@@ -82,7 +82,7 @@ class Calibrate(Skill):
         distance: float = port(
             0.35, "rough distance of the mark from the camera", unit="m", gt=0.05, le=2
         )
-        speed: Speed = port(0.5, "share of the arm's limits")
+        speed: Speed = port(0.5, "fraction of the arm's limits")
         max_residual: float = port(
             1.0, "largest root-mean-square reprojection error", unit="px", gt=0, le=50
         )

@@ -91,7 +91,7 @@ class CloseGripper(Skill):
         ports = self.ports
         world = self.arm.world
         if name not in world.objects:
-            raise Failure("NOT_THERE", f"object {name!r} was taken out of the world")
+            raise Failure("NOT_THERE", f"object {name!r} was removed from the world")
         estimate = before if ports.at is not None else world.object_pose(name)
         why_not = gripper.why_not(name, estimate)
         if why_not is not None:

@@ -52,7 +52,7 @@ class Detach(Skill):
         left = LeftStanding(self.arm, name)
         yield from left.until_rest(self.ports.settle)
         if not left.is_there:
-            raise Failure("NOT_THERE", f"object {name!r} was taken out of the world")
+            raise Failure("NOT_THERE", f"object {name!r} was removed from the world")
         if name in self.arm.held:
             raise Failure("NOT_AT_REST", f"{name!r} was attached again")
         moved = left.pose.distance(left_at)

@@ -13,7 +13,7 @@ class GoHome(Skill):
     """Move the arm to its home posture, on a collision-free path."""
 
     class Ports(PortModel):
-        speed: Speed = port(0.5, "share of the arm's limits")
+        speed: Speed = port(0.5, "fraction of the arm's limits")
         planner: Planner = port(
             "RRTConnect", "planner that searches where the straight path is blocked"
         )

@@ -65,8 +65,8 @@ class Insert(Skill):
         angle_tolerance: Angle = port(
             5.0, "largest rotation error of the peg at the end, up to its symmetry", ge=0.1, le=90
         )
-        speed: Speed = port(0.3, "share of the arm's limits up to the hole")
-        down_speed: Speed = port(0.003, "share of the arm's limits where contact is expected")
+        speed: Speed = port(0.3, "fraction of the arm's limits up to the hole")
+        down_speed: Speed = port(0.003, "fraction of the arm's limits where contact is expected")
 
     failures = {
         "NOT_HELD": "the gripper does not hold the peg",
@@ -114,7 +114,7 @@ class Insert(Skill):
             Failure: ``NOT_INSERTED``.
         """
         if name not in self.arm.world.objects:
-            raise Failure("NOT_INSERTED", f"object {name!r} was taken out of the world")
+            raise Failure("NOT_INSERTED", f"object {name!r} was removed from the world")
         ports = self.ports
         spec = self.arm.world.objects[name]
         true = self.arm.world.object_pose(name)

@@ -48,7 +48,7 @@ class Locate(Skill):
         views: int = port(8, "largest number of viewpoints", ge=1, le=12)
         frames: int = port(6, "images that are averaged at each viewpoint", ge=1, le=100)
         distance: float = port(0.3, "distance of the further viewpoints", unit="m", ge=0.08, le=2)
-        speed: Speed = port(0.5, "share of the arm's limits")
+        speed: Speed = port(0.5, "fraction of the arm's limits")
         score: ObjectName | None = port(
             None, "object whose true pose the metrics compare with; not used for the estimate"
         )

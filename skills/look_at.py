@@ -36,11 +36,11 @@ class LookAt(Skill):
         )
         direction: Vector3 = port((0.0, 0.0, -1.0), "line of sight, world axes")
         lean: Angle = port(30, "largest angle between line of sight and direction", ge=0, le=90)
-        speed: Speed = port(0.5, "share of the arm's limits")
+        speed: Speed = port(0.5, "fraction of the arm's limits")
 
     failures = {
         "NO_CAMERA": "the arm has no camera of its own",
-        "INVALID_TARGET": "the direction has no length",
+        "INVALID_TARGET": "the direction is a zero vector",
         "OUT_OF_REACH": "no pose of the camera for that can be reached",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",

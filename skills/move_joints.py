@@ -19,7 +19,7 @@ class MoveJoints(Skill):
             None, "angles of all joints, base to tip, or {joint: angle} of some", unit="deg"
         )
         by: JointAngles | None = port(None, "likewise, relative to the present angles", unit="deg")
-        speed: Speed = port(0.5, "share of the arm's limits")
+        speed: Speed = port(0.5, "fraction of the arm's limits")
 
     failures = {
         "INVALID_TARGET": "the number of angles is not that of the joints, or no such joint",

@@ -29,10 +29,10 @@ class MoveUntilContact(Skill):
         direction: Vector3 = port((0.0, 0.0, -1.0), "direction of the motion, world axes")
         distance: float = port(0.10, "largest distance of the motion", unit="m", ge=0.001, le=1.0)
         force: float = port(15.0, "opposing force at which the motion ends", unit="N", ge=1, le=200)
-        speed: Speed = port(0.01, "share of the arm's limits")
+        speed: Speed = port(0.01, "fraction of the arm's limits")
 
     failures = {
-        "INVALID_TARGET": "the direction has no length",
+        "INVALID_TARGET": "the direction is a zero vector",
         "NO_CONTACT": "no opposing force was detected over the whole distance",
         "FORCE_LIMIT": "the contact force exceeded the arm's limit before it stopped",
         "TRACKING_ERROR": "the arm could not follow",

@@ -41,7 +41,7 @@ class ReachToPose(Skill):
         give_way: bool = port(
             False, "move out of the way while waiting for another arm, instead of waiting in place"
         )
-        speed: Speed = port(0.5, "share of the arm's limits")
+        speed: Speed = port(0.5, "fraction of the arm's limits")
         planner: Planner = port(
             "RRTConnect", "planner that searches where the straight path is blocked"
         )

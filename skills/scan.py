@@ -40,7 +40,7 @@ class Scan(Skill):
         lean: Angle = port(30, "largest angle between line of sight and vertical", ge=0, le=90)
         least: int = port(1, "number of objects at which the search ends", ge=1, le=100)
         frames: int = port(4, "images that are averaged at each viewpoint", ge=1, le=100)
-        speed: Speed = port(0.5, "share of the arm's limits")
+        speed: Speed = port(0.5, "fraction of the arm's limits")
 
     class Outputs(PortModel):
         pose: PoseSpec = port(..., "Rough pose of the object detected first")

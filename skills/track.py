@@ -64,7 +64,7 @@ class Track(Skill):
         dead_band: float = port(
             0.01, "proportional: image error that is ignored (1: the edge)", ge=0, le=1
         )
-        speed: Speed = port(1.0, "share of the arm's limits")
+        speed: Speed = port(1.0, "fraction of the arm's limits")
         reach: float = port(
             0.3, "largest distance of the tool from its start", unit="m", ge=0.001, le=2
         )

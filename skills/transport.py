@@ -31,7 +31,7 @@ class Transport(Skill):
         to: CarriedPose = port(
             ..., "goal pose of the object in the world; keeps the present orientation if only xyz"
         )
-        speed: Speed = port(0.5, "share of the arm's limits")
+        speed: Speed = port(0.5, "fraction of the arm's limits")
         planner: Planner = port(
             "RRTConnect", "planner that searches where the straight path is blocked"
         )

@@ -39,7 +39,7 @@ PACKAGE = {
 
             class Ports(PortModel):
                 depth: float = port(0.05, "how far down", unit="m", gt=0, le=0.3)
-                speed: Speed = port(0.5, "share of the arm's limits")
+                speed: Speed = port(0.5, "fraction of the arm's limits")
 
             failures = {"NOT_BACK": "the tool did not end where it began"}
             example = "nod: {depth: 0.05}"

@@ -84,7 +84,7 @@ class SharedArm(ArmState):
         name: Name of the arm in the tree file.
         controller: Controller that follows the motions of the skills.
         camera: Camera of this arm, if it has one.
-        seed: Seed of everything random in this arm's planning.
+        seed: Random seed in this arm's planning.
         planning: Process that searches for collision-free paths.
         touches: True contacts of the arms, for scoring.
 
@@ -303,7 +303,7 @@ class Arm(ArmState):
             self._begun = None
             raise Failure(
                 "INTERRUPTED",
-                f"something else has stopped the motion of {self.name}",
+                f"the motion of {self.name} was stopped from elsewhere",
                 **({"progress": begun.progress} if isinstance(begun, TrajectorySource) else {}),
             )
 
@@ -341,7 +341,7 @@ class Arm(ArmState):
             if self.time - began > SETTLE_S:
                 raise Failure(
                     "TRACKING_ERROR",
-                    f"the arm does not come to rest on its goal: {np.degrees(error):.2f}° away",
+                    f"the arm does not come to rest at its goal: {np.degrees(error):.2f}° away",
                     joint_error_rad=error,
                 )
             yield 1.0

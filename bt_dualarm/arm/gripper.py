@@ -190,7 +190,7 @@ class ArmGripper:
             if since is not None and now - since >= settle:
                 return
             if now - began > longest:
-                apart = f"the fingers stand {1e3 * self.width:.1f} mm apart"
+                apart = f"the fingers are {1e3 * self.width:.1f} mm apart"
                 raise Failure("NOT_OPEN", apart, width_m=self.width, force_n=self.force)
             yield (now - began) / longest
 
@@ -261,7 +261,7 @@ class ArmGripper:
         if least - OTHER_WIDTH_M <= self.width <= most + OTHER_WIDTH_M:
             return None
         return (
-            f"the fingers stand {1e3 * self.width:.1f} mm apart; between them {name!r} would be "
+            f"the fingers are {1e3 * self.width:.1f} mm apart; between them {name!r} would be "
             f"{1e3 * least:.0f} to {1e3 * most:.0f} mm wide"
         )
 

@@ -327,8 +327,8 @@ def _too_heavy(load: NominalLoad, most: float) -> Failure:
     mass = load.mass or 0.0
     return Failure(
         "OVERLOADED",
-        f"{load.object!r} weighs {mass:.2f} kg: {most:.0f} N, the most that it may be held with, "
-        "do not hold it",
+        f"{load.object!r} weighs {mass:.2f} kg: {most:.0f} N, the largest allowed grip force, "
+        "cannot hold it",
         mass_kg=mass,
         most_force_n=most,
     )

@@ -213,8 +213,8 @@ class Leaseholder:
         """
         if self._thread not in (None, threading.get_ident()):
             self.intrusion = (
-                f"{self.leaf} drives its arm from the thread {threading.current_thread().name!r}: "
-                "a skill drives it in its own ticks only; let run() yield, and start no thread"
+                f"{self.leaf} commands its arm from thread {threading.current_thread().name!r}: "
+                "a skill may command it only within its ticks; let run() yield, start no threads"
             )
             raise SkillError(self.intrusion)
 
@@ -253,7 +253,7 @@ class Backoff:
 
     Args:
         arm: Name of the arm.
-        seed: Seed of everything random in the run.
+        seed: Random seed in the run.
 
     Attributes:
         rng: Random generator, also for other choices of an arm that waits.

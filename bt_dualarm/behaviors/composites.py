@@ -182,12 +182,12 @@ def _too_many_needed(node: NodeSpec) -> Iterator[Problem]:
     policy = node.ports.get("policy")
     if isinstance(policy, int) and policy > len(node.children):
         message = f"{node.kind}: policy: {policy} of {len(node.children)} cannot succeed"
-        hint = "all, any, or at most as many as children"
+        hint = "all, any, or a number no larger than that of the children"
         yield node.port_problem(("policy",), message, hint)
 
 
 def _only_child(node: NodeSpec, children: ChildOutcomes) -> str:
-    return f"a {node.kind} of one child does nothing" if len(children) == 1 else ""
+    return f"a {node.kind} of one child has no effect" if len(children) == 1 else ""
 
 
 class Parallel(Node):
@@ -200,10 +200,10 @@ class Parallel(Node):
         """Ports of parallel."""
 
         policy: Literal["all", "any"] | Annotated[int, Field(ge=1, le=1_000_000)] = port(
-            "all", "How many children must succeed: all, any, or a number"
+            "all", "Number of children that must succeed: all, any, or a number"
         )
         on_failure: Literal["fail", "continue"] = port(
-            "fail", "Whether one failed child fails it, or only that enough can no longer succeed"
+            "fail", "Whether one failed child fails it, or only when too few can still succeed"
         )
 
     node_type = LanguageNode(
@@ -308,7 +308,7 @@ class If(Node):
 
     node_type = LanguageNode(
         "if",
-        "One child or the other, as a condition says once at the start",
+        "One of two children, by a condition evaluated once at the start",
         slots=(
             Slot("condition"),
             Slot("then", after=True),

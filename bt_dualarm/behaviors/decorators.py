@@ -41,10 +41,10 @@ def _unless(needed: Literal["fail", "succeed"]) -> NoEffectRule:
 
     def why(node: NodeSpec, children: ChildOutcomes) -> str:
         if node.ports.get("times") == 1:
-            return f"{node.kind} with times: 1 does nothing"
+            return f"{node.kind} with times: 1 has no effect"
         if children[0].fails if needed == "fail" else children[0].succeeds:
             return ""
-        return f"{node.kind} does nothing: '{node.children[0].name}' cannot {needed}"
+        return f"{node.kind} has no effect: '{node.children[0].name}' cannot {needed}"
 
     return why
 
@@ -176,7 +176,7 @@ class Timeout(Node):
         yield from self.children[0].tick()
         status = self.children[0].status
         if status is Status.RUNNING and reached(self.time, self._deadline):
-            raise Failure("TIMEOUT", f"no end within {self.ports.seconds:g} s")
+            raise Failure("TIMEOUT", f"not finished within {self.ports.seconds:g} s")
         return status
 
 
@@ -241,7 +241,7 @@ class Rate(Node):
 
 def _inverted_twice(node: NodeSpec, _: ChildOutcomes) -> str:
     twice = bool(node.children) and node.children[0].kind == node.kind
-    return f"two {node.kind}s, one in the other, do nothing" if twice else ""
+    return f"two nested {node.kind}s have no effect" if twice else ""
 
 
 class Inverter(Decorator, decorators.Inverter):
@@ -249,7 +249,7 @@ class Inverter(Decorator, decorators.Inverter):
 
     node_type = LanguageNode(
         "inverter",
-        "Success for failure and failure for success",
+        "Inverts success and failure",
         slots=_CHILD,
         example="inverter: {child: {compare: {value: 1, to: 2}}}",
         outcomes=lambda _, children: Outcomes(children[0].fails, children[0].succeeds),
@@ -262,7 +262,7 @@ class ForceSuccess(Decorator, decorators.FailureIsSuccess):
 
     node_type = LanguageNode(
         "force_success",
-        "Success, however its child ends",
+        "Succeeds, whatever its child's result",
         slots=_CHILD,
         example="force_success: {child: {compare: {value: 1, to: 2}}}",
         outcomes=lambda _, children: children[0] if children[0].never else SUCCESS,
@@ -276,7 +276,7 @@ class ForceFailure(Decorator, decorators.SuccessIsFailure):
 
     node_type = LanguageNode(
         "force_failure",
-        "Failure, however its child ends",
+        "Fails, whatever its child's result",
         slots=_CHILD,
         example="force_failure: {child: {log: on to the next branch}}",
         outcomes=lambda _, children: children[0] if children[0].never else FAILURE,
@@ -290,7 +290,7 @@ class RunOnce(Decorator, decorators.OneShot):
 
     node_type = LanguageNode(
         "run_once",
-        "Runs its child to an end once, then repeats that result",
+        "Runs its child to completion once, then repeats that result",
         slots=_CHILD,
         example="run_once: {child: {log: said only once}}",
         outcomes=as_child,
@@ -302,11 +302,11 @@ class RunOnce(Decorator, decorators.OneShot):
 
 
 class OnHalt(Node):
-    """Ticks a clean-up once when its child is halted; a halt cannot wait for a longer one."""
+    """Ticks a cleanup once when its child is halted; a halt cannot wait for a longer one."""
 
     node_type = LanguageNode(
         "on_halt",
-        "Ticks a clean-up once when its child is halted",
+        "Ticks a cleanup once when its child is halted",
         slots=(Slot("child"), Slot("cleanup")),
         example="on_halt: {child: {wait: 5}, cleanup: {log: interrupted}}",
         outcomes=as_child,
@@ -318,7 +318,7 @@ class OnHalt(Node):
         return self.children[0].status
 
     def stop(self, new_status: Status = Status.INVALID) -> None:
-        """Stop; a halt of the running child is followed by the clean-up."""
+        """Stop; a halt of the running child is followed by the cleanup."""
         child, cleanup = self.children
         if new_status is Status.INVALID and child.status is Status.RUNNING:
             child.stop(Status.INVALID)

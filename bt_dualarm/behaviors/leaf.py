@@ -109,7 +109,7 @@ class SkillRun:
         """Let the skill clean up; no effect after its end.
 
         Raises:
-            Exception: Any exception of the clean-up.
+            Exception: Any exception of the cleanup.
         """
         _UNCLOSED.discard(self)
         if isinstance(self._steps, Generator):
@@ -299,10 +299,10 @@ class Leaf(AcyclicNode):
             if self._run is not None:
                 self._run.close()
         except Overrun as overrun:
-            return f"its clean-up was interrupted: {overrun}"
+            return f"its cleanup was interrupted: {overrun}"
         except RAISED_BY_SKILLS as error:
-            self._log_exception("in its clean-up")
-            return f"its clean-up raised {_one_line(error)}"
+            self._log_exception("in its cleanup")
+            return f"its cleanup raised {_one_line(error)}"
         finally:
             self._let_go()
         return ""
@@ -364,11 +364,13 @@ def _one_line(error: BaseException) -> str:
     try:
         text = one_line(str(error))
     except Exception:  # noqa: BLE001 - from a skill's own class, or a number with too many digits
-        text = "its text cannot be made"
+        text = "its message could not be formatted"
     name = type(error).__name__
     sentence = f"{name}: {text}" if text else name
     if isinstance(error, _ENDS_PROGRAM):
-        sentence += ' (a skill ends no program: it returns, or raises Failure("CODE", "why"))'
+        sentence += (
+            ' (a skill cannot end the program: it returns, or raises Failure("CODE", "why"))'
+        )
     return sentence
 
 
@@ -421,7 +423,7 @@ class Wait(LanguageLeaf):
 
 
 class Set(LanguageLeaf):
-    """Writes a key of the blackboard."""
+    """Writes a blackboard key."""
 
     class Ports(PortModel):
         """Ports of set."""
@@ -430,13 +432,13 @@ class Set(LanguageLeaf):
             str,
             WrittenKey("value"),
             WithJsonSchema({"type": "string", "pattern": f"^{KEY.pattern}$"}),
-        ] = port(..., "Key of the blackboard to write")
-        value: Data = port(..., "What to write: a value, or another key")
+        ] = port(..., "Blackboard key to write")
+        value: Data = port(..., "Value to write, or another key")
 
     Outputs: ClassVar[type[PortModel]] = Ports
     node_type = LanguageNode(
         "set",
-        "Writes a key of the blackboard",
+        "Writes a blackboard key",
         Ports,
         example="set: {key: height, value: 0.2}",
         outcomes=success,
@@ -462,7 +464,7 @@ class Compare(LanguageLeaf):
         ] = port("equal", "The comparison")
         to: Data = port(..., "Right side")
         tolerance: float = port(
-            1e-6, "Largest difference of two numbers that are near", ge=0.0, le=1e9
+            1e-6, "Largest difference between two numbers that are near", ge=0.0, le=1e9
         )
 
     node_type = LanguageNode(
@@ -487,7 +489,7 @@ class Compare(LanguageLeaf):
         if relation in _ORDER and not (_is_number(value) and _is_number(to)):
             raise Failure(
                 "NOT_COMPARABLE",
-                f"{in_words(value)} and {in_words(to)} have no order, only numbers have",
+                f"{in_words(value)} and {in_words(to)} cannot be ordered; only numbers can",
             )
         if relation == "near":
             holds = near(value, to, self.ports.tolerance)
@@ -507,7 +509,7 @@ class Log(LanguageLeaf):
         """Ports of log."""
 
         message: _Message = port(..., "Text; {key} in it is replaced by the key's value")
-        level: Literal["info", "warning", "error"] = port("info", "How important it is")
+        level: Literal["info", "warning", "error"] = port("info", "Severity")
 
     node_type = LanguageNode(
         "log",
@@ -532,8 +534,8 @@ class Fail(LanguageLeaf):
     class Ports(PortModel):
         """Ports of fail."""
 
-        code: str = port("FAIL", "Code for programs", pattern="^[A-Z][A-Z0-9_]{0,31}$")
-        reason: _Message = port("the tree says so", "Sentence for people")
+        code: str = port("FAIL", "Machine-readable code", pattern="^[A-Z][A-Z0-9_]{0,31}$")
+        reason: _Message = port("the tree failed on purpose", "Human-readable sentence")
 
     node_type = LanguageNode(
         "fail",

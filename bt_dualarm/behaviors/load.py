@@ -61,7 +61,7 @@ class Loaded:
         """Errors that keep the file from running, empty if it can run."""
         if self.file is not None:
             return ()
-        nothing = Problem(Location(self.name), "has subtrees only: nothing to run")
+        nothing = Problem(Location(self.name), "has only subtrees: nothing to run")
         return errors(self.problems) or (nothing,)
 
     def runnable(self) -> TreeFile:
@@ -177,8 +177,8 @@ class _Loading:
             hint = f"begin the file with 'bt_dualarm: {FORMAT}'"
             self.problems.append(source.problem((), "the version of the format is missing", hint))
         elif version != FORMAT or isinstance(version, bool):
-            message = f"version {in_words(version)} of the format is not known"
-            self.problems.append(source.problem(("bt_dualarm",), message, f"known here: {FORMAT}"))
+            message = f"version {in_words(version)} of the format is not supported"
+            self.problems.append(source.problem(("bt_dualarm",), message, f"available: {FORMAT}"))
 
     def _trees(self, arms: ParseContext) -> dict[str, NodeSpec]:
         """Returns the tree of each arm that has one; a stand-in where it cannot be parsed."""

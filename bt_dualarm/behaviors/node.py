@@ -224,7 +224,7 @@ class MemoryPorts(PortModel):
     """Ports of sequence and selector."""
 
     memory: bool = port(
-        True, "Whether a tick resumes at the running child; false asks those before it again"
+        True, "Whether a tick resumes at the running child; false ticks the earlier ones again"
     )
 
 

@@ -25,7 +25,7 @@ def add_skills(parser: argparse.ArgumentParser) -> None:
         type=Path,
         action="append",
         default=[],
-        help="a folder with skills of your own, besides the shipped ones (may be repeated)",
+        help="folder with your own skills, in addition to the shipped ones (may be repeated)",
     )
 
 
@@ -51,13 +51,19 @@ def _assignment(text: str) -> tuple[str, str]:
 def add_view(parser: argparse.ArgumentParser) -> None:
     """Add ``--view-port N`` and ``--view-host ADDRESS``."""
     add = parser.add_argument
-    add("--view-port", metavar="N", type=_port, default=0, help="port of the page (default: any)")
+    add(
+        "--view-port",
+        metavar="N",
+        type=_port,
+        default=0,
+        help="port of the page (default: any free port)",
+    )
     add(
         "--view-host",
         metavar="ADDRESS",
         default="127.0.0.1",
-        help="IPv4 address of another interface of this machine to serve the page on; whoever "
-        "knows the page's address can then press its buttons (default: 127.0.0.1)",
+        help="IPv4 address of another interface of this machine on which to serve the page; anyone "
+        "who knows the page's address can then press its buttons (default: 127.0.0.1)",
     )
 
 

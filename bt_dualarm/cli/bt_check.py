@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 examples:
-  bt-check my_tree.yaml            every error and warning, each with its place
-  bt-check trees/*.yaml --json     for programs
+  bt-check my_tree.yaml            every error and warning, with its location
+  bt-check trees/*.yaml --json     machine-readable output
   bt-check my_tree.yaml --graph my_tree.mmd
 
 exit code:
-  0 no errors (there may be warnings)   1 a file has errors   2 the command is wrong
-  154 a file of skills could not be imported within 30 s
+  0 no errors (possibly warnings)   1 a file has errors   2 invalid command line
+  154 a skill file could not be imported within 30 s
 """
 
 
@@ -41,18 +41,20 @@ def main(argv: Sequence[str] | None) -> int:
 def _command_line() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bt-check",
-        description="Check tree files as bt-run does, and say everything that is wrong with them.",
+        description="Check tree files as bt-run does, and report all problems.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("files", metavar="FILE", nargs="+", help="a tree file, or a shipped one")
+    parser.add_argument(
+        "files", metavar="FILE", nargs="+", help="a tree file, or the name of a shipped tree"
+    )
     parser.add_argument(
         "--graph",
         metavar="OUT",
         type=Path,
-        help="draw the trees of the file to OUT.dot (Graphviz) or OUT.mmd (Mermaid)",
+        help="write a diagram of the trees to OUT.dot (Graphviz) or OUT.mmd (Mermaid)",
     )
-    parser.add_argument("--json", action="store_true", help="one JSON array of problems")
+    parser.add_argument("--json", action="store_true", help="print the problems as a JSON array")
     add_skills(parser)
     add_params(parser)
     return parser
@@ -95,11 +97,11 @@ def _refuse_graph(arguments: argparse.Namespace) -> None:
     if target.suffix.removeprefix(".") not in FORMATS:
         endings = ", ".join(f".{name}" for name in FORMATS)
         source = shlex.quote(str(target.with_suffix(".dot")))
-        hint = f"a picture draws Graphviz: dot -Tsvg -O {source}"
-        message = f"--graph {target}: the file must end with one of {endings}"
+        hint = f"to get an image, use Graphviz: dot -Tsvg -O {source}"
+        message = f"--graph {target}: the file name must end with one of {endings}"
         raise DualArmError(f"{message}\n  = {hint}")
     if len(arguments.files) > 1:
-        raise DualArmError("--graph draws one file, not several")
+        raise DualArmError("--graph takes a single tree file")
 
 
 def _draw(file: TreeFile, kinds: Mapping[str, NodeType], target: Path) -> None:

@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 
 _EXAMPLES: Final = """\
 examples:
-  bt-experiments                                    all of them into out/experiments: a quarter
-                                                    of an hour on two cores
+  bt-experiments                                    all of them, into out/experiments: 15 minutes
+                                                    on two cores
   bt-experiments --seeds 10 --fps 30 --out out/slow
-  bt-experiments --untuned --controller predictive  five curves that nothing was tuned on
+  bt-experiments --untuned --controller predictive  five curves not used for tuning
   bt-experiments --case circle --speed 1.0 --controller predictive --seeds 1 --json cell.json
 
-exit code: 0 every run was measured and the report written, 1 not, 2 the command is wrong,
-130 or 143 interrupted: what was complete by then is written
+exit code: 0 every run was measured and the report was written, 1 otherwise, 2 invalid command
+line, 130 or 143 interrupted: completed experiments are written
 """
 
 
@@ -50,43 +50,53 @@ def command_line() -> argparse.ArgumentParser:
     """The parser of ``bt-experiments``."""
     parser = argparse.ArgumentParser(
         prog="bt-experiments",
-        description="Run the five tracking experiments, or some of them, and write a report.",
+        description="Run all or some of the five tracking experiments, and write a report.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--untuned", action="store_true", help="five other curves, which nothing was tuned on")
-    add("--case", choices=get_args(CurveName), help="only this curve")
-    add("--speed", type=float, metavar="S", help="of the leading arm, 0.05 to 1 (default: all)")
-    add("--controller", choices=("proportional", "predictive"), help="only this one")
+    add("--untuned", action="store_true", help="five other curves, which were not used for tuning")
+    add("--case", choices=get_args(CurveName), help="run only this curve")
+    add(
+        "--speed",
+        type=float,
+        metavar="S",
+        help="speed of the leading arm, 0.05 to 1 (default: all)",
+    )
+    add("--controller", choices=("proportional", "predictive"), help="run only this one")
     add(
         "--renderer",
         choices=("ray", "gl", "both"),
         default="ray",
-        help="of the camera: ray casting, OpenGL, or everything with each (default: ray)",
+        help="camera renderer: ray casting, OpenGL, or each in turn (default: ray)",
     )
     add(
         "--jobs",
         type=_count,
         metavar="N",
-        help="runs side by side, for the same numbers (default: one for each core)",
+        help="parallel runs; results do not depend on it (default: one per core)",
     )
-    add("--seeds", type=_count, default=3, metavar="N", help="repetitions (default: 3)")
-    add("--fps", type=_positive, default=60.0, help="of the camera (default: 60)")
-    add("--latency", type=float, metavar="S", help="of a frame (default: the time of one frame)")
-    add("--drop", type=float, default=0.0, help="share of the frames that get lost, 0 to 0.9")
-    add("--noise", type=float, default=0.0, metavar="PX", help="shake of the camera")
-    told = "how far both arms are from what is believed of them (default: lab)"
-    add("--reality", choices=REALITY_NAMES, default="lab", help=told)
+    add("--seeds", type=_count, default=3, metavar="N", help="number of seeds (default: 3)")
+    add("--fps", type=_positive, default=60.0, help="frame rate of the camera (default: 60)")
+    add("--latency", type=float, metavar="S", help="frame latency (default: one frame period)")
+    add("--drop", type=float, default=0.0, help="fraction of lost frames, 0 to 0.9")
+    add("--noise", type=float, default=0.0, metavar="PX", help="camera shake, standard deviation")
+    meaning = "how far both arms deviate from their nominal models (default: lab)"
+    add("--reality", choices=REALITY_NAMES, default="lab", help=meaning)
     add(
         "--jerk",
         type=float,
         default=JERK,
         metavar="S",
-        help=f"share of the leading arm's limit of jerk, 0.05 to 1 (default: {JERK:g})",
+        help=f"fraction of the leading arm's jerk limit, 0.05 to 1 (default: {JERK:g})",
     )
-    add("--json", type=_path, metavar="FILE", help="of the numbers; no report unless --out")
-    add("--out", type=_path, metavar="DIR", help="of the report (default: out/experiments)")
+    add(
+        "--json",
+        type=_path,
+        metavar="FILE",
+        help="write the numbers; no report unless --out is given",
+    )
+    add("--out", type=_path, metavar="DIR", help="folder of the report (default: out/experiments)")
     return parser
 
 
@@ -108,7 +118,7 @@ def _positive(text: str) -> float:
 
 def _path(text: str) -> Path:
     if not text.strip():
-        raise argparse.ArgumentTypeError("a name is missing; '.' is the current folder")
+        raise argparse.ArgumentTypeError("empty name; '.' is the current folder")
     return Path(text)
 
 
@@ -143,7 +153,7 @@ def _curves(arguments: argparse.Namespace) -> list[Cell]:
     cells = UNTUNED if arguments.untuned else tuple(Cell(case, speed) for case, speed in CASES)
     cells = tuple(cell for cell in cells if arguments.case in (None, cell.case))
     if not cells:
-        raise DualArmError(f"{arguments.case} is not among these curves: see --untuned")
+        raise DualArmError(f"{arguments.case} is not one of these curves; see --untuned")
     if arguments.speed is None:
         return list(cells)
     slower = (replace(cell, speed=arguments.speed) for cell in cells)
@@ -233,7 +243,7 @@ def _refuse_unwritable(folder: Path) -> None:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(b"0")
     except FileExistsError:
-        raise DualArmError(f"cannot write to {folder}: it is there and is not a folder") from None
+        raise DualArmError(f"cannot write to {folder}: it exists and is not a folder") from None
     except OSError as error:
         raise DualArmError(f"cannot write to {folder}: {error.strerror or error}") from error
 

@@ -18,17 +18,18 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 examples:
-  bt-record export out --html out.html     the page of bt-replay as one file; no network
-  bt-record export out --mcap out.mcap     for Foxglove and other viewers and plotters
-  bt-record export out --mp4 out.mp4       a film: the scene, the trees beside it
-  bt-record export out --webp out.webp     the same, small, for pages on the web
+  bt-record export out --html out.html     the bt-replay page as one offline file
+  bt-record export out --mcap out.mcap     for Foxglove and other viewers
+  bt-record export out --mp4 out.mp4       a video of the scene and the trees
+  bt-record export out --webp out.webp     the same, small, for web pages
   bt-record export out --lerobot data      a demonstration for imitation learning (LeRobot v3.0)
   bt-record export run_* --lerobot data --only-successes
-                                           many runs as one data set, an episode each
-  bt-record export out --csv tables        a folder of tables: events, notes, arms, states
+                                           many runs as one data set, one episode each
+  bt-record export out --csv tables        a folder of tables: events, annotations,
+                                           arms, states
 
 exit code:
-  0 written   2 no such record, or it cannot be written there
+  0 written   2 no such record, or the target cannot be written
 """
 
 
@@ -39,11 +40,13 @@ def main(argv: Sequence[str] | None) -> int:
     wanted = [(name, getattr(arguments, name)) for name in ("lerobot", *_FORMATS)]
     wanted = [(name, target) for name, target in wanted if target is not None]
     if not wanted:
-        parser.error(f"to which form? {', '.join(f'--{name}' for name in (*_FORMATS, 'lerobot'))}")
+        parser.error(
+            f"choose a format: {', '.join(f'--{name}' for name in (*_FORMATS, 'lerobot'))}"
+        )
     if arguments.lerobot is None and (arguments.only_successes or arguments.append):
-        parser.error("--only-successes and --append go with --lerobot")
+        parser.error("--only-successes and --append require --lerobot")
     if len(arguments.folders) > 1 and [name for name, _ in wanted] != ["lerobot"]:
-        parser.error("several records become one data set: that takes --lerobot alone")
+        parser.error("several records can only be exported to one data set, with --lerobot alone")
     from bt_dualarm.replay.record import Record
 
     record: Record | None = None
@@ -68,22 +71,22 @@ def _command_line() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("deed", choices=("export",), metavar="export", help="what is to be done: export")
+    add("deed", choices=("export",), metavar="export", help="the action: export")
     add(
         "folders",
         metavar="DIR",
         nargs="+",
         type=Path,
-        help="a folder that bt-run --record wrote; several with --lerobot",
+        help="a folder written by bt-run --record; several with --lerobot",
     )
-    add("--html", metavar="FILE", type=Path, help="the page of bt-replay, as one file")
-    add("--mcap", metavar="FILE", type=Path, help="messages over time, in JSON")
-    add("--mp4", metavar="FILE", type=_film, help="a film, 25 pictures a simulated second")
-    add("--webp", metavar="FILE", type=_animation, help="an animation of 3 MB at most")
-    add("--lerobot", metavar="FOLDER", type=Path, help="a data set, an episode for each DIR")
-    add("--only-successes", action="store_true", help="leave runs out that did not succeed")
+    add("--html", metavar="FILE", type=Path, help="the bt-replay page as one file")
+    add("--mcap", metavar="FILE", type=Path, help="time-stamped JSON messages")
+    add("--mp4", metavar="FILE", type=_film, help="a video, 25 frames per simulated second")
+    add("--webp", metavar="FILE", type=_animation, help="an animation of at most 3 MB")
+    add("--lerobot", metavar="FOLDER", type=Path, help="a data set, one episode per DIR")
+    add("--only-successes", action="store_true", help="leave out runs that did not succeed")
     add("--append", action="store_true", help="add the runs to the data set in FOLDER")
-    add("--csv", metavar="FOLDER", type=Path, help="tables, in a folder")
+    add("--csv", metavar="FOLDER", type=Path, help="a folder of tables")
     return parser
 
 

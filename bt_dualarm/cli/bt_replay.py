@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 examples:
-  bt-replay out                    a page with scene, trees, signals and reasons at every time
-  bt-replay out --check            run it anew; at which step, in which number it first differs
+  bt-replay out                    a page with scene, trees, signals and reasons over time
+  bt-replay out --check            run it again; report the first step and number that differ
 
 exit code:
-  0 every step is the same   1 one differs   2 no such record, or it cannot be run again
-  130 Ctrl-C: how the page is ended
-  154 a file of skills could not be imported within 30 s
+  0 every step is the same   1 a step differs   2 no such record, or it cannot be run again
+  130 Ctrl-C, which ends the page
+  154 a skill file could not be imported within 30 s
 """
 _MOST_NUMBERS = 3
 
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None) -> int:
     arguments = parser.parse_args(argv)
     if not arguments.check:
         if arguments.json:
-            parser.error("--json goes with --check")
+            parser.error("--json requires --check")
         return _show(arguments)
     from bt_dualarm.cli.arguments import imported_skills
     from bt_dualarm.replay.record import Record
@@ -70,14 +70,14 @@ def _show(arguments: argparse.Namespace) -> int:
 def _command_line() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bt-replay",
-        description="Show a record in a browser, or run it anew and compare every step.",
+        description="Show a record in a browser, or run it again and compare every step.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("folder", metavar="DIR", type=Path, help="a folder that bt-run --record wrote")
+    add("folder", metavar="DIR", type=Path, help="a folder written by bt-run --record")
     add("--check", action="store_true", help="compare states and statuses, step by step")
-    add("--json", action="store_true", help="one JSON object, with --check")
+    add("--json", action="store_true", help="print one JSON object, with --check")
     add_view(parser)
     add_skills(parser)
     return parser
@@ -92,7 +92,7 @@ def _lines(found: Agreement) -> Iterator[str]:
         yield f"the same: {found.steps} steps, {found.time_s:.3f} s{hashed}"
         return
     if differs is None:
-        yield f"{found.steps} steps are the same, but the hash of all states is another"
+        yield f"{found.steps} steps are the same, but the hash of all states differs"
         return
     yield f"differs at step {differs.step}, {differs.time_s:.3f} s (of {found.until_s:.3f} s)"
     for number in differs.numbers[:_MOST_NUMBERS]:
@@ -103,7 +103,7 @@ def _lines(found: Agreement) -> Iterator[str]:
     if differs.event:
         yield f"  {differs.event}"
     elif differs.doing:
-        yield f"  running then: {', '.join(differs.doing)}"
+        yield f"  running at that time: {', '.join(differs.doing)}"
 
 
 def _facts(found: Agreement) -> dict[str, object]:

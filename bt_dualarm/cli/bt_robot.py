@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 examples:
-  bt-robot my_arm.urdf                                   the chains that could be arms
+  bt-robot my_arm.urdf                                   list the chains that could be arms
   bt-robot my_arm.urdf --base base_link --tool flange --out my_arm.yaml
   bt-robot tiago_description/robots/tiago.urdf --base torso_lift_link --tool arm_tool_link
                                                          a URDF of example-robot-data
 
-What the URDF does not know is guessed, and the page says so beside each number. Then:
-  bt-skills my_arm.yaml            shows the page: joints, postures, reach
-  robot: my_arm.yaml               names it in a tree file
+Values that the URDF lacks are guessed, with a comment beside each. Then:
+  bt-skills my_arm.yaml            shows the description: joints, postures, reach
+  robot: my_arm.yaml               uses it in a tree file
 
 exit code:
-  0 the chains or a page were written   2 the URDF or the command is wrong
+  0 the chains or a description were written   2 the URDF or the command line is invalid
 """
 
 
@@ -39,14 +39,16 @@ def main(argv: Sequence[str] | None) -> int:
 def _command_line() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bt-robot",
-        description="Write a first page for a robot from its URDF: joints, limits, a home posture.",
+        description="Write a first robot description from a URDF: joints, limits, a home posture.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("urdf", metavar="URDF", help="a file, or one of example-robot-data")
-    parser.add_argument("--base", metavar="LINK", help="the link that is to stand still")
+    parser.add_argument("--base", metavar="LINK", help="the fixed link")
     parser.add_argument("--tool", metavar="LINK", help="the link that carries the tool")
-    parser.add_argument("--out", metavar="FILE", type=Path, help="the page (default: the terminal)")
+    parser.add_argument(
+        "--out", metavar="FILE", type=Path, help="the description file (default: the terminal)"
+    )
     return parser
 
 
@@ -77,12 +79,12 @@ def _list(arguments: argparse.Namespace, tree: KinematicTree) -> int:
 
     chains = arm_chains(tree)
     if not chains:
-        raise DualArmError(f"{arguments.urdf}: no two joints that turn follow one another")
+        raise DualArmError(f"{arguments.urdf}: it has no chain of two revolute joints")
     print(f"{arguments.urdf}: root link {tree.root}; chains that could be arms:")
     for chain in chains:
         print(f"\n  --base {chain.base} --tool {chain.tool}")
         print(f"    {len(chain.joints)} joints: {', '.join(chain.joints)}")
-    print(f"\nThe whole robot stands on --base {tree.root}; any link between is a base, too.")
+    print(f"\nThe whole robot stands on --base {tree.root}; any link between can also be the base.")
     return SUCCEEDED
 
 
@@ -102,9 +104,9 @@ def _write(target: Path, text: str) -> None:
     from bt_dualarm.robots.robot_description import load_robot
 
     if not is_description_path(target.name):
-        raise DualArmError(f"--out {target}: the name of a page ends with .yaml")
+        raise DualArmError(f"--out {target}: the name of a description ends with .yaml")
     if target.exists():
-        raise DualArmError(f"--out {target}: is there already; remove it, or choose another name")
+        raise DualArmError(f"--out {target}: exists already; remove it, or choose another name")
     try:
         write_text(target, text)
     except OSError as error:

@@ -29,21 +29,21 @@ if TYPE_CHECKING:
 
 _EXAMPLES = """\
 examples:
-  bt-run pick_and_track                     a shipped tree, by name from any folder
-  bt-run my_tree.yaml --record out/first    keep summary, events, samples and plots
-  bt-run circle --display log --seed 3      a line per change; another arrangement
-  bt-run pick_and_track --real-time         no faster than the clock on the wall
-  bt-run --resume out@12.4                  go on from 12.4 s of the run recorded in out
-  bt-run my_tree.yaml --resume out@12.4     with a tree edited since; its past must be the same
-  bt-run pick_and_track --view              look at it in a browser; pause, step, breakpoints
+  bt-run pick_and_track                     a shipped tree by name, from any folder
+  bt-run my_tree.yaml --record out/first    write summary, events, samples and plots
+  bt-run circle --display log --seed 3      one line per change; another random layout
+  bt-run pick_and_track --real-time         no faster than the wall clock
+  bt-run --resume out@12.4                  continue the run recorded in out from 12.4 s
+  bt-run my_tree.yaml --resume out@12.4     with an edited tree; its past must be the same
+  bt-run pick_and_track --view              watch it in a browser; pause, step, breakpoints
   bt-run my_tree.yaml --watch --view        edit the tree while it runs
-  bt-run --list                             what is shipped
+  bt-run --list                             list the shipped trees
 
 exit code:
-  0 every tree succeeded   1 one failed or did not finish   2 the file or the command is wrong
-  129, 130, 143 stopped by SIGHUP (the terminal was closed), SIGINT (Ctrl-C) or SIGTERM; once more:
-  without waiting for arms and plots
-  154 code of a skill did not return in time (--watchdog)
+  0 every tree succeeded   1 a tree failed or did not finish   2 invalid file or command line
+  129, 130, 143 stopped by SIGHUP (the terminal was closed), SIGINT (Ctrl-C) or SIGTERM; a second
+  signal ends the run without waiting for arms and plots
+  154 skill code did not return in time (--watchdog)
 """
 
 
@@ -56,72 +56,82 @@ def command_line() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("file", metavar="FILE", nargs="?", help="a tree file, or the name of a shipped one")
-    add("--list", action="store_true", help="list the shipped trees and end")
+    add("file", metavar="FILE", nargs="?", help="a tree file, or the name of a shipped tree")
+    add("--list", action="store_true", help="list the shipped trees and exit")
     add(
         "--resume",
         metavar="DIR@S",
-        help="go on from S simulated seconds of the record in DIR, with its tree or with FILE",
+        help="continue from S simulated seconds of the record in DIR, with its tree or FILE",
     )
     add(
         "--record",
         metavar="DIR",
         type=_folder,
-        help="write summary, events, samples and plots there",
+        help="write summary, events, samples and plots to this folder",
     )
-    add("--frames", action="store_true", help="keep the cameras' pictures there, too")
+    add(
+        "--frames",
+        action="store_true",
+        help="also write the camera images to the folder of --record",
+    )
     add(
         "--display",
         choices=("live", "log", "quiet"),
-        help="live: the trees, redrawn; log: a line per change; quiet: errors only "
+        help="live: the trees, redrawn; log: one line per change; quiet: errors only "
         "(default: live in a terminal, else log)",
     )
     add("--ascii", action="store_true", help="draw with ASCII characters only")
-    add("--seed", metavar="N", type=seed, help="of everything random (default: the file's)")
+    add("--seed", metavar="N", type=seed, help="random seed (default: the file's)")
     _add_conditions(parser)
-    add("--dry-run", action="store_true", help="build everything, move nothing, print the trees")
+    add(
+        "--dry-run",
+        action="store_true",
+        help="build everything and print the trees, without running",
+    )
     add_skills(parser)
     add_params(parser)
-    add("--version", action="store_true", help="print the version and end")
+    add("--version", action="store_true", help="print the version and exit")
     return parser
 
 
 def _add_conditions(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run."""
     add = parser.add_argument
-    add("--duration", metavar="S", type=_seconds, help="end after so many simulated seconds")
+    add("--duration", metavar="S", type=_seconds, help="end after this simulated time")
     add(
         "--renderer",
         choices=("ray", "gl", "auto"),
-        help="of the cameras: ray casting, OpenGL, or OpenGL where it works (default: the file's)",
+        help="camera renderer: ray casting, OpenGL, or OpenGL if available (default: the file's)",
     )
     add(
         "--reality",
         choices=("ideal", "lab", "rough"),
-        help="how far all arms are from what is believed of them (default: the file's)",
+        help="how far all arms deviate from their nominal models (default: the file's)",
     )
-    add("--view", action="store_true", help="show it in a browser, held until you let it go")
+    add(
+        "--view", action="store_true", help="show the run in a browser; it starts when you click Go"
+    )
     add_view(parser)
     add(
         "--watch",
         action="store_true",
-        help="take up the trees whenever the file is saved: running leaves that are unchanged go "
-        "on, others begin anew; what has errors is told, and the run goes on as it was",
+        help="reload the trees whenever the file is saved: unchanged running leaves continue, "
+        "others restart; errors are reported, and the run continues unchanged",
     )
-    add("--real-time", action="store_true", help="run no faster than the clock on the wall")
+    add("--real-time", action="store_true", help="run no faster than the wall clock")
     add(
         "--watchdog",
         metavar="S",
         type=_budget,
         default=30.0,
-        help="end the run when a tick or callback of a skill, or the import of all of them, has "
-        "not returned for so many seconds on the wall (default: 30; 0 for never)",
+        help="end the run if a tick or callback of a skill, or the import of all skills, does not "
+        "return within this wall-clock time (default: 30; 0: no limit)",
     )
 
 
 def _folder(text: str) -> Path:
     if not text.strip():
-        raise argparse.ArgumentTypeError("the folder needs a name; '.' is the current folder")
+        raise argparse.ArgumentTypeError("empty folder name; '.' is the current folder")
     return Path(text)
 
 
@@ -167,14 +177,14 @@ def opened_again(arguments: argparse.Namespace, kept: Path | None, stop: StopReq
     options |= {"watchdog": arguments.watchdog, "duration": arguments.duration}
     if kept is not None:
         if kept.resolve() == folder.resolve():
-            raise ReplayError(f"{folder} is read: --record needs another folder")
+            raise ReplayError(f"{folder} is being read; --record needs another folder")
         options |= {"record": kept, "frames": arguments.frames}
     tree = None if arguments.file is None else find_tree(arguments.file)
     registry = imported_skills("bt-run", arguments.skills, arguments.watchdog)
     changed = Changed(tree, options, dict(arguments.param))
     run = resumed(record, time, registry, changed, stop)
     if arguments.display != "quiet":
-        print(f"the past is that of {folder} up to {run.time:.3f} s", file=sys.stderr)
+        print(f"continued from the past of {folder} up to {run.time:.3f} s", file=sys.stderr)
     return run
 
 
@@ -241,14 +251,14 @@ def viewed(
     from bt_dualarm.viewer.live_view import LiveView
 
     with LiveView(opened, stop, arguments.view_port, arguments.view_host) as view:
-        print(f"held until you let it go: {view.url}", file=sys.stderr, flush=True)
+        print(f"waiting for Go at {view.url}", file=sys.stderr, flush=True)
         yield view
 
 
 def linger(view: LiveView) -> None:
     """After the run, keep serving while a page is open."""
     if view.is_watched:
-        message = "the run is over; it is shown until its page is closed, or Ctrl-C"
+        message = "the run has ended; the page is served until it is closed, or until Ctrl-C"
         print(message, file=sys.stderr, flush=True)
     view.linger()
 
@@ -308,13 +318,13 @@ def _command(argv: Sequence[str] | None, stop: StopRequest) -> int:
     if arguments.list:
         return _list()
     if arguments.resume is not None and arguments.real_time:
-        parser.error("--real-time and --resume exclude each other")
+        parser.error("--real-time and --resume cannot be combined")
     if arguments.frames and arguments.record is None:
-        parser.error("--frames keeps pictures in a record: --record DIR says where")
+        parser.error("--frames writes images to a record; add --record DIR")
     if arguments.file is None and arguments.resume is None:
-        parser.error("which tree file? (bt-run --list names the shipped ones)")
+        parser.error("no tree file given (bt-run --list lists the shipped trees)")
     if arguments.watch and arguments.file is None:
-        parser.error("--watch: which tree file?")
+        parser.error("--watch: no tree file given")
     return _run(arguments, stop)
 
 
@@ -461,7 +471,7 @@ def _print_run_error(result: RunResult, folder: Path | None) -> None:
         where = (
             f"the last states are in {folder / DIVERGENCE}"
             if folder
-            else "its last states were not kept; --record DIR keeps them"
+            else "its last states were not saved; --record DIR saves them"
         )
         print(f"bt-run: error: {result.error}; {where}", file=sys.stderr)
     elif result.error:

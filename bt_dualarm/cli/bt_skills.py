@@ -206,7 +206,7 @@ def list_robots(*, as_json: bool) -> None:
         for summary in summaries
     )
     titles = ("robot", "", "joints", "reach", "postures", "camera mounts")
-    print_parts("robots:", table(titles, rows), "\nbt-skills NAME shows one robot whole.")
+    print_parts("robots:", table(titles, rows), "\nbt-skills NAME shows one robot in full.")
 
 
 def show_robot(name: str, *, as_json: bool) -> None:
@@ -232,12 +232,12 @@ def show_robot(name: str, *, as_json: bool) -> None:
         (j.name, f"{j.at:g}", f"{j.lower:g}", f"{j.upper:g}", j.unit, j.follows or "")
         for j in summary.locked
     )
-    tool = f"({numbers(summary.tool_m)}) m in {escape(summary.tool_link)}, its z axis out of it"
+    tool = f"({numbers(summary.tool_m)}) m in {escape(summary.tool_link)}, z pointing out of it"
     print_parts(
         f"[bold]{escape(summary.name)}[/bold]  {escape(summary.title)}",
         "\njoints, base to tip:",
         table(("joint", "from", "to", "velocity"), joints),
-        "\npostures, the tool as seen from the base link:",
+        "\npostures, with the tool in the base link frame:",
         table(("posture", "angles in degrees", "tool at, m", "points"), postures),
         *(
             ("\ncamera mounts:", table(("mount", "in the link", "at, m", "looks"), mounts))
@@ -281,7 +281,7 @@ def list_grippers(*, as_json: bool) -> None:
         return
     rows = map(_row, grippers)
     titles = ("gripper", "", "stroke", "force", "payload", "mass")
-    print_parts("grippers:", table(titles, rows), "\nbt-skills NAME shows one gripper whole.")
+    print_parts("grippers:", table(titles, rows), "\nbt-skills NAME shows one gripper in full.")
 
 
 def _row(gripper: Gripper) -> tuple[str, ...]:
@@ -329,7 +329,7 @@ def _pads(gripper: Gripper) -> str:
     felt = gripper.tactile
     if felt is None:
         return "do not feel"
-    return f"feel the force on them {felt.rate:g} times a second, within {felt.noise:g} N"
+    return f"measure the force on them {felt.rate:g} times a second, within {felt.noise:g} N"
 
 
 def _cup(gripper: Gripper) -> tuple[str, ...]:
@@ -338,7 +338,7 @@ def _cup(gripper: Gripper) -> tuple[str, ...]:
 
 def _tool(gripper: Gripper) -> str:
     x, y, z = (gripper.mount @ gripper.tool).position
-    return f"at ({x:.3f}, {y:.3f}, {z:.3f}) m from the flange, its z axis out of the gripper"
+    return f"at ({x:.3f}, {y:.3f}, {z:.3f}) m from the flange, z pointing out of the gripper"
 
 
 def is_gripper_page(name: str) -> bool:
@@ -389,15 +389,15 @@ def _span(span: Interval, times: float, unit: str) -> str:
 
 _EPILOG = """\
 examples:
-  bt-skills                    every skill and every word of the language
+  bt-skills                    every skill and every node type of the language
   bt-skills circle             its ports, failures and an example
   bt-skills robots             every robot with its reach, postures and camera mounts
   bt-skills ur5                its joints, postures and camera mounts with their numbers
-  bt-skills robots/z1.yaml     those of a robot's page of your own
+  bt-skills robots/z1.yaml     the same for your own robot description
   bt-skills grippers           every gripper with its stroke, force, payload and mass
-  bt-skills suction_cup        what it can do; or a gripper's page of your own
+  bt-skills suction_cup        one gripper, or your own gripper description
   bt-skills --schema tree.schema.json
-                               for editors: begin a tree file with the line
+                               for editors; begin a tree file with this line:
                                # yaml-language-server: $schema=tree.schema.json
 """
 
@@ -417,7 +417,7 @@ def main(argv: Sequence[str] | None) -> int:
 def _command_line() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bt-skills",
-        description="Show what may be written in a tree file.",
+        description="Show what a tree file may contain.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -425,16 +425,16 @@ def _command_line() -> argparse.ArgumentParser:
         "name",
         metavar="NAME",
         nargs="?",
-        help="a skill, a word, a robot, a gripper, robots, or grippers",
+        help="a skill, a node type, a robot, a gripper, robots, or grippers",
     )
-    parser.add_argument("--json", action="store_true", help="for programs")
+    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument(
         "--schema",
         metavar="FILE",
         type=Path,
         nargs="?",
         const=_STDOUT,
-        help="write the JSON Schema of the whole format with the installed skills",
+        help="write the JSON Schema of tree files, including the installed skills",
     )
     add_skills(parser)
     return parser
@@ -476,7 +476,7 @@ def _unknown(name: str, known: Sequence[str]) -> DualArmError:
     from bt_dualarm.spec.problems import suggestion
 
     hint = suggestion(name, known, "name")
-    return DualArmError(f"there is no skill, word, robot or gripper '{name}'; {hint}")
+    return DualArmError(f"there is no skill, node type, robot or gripper '{name}'; {hint}")
 
 
 def _write_schema(kinds: Mapping[str, NodeType], target: Path) -> int:
@@ -500,7 +500,7 @@ def _list(kinds: Mapping[str, NodeType], words: Mapping[str, NodeType], *, as_js
         print(json.dumps(found, indent=2))
         return SUCCEEDED
     width = max(map(len, {**kinds, **words}))
-    for title, some in (("skills", kinds), ("words of the language", words)):
+    for title, some in (("skills", kinds), ("node types of the language", words)):
         print(f"{title}:")
         for name, kind in sorted(some.items()):
             print(f"  {name:<{width}}  {kind.summary}")

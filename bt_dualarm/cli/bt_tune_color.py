@@ -27,13 +27,13 @@ _Add: TypeAlias = Callable[..., argparse.Action]
 _EPILOG = """\
 examples:
   bt-tune-color pick_and_track --at 7 --out seen.png    what the tracking camera sees after 7 s
-  bt-tune-color my_tree.yaml --serve                    what it sees at the start, as a live page
-  bt-tune-color my_tree.yaml --pick 160,120 --write     look for the color of a pixel from now on
+  bt-tune-color my_tree.yaml --serve                    an interactive page of the first image
+  bt-tune-color my_tree.yaml --pick 160,120 --write     write the color of a pixel into the file
   bt-tune-color photo.jpg --hue 45 65 --saturation 0.5 1 --snippet color.yaml
 
 exit code:
-  0 something of the color was found, or the page was closed   1 nothing was found
-  2 the file or the command is wrong
+  0 the color was found, or the page was closed   1 nothing was found
+  2 invalid file or command line
 """
 
 
@@ -41,39 +41,45 @@ def command_line() -> argparse.ArgumentParser:
     """The parser of ``bt-tune-color``; building it imports nothing heavy."""
     parser = argparse.ArgumentParser(
         prog="bt-tune-color",
-        description="Show what a camera takes for its target in one picture, and choose the color "
+        description="Show what a camera detects as its target in one image, and tune the color "
         "that it looks for.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("file", metavar="FILE", help="a tree file, a shipped one, or an image")
-    _add_picture(parser.add_argument_group("which picture of a tree file").add_argument)
-    color = parser.add_argument_group("which color (default: the file's, else yellow)")
+    parser.add_argument(
+        "file", metavar="FILE", help="a tree file, the name of a shipped tree, or an image"
+    )
+    _add_picture(parser.add_argument_group("choice of the image from a tree file").add_argument)
+    color = parser.add_argument_group("color (default: the file's, else yellow)")
     _add_color(color.add_argument)
-    _add_output(parser.add_argument_group("what becomes of it"))
+    _add_output(parser.add_argument_group("output"))
     add_skills(parser)
     add_params(parser)
     return parser
 
 
 def _add_picture(add: _Add) -> None:
-    add("--arm", metavar="NAME", help="whose camera (default: the only one)")
-    add("--at", metavar="S", type=_moment, default=0.0, help="run so many simulated seconds first")
-    add("--posture", metavar="NAME", help="of the camera's arm at the start (default: the file's)")
-    add("--seed", metavar="N", type=seed, help="of everything random (default: the file's)")
-    add("--renderer", choices=("auto", "gl", "ray"), help="default: the file's")
+    add("--arm", metavar="NAME", help="arm with the camera (default: the only one)")
+    add("--at", metavar="S", type=_moment, default=0.0, help="simulated time of the image")
+    add(
+        "--posture",
+        metavar="NAME",
+        help="initial posture of the camera's arm (default: the file's)",
+    )
+    add("--seed", metavar="N", type=seed, help="random seed (default: the file's)")
+    add("--renderer", choices=("auto", "gl", "ray"), help="camera renderer (default: the file's)")
 
 
 def _add_color(add: _Add) -> None:
     ends = ("FROM", "TO")
-    add("--color", metavar="COLOR", type=_color, help="a name, or ranges as a tree file has them")
+    add("--color", metavar="COLOR", type=_color, help="a name, or ranges as in a tree file")
     add(
         "--pick",
         metavar="X,Y",
         type=_pixel,
         nargs="+",
         default=[],
-        help="the color of these pixels",
+        help="fit the range to these pixels",
     )
     add(
         "--widen",
@@ -81,29 +87,29 @@ def _add_color(add: _Add) -> None:
         type=_pixel,
         nargs="+",
         default=[],
-        help="the first range and these pixels",
+        help="widen the first range to include these pixels",
     )
-    add("--hue", metavar=ends, type=_degrees, nargs=2, help="degrees; 340 12 goes through red")
-    add("--saturation", metavar=ends, type=_share, nargs=2, help="0 is grey, 1 is pure")
+    add("--hue", metavar=ends, type=_degrees, nargs=2, help="degrees; 340 12 wraps through red")
+    add("--saturation", metavar=ends, type=_share, nargs=2, help="0 is gray, 1 is pure")
     add("--value", metavar=ends, type=_share, nargs=2, help="0 is black, 1 is bright")
 
 
 def _add_output(group: argparse._ArgumentGroup) -> None:
     add = group.add_argument
     save = group.add_mutually_exclusive_group().add_argument
-    add("--out", metavar="PNG", type=Path, help="image, mask and candidates side by side")
-    add("--json", action="store_true", help="print the result for programs")
+    add("--out", metavar="PNG", type=Path, help="write image, mask and candidates side by side")
+    add("--json", action="store_true", help="print the result as JSON")
     add(
         "--serve",
         metavar="PORT",
         type=_port,
         nargs="?",
         const=0,
-        help="a page on this machine to tune by hand, on any free port or on this one",
+        help="serve a page for tuning by hand, on this port or any free one",
     )
     save("--write", action="store_true", help="write the color into the tree file")
-    add("--line", metavar="N", type=int, help="of the leaf, where several look for a color")
-    save("--snippet", metavar="YAML", type=Path, help="write the color into a file of its own")
+    add("--line", metavar="N", type=int, help="line of the leaf, if several look for a color")
+    save("--snippet", metavar="YAML", type=Path, help="write the color into a separate file")
 
 
 def _color(text: str) -> Color:
@@ -202,7 +208,7 @@ def _of_image(arguments: argparse.Namespace) -> _Subject:
     from bt_dualarm.tuning.color import image_shot
 
     if arguments.write:
-        raise DualArmError("--write: an image has no ranges; --snippet FILE writes a fresh file")
+        raise DualArmError("--write: an image has no ranges; --snippet FILE writes a new file")
     shot = image_shot(Path(arguments.file))
     return _Subject(shot, Color.named("yellow"), _snippet(arguments, shot))
 

@@ -11,13 +11,13 @@ from bt_dualarm.cli.entry import FAILED, SUCCEEDED
 
 _EPILOG = """\
 examples:
-  bt-why out                       why the run recorded in out failed, or what it waited for
-  bt-why out circle                why this leaf failed; arm2:circle for one of two
+  bt-why out                       why the run recorded in out failed, or what it was waiting for
+  bt-why out circle                why this leaf failed; arm2:circle selects the arm
   bt-why out 12.4                  what every arm was doing at 12.4 s, and what had just failed
-  bt-why out --json                for programs
+  bt-why out --json                machine-readable output
 
 exit code:
-  0 told   1 nothing failed and nothing was running   2 no such record, leaf or time
+  0 explained   1 nothing failed and nothing was running   2 no such record, leaf or time
 """
 
 
@@ -44,12 +44,12 @@ def main(argv: Sequence[str] | None) -> int:
 def _command_line() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bt-why",
-        description="Tell why a run failed: the leaf, its cause, and what it is known by.",
+        description="Explain why a run failed: the leaf, its cause, and the evidence.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("folder", metavar="DIR", type=Path, help="a folder that bt-run --record wrote")
-    add("about", metavar="LEAF|TIME", nargs="?", help="a leaf by its name or path, or a time in s")
-    add("--json", action="store_true", help="one JSON object")
+    add("folder", metavar="DIR", type=Path, help="a folder written by bt-run --record")
+    add("about", metavar="LEAF|TIME", nargs="?", help="name or path of a leaf, or a time in s")
+    add("--json", action="store_true", help="print one JSON object")
     return parser

@@ -212,7 +212,7 @@ def _leave_threads(program: str, code: int) -> None:
     names = ", ".join(repr(thread.name) for thread in others if thread.is_alive())
     if names:
         with suppress(OSError):
-            print(f"{program}: still running, and left behind: {names}", file=sys.stderr)
+            print(f"{program}: abandoned threads that are still running: {names}", file=sys.stderr)
             sys.stdout.flush()
         os._exit(code)
 

@@ -39,17 +39,16 @@ def camera_causes(e: Evidence) -> Iterator[Cause]:
     drop = float(camera["drop"])
     if latency >= _LATE_S:
         sentence = (
-            f"pictures of {e.arm} come {latency:g} s after they were taken (latency): "
-            "what it saw had moved on by then"
+            f"images of {e.arm} arrive {latency:g} s after exposure (latency): "
+            "the target had moved on by then"
         )
-        yield e.cause("LATE_PICTURES", sentence, "a smaller latency, or a target that rests")
+        yield e.cause("LATE_PICTURES", sentence, "a smaller latency, or a target at rest")
     if drop >= _HIGH_DROP:
         seen = len(e.notes("look", since=e.began, until=e.ended))
         sentence = (
-            f"pictures of {e.arm} get lost: of {len(taken)} that were taken {seen} came "
-            f"(drop: {drop:g})"
+            f"images of {e.arm} are lost: of {len(taken)} taken, {seen} came (drop: {drop:g})"
         )
-        yield e.cause("LOST_PICTURES", sentence, "a camera that loses fewer, or more a second")
+        yield e.cause("LOST_PICTURES", sentence, "a smaller drop, or a higher fps")
 
 
 _SIZE_TOLERANCE: Final = 0.2
@@ -117,7 +116,7 @@ def _too_slow(e: Evidence, name: str) -> Cause:
         for what, path in paths.items()
     }
     sentence = (
-        f"{name} was in view, and {e.arm} too slow for it: it moved at up to "
+        f"{name} was in view; {e.arm} was too slow: the target moved at up to "
         f"{top['target']:.2f} m/s, the tool at up to {top['tool']:.2f} m/s"
     )
     shares = {what: float(share) for what, share in e.record.arms[e.arm]["limits"].items()}
@@ -126,11 +125,11 @@ def _too_slow(e: Evidence, name: str) -> Cause:
     remedy = "a slower target, or a larger max_error"
     if shares[least] < _HIGH_SHARE:
         where = "its leaf" if least == "speed" else "its limits"
-        sentence += f"; {where} may use {shares[least]:g} of the {least} of {e.robot}"
-        remedy = f"a larger share of {least}, or a slower target"
+        sentence += f"; {where} may use {shares[least]:g} of the {least} limit of {e.robot}"
+        remedy = f"a larger fraction of the {least} limit, or a slower target"
     elif e.ports.get("controller") == "proportional":
         gains = ", ".join(f"{key} {e.ports[key]:g} m" for key in ("gain_u", "gain_v"))
-        sentence += f"; a proportional controller goes on by its gains ({gains}) at full error"
+        sentence += f"; a proportional controller moves by its gains ({gains}) at full error"
         remedy = "larger gains, or controller: predictive"
     return e.cause("TOO_SLOW", sentence, remedy)
 
@@ -188,7 +187,7 @@ def _wrong_kind(e: Evidence, meant: list[str]) -> Cause | None:
         if not same:
             wanted = f"{asked['id']} of {asked.get('dictionary', 'its set')}"
             sentence = (
-                f"it looked for marker {wanted}; {name} bears {has['id']} of {has['dictionary']}"
+                f"it looked for marker {wanted}; {name} has {has['id']} of {has['dictionary']}"
             )
             return e.cause("NOT_RECOGNISED", sentence, f"id: {has['id']}")
     if size and meant and not e.ports.get("object"):
@@ -199,7 +198,7 @@ def _wrong_kind(e: Evidence, meant: list[str]) -> Cause | None:
         ]
         if len(size) != len(has) or max(deviation) > _SIZE_TOLERANCE * max(has):
             wanted, real = (" by ".join(f"{1e3 * x:g}" for x in each) for each in (size, has))
-            sentence = f"it looked for a thing of {wanted} mm; {name} is {real} mm"
+            sentence = f"it looked for an object of {wanted} mm; {name} is {real} mm"
             return e.cause("NOT_RECOGNISED", sentence, f"size: {has}")
     return None
 
@@ -212,7 +211,7 @@ def _wrong_color(e: Evidence, color: object, meant: list[str]) -> Cause | None:
     color_port = e.leaf.ports.get("color")
     has = objects[name]["color"]
     wanted = color_port if isinstance(color_port, str) else "other hues"
-    sentence = f"the camera looked for {wanted}, and {name} is {has}"
+    sentence = f"the camera looked for {wanted}, but {name} is {has}"
     return e.cause("WRONG_COLOR", sentence, f"color: {has}")
 
 
@@ -244,26 +243,24 @@ def _of_target(e: Evidence, name: str) -> Iterator[Cause]:
         yield _outside(e, name, sight, last_seen)
     elif float(e.numbers.get("beyond_share", 0.0)) > _BACKGROUND_SHARE:
         share = 100.0 * float(e.numbers["beyond_share"])
-        sentence = f"what is behind {name} has its color: {share:.0f} % of the picture have it"
-        remedy = "`color` with ranges of saturation and value that only it has, or a marker on it"
+        sentence = f"the background of {name} has its color: {share:.0f} % of the image"
+        remedy = "`color` with ranges that match only the object, or a marker on it"
         yield e.cause("SAME_COLOR_BEHIND", sentence, remedy)
     else:
         away = f"{sight.distance_m:.2f} m away"
-        sentence = f"{name} was in view, {away}, and was not taken for the target"
-        yield e.cause("NOT_RECOGNISED", sentence, "other ranges of the color (bt-tune-color)")
+        sentence = f"{name} was in view, {away}, but was not detected as the target"
+        yield e.cause("NOT_RECOGNISED", sentence, "tune the color ranges (bt-tune-color)")
 
 
 def _hidden(e: Evidence, name: str, sight: CameraSight) -> Cause:
-    sentence = (
-        f"{sight.hidden_by} stands between the camera and {name}, {sight.distance_m:.2f} m away"
-    )
+    sentence = f"{sight.hidden_by} is between the camera and {name}, {sight.distance_m:.2f} m away"
     return e.cause("OCCLUDED", sentence, f"move {sight.hidden_by}, or look from elsewhere")
 
 
 def _outside(e: Evidence, name: str, sight: CameraSight, last_seen: float | None) -> Cause:
     sentence = (
-        f"{name} was outside of the picture: {sight.off_axis_deg:.0f}° off the camera's axis, "
-        f"which sees {sight.half_view_deg:.0f}° up and down"
+        f"{name} was outside the image: {sight.off_axis_deg:.0f}° off the camera's axis, "
+        f"and its view ends at {sight.half_view_deg:.0f}°"
     )
     mover = _mover(e, name) if last_seen is not None else ""
     if last_seen is not None:

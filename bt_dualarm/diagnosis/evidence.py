@@ -352,7 +352,7 @@ def _arm(e: Evidence, since: float) -> Iterator[str]:
     position = ", ".join(f"{x:.3f}" for x in tools[1])
     yield (
         f"the tool moved by {moved:.0f} mm, to ({position}) m; "
-        f"set-points went at up to {speed:.0f}°/s, motors gave up to {torque:.0f} N m"
+        f"set-points moved at up to {speed:.0f}°/s, motors applied up to {torque:.0f} N m"
     )
 
 
@@ -367,7 +367,7 @@ def _camera(e: Evidence, since: float) -> Iterator[str]:
     if not frames:
         return
     seen = [look for look in looks if look["pixel"]]
-    sentence = f"its camera took {len(frames)} pictures; the target was found in {len(seen)}"
+    sentence = f"its camera took {len(frames)} images; the target was detected in {len(seen)}"
     if seen:
         (x, y) = seen[-1]["pixel"]
         area = seen[-1]["area_px"]

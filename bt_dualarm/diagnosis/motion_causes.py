@@ -61,7 +61,7 @@ def _pressed(e: Evidence) -> Iterator[Cause]:
         )
         yield e.cause("LOW_FORCE_LIMIT", sentence, "a higher force_limit, or a slower motion")
     else:
-        yield e.cause("PRESSED", e.reason, f"move {second} away, or go slower")
+        yield e.cause("PRESSED", e.reason, f"move {second} away, or move more slowly")
 
 
 def _collided(e: Evidence) -> Iterator[Cause]:
@@ -70,9 +70,9 @@ def _collided(e: Evidence) -> Iterator[Cause]:
     if met:
         touch = met[0]
         sentence = f"{touch.own} ran into {touch.other}: {e.reason}"
-        yield e.cause("RAN_INTO", sentence, f"move {touch.other} away, or go another way")
+        yield e.cause("RAN_INTO", sentence, f"move {touch.other} away, or take another path")
     elif threshold < 1.0:
-        sentence = f"the threshold of a hit is {threshold:g} times the usual one: {e.reason}"
+        sentence = f"the collision threshold is {threshold:g} times the usual one: {e.reason}"
         yield e.cause("LOW_THRESHOLD", sentence, "collision: {threshold: 1.0}")
     else:
         yield e.cause("HIT", e.reason)
@@ -85,14 +85,14 @@ def _blocked(e: Evidence) -> Iterator[Cause]:
         other = touch.other.partition("/")[0]
         kind = "OTHER_ARM" if other in e.record.arms else "BLOCKED"
         sentence = f"{touch.own} was blocked by {touch.other}: {e.reason}"
-        yield e.cause(kind, sentence, f"move {other} away, or go another way")
+        yield e.cause(kind, sentence, f"move {other} away, or take another path")
         return
     saturated = int(e.numbers.get("saturated", 0) or _guard_saturated(e))
     held = e.scene(e.ended).held(e.arm)
     if held and saturated:
         objects = e.record.start["objects"]
         mass = sum(float(objects[name]["mass"]) for name in held if name in objects)
-        sentence = f"{e.arm} was too weak for the {mass:g} kg that it held: {e.reason}"
+        sentence = f"{e.arm} is too weak for the {mass:g} kg that it holds: {e.reason}"
         yield e.cause("OVERLOADED", sentence, "a lighter object, or a slower motion")
 
 
@@ -167,13 +167,13 @@ def _drifted(e: Evidence) -> Iterator[Cause]:
         return
     each = ", ".join(f"{1e3 * x:.0f}" for x in whole / len(steps))
     sentence = (
-        f"{e.leaf.path!r} ({e.leaf.kind}) begins each time where it has ended before: from run to "
-        f"run the tool moved on by ({each}) mm, {distance:.2f} m in {len(steps)} runs; "
+        f"{e.leaf.path!r} ({e.leaf.kind}) starts each time where it ended before: between "
+        f"runs the tool moved by ({each}) mm, {distance:.2f} m in {len(steps)} runs; "
         f"then {e.reason}"
     )
-    remedy = f"go back to one place before each {e.leaf.kind}"
+    remedy = f"return to a fixed pose before each {e.leaf.kind}"
     if e.ports.get("end") == "rim":
-        remedy = "end: center, or go back to one place before each turn"
+        remedy = "end: center, or return to a fixed pose before each turn"
     yield e.cause("DRIFT", sentence, remedy, leaf=e.leaf.path)
 
 
@@ -205,7 +205,7 @@ def _in_the_way(e: Evidence) -> Iterator[Cause]:
         first, second = second, first
     if second.startswith(f"{e.arm}/"):
         what = first if first.startswith(f"{e.arm}/") else f"{first}, which {e.arm} holds,"
-        sentence = f"the arm would be in its own way: {what} would touch {second}"
+        sentence = f"the arm would collide with itself: {what} would touch {second}"
         yield e.cause("SELF_COLLISION", sentence)
         return
     other = second.partition("/")[0]
@@ -216,8 +216,8 @@ def _in_the_way(e: Evidence) -> Iterator[Cause]:
         yield e.cause(cause.kind, cause.sentence + more, cause.remedy, leaf=cause.leaf)
         return
     holds = f", which {e.arm} holds," if "/" not in first else ""
-    remedy = f"move {other} away, or go another way"
-    yield e.cause("IN_THE_WAY", f"{second} is in the way: {first}{holds} would touch it", remedy)
+    remedy = f"move {other} away, or take another path"
+    yield e.cause("IN_THE_WAY", f"{second} is in the path: {first}{holds} would touch it", remedy)
 
 
 def other_arm(e: Evidence, other: str) -> Cause:
@@ -231,7 +231,7 @@ def other_arm(e: Evidence, other: str) -> Cause:
         what = f"{other} stands there; its tree has ended ({state})"
     remedy = f"let {other} leave, or let {e.arm} wait for it before {e.leaf.path!r}"
     leaf = doing[0] if doing else ""
-    return e.cause("OTHER_ARM", f"{e.arm} could not pass {other}: {what}", remedy, leaf=leaf)
+    return e.cause("OTHER_ARM", f"{e.arm} was blocked by {other}: {what}", remedy, leaf=leaf)
 
 
 def _too_far(e: Evidence) -> Iterator[Cause]:
@@ -240,8 +240,8 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
     short = float(e.numbers.get("residual_m", 0.0) or 0.0)
     if named is None:
         how = f": {e.reason}"
-        remedy = "a smaller curve or step, a base nearer by, or another posture to begin from"
-        yield e.cause("OUT_OF_REACH", f"the way leaves the reach of {e.robot}{how}", remedy)
+        remedy = "a smaller curve or step, a nearer base, or another initial posture"
+        yield e.cause("OUT_OF_REACH", f"the path leaves the workspace of {e.robot}{how}", remedy)
         return
     what, point = named
     gap = _gap(e, point)
@@ -259,9 +259,9 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
         remedy = f"bring {what} or the base of {e.arm} at least {1e3 * gap:.0f} mm nearer"
         yield e.cause("OUT_OF_REACH", sentence, remedy)
         return
-    sentence = f"{e.robot} cannot have its tool at {what} with this orientation: {e.reason}"
+    sentence = f"{e.robot} cannot reach {what} with this orientation: {e.reason}"
     more = f"; it stays {1e3 * short:.0f} mm away" if short else ""
-    remedy = "another orientation, or a base elsewhere"
+    remedy = "another orientation, or another base position"
     yield e.cause("OUT_OF_REACH", sentence + more, remedy)
 
 
@@ -272,7 +272,7 @@ def _unit_slip(e: Evidence, point: Vector) -> str:
     for unit, meters in (("centimeters", 0.01), ("millimeters", 0.001)):
         gap = _gap(e, meters * point)
         if gap is not None and gap <= _LEAST_GAP_M:
-            return f"it would be within reach if these were {unit}, but they are meters"
+            return f"it would be within reach if the numbers were {unit}; the file uses meters"
     return ""
 
 
@@ -378,7 +378,7 @@ def _waited_for(e: Evidence) -> Cause | None:
         other = (holders or [owner])[0]
         if other in e.record.arms and other != e.arm:
             cause = other_arm(e, other)
-            sentence = f"{cause.sentence}; {body} is where the tool is to be"
+            sentence = f"{cause.sentence}; {body} is at the tool's goal"
             return e.cause(cause.kind, sentence, cause.remedy, leaf=cause.leaf)
     return None
 
@@ -386,7 +386,7 @@ def _waited_for(e: Evidence) -> Cause | None:
 def _usual(e: Evidence) -> str:
     """Clause on the longest successful run of the same leaf; empty if there is none."""
     took = [end.time - e.leaf.begun(end).time for end in e.leaf.changes if end.new == "SUCCESS"]
-    return f"; it took {max(took):.2f} s another time" if took else ""
+    return f"; an earlier run took {max(took):.2f} s" if took else ""
 
 
 def _ended_with_run(e: Evidence) -> bool:

@@ -27,18 +27,18 @@ def _without_value(e: Evidence) -> Iterator[Cause]:
         writers = [node for node in e.timeline.leaves() if _writes(e, node, key["key"])]
         if writers:
             node = writers[0]
-            when = "wrote it too late" if node.last("SUCCESS") else "had not run to its end yet"
-            sentence = f"nobody had written {key['key']!r}: {node.path!r} ({node.place}) {when}"
+            when = "wrote it too late" if node.last("SUCCESS") else "had not finished yet"
+            sentence = f"nothing had written {key['key']!r}: {node.path!r} ({node.place}) {when}"
             remedy = f"let {node.path!r} run before {e.leaf.path!r}"
             yield e.cause("NEVER_WRITTEN", sentence, remedy, leaf=node.path)
         else:
-            sentence = f"nobody had written {key['key']!r}, and no leaf does"
+            sentence = f"nothing had written {key['key']!r}, and no leaf writes it"
             yield e.cause("NEVER_WRITTEN", sentence, f"set: {{key: {key['key']}, value: …}} before")
         return
     for key in e.keys:
         sentence = (
             f"{key['leaf']!r} had written {key['key']} = {key['value']!r} at "
-            f"{key['time_s']:.2f} s, which port {key['port']!r} does not take: {e.reason}"
+            f"{key['time_s']:.2f} s, which port {key['port']!r} does not accept: {e.reason}"
         )
         remedy = f"another value of {key['key']}"
         yield e.cause("WRONG_VALUE", sentence, remedy, leaf=key["leaf"], time_s=key["time_s"])
@@ -108,10 +108,10 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
     if e.code == "NOT_AT_REST":
         yield from _carried_meanwhile(e, str(name))
         moved = 1e3 * float(e.numbers.get("moved_m", 0.0))
-        sentence = f"{name} fell or slid after it was let go: it moved by {moved:.0f} mm"
-        yield e.cause("FELL", sentence, "let go of it where it stands on something")
+        sentence = f"{name} fell or slid after its release: it moved by {moved:.0f} mm"
+        yield e.cause("FELL", sentence, "release it where something supports it")
     if e.code == "NOT_SPAWNED":
-        yield e.cause("NO_ROOM", e.reason, "another place, or nothing in this one")
+        yield e.cause("NO_ROOM", e.reason, "another pose, or clear this one")
 
 
 def _held_by_another(e: Evidence, name: str) -> Iterator[Cause]:
@@ -119,7 +119,7 @@ def _held_by_another(e: Evidence, name: str) -> Iterator[Cause]:
     for other in e.record.arms:
         if other != e.arm and name in scene.held(other):
             sentence = f"{other} holds {name} already: {e.reason}"
-            yield e.cause("HELD", sentence, f"let {other} put {name} down before {e.leaf.path!r}")
+            yield e.cause("HELD", sentence, f"let {other} place {name} before {e.leaf.path!r}")
 
 
 def absence(e: Evidence, name: str) -> Cause | None:
@@ -136,7 +136,7 @@ def absence(e: Evidence, name: str) -> Cause | None:
 def _taken_away(e: Evidence, name: str, removal: tuple[TimelineNode, Change]) -> Cause:
     """Cause for the removal of an object, or of this arm, by a leaf."""
     node, change = removal
-    sentence = f"{node.arm}:{node.path} (remove) took {name} away at {change.time:.2f} s"
+    sentence = f"{node.arm}:{node.path} (remove) removed {name} at {change.time:.2f} s"
     remedy = f"remove {name} later"
     if name == e.arm:
         sentence += f", before its tree had ended: it was at {e.leaf.path!r}"
@@ -171,23 +171,23 @@ def _fell_before(e: Evidence, name: str) -> Iterator[Cause]:
         if is_held or (scene.has(lost) and lost in dict(scene.beside(name, _LYING_M))):
             how = "which held it" if is_held else "on which it lay"
             sentence = (
-                f"{name} fell when {lost}, {how}, was taken away by {node.arm}:{node.path} "
+                f"{name} fell when {lost}, {how}, was removed by {node.arm}:{node.path} "
                 f"(remove) at {change.time:.2f} s"
             )
-            remedy = f"remove {lost} after {name} was taken, or put {name} down before"
+            remedy = f"remove {lost} after {name} was grasped, or place {name} first"
             yield e.cause("FELL", sentence, remedy, leaf=node.path, time_s=change.time)
             return
     fallen = float(before.position(name)[2]) - low
     sentence = f"{name} fell by {1e3 * fallen:.0f} mm after {before.time:.2f} s"
-    yield e.cause("FELL", sentence, f"set {name} down on something", time_s=before.time)
+    yield e.cause("FELL", sentence, f"place {name} on a support", time_s=before.time)
 
 
 def _carried_meanwhile(e: Evidence, name: str) -> Iterator[Cause]:
     """Yields a cause if the leaf released an object that another leaf was carrying."""
     for node in e.timeline.roots[e.arm].leaves_at(e.began, "RUNNING"):
         if node.path != e.leaf.path and name in map(str, node.ports.values()):
-            sentence = f"{e.leaf.path!r} let go of {name} while {node.path!r} was carrying it"
-            remedy = f"one after the other: {e.leaf.path!r} after {node.path!r}"
+            sentence = f"{e.leaf.path!r} released {name} while {node.path!r} was carrying it"
+            remedy = f"run them in sequence: {e.leaf.path!r} after {node.path!r}"
             yield e.cause("LET_GO", sentence, remedy, leaf=e.leaf.path, time_s=e.began)
 
 
@@ -197,8 +197,8 @@ def not_attached(e: Evidence, name: str) -> Cause:
     taken = [leaf for kind in _GRASPING_LEAVES for leaf in _ended(e, kind, name, arm=e.arm)]
     if lost and (not taken or lost[-1][1].index > taken[-1][1].index):
         node, change = lost[-1]
-        sentence = f"{node.path!r} ({node.kind}) had let go of {name} at {change.time:.2f} s"
-        remedy = f"let go of {name} later"
+        sentence = f"{node.path!r} ({node.kind}) had released {name} at {change.time:.2f} s"
+        remedy = f"release {name} later"
         return e.cause("LET_GO", sentence, remedy, leaf=node.path, time_s=change.time)
     if not taken:
         attempts = [
@@ -215,12 +215,12 @@ def not_attached(e: Evidence, name: str) -> Cause:
             how = "was halted" if change.code in ("", "HALTED") else f"failed with {change.code}"
             reason = f": {change.reason}" if change.reason else ""
             sentence = (
-                f"{e.arm} never took hold of {name}: {node.path!r} ({node.kind}) {how} at "
+                f"{e.arm} never grasped {name}: {node.path!r} ({node.kind}) {how} at "
                 f"{change.time:.2f} s{reason}"
             )
             remedy = f"let the tree end where {node.path!r} fails"
             return e.cause("NEVER_ATTACHED", sentence, remedy, leaf=node.path, time_s=change.time)
-        sentence = f"{e.arm} never took hold of {name}: no leaf had taken it before"
+        sentence = f"{e.arm} never grasped {name}: no leaf had grasped it before"
         taker = "grasp" if e.code == "NOT_HELD" else "approach_and_attach"
         return e.cause("NEVER_ATTACHED", sentence, f"{taker}: {{object: {name}}} before")
     holders = [arm for arm in e.record.arms if name in e.scene(e.ended).held(arm)]
@@ -274,7 +274,7 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
         return
     if e.code in _GRIP_CODES and float(facts["friction"]) < _SLIPPERY:
         sentence = f"{name} is slippery: its friction is {facts['friction']:g}; {e.reason}"
-        yield e.cause("LOW_FRICTION", sentence, "rougher, more force, or another grasp")
+        yield e.cause("LOW_FRICTION", sentence, "a rougher surface, more force, or another grasp")
     elif e.code == "TOO_HEAVY":
         sentence = f"{name} ({facts['mass']:g} kg) is too heavy for the grip: {e.reason}"
         yield e.cause("OVERLOADED", sentence, "a lighter object, or a stronger gripper")
@@ -290,11 +290,13 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
         if beside and not wide:
             yield _crowded(e, str(name), beside)
         elif wide:
-            sentence = f"{name} is {size} mm{opens}; around its short side there is no room"
+            sentence = (
+                f"{name} is {size} mm{opens}; there is no room for fingers around its short side"
+            )
             remedy = "a smaller object, fingers that open wider, or a suction cup"
             yield e.cause("TOO_WIDE", sentence, remedy)
         else:
-            remedy = "another side of it up, something below it, or a suction cup"
+            remedy = "turn it, support it from below, or use a suction cup"
             yield e.cause("NO_ROOM", f"{name} is {size} mm{opens}: {e.reason}", remedy)
     if e.code == "NOT_HELD":
         yield not_attached(e, str(name))
@@ -303,8 +305,8 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
 def _crowded(e: Evidence, name: str, beside: list[tuple[str, float]]) -> Cause:
     """Cause for objects in the space of the fingers."""
     near = ", ".join(f"{other} ({1e3 * gap:.0f} mm away)" for other, gap in beside)
-    sentence = f"the fingers have no room around {name}; beside it there is {near}"
-    return e.cause("NO_ROOM", sentence, f"move {beside[0][0]} away, or take it first")
+    sentence = f"there is no room for the fingers around {name}; beside it is {near}"
+    return e.cause("NO_ROOM", sentence, f"move {beside[0][0]} away, or remove it first")
 
 
 def _opening(e: Evidence) -> float | None:

@@ -47,9 +47,9 @@ def causes_of(e: Evidence) -> tuple[Cause, ...]:
         try:
             causes = [*rule(e)]
         except _DATA_ERRORS as error:
-            # Ports, metrics and values of keys depend on the skill, which may be unknown here: an
+            # Ports, metrics and values of keys depend on the skill, which may be unavailable: an
             # untrusted record may contain any JSON.
-            what = f"what the record says of {e.leaf.path!r} is not what {e.leaf.kind} would have"
+            what = f"the record of {e.leaf.path!r} does not fit a {e.leaf.kind}"
             sentence = f"{what}: {type(error).__name__}: {str(error)[:200]}"
             unreadable.append(e.cause("UNREADABLE", sentence, leaf=e.leaf.path))
             continue
@@ -62,17 +62,17 @@ def causes_of(e: Evidence) -> tuple[Cause, ...]:
 def _own_reason(e: Evidence) -> Cause:
     """Cause that the leaf itself reports."""
     if e.leaf.kind == "fail":
-        sentence = f"the tree itself says so ({e.leaf.place}): {e.reason}"
+        sentence = f"the tree failed on purpose ({e.leaf.place}): {e.reason}"
         return e.cause("SAID_SO", sentence, leaf=e.leaf.path)
     if e.code == "BUSY":
         owner = str(e.numbers.get("owner", ""))
-        sentence = f"{e.leaf.path!r} wanted to move {e.arm} while {owner!r} was moving it"
-        return e.cause("BUSY", sentence, "one after the other, in a sequence", leaf=owner)
+        sentence = f"{e.leaf.path!r} tried to move {e.arm} while {owner!r} was moving it"
+        return e.cause("BUSY", sentence, "run them in a sequence", leaf=owner)
     if e.code == "EXCEPTION":
-        sentence = f"the code of {e.leaf.kind} has a fault: {e.reason} (see run.log)"
+        sentence = f"the code of {e.leaf.kind} has a bug: {e.reason} (see run.log)"
         return e.cause("FAULT", sentence, leaf=e.leaf.path)
     if not e.code:
-        return e.cause("RUNNING", f"{e.leaf.path!r} was running and nothing held it up")
+        return e.cause("RUNNING", f"{e.leaf.path!r} was running, and nothing blocked it")
     return e.cause(e.code, e.reason or f"{e.leaf.path!r} ended with {e.code}")
 
 
@@ -254,7 +254,7 @@ def _lines(story: Story) -> Iterator[str]:
         if cause.remedy:
             yield f"       to change: {cause.remedy}"
     if story.reason and all(story.reason not in cause.sentence for cause in story.causes):
-        yield f"  it said: {story.reason}"
+        yield f"  reason: {story.reason}"
     yield "  chain:"
     for depth, link in enumerate(story.chain):
         name = str(link["path"]).rpartition("/")[2]
@@ -269,7 +269,7 @@ def _lines(story: Story) -> Iterator[str]:
         yield "  in the second before:"
         yield from (f"    {sentence}" for sentence in story.before)
     for other in story.others:
-        yield f"  failed before, and passed over: {other}"
+        yield f"  failed earlier, not decisive: {other}"
 
 
 def _values(title: str, values: Facts) -> Iterator[str]:
@@ -289,7 +289,7 @@ def state_of(record: Record) -> str:
     """One line on the run of a record, and whether the record is complete."""
     line = f"{record.name}, seed {record.start['seed']}, {record.until:.2f} s"
     if record.summary is None:
-        line += "; the run was not ended in order"
+        line += "; the run was interrupted"
     if record.torn:
         line += f"; of its history {record.torn}"
     return line

@@ -348,7 +348,7 @@ def _markdown(results: Sequence[Result], pictures: Sequence[str]) -> str:
     lines += ["| " + " | ".join(HEADER) + " |", "|" + "---|" * len(HEADER)]
     lines += ["| " + " | ".join(row(result)) + " |" for result in results]
     lines += ["", *(f"![{name}]({name})" for name in pictures)]
-    lines += ["", "## Every row by hand", "", "```text", *_commands(results), "```", ""]
+    lines += ["", "## Commands for each row", "", "```text", *_commands(results), "```", ""]
     return "\n".join(lines)
 
 

@@ -99,7 +99,7 @@ class Trial:
     """One run of a cell, while the leading arm drew its curve.
 
     Attributes:
-        seed: Seed of everything random.
+        seed: Random seed.
         times: Seconds since the curve began, of shape (n,).
         planned: Planned position of the cube along the plane's axes, of shape (n, 2), in m.
         cube: True position of the cube along the same axes, of shape (n, 2), in m.
@@ -178,7 +178,7 @@ def run_trial(
 
     Args:
         cell: Settings of the experiment.
-        seed: Seed of everything random.
+        seed: Random seed.
         registry: Installed skills.
         objects: Objects of the world besides those of the tree file.
         meddler: Maker of an observer that may reach into the world: to cover or distract.
@@ -214,7 +214,7 @@ def _trial(cell: Cell, result: RunResult, margins: Margins) -> Trial:
         reasons = "; ".join(
             run.reason for arm in result.arms.values() for run in arm.runs if run.reason
         )
-        raise TrialError(f"nothing to measure, {missing} is missing: {reasons}") from None
+        raise TrialError(f"nothing to measure: {missing} is missing: {reasons}") from None
     begin = plan.time[0]
     end = plan.time[-1]
     during = (target.time >= begin) & (target.time <= end)
@@ -308,7 +308,7 @@ def _outcome(trial: Future[Trial | TrialError]) -> Trial | TrialError:
     try:
         return trial.result()
     except BrokenProcessPool as error:
-        words = "a process that runs experiments has died; --jobs 1 runs them in this one"
+        words = "a worker process died; --jobs 1 runs all experiments in this process"
         raise DualArmError(words) from error
 
 

@@ -156,7 +156,7 @@ class OmplSearch:
         goals: Configurations, each of shape (dof,), rad.
         limits: Position limits to stay within.
         radii: Meters that the arm moves at most per radian of each joint, of shape (dof,).
-        seed: Seed of everything random; at least 1.
+        seed: Random seed; at least 1.
     """
 
     def __init__(

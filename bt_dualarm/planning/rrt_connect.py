@@ -48,7 +48,7 @@ class QuickSearch:
         goals: Configurations, each of shape (dof,), rad.
         limits: Position limits to stay within.
         radii: Meters that the arm moves at most per radian of each joint, of shape (dof,).
-        seed: Seed of everything random.
+        seed: Random seed.
 
     Attributes:
         states: Number of configurations that were looked at.

@@ -633,7 +633,7 @@ def _use(model: mujoco.MjModel, states: Sequence[Vector]) -> None:
         for geom in range(1, min(model.ngeom, 100)):
             mujoco.mj_geomDistance(model, data, 0, geom, 0.1, None)
     for kind in (_Obj.mjOBJ_BODY, _Obj.mjOBJ_JOINT, _Obj.mjOBJ_GEOM, _Obj.mjOBJ_SITE):
-        mujoco.mj_name2id(model, kind, "there is none")
+        mujoco.mj_name2id(model, kind, "tnone is given")
 
 
 def _main() -> None:

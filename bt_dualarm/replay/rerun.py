@@ -268,7 +268,7 @@ def differences(record: Record, registry: Registry) -> Iterator[str]:
             yield f"{name} is {version}, and was {was.get(name, 'not there')}"
     for name, facts in record.start["skills"].items():
         if name not in registry.skills:
-            yield f"there is no skill {name!r} now (skills of your own: --skills DIR)"
+            yield f"there is no skill {name!r} now (load your own skills with --skills DIR)"
         elif facts["file"] and _digest(Path(facts["file"])) != facts["sha256"]:
             yield f"the code of {name} ({facts['file']}) is not what it was"
     for path, text in _included(record).items():

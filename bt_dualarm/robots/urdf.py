@@ -595,7 +595,7 @@ def _named(robot: Element, tag: str, complaints: Complaints) -> Iterator[tuple[s
         name = complaints.name(element)
         if name in seen:
             message = f"there are two {tag}s '{name}'"
-            hint = f"the first is in line {seen[name].line}; call one differently"
+            hint = f"the first is in line {seen[name].line}; rename one"
             complaints.add(element, message, hint, "name")
         elif name:
             seen[name] = element

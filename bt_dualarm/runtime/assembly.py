@@ -51,7 +51,7 @@ class Assembly:
         series: Quantities that skills measure over time.
         planning: Planning process of all arms.
         contacts: Actual contacts of the arms, evaluated after each step.
-        seed: Seed of everything random.
+        seed: Random seed.
         frame_logs: Findings in the cameras' frames, by the arm's name.
         trees: Definition of the tree that an arm starts with when spawned, by the arm's name.
     """

@@ -59,7 +59,7 @@ class StatusFeed:
     def _drop(self, observer: Observer, error: Exception) -> None:
         """Remove an observer, so that its error does not end the run."""
         self.observers = [other for other in self.observers if other is not observer]
-        _log.warning("%s stopped looking on: %r", type(observer).__name__, error)
+        _log.warning("observer %s was dropped: %r", type(observer).__name__, error)
 
 
 LOGGER: Final = logging.getLogger("bt_dualarm")
@@ -156,7 +156,7 @@ class Journal:
             self._write(text.encode())
         except OSError as error:
             self._failure = error
-            _log.warning("%s is not kept while the run goes on: %s", self._path.name, error)
+            _log.warning("%s is no longer written during the run: %s", self._path.name, error)
 
     def finish(self) -> None:
         """Flush everything to the disk; creates an empty file if there were no lines.

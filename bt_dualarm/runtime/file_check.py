@@ -147,8 +147,8 @@ class Names:
         for part, names in (("objects", self.file.objects), ("arms", self.file.arms)):
             for name in names:
                 if name in taken:
-                    message = f"'{name}' is the name of a part of the scene '{world.scene}' already"
-                    self._add((part, name), message, "call it differently", key=True)
+                    message = f"'{name}' is already the name of a part of the scene '{world.scene}'"
+                    self._add((part, name), message, "choose another name", key=True)
 
     def _locked(self, path: DataPath, arm: ArmSpec, robot: Robot, gripper: Gripper | None) -> Robot:
         """The robot with its locked joints at the file's positions, if these are valid."""
@@ -161,7 +161,7 @@ class Names:
             return robot
         for joint in sorted(stock_joints(robot) & arm.locked.keys() if gripper else ()):
             message = COMES_OFF.format(joint=joint, gripper=gripper.name if gripper else "")
-            hint = "what a gripper opens is said by `open_gripper`"
+            hint = "use `open_gripper` to open a gripper"
             self._add((*path, joint), message, hint, key=True)
         return load_robot(arm.robot, self.file.root, arm.locked)
 
@@ -310,14 +310,14 @@ def _nearest_marker(wanted: MarkerSpec, borne: Mapping[str, MarkerSpec]) -> tupl
     which = f"marker {wanted.id} of {wanted.dictionary}"
     for name, marker in borne.items():
         if (marker.dictionary, marker.id) == (wanted.dictionary, wanted.id):
-            sizes = f"{1e3 * marker.size:g} mm and not of {1e3 * wanted.size:g}"
-            return f"that of {name} is of {sizes}", f"did you mean size: {marker.size:g}?"
+            sizes = f"{1e3 * marker.size:g} mm, not {1e3 * wanted.size:g} mm"
+            return f"that of {name} measures {sizes}", f"did you mean size: {marker.size:g}?"
     for name, marker in borne.items():
         if marker.id == wanted.id:
-            message = f"nothing bears {which}; {name} bears {marker.id} of {marker.dictionary}"
+            message = f"no object has {which}; {name} has {marker.id} of {marker.dictionary}"
             return message, f"did you mean dictionary: {marker.dictionary}?"
     known = ", ".join(f"{marker.id} of {marker.dictionary}" for marker in borne.values())
-    return f"nothing bears {which}", f"there are {known}" if known else "no object has a marker"
+    return f"no object has {which}", f"there are {known}" if known else "no object has a marker"
 
 
 MOST_POSES: Final = 100
@@ -390,12 +390,12 @@ class _ReachCheck:
         gap = self._position_gap(point)
         if gap > (self.longest if goal.carried else 0.0):
             nearest = f"{gap:.2f} m" if gap >= 0.01 else f"{1000 * gap:.1f} mm"
-            message = f"out of reach of {self.arm}: its tool gets no nearer than {nearest}"
+            message = f"out of reach of {self.arm}: its tool cannot get closer than {nearest}"
             return message, hint
         turned = pose.rpy or pose.quat or pose.look_at
         if goal.carried or turned is None or self._has_configuration(pose):
             return None
-        return f"{self.arm} reaches this point, but not turned like this", hint
+        return f"{self.arm} reaches this point, but not in this orientation", hint
 
     def _position_gap(self, point: Vector) -> float:
         if self._workspace is None:

@@ -446,7 +446,7 @@ class History(IdleObserver):
         except (OSError, ValueError) as error:
             self._failure = error
             self._waiting.clear()
-            _log.warning("the history is not kept any further: %s", error)
+            _log.warning("the history is no longer written: %s", error)
 
     def _model(self) -> Block:
         """Block of the parts of the compiled model that are not written yet."""

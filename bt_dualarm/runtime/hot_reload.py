@@ -38,9 +38,7 @@ def apply_edit(run: Run, before: TreeFile, now: TreeFile) -> list[str]:
     """
     other = [*_changes_besides_trees(before, now)]
     if other:
-        raise RunError(
-            f"{', '.join(other)}: while a run goes on, only trees can be changed; start it anew"
-        )
+        raise RunError(f"{', '.join(other)}: during a run, only trees can be changed; restart it")
     present = {arm.name: arm for arm in run.assembly.arms.present}
     messages = []
     for name, arm in now.arms.items():
@@ -48,11 +46,11 @@ def apply_edit(run: Run, before: TreeFile, now: TreeFile) -> list[str]:
             continue
         run.assembly.trees[name] = arm.tree
         if name not in present:
-            messages.append(f"{name}: the tree that it will begin with is another")
+            messages.append(f"{name}: its initial tree has changed")
             continue
         with run.watchdog:
             replaced = present[name].change(arm.tree, run.time)
-        messages.append(f"{name}: {'the tree is another' if replaced else 'its tree has ended'}")
+        messages.append(f"{name}: {'its tree has changed' if replaced else 'its tree has ended'}")
         if replaced and run.open_record is not None:
             run.open_record.trace.of_edit(name, tree_facts(arm.tree))
     return messages
@@ -175,9 +173,9 @@ class FileWatch(IdleObserver):
             self._problems = ""
             self._saved_code = []
         for file in saved_code:
-            _log.warning("%s was saved: code of skills takes effect at the next run", file)
+            _log.warning("%s was saved: skill code takes effect in the next run", file)
         if problems:
-            message = "%s was saved with errors; the run goes on as it was\n%s"
+            message = "%s was saved with errors; the run continues unchanged\n%s"
             _log.warning(message, self._path.name, problems)
         if ready is not None:
             self._apply(ready)
@@ -187,7 +185,7 @@ class FileWatch(IdleObserver):
         try:
             messages = apply_edit(self._run, self._file, ready)
         except RunError as error:
-            _log.warning("%s was saved, and is not taken up: %s", self._path.name, error)
+            _log.warning("%s was saved, but cannot take effect: %s", self._path.name, error)
             return
         self._file = ready
         for sentence in messages:

@@ -70,14 +70,14 @@ class PictureFile:
         }
         self._left -= len(content)
         if self._left < 0:
-            self._end(time, "they would take more than the pictures of a run may")
+            self._end(time, "the size limit for images of a run is reached")
         else:
             self._write(time, Block("picture", data, {"jpeg": content.ravel()}))
 
     def _end(self, time: float, why: str) -> None:
         if self._left is not None:
             self._left = None
-            _log.warning("pictures are kept up to %.2f s: %s", time, why)
+            _log.warning("images are stored up to %.2f s: %s", time, why)
             self._write(time, Block("end", {"time_s": time, "why": why}))
 
     def _write(self, time: float, block: Block) -> None:

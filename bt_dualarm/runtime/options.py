@@ -63,7 +63,7 @@ def find_tree(given: str) -> Path:
         raise NoSuchTree(f"{given}: is a pipe or a device, not a tree file")
     names = [tree.stem for tree in sorted(trees.glob("*.yaml"))]
     near = difflib.get_close_matches(name, names, n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f"shipped are: {', '.join(names)}"
+    hint = f"did you mean '{near[0]}'?" if near else f"shipped trees: {', '.join(names)}"
     raise NoSuchTree(f"{given}: there is no such file, nor a shipped tree of this name\n  = {hint}")
 
 
@@ -126,7 +126,7 @@ class RunOptions:
         if self.reality is not None:
             object.__setattr__(self, "reality", checked_reality(self.reality))
         if self.frames and self.record is None:
-            raise RunError("frames are kept in a record: say which folder, too")
+            raise RunError("frames are written to a record: give its folder")
 
 
 def checked_seed(seed: object) -> int:
@@ -151,7 +151,7 @@ def checked_folder(folder: str | os.PathLike[str]) -> Path:
         RunError: The text is empty, which `Path` would read as the current folder.
     """
     if isinstance(folder, str) and not folder.strip():
-        raise RunError("the folder of a record needs a name; '.' is the current folder")
+        raise RunError("empty name of a record folder; '.' is the current folder")
     return Path(folder)
 
 

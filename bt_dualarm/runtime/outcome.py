@@ -38,12 +38,12 @@ class Ending(StrEnum):
     """Why the run ended."""
 
     FINISHED = "every tree has ended"
-    DURATION = "the given duration is over"
-    TIME_LIMIT = "the time limit of the file is reached"
-    STOPPED = "it was asked to stop"
-    CLOSED = "it was closed before its end"
+    DURATION = "the requested duration has passed"
+    TIME_LIMIT = "the file's time limit was reached"
+    STOPPED = "a stop was requested"
+    CLOSED = "the run was closed early"
     DIVERGED = "the simulation diverged"
-    OVERRUN = "code of a skill did not return in time"
+    OVERRUN = "skill code did not return in time"
     ERROR = "an internal error"
 
 

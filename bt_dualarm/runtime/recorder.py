@@ -129,7 +129,7 @@ class SampleFiles:
             self._append(waiting)
         except OSError as error:
             self._failure = error
-            _log.warning("samples are not kept while the run goes on: %s", error)
+            _log.warning("samples are no longer written during the run: %s", error)
 
     def write_archive(self, file: BinaryIO) -> None:
         """Write all files into one ``.npz`` archive, compressed block by block.
@@ -232,7 +232,7 @@ class RecordFolder:
             was_left = (path / LOCK).exists()
             self._lock = _locked(path / LOCK)
         except FileExistsError:
-            raise RecordError(f"cannot record to {path}: it is there and is not a folder") from None
+            raise RecordError(f"cannot record to {path}: it exists and is not a folder") from None
         except BlockingIOError:
             raise RecordError(f"cannot record to {path}: another run is recording there") from None
         except OSError as error:
@@ -279,7 +279,7 @@ class RecordFolder:
         for name in names:
             if os.path.lexists(self.path / name):
                 raise RecordError(
-                    f"cannot record to {self.path}: {name} is there and is not of a run; "
+                    f"cannot record to {self.path}: {name} exists and is not from a run; "
                     "it would be overwritten"
                 )
 
@@ -296,7 +296,7 @@ def _refuse_other_kinds(path: Path) -> None:
         return
     if not stat.S_ISREG(mode):
         raise RecordError(
-            f"cannot record to {path.parent}: {path.name} is there and is {file_kind(mode)}, "
+            f"cannot record to {path.parent}: {path.name} exists and is {file_kind(mode)}, "
             "not a regular file"
         )
 
@@ -313,7 +313,9 @@ def _remove_parts(folder: Path) -> None:
     except FileNotFoundError:
         return
     if not stat.S_ISDIR(mode):
-        raise RecordError(f"cannot record to {folder.parent}: {folder.name} is there, no folder")
+        raise RecordError(
+            f"cannot record to {folder.parent}: {folder.name} exists and is not a folder"
+        )
     for part in folder.glob("*.npy"):
         part.unlink()
     folder.rmdir()
@@ -455,8 +457,8 @@ class Recorder(IdleObserver):
             except OSError as error:
                 raise self._incomplete(error.strerror or str(error)) from error
             except Exception as error:  # noqa: BLE001 - one file must not cost the others
-                _log.exception("%s could not be made", name)
-                problems.append(f"{name} could not be made: {type(error).__name__}: {error}")
+                _log.exception("%s could not be written", name)
+                problems.append(f"{name} could not be written: {type(error).__name__}: {error}")
             else:
                 written.append(self._folder / name)
         self.close()

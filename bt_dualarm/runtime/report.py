@@ -131,7 +131,7 @@ _SHOWN_AS = {
 }
 """Factor and name of the printed unit, by the suffix of a metric's name."""
 
-_PENDING = " (its pictures are being drawn)"
+_PENDING = " (its figures are being drawn)"
 """The report is printed before the plots are drawn, so that the user need not wait for them."""
 
 _INDENT = " " * 6

@@ -228,7 +228,7 @@ class Run:
 
     @property
     def seed(self) -> int:
-        """Seed of everything random."""
+        """Random seed."""
         return self.assembly.seed
 
     @property
@@ -255,7 +255,7 @@ class Run:
         """
         checked_seconds(seconds, "step")
         if self._result is not None:
-            raise RunError(f"the run ended at {self.time:.3f} s: there is nothing left to step")
+            raise RunError(f"the run ended at {self.time:.3f} s: it cannot be stepped any further")
         # `exact` rounds a tiny duration to 0; counting it as given lets repeated calls add up.
         requested = self._requested_s + (exact(seconds) or Fraction(seconds))
         self._advance(requested // exact(self.world.timestep))
@@ -366,7 +366,7 @@ class Run:
     def _advance(self, until: float) -> None:
         """Make physics steps up to this total number of steps."""
         if self._is_busy:
-            raise RunError("the run is being advanced already: its own parts cannot do that")
+            raise RunError("the run is already being advanced; its own parts cannot advance it")
         self._is_busy = True
         try:
             with self._parts.at_work():

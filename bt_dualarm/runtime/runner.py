@@ -197,7 +197,7 @@ class Runner:
         except Overrun:  # raised after the skill had returned; the run ends before the next step
             return
         except Exception as error:  # noqa: BLE001 - the record is written whatever broke the run
-            _log.exception("the run broke at %.3f s", time)
+            _log.exception("the run failed at %.3f s", time)
             self._break(Ending.ERROR, f"{type(error).__name__}: {error}")
             return
         self._step += 1

@@ -56,7 +56,7 @@ class StackLocation:
 
     arm: str = ""
     leaf: str = ""
-    position: str = "an unknown place"
+    position: str = "an unknown location"
     is_excused: bool = False
     is_in_package: bool = False
     default_owner: str = "the run"
@@ -277,9 +277,7 @@ class Watchdog:
         """End a run whose code never releases the interpreter lock; runs in that code's thread."""
         self._is_over.set()  # so that the watchdog thread does not interrupt what follows
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), None)
-        sentence = (
-            f"{StackLocation.of_frame(frame, self._owner)} does not return, nor lets Python go on"
-        )
+        sentence = f"{StackLocation.of_frame(frame, self._owner)} does not return and blocks Python"
         self.overrun = self.overrun or sentence
         if self.last_resort is not None:
             self.last_resort.end(sentence, self.keep)

@@ -53,9 +53,9 @@ class TakingPorts(PortModel):
         8.0, "acceleration of the tool that the grip has to bear", unit="m/s²", ge=0, le=50
     )
     margin: float = port(1.5, "safety factor of the grip", unit="times the load", ge=1, le=10)
-    touch: float = port(40.0, "contact force that ends the approach", unit="N", ge=1, le=200)
-    speed: Speed = port(0.5, "share of the arm's limits up to the standoff")
-    approach_speed: Speed = port(0.15, "share of the arm's limits on the straight parts")
+    touch: float = port(40.0, "contact force at which the approach stops", unit="N", ge=1, le=200)
+    speed: Speed = port(0.5, "fraction of the arm's limits up to the standoff")
+    approach_speed: Speed = port(0.15, "fraction of the arm's limits on the straight parts")
 
     @property
     def along(self) -> Vector | None:
@@ -227,9 +227,9 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     if not order:
         raise Failure(
             "OUT_OF_REACH",
-            f"something stands where the fingers would be around {wanted.label}"
+            f"something occupies the space of the fingers around {wanted.label}"
             if found
-            else f"no grasp of {wanted.label} is of the kind that is asked for",
+            else f"no grasp of {wanted.label} is of the requested kind",
             grasps=len(found),
         )
     return order
@@ -348,7 +348,7 @@ def _no_grasp(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGra
         )
     if jaw is None:
         return Failure("NO_FACE", f"{wanted.label} has no face on which the cup seals")
-    return Failure("NO_FACE", f"{wanted.label} has no two sides that the fingers come around")
+    return Failure("NO_FACE", f"{wanted.label} has no two sides between which the fingers fit")
 
 
 TRIES = 16
@@ -442,7 +442,7 @@ def first_approach(
     first = reasons[0]
     raise Failure(
         "OUT_OF_REACH",
-        f"no way to {wanted.label}: {first.reason}",
+        f"no path to {wanted.label}: {first.reason}",
         ways_tried=len(reasons),
         **first.numbers,
     ) from ExceptionGroup("no way", reasons)

@@ -78,7 +78,7 @@ class SightPorts(PortModel):
         if self.marker is not None:
             return SightedThings.of_marker(self.marker, flat=self.flat)
         if self.shape is None or self.size is None or self.color is None:
-            raise Failure("INVALID_TARGET", "a shape has to come with its size and its color")
+            raise Failure("INVALID_TARGET", "a shape needs its size and color")
         wanted = len(SIZES[self.shape])
         if len(self.size) != wanted:
             reason = f"the size of a {self.shape} has {wanted} numbers, not {len(self.size)}"
@@ -90,7 +90,7 @@ class SightPorts(PortModel):
         """Detector of objects that look like a declared one."""
         if self.by == "marker":
             if thing.marker is None:
-                raise Failure("INVALID_TARGET", f"object {self.object!r} bears no marker")
+                raise Failure("INVALID_TARGET", f"object {self.object!r} has no marker")
             below = np.array((0.0, 0.0, -marker_height(thing)))
             return SightedThings.of_marker(thing.marker, below, flat=self.flat)
         try:

@@ -331,7 +331,9 @@ class PathSkill(Skill):
     """
 
     # Any: a declaration stands for a value of the type that the port's own annotation names.
-    SPEED: ClassVar[Any] = port(0.5, "share of the arm's limits of velocity, acceleration and jerk")
+    SPEED: ClassVar[Any] = port(
+        0.5, "fraction of the arm's limits of velocity, acceleration and jerk"
+    )
     TOLERANCE: ClassVar[Any] = port(
         TOLERANCE_M,
         "largest deviation of the tool from its planned position at any time",

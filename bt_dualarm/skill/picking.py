@@ -51,7 +51,7 @@ class Taking:
         "TOO_WIDE": "the fingers do not open that far",
         "TOO_HEAVY": "no grasp of this gripper bears its weight",
         "NO_FACE": "the object has no sides for the fingers, or no face for the cup",
-        "OUT_OF_REACH": "no approach of any grasp is reachable and free of collisions",
+        "OUT_OF_REACH": "no approach of any grasp is both reachable and collision-free",
         "NOT_GRASPED": "the gripper closed on nothing, or on something else",
         "SLIPPED": "the object slid between the fingers",
         "DROPPED": "the object was lost",
@@ -202,7 +202,7 @@ class Taking:
         if remaining > _EARLY_M:
             raise Failure(
                 "NOT_GRASPED",
-                f"the gripper touched something {1e3 * remaining:.0f} mm before it was there",
+                f"the gripper touched something {1e3 * remaining:.0f} mm before its goal",
                 left_m=remaining,
                 force_n=sense.most,
             )
@@ -334,5 +334,5 @@ def refuse_too_frail(arm: Arm, what: str, bears: float | None) -> None:
     """
     least = arm.gripper.page.force.least
     if (bears or math.inf) < least:
-        reason = f"{what} bears {bears:g} N; the least that the gripper does is {least:g} N"
+        reason = f"{what} bears {bears:g} N; the gripper's least force is {least:g} N"
         raise Failure("INVALID_TARGET", reason, most_force_n=bears or 0.0, least_n=least)

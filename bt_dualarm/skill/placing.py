@@ -236,7 +236,7 @@ class LeftStanding:
         """
         label = repr(self._name)
         if not self.is_there:
-            raise Failure("NOT_PLACED", f"object {label} was taken out of the world")
+            raise Failure("NOT_PLACED", f"object {label} was removed from the world")
         away, turned = self.away_from(goal)
         numbers = {"placed_error_m": away, "placed_turned_rad": turned}
         how = f"{label} is {1e3 * away:.1f} mm and {np.degrees(turned):.1f}° from its goal"
@@ -404,8 +404,8 @@ class SettingDownPorts(PortModel):
         5.0, "largest rotation error at the end, up to the object's symmetry", ge=0.1, le=90
     )
     settle: Duration = port(1.0, "longest time to come to rest", gt=0, le=30)
-    speed: Speed = port(0.5, "share of the arm's limits up to the descent")
-    down_speed: Speed = port(0.003, "share of the arm's limits where contact is expected")
+    speed: Speed = port(0.5, "fraction of the arm's limits up to the descent")
+    down_speed: Speed = port(0.003, "fraction of the arm's limits where contact is expected")
     planner: Planner = port(
         "RRTConnect", "planner that searches where the straight path is blocked"
     )
@@ -525,7 +525,7 @@ class SettingDown:
         elif found.tilt > ports.angle_tolerance:
             why = (
                 f"would tip by {np.degrees(found.tilt):.0f}°: its center of mass is not "
-                f"{1e3 * MARGIN_M:.0f} mm or more inside of what bears it"
+                f"{1e3 * MARGIN_M:.0f} mm or more inside its support polygon"
             )
         elif found.slides:
             why = (
@@ -685,7 +685,7 @@ class SettingDown:
                 yield from arm.settle()
                 raise Failure(
                     "NO_CONTACT",
-                    f"nothing is felt {1e3 * ports.search:.0f} mm below where it is to stand",
+                    f"no support was felt {1e3 * ports.search:.0f} mm below its goal",
                 )
             height = self._height(tool)
             if height <= _NEAR_M:
@@ -695,7 +695,7 @@ class SettingDown:
             yield from arm.relax()
             raise Failure(
                 "NOT_REACHED",
-                f"it touched something {1e3 * height:.1f} mm above where it was to stand",
+                f"it touched something {1e3 * height:.1f} mm above its goal",
                 height_off_m=height,
                 force_n=most,
             )
@@ -744,7 +744,7 @@ class SettingDown:
         met = "the fingers have met" if gripper.page.fingers else "the cup seals on"
         raise Failure(
             "NOT_PLACED",
-            f"{name!r} came along with the hand: {met} it again, and hold it",
+            f"{name!r} stuck to the gripper: {met} it again",
             width_m=gripper.width,
             force_n=gripper.force,
         )

@@ -35,7 +35,7 @@ def imported(file: Path) -> ModuleType:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, file)
     if spec is None or spec.loader is None:
-        raise ImportError("is no Python file")
+        raise ImportError("is not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:
@@ -123,7 +123,9 @@ class Registry:
             name = yaml_name(skill)
             complaints += [f"{origin}: {skill.__name__}: {fault}" for fault in faults(skill)]
             if name in RESERVED_NAMES:
-                complaints.append(f"{origin}: '{name}' is a word of the language; rename the class")
+                complaints.append(
+                    f"{origin}: '{name}' is a node type of the language; rename the class"
+                )
             elif name in kinds and skills[name] is not skill:
                 complaints.append(f"{origin}: skill '{name}' is already in {kinds[name].origin}")
             skills.setdefault(name, skill)
@@ -159,7 +161,7 @@ def faults(skill: type[Skill]) -> Iterator[str]:
     if not _SKILL_NAME.fullmatch(yaml_name(skill)):
         yield f"its name in YAML would be '{yaml_name(skill)}'; rename the class"
     if sys.flags.optimize < 2 and not (vars(skill).get("__doc__") or "").strip():  # -OO strips it
-        yield "has no docstring; its first line is what users are shown"
+        yield "has no docstring; its first line is shown to users"
     if not inspect.isgeneratorfunction(skill.run):
         yield "run() has no yield: every yield ends a tick"
     if skill.run is Skill.run:
@@ -205,7 +207,7 @@ def _choice_faults(part: str, model: type[PortModel]) -> Iterator[str]:
         if field is None:
             yield f"{part}.exactly_one_of names '{name}', which is no port"
         elif field.is_required() or field.default is not None:
-            yield f"{part}.{name} is one of several to choose from: its default must be None"
+            yield f"{part}.{name} is one of several alternatives: its default must be None"
     for name in {*model.goes_with, *model.goes_with.values()} - model.model_fields.keys():
         yield f"{part}.goes_with names '{name}', which is no port"
 
@@ -220,12 +222,12 @@ def _brought_faults(skill: type[Skill]) -> Iterator[str]:
 def _name_faults(skill: type[Skill]) -> Iterator[str]:
     fields = [set(getattr(m, "model_fields", {})) for m in (skill.Ports, skill.Outputs)]
     for name in sorted(_RESERVED & (fields[0] | fields[1])):
-        yield f"'{name}' cannot be the name of a port: it has a meaning in every node"
+        yield f"'{name}' cannot be the name of a port: it is reserved in every node"
     for name in sorted(fields[0] & fields[1]):
-        yield f"'{name}' is a port and an output; call them differently"
+        yield f"'{name}' is a port and an output; rename one of them"
     for code, meaning in skill.failures.items():
         if not _CODE.fullmatch(code):
-            yield f"failure code '{code}' is not of capital letters, digits and _"
+            yield f"failure code '{code}' must consist of capital letters, digits and _"
         if not meaning:
             yield f"failure code '{code}' has no meaning"
         if code in STANDARD_FAILURES and meaning == STANDARD_FAILURES[code]:

@@ -37,25 +37,25 @@ an ``Iterator[float | None]``.
 """
 
 STANDARD_FAILURES: Final[Mapping[str, str]] = {
-    "UNREACHABLE": "no joint configuration puts the tool there",
-    "JOINT_LIMIT": "a joint would leave its limits",
+    "UNREACHABLE": "no joint configuration reaches the tool pose",
+    "JOINT_LIMIT": "a joint would exceed its limits",
     "SINGULAR": "the tool's path leads through a singularity of the arm",
-    "PATH_BROKEN": "the arm can follow a path only in part, and then follows none of it",
+    "PATH_BROKEN": "the arm can follow a path only in part, so the path was not executed",
     "IN_COLLISION": "two bodies would touch",
-    "COLLISION": "the arm was hit, or ran into something, as its joints' torques tell",
-    "INVALID_TARGET": "the target makes no sense",
-    "NO_PLAN": "no motion free of collisions was found",
-    "OVERLOADED": "the arm cannot carry what it holds, or is to hold",
-    "TRACKING_ERROR": "the arm does not follow what it was sent",
-    "FORCE_LIMIT": "the arm pressed harder on something than it may",
-    "DROPPED": "what the gripper held is no longer there",
-    "TIMED_OUT": "the motion was held up for too long",
-    "STALE": "a stream of set-points gave no new one for 0.1 s",
-    "INTERRUPTED": "something else has stopped the motion",
+    "COLLISION": "a collision was detected from the joint torques",
+    "INVALID_TARGET": "the target is invalid",
+    "NO_PLAN": "no collision-free motion was found",
+    "OVERLOADED": "the load exceeds what the arm can carry",
+    "TRACKING_ERROR": "the arm does not follow its set-points",
+    "FORCE_LIMIT": "the contact force exceeded its limit",
+    "DROPPED": "the gripper lost the held object",
+    "TIMED_OUT": "the motion was delayed for too long",
+    "STALE": "a set-point stream delivered nothing for 0.1 s",
+    "INTERRUPTED": "the motion was stopped from elsewhere",
     "BUSY": "another leaf is moving the arm",
     "NO_GRIPPER": "the arm has no gripper",
-    "NO_VALUE": "a key of the blackboard was read that has no value of the right type",
-    "OVERRUN": "code of the skill did not return in time, and was interrupted where it stood",
+    "NO_VALUE": "a blackboard key was read that has no value of the right type",
+    "OVERRUN": "the skill's code did not return in time and was interrupted",
     "EXCEPTION": "the skill has a bug: see the traceback in the log",
 }
 """Codes that any skill may fail with; a skill declares only those of its own."""
@@ -191,7 +191,7 @@ def unit_vector(direction: tuple[float, float, float]) -> Vector:
     """
     length = float(np.linalg.norm(direction))
     if length < _LEAST_LENGTH:
-        raise Failure("INVALID_TARGET", "the direction has no length")
+        raise Failure("INVALID_TARGET", "the direction is a zero vector")
     return np.array(direction) / length
 
 
@@ -207,8 +207,8 @@ def progress_of(skill: Skill, value: object) -> float | None:
         return value
     if isinstance(value, bool) or not isinstance(value, Real) or not _is_finite(value):
         raise SkillError(
-            f"{_name(skill)} yields {_shown(value)}: yield nothing, or the share done as a number "
-            "from 0 to 1"
+            f"{_name(skill)} yields {_shown(value)}: yield nothing, or the progress as a "
+            "number from 0 to 1"
         )
     return min(1.0, max(0.0, float(value)))
 
@@ -229,8 +229,8 @@ def refuse_return(skill: Skill, value: object) -> None:
     if value is None or value is True:
         return
     raise SkillError(
-        f"run() of {_name(skill)} returns {_shown(value)}: to return says SUCCESS, of what was "
-        'verified; to fail, raise Failure("CODE", "why")'
+        f"run() of {_name(skill)} returns {_shown(value)}: returning means verified "
+        'SUCCESS; to fail, raise Failure("CODE", "why")'
     )
 
 
@@ -243,12 +243,12 @@ def refuse_code(skill: Skill, failure: Failure) -> None:
     if not isinstance(failure.reason, str):
         raise SkillError(
             f"{_name(skill)} fails with {_shown(failure.code)} and {_shown(failure.reason)}: the "
-            "reason is a sentence"
+            "reason must be a sentence"
         ) from failure
     if not skill.declares(failure.code):
         declared = ", ".join(skill.failures) or "none"
         raise SkillError(
-            f"{_name(skill)} fails with {_shown(failure.code)}, which is no code of its failures "
+            f"{_name(skill)} fails with {_shown(failure.code)}, which is no declared failure code "
             f"({declared}) nor a standard one; its reason: {failure.reason}"
         ) from failure
 
@@ -266,7 +266,7 @@ def refuse_metrics(skill: Skill) -> None:
 def wrong_metrics(skill: Skill, metrics: object) -> Iterator[str]:
     """Faults of a skill's metrics, or of the numbers of its failure, one message each."""
     if not isinstance(metrics, Mapping):
-        yield f"metrics of {_name(skill)} are {_shown(metrics)}: they are a dict, by name"
+        yield f"metrics of {_name(skill)} are {_shown(metrics)}: expected a dict, by name"
         return
     for name, value in metrics.items():
         if not _is_metric(name, value):
@@ -349,7 +349,7 @@ class Samples:
         if stamps.ndim > 1:
             raise _misfit(name, f"times are of shape {stamps.shape}", "a number, or of shape (n,)")
         if np.any(np.diff(stamps) < -_BACKWARDS_S):
-            raise _misfit(name, "times run backwards", "in order")
+            raise _misfit(name, "times decrease", "in order")
         count = len(stamps)
         if count == 1 and found.shape in ((), (3,)):
             found = found.reshape(1, -1)

@@ -184,8 +184,8 @@ class FollowingError:
         if rms > self._bound:
             raise Failure(
                 "NOT_FOLLOWING",
-                f"the camera saw the target {1000 * rms:.1f} mm off its middle over the last "
-                f"second (root mean square; max_error allows {1000 * self._bound:.1f} mm)",
+                f"the camera saw the target {1000 * rms:.1f} mm off the image center over "
+                f"the last second (root mean square; max_error allows {1000 * self._bound:.1f} mm)",
                 seen_rms_m=rms,
                 max_error_m=self._bound,
             )
@@ -203,8 +203,8 @@ class FollowingError:
         elif stamp - self._nearer_at > self._patience:
             raise Failure(
                 "NOT_FOLLOWING",
-                f"for {stamp - self._nearer_at:.1f} s the camera has come no nearer to having the "
-                f"target in its middle: {1000 * rms:.1f} mm off (root mean square over "
+                f"for {stamp - self._nearer_at:.1f} s the target has come no closer to the image "
+                f"center: {1000 * rms:.1f} mm off (root mean square over "
                 f"{_ARRIVED_S} s; max_error allows {1000 * self._bound:.1f} mm)",
                 seen_rms_m=rms,
                 max_error_m=self._bound,
@@ -585,7 +585,7 @@ def _facing_camera(arm: Arm, plane: Plane) -> tuple[GuardedCamera, Pose]:
         raise Failure(
             "NO_CAMERA",
             f"the camera of {arm.name} looks {np.degrees(np.arccos(facing)):.0f}° past the "
-            "normal of the plane: it cannot see how a target moves there",
+            "normal of the plane: it cannot observe motion in that plane",
             cosine=facing,
         )
     return camera, view

@@ -118,7 +118,7 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
             known.add(found.path)
     for path, key in _inner_references({} if node_type.uses else ports):
         if path not in known:
-            message = f"{node.kind}: '{{{key_name(key)}}}' is no parameter"
+            message = f"{node.kind}: '{{{key_name(key)}}}' is not a parameter"
             hint = _parameter_hint(node, key) or "a key can only stand for a whole port"
             yield node.port_problem(path, message, hint)
     for name, field in node_type.ports.model_fields.items():
@@ -132,7 +132,7 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
         name for name in node_type.fixed & references.keys() if not is_unknown(ports[name])
     ):
         message = f"{node.kind}: {name}: cannot come from the blackboard"
-        yield node.port_problem((name,), message, "write the value out, or use a parameter")
+        yield node.port_problem((name,), message, "give a literal value, or use a parameter")
     if isinstance(node_type, LanguageNode):
         yield from node_type.problems(node)
     for name, value in outputs.items():
@@ -190,7 +190,9 @@ def refers_of(field: FieldInfo) -> Refers | None:
 # have written it, so that no correct tree is refused.
 
 
-_OWN_KEYS = "nothing writes a key here; each arm and each use of a subtree has keys of its own"
+_OWN_KEYS = (
+    "nothing writes a key in this scope; each arm and each use of a subtree has its own keys"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,7 +322,7 @@ class Flow:
 def _never_written(read: KeyRead, everywhere: set[str]) -> Problem:
     name = key_name(read.key)
     if read.key in everywhere:
-        hint = "it is written further down only"
+        hint = "it is written only further down"
     else:
         scope = read.key.removesuffix(name)
         written = {key_name(key) for key in everywhere if key == scope + key_name(key)}
@@ -430,7 +432,7 @@ def _never_followed(
         if not (end.succeeds if succeeds else end.fails):
             how = "always fails" if succeeds else "cannot fail"
             how = "never ends" if end.never else how
-            yield f"no tick reaches this: '{before.name}' before it {how}", child
+            yield f"unreachable: '{before.name}' before it {how}", child
             return
 
 
@@ -442,7 +444,7 @@ def _never_chosen(
     for slot, child in zip(node.slots, node.children, strict=True):
         if slot in after and not (children[0].succeeds if after[slot] else children[0].fails):
             how = "never holds" if after[slot] else "always holds"
-            yield f"no tick reaches this: '{node.children[0].name}' {how}", child
+            yield f"unreachable: '{node.children[0].name}' {how}", child
 
 
 # Warnings of objects and arms that a tree names but that are never spawned.

@@ -44,7 +44,7 @@ from bt_dualarm.spec.yaml_reader import Data
 class CollisionSpec(Value):
     """Reaction of an arm to a collision, which is detected by the torques of its joints."""
 
-    stop: bool = port(False, "Whether its motion ends with `COLLISION`, and it goes back a little")
+    stop: bool = port(False, "Whether its motion ends with `COLLISION` and a short retreat")
     threshold: float = port(
         1.0, "Factor on the torques that count as a collision", ge=0.2, le=1000.0
     )
@@ -72,7 +72,7 @@ class CameraSpec(Value):
     fov: float = port(50.0, "Vertical field of view", unit="deg", ge=5.0, le=150.0)
     fps: float = port(30.0, "Frames per simulated second", unit="Hz", ge=0.1, le=1000.0)
     latency: Duration = port(0.0, "Time from a frame's capture to its delivery", le=10.0)
-    drop: float = port(0.0, "Share of the frames that are lost", ge=0.0, le=0.9)
+    drop: float = port(0.0, "Fraction of lost frames", ge=0.0, le=0.9)
     noise: float = port(
         0.0,
         "Standard deviation along x and y of an unmeasured shake: each picture is shifted as a "
@@ -94,7 +94,7 @@ class CameraSpec(Value):
                 allowed = math.floor(1e3 * MOST_UNDER_WAY_MB / picture_mb / fps)
                 raise ValueError(
                     f"{latency:g} s at {fps:g} Hz keep {latency * fps:.0f} pictures of "
-                    f"{width} x {height} px under way, {latency * fps * picture_mb:.0f} MB; at "
+                    f"{width} x {height} px in transit, {latency * fps * picture_mb:.0f} MB; at "
                     f"most {MOST_UNDER_WAY_MB:g} MB: here {allowed} ms"
                 )
         return latency
@@ -175,8 +175,8 @@ class WorldSpec(Value):
     """The world and its clock."""
 
     scene: Name = port("table", "File in `assets/scenes`, without its ending")
-    seed: int = port(0, "Seed of everything random", ge=0, lt=2**32)
-    timestep: float = port(0.002, "Step of the physics", unit="s", ge=1e-4, le=0.004)
+    seed: int = port(0, "Random seed", ge=0, lt=2**32)
+    timestep: float = port(0.002, "Physics time step", unit="s", ge=1e-4, le=0.004)
     renderer: Literal["auto", "gl", "ray"] = port(
         "ray",
         "Renderer of the cameras' pictures; by rays they are the same on every machine, `auto` "
@@ -197,14 +197,14 @@ class NoiseSpec(Value):
         (0.0, 0.0, 0.0), "Half-widths of uniform offsets along the world's axes", unit="m"
     )
     yaw: float = port(
-        0.0, "Half-width of a uniform turn about the vertical", unit="deg", ge=0.0, le=180.0
+        0.0, "Half-width of a uniform rotation about the vertical", unit="deg", ge=0.0, le=180.0
     )
 
 
 class ObjectSpec(Value):
     """An object in the world."""
 
-    shape: ShapeName = port(..., "Form, which says what `size` means")
+    shape: ShapeName = port(..., "Shape, which determines the meaning of `size`")
     size: tuple[_Length, ...] = port(..., SIZE_IN_WORDS, unit="m", min_length=1, max_length=3)
     mass: float = port(..., "Mass, evenly distributed", unit="kg", ge=1e-4, le=1000.0)
     friction: float = port(0.8, "Coefficient of sliding friction", ge=0.0, le=10.0)
@@ -216,8 +216,8 @@ class ObjectSpec(Value):
     pose: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its center in the world")
     noise: NoiseSpec = port(NoiseSpec(), "Bounds within which the seed may move it")
     marker: MarkerSpec | None = port(None, "Marker on its top face, if it has one")
-    spawned: bool = port(True, "Whether it is there from the start")
-    fixed: bool = port(False, "Whether it is held in place, whatever pushes it")
+    spawned: bool = port(True, "Whether it is in the world from the start")
+    fixed: bool = port(False, "Whether it is fixed in the world")
 
     @model_validator(mode="after")
     def _size_fits_shape(self) -> ObjectSpec:
@@ -252,11 +252,11 @@ class ObjectSpec(Value):
 class LimitShares(Value):
     """Shares of the robot's limits that an arm may use."""
 
-    velocity: Speed = port(1.0, "Share of the joints' velocities")
-    acceleration: Speed = port(1.0, "Share of the joints' accelerations")
+    velocity: Speed = port(1.0, "Fraction of the joint velocity limits")
+    acceleration: Speed = port(1.0, "Fraction of the joint acceleration limits")
     jerk: Speed = port(
         1.0,
-        "Share of the joints' jerks: less is smoother, and easier for an observer to follow",
+        "Fraction of the joint jerk limits: less is smoother, and easier for a camera to track",
     )
 
 
@@ -271,7 +271,7 @@ class ArmSpec(Value):
     )
     gripper: Mounted = port(
         None,
-        "Gripper in place of the robot's own tool: name in the catalog, path of a gripper "
+        "Gripper in place of the robot's stock tool: name in the catalog, path of a gripper "
         "description relative to the tree file, or `none`; or by a parameter: "
         '`{value: "{grasp}", cases: {fingers: robotiq_2f85, attach: none}}`',
     )
@@ -279,12 +279,12 @@ class ArmSpec(Value):
         {},
         "Where joints of the robot's description that are none of the arm's stand, by name: meters "
         "of a sliding one, degrees of a turning one; by default as in the description. "
-        "`{panda_finger_joint1: 0.04}` opens a Panda's stock fingers: the other one follows",
+        "`{panda_finger_joint1: 0.04}` opens a Panda's stock fingers; the other finger follows",
     )
     base: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its base in the world")
     posture: Name = port("home", "Posture of the robot's description in which it starts")
     limits: LimitShares = port(
-        LimitShares(), "Shares of the robot's limits that everything the arm does keeps to"
+        LimitShares(), "Fractions of the robot's limits, for all motions of the arm"
     )
     reality: Reality | None = port(None, "Model mismatch of this arm; by default the world's")
     force_limit: float = port(
@@ -299,16 +299,14 @@ class ArmSpec(Value):
         50.0, "Ticks of its tree per simulated second", unit="Hz", ge=0.1, le=1000.0
     )
     camera: CameraSpec | None = port(None, "Its camera, if it has one")
-    spawned: bool = port(True, "Whether it is there from the start")
+    spawned: bool = port(True, "Whether it is in the world from the start")
     removable: bool = port(
-        False, "Whether a run succeeds although it was taken away before its tree had ended"
+        False, "Whether a run may succeed if the arm was removed before its tree had ended"
     )
     last_life_counts: bool = port(
-        False, "Whether a run succeeds although it had failed before it was spawned anew"
+        False, "Whether a run may succeed if the arm had failed before it was spawned again"
     )
-    tree: Annotated[InstanceOf[NodeSpec], WithJsonSchema({})] = port(
-        ..., "One node, with others below it"
-    )
+    tree: Annotated[InstanceOf[NodeSpec], WithJsonSchema({})] = port(..., "Root node of the tree")
 
     @property
     def carries_camera(self) -> bool:

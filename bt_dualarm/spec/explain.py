@@ -246,9 +246,7 @@ _COUNTED: Final = {
     "string_too_long": ("most", "max_length", "character"),
     "string_too_short": ("least", "min_length", "character"),
 }
-_NAME_RULE: Final = (
-    "names have letters, digits, _ and -, begin with a letter, at most 48 characters"
-)
+_NAME_RULE: Final = "a name begins with a letter and has at most 48 letters, digits, _ and -"
 
 
 @dataclass(frozen=True)
@@ -451,4 +449,4 @@ def _reference_hint(given: Data) -> str:
     key = reference_of(given)
     if key is None:
         return ""
-    return f"there is no parameter '{key_name(key)}', and a key stands for a whole port only"
+    return f"there is no parameter '{key_name(key)}', and a key can only stand for a whole port"

@@ -251,7 +251,7 @@ RESERVED_NAMES: Final = frozenset(
 """Names of the language's node types. No skill may have one of them: the registry of skills, which
 is below `bt_dualarm.behaviors`, checks that."""
 
-_OWN_SKILLS: Final = "(skills of your own: --skills DIR)"
+_OWN_SKILLS: Final = "(load your own skills with --skills DIR)"
 
 
 def synonyms_in(node_types: Iterable[NodeType]) -> dict[str, str]:

@@ -52,12 +52,12 @@ class ParamSpec(Value):
 
     type: TypeName = port(
         ...,
-        "Type of its value; `key` stands for a key of the blackboard that the subtree may write",
+        "Type of its value; `key` is a blackboard key that the subtree may write",
     )
-    default: Data = port(None, "Value in YAML's notation; a parameter without one must be given")
+    default: Data = port(None, "Default value; a parameter without one must be given")
     range: tuple[float, float] | None = port(None, "Smallest and largest number")
     choices: tuple[str, ...] | None = port(None, "Allowed texts", min_length=1)
-    description: str = port("", "One line for people")
+    description: str = port("", "One-line description")
 
     @model_validator(mode="after")
     def _fits_type(self) -> ParamSpec:
@@ -66,11 +66,11 @@ class ParamSpec(Value):
         if self.range and self.range[0] > self.range[1]:
             raise ValueError(f"the range goes from {self.range[0]:g} down to {self.range[1]:g}")
         if self.range and self.type == "integer" and not all(x.is_integer() for x in self.range):
-            raise ValueError("the range of an integer is one of whole numbers")
+            raise ValueError("the range of an integer must have integer bounds")
         if self.choices and self.type != "text":
-            raise ValueError("only a text has choices")
+            raise ValueError("only a parameter of type text has choices")
         if self.type == "key" and self.default is not None:
-            raise ValueError("a key has no default: whoever uses the subtree names it")
+            raise ValueError("a key has no default: it is given where the subtree is used")
         return self
 
     def complaints(self, name: str, value: Data) -> list[str]:

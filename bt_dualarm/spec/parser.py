@@ -36,7 +36,9 @@ _LONGEST_NAME: Final = 60
 _FIELDS: Final = frozenset({"bt_dualarm", "description", "include", "subtrees"})
 _SUBTREE_FIELDS: Final = frozenset({"description", "params", "tree"})
 _KEY_RULE: Final = "a key has letters, digits and _ and begins with a letter"
-_WITHIN_TEXT: Final = "nothing is computed; only the messages of log and fail are put together"
+_WITHIN_TEXT: Final = (
+    "there are no expressions; only the messages of log and fail may contain references"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +137,7 @@ class SubtreeUse:
         if subtree in self.here.uses:
             circle = [*self.here.uses[self.here.uses.index(subtree) :], subtree]
             names = " → ".join(item.name for item in circle)
-            self._add(("use",), f"subtrees use each other without end: {names}")
+            self._add(("use",), f"subtrees use each other in a cycle: {names}")
             return None
         prefix = f"{self.here.scope.prefix}{name}#{self.number}/"
         return ParseContext(
@@ -174,7 +176,7 @@ class SubtreeUse:
             return spec.default
         value = given[name]
         if reference_of(value) is None and spec.type == "key":
-            message = f"{name}: expected a key of the blackboard"
+            message = f"{name}: expected a blackboard key"
             self._add(("params", name), message, f'for example "{{{name}}}"')
         elif reference_of(value) is None:
             for complaint in spec.complaints(name, value):
@@ -280,12 +282,12 @@ class Libraries:
             if resolved.is_symlink():  # from Python 3.13 on, resolve() lets a loop pass
                 raise RuntimeError("a loop of symlinks")
         except (OSError, RuntimeError, ValueError) as error:  # a name too long, a loop
-            return self._refuse(source, entry, f"'{path}' leads nowhere: {error}")
+            return self._refuse(source, entry, f"'{path}' cannot be resolved: {error}")
         if FilePath(path).is_absolute() or not resolved.is_relative_to(self.root.resolve()):
             return self._refuse(source, entry, f"'{path}' is outside of the folder {self.root}")
         if resolved in stack:
             names = " → ".join(file.name for file in (*stack[stack.index(resolved) :], resolved))
-            return self._refuse(source, entry, f"files include each other: {names}")
+            return self._refuse(source, entry, f"files include each other in a cycle: {names}")
         if resolved in self._known:
             return self._known[resolved]
         if len(self._known) > MAX_FILES:
@@ -523,7 +525,7 @@ def not_a_body(node_type: NodeType, body: Data) -> tuple[str, str]:
     if isinstance(body, str) and node_type.slots:
         hint = f"write {{{node_type.slots[0].name}: {body}}}"
     elif isinstance(body, list):
-        hint = "several nodes go below 'sequence:'" if node_type.slots else ""
+        hint = "put several nodes below 'sequence:'" if node_type.slots else ""
     wanted = "a list of nodes" if node_type.many else "a mapping of ports"
     return f"{node_type.name}: expected {wanted}, not {in_words(body)}", hint
 
@@ -531,7 +533,7 @@ def not_a_body(node_type: NodeType, body: Data) -> tuple[str, str]:
 def _not_a_node(data: Data) -> tuple[str, str]:
     if isinstance(data, dict) and data:
         keys = ", ".join(list(data)[:4])
-        hint = f"indent what belongs to '{next(iter(data))}' further than it"
+        hint = f"indent the content of '{next(iter(data))}' further"
         return f"a node has one key, its kind; here are {len(data)}: {keys}", hint
     hint = "a node is written 'kind: {port: value}'"
     if isinstance(data, list):

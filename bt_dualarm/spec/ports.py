@@ -142,7 +142,7 @@ def _metadata_in(items: Sequence[object], wanted: type[_T]) -> _T | None:
 # Models of ports, and references to the blackboard.
 
 REFERENCE: Final = re.compile(r"\{([^{}]*)\}")
-"""Reference to a key of the blackboard, or to a parameter."""
+"""Reference to a blackboard key, or to a parameter."""
 
 KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
 """Name of a key or a parameter, as an author may write it."""
@@ -164,7 +164,7 @@ class Template:
 
 @dataclass(frozen=True)
 class WrittenKey:
-    """Metadata of a text port: it names a key of the blackboard that the node writes.
+    """Metadata of a text port: it names a blackboard key that the node writes.
 
     Attributes:
         port: Port whose value is written there.
@@ -206,7 +206,7 @@ def miscounted(model: type[PortModel], ports: Mapping[str, object]) -> str:
             if ports.get(one) is not None and ports.get(other) is None
         ]
         return "".join(f"'{one}' goes with '{other}', which is missing" for one, other in alone[:1])
-    here = f"here are {' and '.join(given)}" if given else "here is none"
+    here = f"given: {' and '.join(given)}" if given else "none is given"
     return f"give exactly one of: {', '.join(model.exactly_one_of)}; {here}"
 
 

@@ -132,7 +132,7 @@ def suggestion(given: str, valid: Iterable[str], noun: str) -> str:
     close = nearest(given, names)
     if close:
         return f"did you mean '{close}'?"
-    return f"known here: {', '.join(names)}" if names else f"no {noun} is known here"
+    return f"available: {', '.join(names)}" if names else f"no {noun} is available"
 
 
 NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_-]{0,47}$"

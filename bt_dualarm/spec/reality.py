@@ -34,8 +34,10 @@ _NONE: Final = Uncertainty()
 class LinkErrors(Value):
     """Errors of the links against the robot's description."""
 
-    mass: Share = port(_NONE, "Share of a link's mass, its own for each link")
-    inertia: Share = port(_NONE, "Share of a link's moments of inertia, besides that of its mass")
+    mass: Share = port(_NONE, "Relative error of a link's mass, sampled per link")
+    inertia: Share = port(
+        _NONE, "Relative error of a link's moments of inertia, in addition to that of its mass"
+    )
     center: Meters = port(_NONE, "Offset of a link's center of mass along each axis", unit="m")
     rotor: bool = port(
         False,
@@ -48,7 +50,7 @@ class PayloadErrors(Value):
     """Errors of a held object against the file; the world's hold for the masses of objects."""
 
     known: bool = port(True, "Whether the controller knows mass and center of a held object")
-    mass: Share = port(_NONE, "Share of an object's mass")
+    mass: Share = port(_NONE, "Relative error of an object's mass")
     center: Meters = port(_NONE, "Offset of an object's center of mass along each axis", unit="m")
 
 
@@ -56,18 +58,20 @@ class FrictionErrors(Value):
     """Friction of the joints as in the robot's description, and its errors."""
 
     present: bool = port(False, "Whether the joints have friction")
-    coulomb: Share = port(_NONE, "Share of the dry friction, its own for each joint")
-    viscous: Share = port(_NONE, "Share of the friction that grows with speed, likewise")
+    coulomb: Share = port(_NONE, "Relative error of the dry friction, sampled per joint")
+    viscous: Share = port(_NONE, "Relative error of the viscous friction, sampled per joint")
     most: float = port(
-        1.0, "Largest dry friction, as a share of the joint's effort limit", ge=0.0, le=1.0
+        1.0, "Largest dry friction, as a fraction of the joint's effort limit", ge=0.0, le=1.0
     )
 
 
 class EncoderErrors(Value):
     """Errors of the joints' encoders, and the filter that derives velocities."""
 
-    resolution: float = port(0.0, "Step of a reading; 0 for none", unit="deg", ge=0.0, le=1.0)
-    noise: float = port(0.0, "Standard deviation of a reading's noise", unit="deg", ge=0.0, le=1.0)
+    resolution: float = port(0.0, "Resolution of a reading; 0: exact", unit="deg", ge=0.0, le=1.0)
+    noise: float = port(
+        0.0, "Standard deviation of the noise of a reading", unit="deg", ge=0.0, le=1.0
+    )
     window: Duration = port(
         0.0,
         "Time over which two readings are differenced to a velocity; 0 for the exact velocity, "
@@ -75,37 +79,41 @@ class EncoderErrors(Value):
         le=0.1,
     )
     cutoff: float = port(
-        0.0, "Corner of the velocity's low-pass filter; 0 for none", unit="Hz", ge=0.0, le=1e4
+        0.0,
+        "Corner frequency of the velocity's low-pass filter; 0: no filter",
+        unit="Hz",
+        ge=0.0,
+        le=1e4,
     )
 
 
 class DriveErrors(Value):
     """Dynamics and errors of the drives between a commanded torque and the joint."""
 
-    delay: Duration = port(0.0, "Time until a torque that was commanded acts", le=0.05)
+    delay: Duration = port(0.0, "Delay from commanding a torque to its effect", le=0.05)
     bandwidth: float = port(
-        0.0, "Corner of the drive's first-order lag; 0 for none", unit="Hz", ge=0.0, le=1e5
+        0.0, "Corner frequency of the drive's first-order lag; 0: no lag", unit="Hz", ge=0.0, le=1e5
     )
     quantum: float = port(
-        0.0, "Step of a torque, as a share of the effort limit; 0 for none", ge=0.0, le=0.1
+        0.0, "Resolution of a torque, as a fraction of the effort limit; 0: exact", ge=0.0, le=0.1
     )
-    gain: Share = port(_NONE, "Error of a joint's torque as a share of it, its own for each joint")
+    gain: Share = port(_NONE, "Relative error of a joint's torque, sampled per joint")
 
 
 class CameraErrors(Value):
     """Errors of a camera against its calibration, and noise and blur of its pictures."""
 
     position: Meters = port(_NONE, "Offset of the camera along each of its axes", unit="m")
-    rotation: Degrees = port(_NONE, "Turn of the camera about each of its axes", unit="deg")
-    focal: Share = port(_NONE, "Share of the focal length")
-    stamp: Seconds = port(_NONE, "Offset of the clock of its stamps", unit="s")
+    rotation: Degrees = port(_NONE, "Rotation of the camera about each of its axes", unit="deg")
+    focal: Share = port(_NONE, "Relative error of the focal length")
+    stamp: Seconds = port(_NONE, "Offset of the clock of its time stamps", unit="s")
     noise: float = port(
         0.0, "Standard deviation of a pixel's noise, of 255 levels", ge=0.0, le=100.0
     )
-    light: Share = port(_NONE, "Share of the brightness, another one for each picture")
+    light: Share = port(_NONE, "Relative change of the brightness, sampled per image")
     exposure: Duration = port(
         0.0,
-        "Time for which the shutter is open, the stamp in its middle: motion blurs",
+        "Exposure time, centered on the time stamp; causes motion blur",
         le=0.1,
     )
     k1: Bend = port(
@@ -129,7 +137,8 @@ class RealitySpec(Value):
     """Model mismatch: a set, and the fields that differ from it."""
 
     set: RealityName | None = port(
-        None, "Set with the values of the other fields; by default the world's, there `ideal`"
+        None,
+        "Set that provides the other fields; by default that of the world, or `ideal` there",
     )
     links: LinkErrors = port(LinkErrors(), "Masses and inertias of the links")
     payload: PayloadErrors = port(PayloadErrors(), "A held object")

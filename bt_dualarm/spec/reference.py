@@ -207,8 +207,8 @@ NESTED_NAMES: Final = tuple(map(model_name, _NESTED))
 OUTLINE: Final = """\
 bt_dualarm: 1                      # version of the format
 name: carry                        # by default the file's name
-description: one line for people
-params:                            # what a user may set: bt-run FILE --param speed=0.2
+description: one-line description
+params:                            # set them with bt-run FILE --param speed=0.2
   speed: {type: number, default: 0.5, range: [0.1, 1], description: of the arm}
 include: []                        # files below this one's folder whose subtrees are used here
 subtrees:                          # trees with parameters of their own, for the node subtree
@@ -281,10 +281,10 @@ _HEAD: Final = """\
 # Reference
 
 The parts of a tree file, every node type of the tree language and every shipped skill, with ports,
-bounds and failure codes. Generated from the code; `make docs` renews it.
+bounds and failure codes. Generated from the code; `make docs` updates it.
 
 In a file a node is its type with its ports: `circle: {radius: 0.1}`. Any port may be given as
-`"{key}"`: a parameter, or a key of the blackboard. `name:` beside the ports is the displayed name.
+`"{key}"`: a parameter, or a blackboard key. `name:` beside the ports sets the displayed name.
 See also [how trees are ticked and halted](ticking.md), and the [robots and scenes](robots.md):
 joints, postures, camera mounts, reach, position of the table.
 """
@@ -421,7 +421,7 @@ def json_schema(node_types: Mapping[str, NodeType]) -> Json:
     """
     definitions: Json = {
         "reference": {
-            "description": 'A parameter, or a key of the blackboard: "{key}".',
+            "description": 'A parameter, or a blackboard key: "{key}".',
             "type": "string",
             "pattern": r"^\{" + KEY.pattern + r"\}$",
         }
@@ -497,7 +497,7 @@ def _can_be_bare(node_type: NodeType) -> bool:
 def _body(node_type: NodeType, definitions: Json) -> Json:
     mapping = _model(node_type.ports, definitions)
     properties = mapping["properties"]
-    properties["name"] = {"type": "string", "description": "Shown to people."}
+    properties["name"] = {"type": "string", "description": "Displayed name."}
     properties |= dict.fromkeys(node_type.outputs.model_fields, _REFERENCE)
     properties |= {slot.name: _NODE for slot in node_type.slots}
     children = {"type": "array", "items": _NODE, "minItems": 1}

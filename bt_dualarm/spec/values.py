@@ -113,7 +113,7 @@ class PoseSpec(Value):
         None, "Quaternion w, x, y, z of unit length"
     )
     look_at: _Point | None = port(
-        None, "A point that the frame's z axis points to; its y axis points downwards", unit="m"
+        None, "Point toward which the frame's z axis points; its y axis points downward", unit="m"
     )
 
     @model_validator(mode="after")
@@ -121,12 +121,12 @@ class PoseSpec(Value):
         notations = (name for name in type(self).model_fields if name != "xyz")
         given = [name for name in notations if getattr(self, name) is not None]
         if len(given) > 1:
-            raise ValueError(f"gives its orientation twice: {' and '.join(given)}")
+            raise ValueError(f"gives the orientation twice: {' and '.join(given)}")
         if self.quat is not None and abs(math.hypot(*self.quat) - 1.0) > 1e-3:
             length = math.hypot(*self.quat)
             raise ValueError(f"quat has length {length:.4g}; a rotation has length 1")
         if self.look_at is not None and math.dist(self.look_at, self.xyz) < 1e-6:
-            raise ValueError("look_at is the position itself: no direction follows from it")
+            raise ValueError("look_at equals the position, which gives no direction")
         return self
 
     @property
@@ -191,7 +191,8 @@ class Uncertainty(Value):
         0.0, "Half-width of a uniform distribution about zero"
     )
     normal: Annotated[float, Field(ge=0.0, le=1e3)] = port(
-        0.0, "Standard deviation of a normal distribution about zero, cut off at three of them"
+        0.0,
+        "Standard deviation of a normal distribution about zero, truncated at three times it",
     )
 
     @model_validator(mode="before")
@@ -252,7 +253,7 @@ class Offset(PortModel):
 
     xyz: Vector3 = port((0.0, 0.0, 0.0), "Distance along x, y, z", unit="m")
     rpy: Vector3 = port((0.0, 0.0, 0.0), "Roll, pitch, yaw", unit="deg")
-    frame: Literal["world", "tool"] = port("world", "Frame whose axes are meant")
+    frame: Literal["world", "tool"] = port("world", "Frame of the axes")
 
     def applied_to(self, tool: Pose) -> Pose:
         """Returns the tool's pose in the world after the step."""
@@ -277,7 +278,7 @@ class Plane(Value):
         json_schema_extra=_with_notations(lambda _: [{"enum": list(_NAMED_NORMALS)}])
     )
 
-    normal: Vector3 = port(..., "Normal in the world, of any length but 0")
+    normal: Vector3 = port(..., "Normal in the world frame, of any nonzero length")
 
     @model_validator(mode="before")
     @classmethod
@@ -352,10 +353,10 @@ class HsvRange(Value):
 
     hue: tuple[_Hue, _Hue] = port(
         ...,
-        "Angles on the color circle; a first bound above the second wraps through red",
+        "Angles on the color wheel; a lower bound above the upper one wraps through red",
         unit="deg",
     )
-    saturation: tuple[_Part, _Part] = port((0.4, 1.0), "Saturation from 0 (grey) to 1")
+    saturation: tuple[_Part, _Part] = port((0.4, 1.0), "Saturation from 0 (gray) to 1")
     value: tuple[_Part, _Part] = port((0.2, 1.0), "Brightness from 0 (black) to 1")
 
     @model_validator(mode="after")
@@ -394,9 +395,9 @@ class Color(Value):
         )
     )
 
-    name: str = port("", "Name of a color; none where ranges are given")
+    name: str = port("", "Name of a color; omitted if ranges are given")
     ranges: tuple[HsvRange, ...] = port(
-        ..., "Ranges, any of which a pixel may lie in", min_length=1, max_length=8
+        ..., "Ranges; a pixel must lie in at least one", min_length=1, max_length=8
     )
 
     @model_validator(mode="before")
@@ -453,8 +454,8 @@ BITS: Final[dict[str, int]] = {
 class MarkerSpec(Value):
     """A square marker, white around it, on the top face of an object."""
 
-    dictionary: MarkerDictionary = port("aruco_4x4_50", "Set of markers that it is one of")
-    id: int = port(..., "Its number in the set", ge=0, le=29)
+    dictionary: MarkerDictionary = port("aruco_4x4_50", "Marker dictionary")
+    id: int = port(..., "Number in the dictionary", ge=0, le=29)
     size: float = port(..., "Edge of its black square", unit="m", ge=0.005, le=1.0)
 
     @property

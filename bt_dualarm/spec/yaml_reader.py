@@ -224,7 +224,7 @@ MAX_PROBLEMS: Final = 100
 # libyaml is 10 times faster; the reader in Python stands in where PyYAML was built without it.
 _LOADER: Final[type[yaml.SafeLoader]] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
-_TEXT_RULE: Final = "a text has what can be read, line feeds and tabs"
+_TEXT_RULE: Final = "text may contain printable characters, line feeds and tabs"
 _TAGGED: Final = (yaml.ScalarEvent, yaml.CollectionStartEvent)
 
 
@@ -291,13 +291,13 @@ def _syntax_problem(source: Source, text: str, error: yaml.YAMLError) -> Problem
 
 def _syntax_hint(what: str) -> str:
     if "mapping values are not allowed" in what:
-        return "a colon too many, or a line indented differently from its neighbors"
+        return "an extra colon, or a line indented differently from its neighbors"
     if "cannot start any token" in what:
         return "indent with spaces, not tabs; quote text that begins with @, ` or %"
     if "unexpected end of stream" in what:
         return "a quote is not closed"
     if "expected <block end>" in what or "did not find expected" in what:
-        return "look at the indentation and for an unclosed bracket or quote above"
+        return "check the indentation, and look for an unclosed bracket or quote above"
     return ""
 
 
@@ -393,11 +393,11 @@ class _Reader:
         """Returns a key; ``after`` is the value before it, for the hint on decimal commas."""
         if not isinstance(event, yaml.ScalarEvent):
             self._node(event, events, (*path, "?"))
-            self._refuse(event, "a key that is not text", "keys are plain words", exact=True)
+            self._refuse(event, "a key that is not text", "keys must be plain words", exact=True)
             return f"? {self._nodes}"
         self._count(event, path)
         if event.anchor is not None or event.tag is not None:
-            self._refuse(event, "an anchor or tag on a key", "keys are plain words")
+            self._refuse(event, "an anchor or tag on a key", "keys must be plain words")
         text = str(event.value)
         if control_character(text):
             what = f"the control character {control_character(text)} in a key"
@@ -537,7 +537,7 @@ class _MappingReader:
         if value is None or isinstance(value, bool):
             return value
         wanted = "a mapping, a list, text, a number, true, false or None"
-        self._add(path, f"{type(value).__name__} is nothing that a tree can hold", wanted)
+        self._add(path, f"{type(value).__name__} cannot be part of a tree", wanted)
         return None
 
     def _mapping(self, mapping: Mapping[object, object], path: DataPath) -> Data:
@@ -557,7 +557,7 @@ class _MappingReader:
             self._add(path, f"more than {MAX_BYTES // 1024} Ki characters of text")
             raise _GiveUpError
         if any(0xD800 <= ord(letter) <= 0xDFFF for letter in text):
-            self._add(path, "text with half of a pair of surrogates", "it is no Unicode text")
+            self._add(path, "text with an unpaired surrogate", "it is not valid Unicode text")
             return ""
         control = control_character(text)
         if control:

@@ -282,7 +282,7 @@ def never_started_and_never_heard_of(candidate: Candidate) -> None:
     """A leaf that its tree never reaches is halted with it, without a word."""
     performance = candidate.perform({"selector": [{"succeed": {}}, candidate.node]})
     found = [leaf for leaf in performance.leaves(candidate.name) if "selector" in leaf.path]
-    _hold(not found, "it was started though its tree never came to it")
+    _hold(not found, "it was started although no tick reached it")
     _hold_outcome(performance)
 
 
@@ -304,7 +304,7 @@ def _last_two(candidate: Candidate, performance: Performance) -> tuple[LeafRepor
 
 def _hold_outcome(performance: Performance) -> None:
     outcome = performance.result.outcome
-    _hold(outcome == "SUCCESS", f"its arm's tree ends as {outcome}")
+    _hold(outcome == "SUCCESS", f"its arm's tree ends with {outcome}")
 
 
 def _hold(truth: bool, otherwise: str) -> None:
@@ -314,8 +314,8 @@ def _hold(truth: bool, otherwise: str) -> None:
 
 LAWS: Final[Mapping[str, Law]] = MappingProxyType(
     {
-        "author forgot nothing": author_forgot_nothing,
-        "numbers of ports say their unit": numbers_of_ports_say_their_unit,
+        "declaration is complete": author_forgot_nothing,
+        "numeric ports declare a unit": numbers_of_ports_say_their_unit,
         "example succeeds": example_succeeds,
         **{
             f"leaves the arm stopped when halted at {phase:.0%}": partial(
@@ -325,7 +325,7 @@ LAWS: Final[Mapping[str, Law]] = MappingProxyType(
         },
         "starts again after success": starts_again_after_success,
         "starts again after it was halted": starts_again_after_it_was_halted,
-        "never started and never heard of": never_started_and_never_heard_of,
+        "has no effect if never ticked": never_started_and_never_heard_of,
     }
 )
 """Every law by its name."""

@@ -92,7 +92,7 @@ def _refuse_huge(path: Path, content: bytes) -> None:
             with PIL.Image.open(io.BytesIO(content)) as image:
                 width, height = image.size
     except PIL.Image.DecompressionBombError as error:
-        limit = f"images have at most {_LARGEST_IMAGE_PX // 1_000_000} million pixels"
+        limit = f"images may have at most {_LARGEST_IMAGE_PX // 1_000_000} million pixels"
         raise ImageFileError(f"{path}: is too large: {limit}") from error
     except (OSError, ValueError, SyntaxError) as error:
         raise ImageFileError(f"{path}: is not an image that can be read") from error
@@ -232,7 +232,7 @@ class ShotTime:
     Attributes:
         seconds: Simulated time since the start of the run in s; 0 is before anything moves.
         posture: Named posture in which the camera's arm starts; None for the file's.
-        seed: Seed of everything random; None for the file's.
+        seed: Random seed; None for the file's.
         renderer: Kind of renderer; None for the file's.
     """
 
@@ -276,7 +276,7 @@ def camera_arm(file: TreeFile, name: str | None) -> str:
         raise ShotError(f"{name} has no camera (with one: {', '.join(seeing) or 'no arm'})")
     if name is None and len(seeing) != 1:
         found = f"several arms have one ({', '.join(seeing)})" if seeing else "no arm has one"
-        raise ShotError(f"which camera? {found}" + "; say --arm NAME" * bool(seeing))
+        raise ShotError(f"which camera? {found}" + "; give --arm NAME" * bool(seeing))
     return name or seeing[0]
 
 
@@ -303,7 +303,7 @@ def camera_shot(file: TreeFile, registry: Registry, arm: str, moment: ShotTime) 
         if moment.seconds > 0.0:
             run.step(moment.seconds)
         if run.done and run.result.error:
-            raise ShotError(f"the run broke before the picture: {run.result.error}")
+            raise ShotError(f"the run failed before the image was taken: {run.result.error}")
         early = ", where the run ended" if run.done else ""
         frame = _expose(run, arm, spec)
     what = f"camera of {arm} at {frame.stamp:.3f} s{early}, renderer {run.renderer}"
@@ -335,7 +335,7 @@ class ColorPort:
     Attributes:
         node: Leaf of a tree.
         port: Name of the port.
-        color: Color in the port, None where a key of the blackboard brings it.
+        color: Color in the port, None where a blackboard key brings it.
     """
 
     node: NodeSpec
@@ -359,14 +359,14 @@ class ColorPort:
             return source, self.path
         name = key_name(reference)
         problem = self.node.port_problem
-        hint = "write the color here instead, or make it a parameter of type color"
+        hint = "write a literal color here, or declare a parameter of type color"
         declared = source.get(("params", name)) if self.node.user is None else None
         if not isinstance(declared, dict):
-            what = "a parameter of the subtree or a key of the blackboard"
+            what = "a parameter of the subtree or a blackboard key"
             message = f"{self.node.kind}: this color is '{{{name}}}', {what}"
             raise SpecError([problem((self.port,), message, hint)])
         if declared.get("type") != "color":
-            message = f"this color is the parameter '{name}', which is no color but a "
+            message = f"this color is the parameter '{name}', which is not a color but a "
             words = f"{message}{declared.get('type')}: it cannot hold ranges"
             raise SpecError([source.problem(("params", name), words, hint, key=True)])
         return source, ("params", name, "default")
@@ -504,7 +504,7 @@ def color_of(data: Data) -> Color:
         words = (f"{one.message} {one.hint}".strip() for one in found)
         raise ColorError("; ".join(words)) from None
     except UnicodeEncodeError:
-        raise ColorError("a color is written in whole characters") from None
+        raise ColorError("a color needs complete characters") from None
 
 
 def adjusted(

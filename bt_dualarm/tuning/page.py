@@ -145,7 +145,7 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """The page and its picture."""
         if not self._is_meant():
-            self._refuse(HTTPStatus.FORBIDDEN, "this address is for this machine only")
+            self._refuse(HTTPStatus.FORBIDDEN, "this address is served to this machine only")
         elif self.path == "/":
             page = share_dir("assets") / "pages" / "tune_color.html"
             self._answer("text/html; charset=utf-8", page.read_bytes())
@@ -158,7 +158,7 @@ class _Handler(BaseHTTPRequestHandler):
         """What the page asks for, in JSON both ways."""
         act = self._actions.get(self.path)
         if not self._is_meant() or self.headers.get_content_type() != "application/json":
-            self._refuse(HTTPStatus.FORBIDDEN, "only the page itself may ask")
+            self._refuse(HTTPStatus.FORBIDDEN, "only the page itself may send requests")
             return
         if act is None:
             self._refuse(HTTPStatus.NOT_FOUND, f"nothing is at {self.path}")
@@ -192,12 +192,12 @@ class _Handler(BaseHTTPRequestHandler):
         """
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal() or len(length) > _DIGITS or int(length) > _LARGEST_BODY:
-            raise PageError("a request has a length, and a short one")
+            raise PageError("a request needs a length within the limit")
         try:
             asked = json.loads(self.rfile.read(int(length)))
             json.dumps(asked, ensure_ascii=False, allow_nan=False).encode()
         except (ValueError, RecursionError):
-            raise PageError("a request is JSON, its numbers finite, its text whole") from None
+            raise PageError("a request must be JSON with finite numbers and valid text") from None
         return asked
 
     def _refuse(self, status: HTTPStatus, why: str) -> None:

@@ -567,7 +567,7 @@ def _length(headers: Message) -> int:
     """
     length = headers.get("Content-Length", "")
     if not length.isdecimal() or len(length) > _DIGITS or int(length) > _LARGEST_BODY:
-        raise ViewError("a request has a length, and a short one")
+        raise ViewError("a request needs a length within the limit")
     return int(length)
 
 

@@ -247,7 +247,7 @@ def test_a_clean_up_that_wants_more_than_a_tick_is_cut_short(tmp_path: Path) -> 
 def test_a_timeout_says_so(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "timeout: {seconds: 1, child: {act: {script: RRRR}}}")
     stage.table(2)
-    assert stage.tree.view().reason == "TIMEOUT: no end within 1 s"
+    assert stage.tree.view().reason == "TIMEOUT: not finished within 1 s"
 
 
 def test_deadlines_bear_the_rounding_of_summed_steps(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ def test_compare(value: object, relation: str, to: object, holds: bool, tmp_path
 @pytest.mark.parametrize(
     ("relation", "reason"),
     [
-        ("less", "NOT_COMPARABLE: text 'a' and 1 have no order, only numbers have"),
+        ("less", "NOT_COMPARABLE: text 'a' and 1 cannot be ordered; only numbers can"),
         ("near", "NOT_COMPARABLE: text 'a' and 1 are not both numbers"),
         ("equal", "FALSE: text 'a' does not equal 1"),
     ],

@@ -35,14 +35,14 @@ class Raiser(Skill):
             self._raise_in("second step")
             yield
         finally:
-            self._raise_in("clean-up")
+            self._raise_in("cleanup")
 
     def _raise_in(self, place: str) -> None:
         if self.ports.where == place:
             raise ZeroDivisionError(f"in the {place}\nand a second line")
 
 
-@pytest.mark.parametrize("where", ["constructor", "first step", "second step", "clean-up"])
+@pytest.mark.parametrize("where", ["constructor", "first step", "second step", "cleanup"])
 def test_an_exception_fails_the_leaf_and_nothing_else(
     where: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -73,14 +73,14 @@ def test_a_sibling_outlives_an_exception(tmp_path: Path) -> None:
 def test_an_exception_in_a_halted_leafs_clean_up_does_not_strand_its_siblings(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    stage = Stage(tmp_path, "parallel: [{raiser: {where: clean-up}}, {raiser: {}}]", Raiser)
+    stage = Stage(tmp_path, "parallel: [{raiser: {where: cleanup}}, {raiser: {}}]", Raiser)
     stage.tick()
     stage.tree.halt()
     assert stage.letters == "- - -"
     assert stage.released == ["parallel/raiser", "parallel/raiser#2"]
-    assert "in its clean-up" in caplog.text
+    assert "in its cleanup" in caplog.text
     first, second = stage.tree.leaves
-    assert first.reason.startswith("its clean-up raised ZeroDivisionError")
+    assert first.reason.startswith("its cleanup raised ZeroDivisionError")
     assert (second.status, second.code, second.reason) == ("INVALID", "HALTED", "")
 
 
@@ -126,7 +126,8 @@ def test_what_would_end_a_program_ends_the_leaf(
     stage.table(2)
     said = f"{type(error).__name__}: {error}".removesuffix(": ")
     assert stage.tree.view().reason == (
-        f'EXCEPTION: {said} (a skill ends no program: it returns, or raises Failure("CODE", "why"))'
+        f"EXCEPTION: {said} (a skill cannot end the program: "
+        'it returns, or raises Failure("CODE", "why"))'
     )
 
 

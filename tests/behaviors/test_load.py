@@ -121,7 +121,7 @@ def test_a_parameter_that_must_be_given(write: Write) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("bt_dualarm: 1", "bt_dualarm: 2", "1:13: version 2 of the format is not known"),
+        ("bt_dualarm: 1", "bt_dualarm: 2", "1:13: version 2 of the format is not supported"),
         ("bt_dualarm: 1", "- {}", "2:1: not YAML"),
         ("scene: table", "scen: table", "7:9: unknown field 'scen'"),
         ("world:", "path: x.yaml\n    world:", "unknown field 'path'"),

@@ -133,7 +133,7 @@ def test_threads_of_skills_do_not_keep_a_command_alive(tmp_path: Path) -> None:
         text=True,
         check=False,
     )
-    assert "bt-check: still running, and left behind: 'endless'" in done.stderr
+    assert "bt-check: abandoned threads that are still running: 'endless'" in done.stderr
     assert "circle" in done.stdout
     assert done.returncode == 0
 
@@ -183,7 +183,7 @@ def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display
         process.send_signal(signal.SIGHUP)
         assert process.wait() == 129
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert (summary["ending"], summary["at_rest"]) == ("it was asked to stop", True)
+    assert (summary["ending"], summary["at_rest"]) == ("a stop was requested", True)
 
 
 def test_where_hanging_up_is_ignored_it_stays_ignored(tmp_path: Path) -> None:
@@ -196,7 +196,7 @@ def test_where_hanging_up_is_ignored_it_stays_ignored(tmp_path: Path) -> None:
         process.send_signal(signal.SIGHUP)
         assert process.wait() == 1
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["ending"] == "the given duration is over"
+    assert summary["ending"] == "the requested duration has passed"
 
 
 def test_a_last_resort_is_none_outside_of_its_block() -> None:

@@ -60,7 +60,7 @@ def test_an_unfinished_tree_is_code_1(waiting: Path, capsys: pytest.CaptureFixtu
     assert cli.run([str(waiting), "--duration", "0.05"]) == 1
     out = capsys.readouterr().out
     assert "UNFINISHED" in out
-    assert "The given duration is over." in out
+    assert "The requested duration has passed." in out
 
 
 def test_a_failed_tree_is_code_1_and_quiet_still_says_why(
@@ -106,7 +106,7 @@ def test_nobody_waits_for_pictures_to_hear_how_it_went(
     monkeypatch.setattr(Run, "write_record", noting)
     assert cli.run([str(waiting), "--record", str(tmp_path / "out")]) == 0
     assert "SUCCESS  waiting" in said[0]
-    assert "its pictures are being drawn" in said[0]
+    assert "its figures are being drawn" in said[0]
     assert (tmp_path / "out" / "overview.png").is_file()
 
 
@@ -141,7 +141,7 @@ def test_equal_seeds_run_alike(waiting: Path, tmp_path: Path) -> None:
         (["no/such/file.yaml"], "there is no such file"),
         (["."], "is a folder, not a tree file"),
         (["circle", "--skills", "/no/such/folder"], "there is no such folder of skills"),
-        (["circle", "--record", "/dev/null"], "it is there and is not a folder"),
+        (["circle", "--record", "/dev/null"], "it exists and is not a folder"),
         (["circle", "--param", "sped=1"], "sped"),
     ],
 )
@@ -167,7 +167,7 @@ def test_a_bad_file_is_code_2_with_its_places(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "which tree file?"),
+        ([], "no tree file given"),
         (["circle", "--seed", "-1"], "'-1' is not a whole number"),
         (["circle", "--seed", "1.5"], "'1.5' is not a whole number"),
         (["circle", "--duration", "0"], "'0' is not a number of seconds above 0"),
@@ -333,7 +333,7 @@ def test_a_divergence_says_where_its_states_are(
 
     monkeypatch.setattr(World, "step", diverging)
     assert cli.run([str(waiting), "--display", "quiet"]) == 1
-    assert "--record DIR keeps them" in capsys.readouterr().err
+    assert "--record DIR saves them" in capsys.readouterr().err
     out = tmp_path / "out"
     assert cli.run([str(waiting), "--display", "quiet", "--record", str(out)]) == 1
     assert str(out / "divergence.npz") in capsys.readouterr().err.replace("\n", "")

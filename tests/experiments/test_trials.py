@@ -37,5 +37,5 @@ def test_what_was_not_complete_when_the_end_was_asked_for_does_not_come(
 def test_a_process_that_died_is_said() -> None:
     dead: Future[Trial | TrialError] = Future()
     dead.set_exception(BrokenProcessPool("gone"))
-    with pytest.raises(DualArmError, match="has died; --jobs 1 runs them in this one"):
+    with pytest.raises(DualArmError, match="worker process died; --jobs 1 runs"):
         trials._outcome(dead)

@@ -99,7 +99,7 @@ def test_a_blocker_is_named_and_left(
     assert ran.code == 154
     assert signal.getitimer(signal.ITIMER_VIRTUAL) == (0.0, 0.0), "no alarm is left behind"
     check_whole(ran)
-    assert ran.summary["ending"] == "code of a skill did not return in time"
+    assert ran.summary["ending"] == "skill code did not return in time"
     assert ran.summary["error"].startswith("arm1: timeout/blocker at blocker.py:")
     assert f"bt-run: error: {ran.summary['error']}" in ran.err
     assert ran.summary["at_rest"]
@@ -138,7 +138,7 @@ def test_a_blocker_is_left_sooner_when_the_run_is_to_end(
     ran = run(tmp_path, capsys, 0, phase=phase, deed="spin", signals=signals)
     assert ran.code == code
     check_whole(ran)
-    assert ran.summary["ending"] == "it was asked to stop"
+    assert ran.summary["ending"] == "a stop was requested"
     assert "blocker.py:" in ran.summary["error"]
 
 
@@ -178,7 +178,7 @@ def test_what_holds_python_s_own_lock_ends_with_the_record_so_far(
     assert 'blocker.py", line' in ran.err
     assert "bt-run: error: arm1: timeout/blocker at blocker.py:" in ran.err
     check_whole(ran)
-    assert ran.summary["ending"] == "code of a skill did not return in time"
+    assert ran.summary["ending"] == "skill code did not return in time"
     assert ran.summary["arms"]["arm1"]["leaves"][0]["status"] == "RUNNING"
     history = Record.read(ran.folder)
     assert history.until == pytest.approx(ran.summary["sim_time_s"], abs=0.021), "no second is lost"
@@ -191,4 +191,4 @@ def test_a_skill_cannot_end_the_process(tmp_path: Path, capsys: pytest.CaptureFi
     check_whole(ran)
     leaf = ran.summary["arms"]["arm1"]["leaves"][0]
     assert leaf["code"] == "EXCEPTION"
-    assert leaf["reason"].startswith("SystemExit: os._exit(0) (a skill ends no program")
+    assert leaf["reason"].startswith("SystemExit: os._exit(0) (a skill cannot end the program")

@@ -16,7 +16,7 @@ from tests.plays import STOPPED, Play, Stage
 HERE = Path(__file__).parent
 
 PHASES = ("constructor", "before", "after", "ending", "stream", "camera", "aim")
-"""Of `Raiser`; in ``ending`` the clean-up of a skill raises that has come to its own end."""
+"""Of `Raiser`; in ``ending`` the cleanup of a skill raises that has come to its own end."""
 
 ENDINGS = ("SystemExit", "StopIteration", "GeneratorExit", "KeyboardInterrupt")
 """What ends programs and generators elsewhere."""

@@ -84,7 +84,7 @@ def test_a_leaf_that_drives_its_arm_from_a_thread_fails_and_says_why(deed: str, 
     assert (leaf.status, leaf.code) == ("FAILURE", "EXCEPTION")
     assert leaf.reason.startswith("test_threads.py:")
     assert "Threaded" in leaf.reason
-    assert "from the thread 'a thread of its own'" in leaf.reason
+    assert "from thread 'a thread of its own'" in leaf.reason
     assert leaf.ended_s == pytest.approx(0.12, abs=0.021), "at the next tick"
     if deed not in MOVING:
         assert play.ways["arm1"] < 2e-3
@@ -93,7 +93,7 @@ def test_a_leaf_that_drives_its_arm_from_a_thread_fails_and_says_why(deed: str, 
 
 
 class Bystander(Skill):
-    """Moves, and lets a stream and its clean-up do so, too."""
+    """Moves, and lets a stream and its cleanup do so, too."""
 
     example = "bystander"
 

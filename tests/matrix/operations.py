@@ -495,7 +495,7 @@ def _resumed(cell: Cell, share: float) -> Path:
     folder = cell.folder / "record"
     said = said_by("bt-run", "--resume", place, "--record", folder, "--display", "log", *given)
     assert said.code == column.exit_code, said.err
-    assert f"the past is that of {of.folder} up to " in said.err
+    assert f"continued from the past of {of.folder} up to " in said.err
     again = Record.read(folder)
     assert again.summary is not None
     assert again.summary["outcome"] == column.outcome

@@ -125,7 +125,7 @@ def test_what_cannot_be_written_is_code_2(
     with pytest.raises(SystemExit) as ended:
         cli.record(["export", str(failed.folder)])
     assert ended.value.code == 2
-    assert "to which form?" in capsys.readouterr().err
+    assert "choose a format:" in capsys.readouterr().err
 
 
 def test_no_cell_is_a_formula(failed: Record) -> None:

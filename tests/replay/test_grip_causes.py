@@ -49,14 +49,14 @@ def test_what_stands_beside_a_thing_is_named_the_nearest_first(tmp_path: Path) -
     cause = why(tmp_path, CUBE, f"[{TAKE}]", AROUND)
     assert cause.kind == "NO_ROOM"
     assert "there is east (3 mm away), " in cause.sentence
-    assert cause.remedy == "move east away, or take it first"
+    assert cause.remedy == "move east away, or remove it first"
 
 
 @pytest.mark.parametrize("size", [[0.12, 0.12, 0.05], [0.15, 0.1, 0.004]])
 def test_what_lies_flat_and_is_wide(size: list[float], tmp_path: Path) -> None:
     cause = why(tmp_path, size, f"[{TAKE}]")
     assert cause.kind == "TOO_WIDE"
-    assert "around its short side there is no room" in cause.sentence
+    assert "there is no room for fingers around its short side" in cause.sentence
 
 
 def test_a_place_without_ground_below(tmp_path: Path) -> None:

@@ -68,7 +68,7 @@ def test_there_are_no_more_than_there_is_room_for(
     file.close()
     stamps = read(tmp_path)
     assert 1 < len(stamps) < 9
-    assert caplog.text.count("pictures are kept up to") == 1
+    assert caplog.text.count("images are stored up to") == 1
     assert (tmp_path / "run.frames").stat().st_size < 22_000
 
 
@@ -87,7 +87,7 @@ def test_a_full_disk_ends_the_pictures_and_not_the_run(
         file.add("arm1", 0.2, frame(0.2))
     file.close()
     assert read(tmp_path) == [0.0]
-    assert "pictures are kept up to 0.10 s: No space left on device" in caplog.text
+    assert "images are stored up to 0.10 s: No space left on device" in caplog.text
 
 
 def test_what_is_no_file_of_pictures_is_refused(tmp_path: Path) -> None:
@@ -98,8 +98,8 @@ def test_what_is_no_file_of_pictures_is_refused(tmp_path: Path) -> None:
 
 
 def test_pictures_need_a_record(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(RunError, match="say which folder, too"):
+    with pytest.raises(RunError, match="give its folder"):
         bt_dualarm.open(WATCHING, frames=True)
     with pytest.raises(SystemExit):
         cli.run(["circle", "--frames"])
-    assert "--record DIR says where" in capsys.readouterr().err
+    assert "add --record DIR" in capsys.readouterr().err

@@ -419,8 +419,8 @@ def test_no_name_in_a_record_leads_out_of_the_folder(
 
 def test_several_records_take_lerobot_alone(capsys: pytest.CaptureFixture[str]) -> None:
     for command, told in (
-        (["a", "b", "--csv", "t"], "several records become one data set"),
-        (["a", "--csv", "t", "--append"], "go with --lerobot"),
+        (["a", "b", "--csv", "t"], "several records can only be exported"),
+        (["a", "--csv", "t", "--append"], "require --lerobot"),
     ):
         with pytest.raises(SystemExit):
             cli.record(["export", *command])

@@ -162,7 +162,7 @@ def test_a_full_disk_leaves_what_was_written(
     record = Record.read(tmp_path / "out")
     assert record.until == pytest.approx(0.98, abs=0.03)
     assert "part of a block" in record.torn
-    assert "the history is not kept any further" in caplog.text
+    assert "the history is no longer written" in caplog.text
 
 
 def file_of(descriptor: int) -> str:

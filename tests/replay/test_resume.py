@@ -104,7 +104,7 @@ def test_the_command_goes_on(
     place = f"{short.folder}@0.4"
     assert cli.run(["--resume", place, "--record", str(tmp_path / "again")]) == 0
     out, err = capsys.readouterr()
-    assert f"the past is that of {short.folder} up to 0.400 s" in err
+    assert f"continued from the past of {short.folder} up to 0.400 s" in err
     assert "SUCCESS  short" in out
     again = Record.read(tmp_path / "again")
     assert again.end == short.end

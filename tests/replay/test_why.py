@@ -152,7 +152,7 @@ def test_a_record_that_was_cut_short_is_told_as_far_as_it_goes(
         (tmp_path / name).write_bytes(content[: len(content) - 30])
     assert cli.why([str(tmp_path)]) == 0
     out = capsys.readouterr().out
-    assert "the run was not ended in order" in out
+    assert "the run was interrupted" in out
     assert "part of a block" in out
 
 

@@ -130,7 +130,7 @@ SAID = {
     "panda_joint1": ("joint 'panda_joint1' is one of the arm's", "locked joints of panda: panda_f"),
     "0.04}, tree: go_home}\n  arm5": ("joint 'panda_finger_joint2' goes with", "panda_finger_jo"),
     "slide": ("there is no locked joint of ur5 'slide'", "ur5 has none"),
-    "panda_finger_joint1: 0.04}\n    tree": ("comes off for panda_hand", "what a gripper opens"),
+    "panda_finger_joint1: 0.04}\n    tree": ("comes off for panda_hand", "use `open_gripper`"),
     "wide": ("panda_finger_joint1: expected a number", "not text 'wide'"),
 }
 """What stands where a problem is said to be, with its message and its hint."""

@@ -285,7 +285,7 @@ def test_samples_that_cannot_be_written_are_told_at_the_end(
     for _ in range(3000):
         world.step()
         recorder.after_step(world.time)
-    assert "samples are not kept" in caplog.text
+    assert "samples are no longer written" in caplog.text
     with pytest.raises(RecordError, match="not complete"):
         recorder.write(result(), StopRequest())
 

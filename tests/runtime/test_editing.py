@@ -93,9 +93,9 @@ def test_a_leaf_that_is_another_is_halted_and_begins_anew(edited: Edited) -> Non
     [
         (SHORT.replace("reach_to_pose", "reach_to_pos"), "did you mean 'reach_to_pose'?"),
         (SHORT.replace("sequence:", "sequence"), "short.yaml:"),
-        (SHORT.replace("mass: 1", "mass: 2"), "objects: while a run goes on, only trees"),
-        (SHORT.replace("[0, 0, 0.4]", "[0, 0, 0.5]"), "arms.arm1: while a run goes on"),
-        (SHORT.replace("time_limit: 20", "time_limit: 21"), "world: while a run goes on"),
+        (SHORT.replace("mass: 1", "mass: 2"), "objects: during a run, only trees"),
+        (SHORT.replace("[0, 0, 0.4]", "[0, 0, 0.5]"), "arms.arm1: during a run"),
+        (SHORT.replace("time_limit: 20", "time_limit: 21"), "world: during a run"),
     ],
 )
 def test_what_cannot_be_taken_up_is_told_and_the_run_goes_on(
@@ -188,6 +188,4 @@ def test_a_skill_that_is_saved_is_told_once(
             run.step(0.1)
         assert run.finish().outcome == "SUCCESS"
     said = [record.message for record in caplog.records if "was saved" in record.message]
-    assert said == [
-        f"{skills / 'dawdle.py'} was saved: code of skills takes effect at the next run"
-    ]
+    assert said == [f"{skills / 'dawdle.py'} was saved: skill code takes effect in the next run"]

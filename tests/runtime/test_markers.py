@@ -33,15 +33,15 @@ arms:
     [
         (
             "{id: 5, size: 0.045}",
-            "nothing bears marker 5 of aruco_4x4_50; tag bears 5 of apriltag_36h11",
+            "no object has marker 5 of aruco_4x4_50; tag has 5 of apriltag_36h11",
             "did you mean dictionary: apriltag_36h11?",
         ),
         (
             "{dictionary: apriltag_36h11, id: 5, size: 0.06}",
-            "that of tag is of 45 mm and not of 60",
+            "that of tag measures 45 mm, not 60 mm",
             "did you mean size: 0.045?",
         ),
-        ("{id: 7, size: 0.045}", "nothing bears marker 7 of aruco_4x4_50", "there are 5 of april"),
+        ("{id: 7, size: 0.045}", "no object has marker 7 of aruco_4x4_50", "there are 5 of april"),
     ],
 )
 def test_it_is_warned_of(marker: str, message: str, hint: str) -> None:

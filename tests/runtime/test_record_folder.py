@@ -53,7 +53,7 @@ def test_an_earlier_record_is_taken_away_and_other_files_stay(tmp_path: Path) ->
 )
 def test_what_is_of_no_run_is_not_overwritten(name: str, text: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text, encoding="latin-1")
-    with pytest.raises(RecordError, match=f"{name} is there and is not of a run"):
+    with pytest.raises(RecordError, match=f"{name} exists and is not from a run"):
         RecordFolder(tmp_path, ["arm1"])
     assert names(tmp_path) == {name}
     assert (tmp_path / name).read_text(encoding="latin-1") == text
@@ -73,7 +73,7 @@ def test_what_is_no_file_is_refused_and_not_opened(name: str, kind: str, tmp_pat
     """To open a pipe that nobody writes to does not return."""
     make, words = OTHER_KINDS[kind]
     make(tmp_path / name)
-    with pytest.raises(RecordError, match=f"{name} is there and is {words}, not a regular file"):
+    with pytest.raises(RecordError, match=f"{name} exists and is {words}, not a regular file"):
         RecordFolder(tmp_path, ["arm1"])
     assert names(tmp_path) == {name}
 

@@ -306,4 +306,4 @@ def test_an_observer_that_raises_is_dropped(caplog: pytest.LogCaptureFixture) ->
     stage.observers.insert(0, Broken())
     assert stage.run().outcome is Outcome.SUCCESS
     assert stage.witness.changes == ["0.00 arm1 INVALID>RUNNING", "0.06 arm1 RUNNING>SUCCESS"]
-    assert "Broken stopped looking on" in caplog.text
+    assert "observer Broken was dropped" in caplog.text

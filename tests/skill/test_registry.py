@@ -77,17 +77,17 @@ def test_a_good_skill(folder: Path) -> None:
     [
         ("yield", "pass", "wave.py: WaveOnce: run() has no yield: every yield ends a tick"),
         ('"""Waves."""', "", "wave.py: WaveOnce: has no docstring;"
-                             " its first line is what users are shown"),
+                             " its first line is shown to users"),
         ("class Ports(PortModel)", "class Ports", "wave.py: WaveOnce: Ports is not a PortModel"),
         ("port(20.0", "port(-1.0", "wave.py: WaveOnce: Ports.angle refuses its own default:"
                                    " Input should be greater than 0"),
         ('port(20.0, "How far", unit="deg", gt=0)', "1.0", "wave.py: WaveOnce: Ports.angle has no"
          " description; declare it with port(default, description)"),
         ("angle: float", "name: float", "wave.py: WaveOnce: 'name' cannot be the name of a port:"
-                                        " it has a meaning in every node"),
-        ('"TIRED": "the', '"tired": "the', "wave.py: WaveOnce: failure code 'tired' is not of"
+                                        " it is reserved in every node"),
+        ('"TIRED": "the', '"tired": "the', "wave.py: WaveOnce: failure code 'tired' must consist of"
                                            " capital letters, digits and _"),
-        ("WaveOnce", "Wait", "wave.py: 'wait' is a word of the language; rename the class"),
+        ("WaveOnce", "Wait", "wave.py: 'wait' is a node type of the language; rename the class"),
         ("from bt_dualarm.skill.skill", "from bt_dualarm.skil",
          "wave.py: cannot be imported: ModuleNotFoundError: No module named 'bt_dualarm.skil'"),
         ("failures =", 'brings_in = ("angle",)\n        failures =', "wave.py: WaveOnce: brings_in"
@@ -107,7 +107,7 @@ def test_a_port_and_an_output_of_one_name(folder: Path) -> None:
         'class Outputs(PortModel):\n            angle: float = port(0, "It")\n\n        failures =',
     )
     assert complaints(folder, text) == [
-        "wave.py: WaveOnce: 'angle' is a port and an output; call them differently"
+        "wave.py: WaveOnce: 'angle' is a port and an output; rename one of them"
     ]
 
 

@@ -67,7 +67,7 @@ MISFITS = [
     ([0.1, 0.2, 0.3], np.zeros(9), r"shape \(9,\) at 3 times"),
     ([0.1, 0.2], np.zeros((3, 3)), r"shape \(3, 3\) at 2 times"),
     ([0.1, 0.2], np.zeros((2, 2)), r"shape \(2, 2\)"),
-    ([0.2, 0.1], [1.0, 2.0], "backwards"),
+    ([0.2, 0.1], [1.0, 2.0], "decrease"),
     ([], [1.0], r"shape \(1,\) at 0 times"),
     ([[0.1], [0.2]], [1.0, 2.0], "times are of shape"),
 ]

@@ -38,7 +38,7 @@ def test_what_cannot_be_is_refused_before_moving() -> None:
         size=[0.2, 0.2, 0.04],
         pose={"xyz": [0.40, -0.45, 0.42]},
     )
-    assert flat == ("OUT_OF_REACH", "no grasp of 'cube' is of the kind that is asked for")
+    assert flat == ("OUT_OF_REACH", "no grasp of 'cube' is of the requested kind")
 
 
 @pytest.mark.parametrize("seed", [0, 3])

@@ -116,7 +116,7 @@ def test_every_robot_knows_where_a_marker_is(robot: str, reality: str, stage: St
 def test_an_object_without_a_marker_is_refused(stage: Stage) -> None:
     file = before_camera("ur5", {"locate": {"object": "thing", "by": "marker"}})
     leaf = stage.run(file).leaf("locate")
-    assert (leaf.code, leaf.reason) == ("INVALID_TARGET", "object 'thing' bears no marker")
+    assert (leaf.code, leaf.reason) == ("INVALID_TARGET", "object 'thing' has no marker")
 
 
 TABLE = """

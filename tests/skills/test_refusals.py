@@ -151,7 +151,7 @@ CASES = {
     "stopped": Case(
         "INTERRUPTED",
         "circle: {turns: 5}",
-        "something else has stopped the motion of arm1",
+        "the motion of arm1 was stopped from elsewhere",
         {"progress": SHARE},
         beside="delay: {seconds: 2.0, child: {stop: {}}}",
         moves=True,

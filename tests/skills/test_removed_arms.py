@@ -71,7 +71,7 @@ def test_an_arm_is_taken_away_while_it_works(
 
 
 class LookBack(Skill):
-    """Moves, and measures in its clean-up where the arm was."""
+    """Moves, and measures in its cleanup where the arm was."""
 
     example = "look_back"
 

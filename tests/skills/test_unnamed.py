@@ -77,7 +77,7 @@ def test_what_is_held_has_to_be_clear() -> None:
 @pytest.mark.parametrize(
     ("ports", "message"),
     [
-        ({}, "grasp: give exactly one of: object, width; here is none"),
+        ({}, "grasp: give exactly one of: object, width; none is given"),
         ({"width": 0.05}, "grasp: 'width' goes with 'at', which is missing"),
         ({"object": "cube", "height": 0.05}, "grasp: 'height' goes with 'width', which is missing"),
     ],

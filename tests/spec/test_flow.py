@@ -79,22 +79,22 @@ WRONG = {
     "written only later": (
         'sequence: [{wait: "{x}"}, {set: {key: x, value: 1}}]',
         ["e: wait: no node before this one writes '{x}'"],
-        "it is written further down only",
+        "it is written only further down",
     ),
     "in a text": (
         'log: "x is {x}"',
         ["e: log: no node before this one writes '{x}'"],
-        "nothing writes a key here",
+        "nothing writes a key in this scope",
     ),
     "written in the other branch": (
         'if: {condition: look, then: {set: {key: x, value: 1}}, else: {wait: "{x}"}}',
         ["e: wait: no node before this one writes '{x}'"],
-        "it is written further down only",
+        "it is written only further down",
     ),
     "written in another case": (
         "switch: {value: a, cases: {a: {set: {key: x, value: 1}}, b: {wait: '{x}'}}}",
         ["e: wait: no node before this one writes '{x}'"],
-        "it is written further down only",
+        "it is written only further down",
     ),
     "a value of the wrong type": (
         'sequence: [{set: {key: x, value: soon}}, {wait: "{x}"}]',
@@ -129,18 +129,18 @@ WRONG = {
     "a key inside of a port": (
         "sequence: [{set: {key: y, value: 1}}, {go: {to: {xyz: [0, '{y}', 0]}}}, {log: '{y}'}]",
         ["e: go: xyz: expected a number, not text '{y}'"],
-        "there is no parameter 'y', and a key stands for a whole port only",
+        "there is no parameter 'y', and a key can only stand for a whole port",
     ),
     "a key inside of a port that takes anything": (
         "sequence: [{set: {key: y, value: 1}}, {compare: {value: ['{y}'], to: [1]}}, {log: '{y}'}]",
-        ["e: compare: '{y}' is no parameter"],
+        ["e: compare: '{y}' is not a parameter"],
         "a key can only stand for a whole port",
     ),
     "a port that cannot come from a key": (
         "sequence: [{set: {key: m, value: false}},"
         " {sequence: {memory: '{m}', children: [succeed]}}]",
         ["e: sequence: memory: cannot come from the blackboard"],
-        "write the value out, or use a parameter",
+        "give a literal value, or use a parameter",
     ),
 }
 

@@ -51,24 +51,22 @@ def test_how_a_node_can_end(tree: str, tmp_path: Path) -> None:
 
 
 WARNINGS = {
-    "sequence: [look, fail, look]": ["no tick reaches this: 'fail' before it always fails"],
-    "selector: [look, {log: hi}, look]": ["no tick reaches this: 'log' before it cannot fail"],
+    "sequence: [look, fail, look]": ["unreachable: 'fail' before it always fails"],
+    "selector: [look, {log: hi}, look]": ["unreachable: 'log' before it cannot fail"],
     "sequence: [{repeat: {times: forever, child: {wait: 1}}}, look]": [
-        "no tick reaches this: 'repeat' before it never ends"
+        "unreachable: 'repeat' before it never ends"
     ],
-    "if: {condition: succeed, then: look, else: look}": [
-        "no tick reaches this: 'succeed' always holds"
-    ],
-    "if: {condition: fail, then: look}": ["no tick reaches this: 'fail' never holds"],
-    "guard: {condition: fail, child: look}": ["no tick reaches this: 'fail' never holds"],
-    "retry: {times: 1, child: look}": ["retry with times: 1 does nothing"],
-    "repeat: {times: 1, child: look}": ["repeat with times: 1 does nothing"],
-    "retry: {times: 3, child: {wait: 1}}": ["retry does nothing: 'wait' cannot fail"],
-    "repeat: {times: 3, child: fail}": ["repeat does nothing: 'fail' cannot succeed"],
-    "force_success: {child: {log: hi}}": ["force_success does nothing: 'log' cannot fail"],
-    "force_failure: {child: fail}": ["force_failure does nothing: 'fail' cannot succeed"],
-    "inverter: {child: {inverter: {child: look}}}": ["two inverters, one in the other, do nothing"],
-    "parallel: [look]": ["a parallel of one child does nothing"],
+    "if: {condition: succeed, then: look, else: look}": ["unreachable: 'succeed' always holds"],
+    "if: {condition: fail, then: look}": ["unreachable: 'fail' never holds"],
+    "guard: {condition: fail, child: look}": ["unreachable: 'fail' never holds"],
+    "retry: {times: 1, child: look}": ["retry with times: 1 has no effect"],
+    "repeat: {times: 1, child: look}": ["repeat with times: 1 has no effect"],
+    "retry: {times: 3, child: {wait: 1}}": ["retry has no effect: 'wait' cannot fail"],
+    "repeat: {times: 3, child: fail}": ["repeat has no effect: 'fail' cannot succeed"],
+    "force_success: {child: {log: hi}}": ["force_success has no effect: 'log' cannot fail"],
+    "force_failure: {child: fail}": ["force_failure has no effect: 'fail' cannot succeed"],
+    "inverter: {child: {inverter: {child: look}}}": ["two nested inverters have no effect"],
+    "parallel: [look]": ["a parallel of one child has no effect"],
     "sequence: [look, {retry: {times: 2, child: look}}]": [],
     "selector: [look, fail]": [],
 }

@@ -71,8 +71,8 @@ def test_exactly_one_of_several_ports_is_given() -> None:
 
 def test_a_reference_counts_as_given() -> None:
     assert miscounted(Choice, {"to": "{a}"}) == ""
-    assert miscounted(Choice, {"to": "{a}", "by": 1}).endswith("here are to and by")
-    assert miscounted(Choice, {}).endswith("here is none")
+    assert miscounted(Choice, {"to": "{a}", "by": 1}).endswith("given: to and by")
+    assert miscounted(Choice, {}).endswith("none is given")
 
 
 @pytest.mark.parametrize("value", ["1", True, None, [1], {"a": 1}])

@@ -45,8 +45,8 @@ def test_warnings_are_no_errors() -> None:
 
 def test_suggestion() -> None:
     assert suggestion("raduis", ["radius", "speed"], "port") == "did you mean 'radius'?"
-    assert suggestion("zzz", ["radius", "speed"], "port") == "known here: radius, speed"
-    assert suggestion("zzz", [], "object") == "no object is known here"
+    assert suggestion("zzz", ["radius", "speed"], "port") == "available: radius, speed"
+    assert suggestion("zzz", [], "object") == "no object is available"
 
 
 def test_a_name_in_another_case_is_the_nearest() -> None:

@@ -55,7 +55,7 @@ def test_a_parameter_can_be_a_key(tmp_path: Path) -> None:
     [
         ('{label: 3, result: "{r}"}', "e: label: expected text, not 3"),
         ('{label: a, result: "{r}", time: 6}', "e: time: must be at most 5 s, not 6"),
-        ('{label: a, result: r}', "e: result: expected a key of the blackboard"),
+        ('{label: a, result: r}', "e: result: expected a blackboard key"),
         ('{result: "{r}"}', "e: subtree 'pause' needs its parameter 'label'"),
         ('{label: a, result: "{r}", tim: 1}', "e: subtree 'pause' has no parameter 'tim'"),
         ("3", "e: subtree: params: expected a mapping, not 3"),
@@ -90,7 +90,7 @@ def test_keys_of_the_user_are_not_visible_inside(tmp_path: Path) -> None:
     )
     (problem,) = check_file(path, SKILLS)
     assert problem.message == "wait: no node before this one writes '{x}'"
-    assert problem.hint.endswith(f"keys of its own; the subtree is used at {path}:7:46")
+    assert problem.hint.endswith(f"its own keys; the subtree is used at {path}:7:46")
 
 
 def test_a_mistake_in_a_subtree_is_reported_once_however_often_it_is_used(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_an_unused_subtree_is_checked_too(tmp_path: Path) -> None:
 )
 def test_recursion_is_refused(bodies: str, circle: str, tmp_path: Path) -> None:
     path = task(tmp_path, "subtree: {use: a}", f"subtrees: {bodies}\n")
-    assert f"e: subtrees use each other without end: {circle}" in said(path)
+    assert f"e: subtrees use each other in a cycle: {circle}" in said(path)
 
 
 def test_a_bomb_of_subtrees_is_refused(tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_include(tmp_path: Path) -> None:
 def test_a_library_by_itself_can_be_checked_but_not_run(tmp_path: Path) -> None:
     path = write(tmp_path, LIBRARY)
     assert check_file(path, SKILLS) == ()
-    with pytest.raises(SpecError, match="has subtrees only: nothing to run"):
+    with pytest.raises(SpecError, match="has only subtrees: nothing to run"):
         load_tree_file(path, SKILLS)
 
 
@@ -175,9 +175,9 @@ def test_what_cannot_be_included(tmp_path: Path) -> None:
         "no such file",
         "unknown field 'arms'",
         "does not begin with 'bt_dualarm: 1'",
-        "include: files include each other: task.yaml → circle.yaml → task.yaml",
+        "include: files include each other in a cycle: task.yaml → circle.yaml → task.yaml",
         "include: expected a file, not 3",
-        "include: 'loop.yaml' leads nowhere",
+        "include: 'loop.yaml' cannot be resolved",
     ):
         assert expected in messages
 
@@ -208,4 +208,4 @@ def test_a_key_has_no_default(default: str, tmp_path: Path) -> None:
     """Who writes a key and who reads it would not know of each other."""
     subtree = f"p: {{params: {{out: {{type: key, default: {default}}}}}, tree: succeed}}"
     problems = said(task(tmp_path, "look", f"subtrees: {{{subtree}}}\n"))
-    assert "e: out: a key has no default: whoever uses the subtree names it" in problems
+    assert "e: out: a key has no default: it is given where the subtree is used" in problems

@@ -26,7 +26,7 @@ SYNONYMS = synonyms_in(LANGUAGE.values())
         ("Inverter", "here it is 'inverter'"),
         ("Timeout", "here it is 'timeout'"),
         ("wait:{seconds", "write a space after the colon: 'wait: {seconds'"),
-        ("inverte", "did you mean 'inverter'? (skills of your own: --skills DIR)"),
+        ("inverte", "did you mean 'inverter'? (load your own skills with --skills DIR)"),
     ],
 )
 def test_hint(given: str, hint: str) -> None:
@@ -35,7 +35,7 @@ def test_hint(given: str, hint: str) -> None:
 
 def test_what_is_like_nothing_is_told_all_names_and_where_skills_come_from() -> None:
     hint = kind_hint("frobnicate", {name: NodeType(name, "") for name in ("go", "look")})
-    assert hint == "known here: go, look (skills of your own: --skills DIR)"
+    assert hint == "available: go, look (load your own skills with --skills DIR)"
 
 
 def test_every_synonym_is_of_a_word_and_none_is_one() -> None:

@@ -84,8 +84,8 @@ def test_an_honest_skill_keeps_to_every_law(law: str) -> None:
 @pytest.mark.parametrize(
     ("skill", "law", "said"),
     [
-        (Mute, "author forgot nothing", "its example does not begin with 'mute'"),
-        (Mute, "numbers of ports say their unit", "ports without a unit: length"),
+        (Mute, "declaration is complete", "its example does not begin with 'mute'"),
+        (Mute, "numeric ports declare a unit", "ports without a unit: length"),
         (Unlucky, "example succeeds", "its example fails: UNREACHABLE: it is too far"),
         (Messy, "leaves the arm stopped when halted at 50%", "left in a mess"),
         (OnlyOnce, "starts again after success", "once is enough"),

@@ -88,7 +88,7 @@ def test_a_parameter_of_type_color_is_its_home(tmp_path: Path, registry: Registr
 @pytest.mark.parametrize(
     ("tree", "says"),
     [
-        ('      track: {color: "{word}"}', "the parameter 'word', which is no color but a text"),
+        ('      track: {color: "{word}"}', "the parameter 'word', which is not a color but a text"),
         ("      subtree: {use: watch}", "this color is '{what}', a parameter of the subtree"),
     ],
 )

@@ -82,7 +82,7 @@ def test_an_arm_that_is_not_there_has_no_picture(file: TreeFile, registry: Regis
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        (None, r"several arms have one \(arm1, arm2\); say --arm NAME"),
+        (None, r"several arms have one \(arm1, arm2\); give --arm NAME"),
         ("arm3", "there is no arm 'arm3': did you mean"),
     ],
 )

@@ -183,7 +183,7 @@ def test_a_held_run_ends_when_it_is_asked_to(tree: Path) -> None:
     with bt_dualarm.open(tree, stop=stop) as run, LiveView(run, stop) as view:
         Thread(target=stop.ask).start()
         view.gate.hold()
-        assert run.finish().ending == "it was asked to stop"
+        assert run.finish().ending == "a stop was requested"
 
 
 def test_speed_holds_simulated_time_back(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -231,7 +231,7 @@ def test_the_command_shows_the_address_and_waits(tree: Path) -> None:
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         said = process.stderr.readline()
-        assert said.startswith("held until you let it go: http://127.0.0.1:")
+        assert said.startswith("waiting for Go at http://127.0.0.1:")
         browser = Browser(said.split()[-1])
         assert browser.ask("")[1].decode() == whole_page()
         browser.press("speed", None)
