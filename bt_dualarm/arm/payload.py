@@ -10,7 +10,7 @@ from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload, within_eff
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.grasp import (
-    SHAKEN_WAYS,
+    SHAKE_DIRECTIONS,
     CupMeasures,
     JawMeasures,
     pinching_forces,
@@ -139,7 +139,7 @@ def grip_force_for(world: World, held: Attachment, load: NominalLoad, shake: flo
     nominal = world.nominal[held.arm]
     turn = nominal.tool_link_pose_at(world.hardware[held.arm].q).rotation_matrix
     mass = load.mass + load.mass_doubt
-    accelerations = shake * SHAKEN_WAYS
+    accelerations = shake * SHAKE_DIRECTIONS
     turns = np.broadcast_to(turn, (len(accelerations), 3, 3))
     return _Grip(world, held, load).force_for(mass, turns, accelerations)
 

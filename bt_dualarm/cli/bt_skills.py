@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bt_dualarm.core.pose import Pose, Vector
-    from bt_dualarm.kinematics.solver import Workspace
+    from bt_dualarm.kinematics.workspace import Workspace
     from bt_dualarm.robots.gripper import Gripper, Interval
     from bt_dualarm.robots.robot import Robot
     from bt_dualarm.spec.node_types import NodeType
@@ -120,7 +120,7 @@ def robot_summary(robot: Robot) -> RobotSummary:
     """The summary of a robot of the catalog, or of one's own."""
     # Imported here, because help and the node types do without the robot model.
     from bt_dualarm.core.pose import Pose
-    from bt_dualarm.kinematics.solver import Workspace
+    from bt_dualarm.kinematics.workspace import Workspace
 
     arm = Workspace(robot, Pose.identity())
     limits = robot.limits

@@ -13,7 +13,7 @@ from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.diagnosis.evidence import LOOK_BACK_S, Cause, Evidence
 from bt_dualarm.diagnosis.object_causes import carried
-from bt_dualarm.kinematics.solver import Workspace
+from bt_dualarm.kinematics.workspace import Workspace
 from bt_dualarm.replay.scene import ContactPoint
 from bt_dualarm.replay.timeline import TimelineNode
 from bt_dualarm.robots.robot_description import load_robot

@@ -1,4 +1,11 @@
-"""A grasp, the measures of a gripper, pad contact, and the force that holds a load."""
+"""Grasps, dimensions of grippers, and the least force with which a grip holds a load.
+
+- `Grasp` is a pose of the tool on an object, with its force and margin.
+- `JawMeasures` and `CupMeasures` are what counts of a gripper; their tool frame has its z axis out
+  of the tool. A parallel gripper closes along y, with the tool frame in the middle of its pads.
+- `pinching_force` models the pads as soft fingers, `suction_force` the rim of a cup as a ring.
+- `pad_contact` and `held` find where flat pads touch a solid.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +18,22 @@ import numpy as np
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.solids import Solid
 
-# A grasp: where the tool is on the object, and what it takes to hold it there.
+_DIRECTIONS = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+
+SHAKE_DIRECTIONS: Matrix = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
+"""Directions of the tool's acceleration under which a grip must hold: the faces, edges and corners
+of a cube, of unit length, of shape (26, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """A way to take an object.
+    """Grasp of an object.
 
     Attributes:
         tool: Pose of the tool frame in the object's frame.
-        width: Distance of the pads in m when they touch; 0 of suction.
-        force: Least force in N, of each pad or of the suction, that bears the load.
-        margin: Largest force of the gripper over that force: how many times the load it bears.
+        width: Distance of the pads on contact, m; 0 for suction.
+        force: Least force that holds the load, of each pad or of the suction, N.
+        margin: Largest force of the gripper divided by that force.
     """
 
     tool: Pose
@@ -31,28 +42,23 @@ class Grasp:
     margin: float
 
 
-# What of a gripper counts for where it can grasp: measures in its tool frame, z out of the tool.
-#
-# The tool frame lies in the middle between the pads; they close along its y axis.
-
-
 @dataclass(frozen=True, eq=False)
 class JawMeasures:
-    """A parallel gripper of two fingers.
+    """Dimensions of a parallel gripper with two fingers.
 
     Attributes:
-        least_opening: Distance of the pads in m when it is shut.
-        widest_opening: Distance of the pads in m when it is open.
+        least_opening: Distance of the pads when closed, m.
+        widest_opening: Distance of the pads when open, m.
         pad_length: Length of a pad along the tool's z axis, m.
         pad_width: Width of a pad along the tool's x axis, m.
-        pad_center: Distance in m from the tool frame to the pads' middle, along z.
-        palm: Distance in m from the tool frame back to the palm.
-        tip: Distance in m from the tool frame forward to the fingers' tips.
+        palm: Distance from the tool frame back to the palm, m.
+        tip: Distance from the tool frame forward to the fingertips, m.
         thickness: Thickness of a finger along the tool's y axis, m.
-        least_force: Least force in N of each pad on what is held.
-        most_force: Largest force in N, likewise.
+        least_force: Least force of each pad on a grasped object, N.
+        most_force: Largest force of each pad on a grasped object, N.
         friction: Coefficient of sliding friction of the pads.
-        palm_radius: Radius in m that the palm has about the tool's z axis.
+        pad_center: Distance from the tool frame to the center of the pads, along z, m.
+        palm_radius: Radius of the palm about the tool's z axis, m.
     """
 
     least_opening: float
@@ -71,12 +77,12 @@ class JawMeasures:
 
 @dataclass(frozen=True, eq=False)
 class CupMeasures:
-    """A suction cup whose rim is at the tool frame.
+    """Dimensions of a suction cup with its rim at the tool frame.
 
     Attributes:
-        radius: Radius in m of the rim.
-        bends: Depth in m by which the rim follows what is not flat.
-        most_force: Largest force in N with which it pulls.
+        radius: Radius of the rim, m.
+        bends: Depth by which the rim adapts to a curved surface, m.
+        most_force: Largest suction force, N.
         friction: Coefficient of sliding friction of the rim.
     """
 
@@ -88,10 +94,10 @@ class CupMeasures:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What a grip has to bear.
+    """Load on a grip.
 
     Attributes:
-        mass: Mass in kg.
+        mass: Mass, kg.
         gravity: Acceleration of gravity in the object's frame, of shape (3,), m/s².
         shake: Largest acceleration of the tool in any direction, m/s².
         center: Center of mass in the object's frame, of shape (3,), m.
@@ -103,19 +109,117 @@ class Load:
     center: Vector
 
 
-# What flat pads meet when they shut on a solid: where, how much of them, how it slopes there.
+def pinching_force(
+    load: Load, center: Vector, axis: Vector, width: float, levers: float, friction: float
+) -> float:
+    """Least force of each of two pads that holds a load under any acceleration of the tool, N.
+
+    A pad is a soft finger (R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to
+    Robotic Manipulation, 1994, chapter 5): a normal force, friction in its plane, and a frictional
+    moment about the normal. The limit of both together is an ellipsoid, the limit surface (R. D.
+    Howe, M. R. Cutkosky, Practical force-motion models for sliding manipulation, IJRR 1996). A
+    moment across the grasp axis is balanced by opposite forces in the planes of the pads; a shift
+    of pressure within a pad is neglected. A force along the axis loads one pad and relieves the
+    other.
+
+    Args:
+        load: Mass, gravity, shake and center of mass, in the object's frame.
+        center: Center between the pads, of shape (3,), m.
+        axis: Unit vector along which the pads close, of shape (3,).
+        width: Distance of the pads, m.
+        levers: Lever of the frictional moment about the normal: the smaller one of both pads, m.
+        friction: Coefficient of friction, reduced by the slope of the surface.
+
+    Returns:
+        Force in N; infinite if friction or its moment cannot hold the load.
+    """
+    needed = pinching_forces(shaken(load), load.center - center, axis, width, levers, friction)
+    return float(needed.max())
+
+
+def pinching_forces(
+    forces: Matrix, offset: Vector, axis: Vector, width: float, lever: float, friction: float
+) -> Vector:
+    """Least force of each of two pads under each of several loads, of shape (n,), N.
+
+    Args:
+        forces: Forces on the object at its center of mass, of shape (n, 3), N.
+        offset: Vector from the center between the pads to the center of mass, of shape (3,), m.
+        axis: Unit vector along which the pads close, of shape (3,).
+        width: Distance of the pads, m.
+        lever: Lever of the frictional moment about the normal: the smaller one of both pads, m.
+        friction: Coefficient of friction, reduced by the slope of the surface.
+
+    Returns:
+        Forces; infinite if friction or its moment cannot hold a load.
+    """
+    from bt_dualarm.grasping.grasp_kernels import pinch
+
+    # The kernel is compiled for contiguous arrays of floats alone.
+    forces, offset, axis = (
+        np.ascontiguousarray(array, dtype=float) for array in (forces, offset, axis)
+    )
+    return pinch(forces, offset, axis, float(width), float(lever), float(friction))
+
+
+def suction_force(load: Load, place: Vector, normal: Vector, cup: CupMeasures) -> float:
+    """Least suction force of a cup that holds a load under any acceleration of the tool, N.
+
+    The rim is a ring that can be pulled off, slide, turn and tip: J. Mahler, M. Matl, X. Liu, A.
+    Li, D. Gealy, K. Goldberg, Dex-Net 3.0, ICRA 2018.
+
+    Args:
+        load: Mass, gravity, shake and center of mass, in the object's frame.
+        place: Center of the rim on the object, of shape (3,), m.
+        normal: Unit vector from the object to the cup, of shape (3,).
+        cup: Measures of the cup.
+    """
+    return float(suction_forces(shaken(load), load.center - place, normal, cup).max())
+
+
+def suction_forces(forces: Matrix, offset: Vector, normal: Vector, cup: CupMeasures) -> Vector:
+    """Least suction force of a cup under each of several loads, of shape (n,), N.
+
+    Args:
+        forces: Forces on the object at its center of mass, of shape (n, 3), N.
+        offset: Vector from the center of the rim to the center of mass, of shape (3,), m.
+        normal: Unit vector from the object to the cup, of shape (3,).
+        cup: Measures of the cup.
+    """
+    if cup.friction <= 0.0:
+        return np.full(len(forces), math.inf)
+    moments = np.asarray(np.cross(offset, forces), dtype=float)
+    # Suction less the pull on the object presses the rim on. That must be enough for friction to
+    # hold against sliding and turning about the normal, and to keep the rim from tipping off.
+    pulling = np.maximum(-(forces @ normal), 0.0)
+    sliding = np.hypot(_across(forces, normal), np.abs(moments @ normal) / cup.radius)
+    tipping = _across(moments, normal) / cup.radius
+    needed: Vector = pulling + np.maximum(sliding / cup.friction, tipping)
+    return needed
+
+
+def shaken(load: Load) -> Matrix:
+    """Forces on a load at its center of mass, one per direction of shake, of shape (26, 3), N."""
+    forces: Matrix = load.mass * (load.gravity + load.shake * SHAKE_DIRECTIONS)
+    return forces
+
+
+def _across(vectors: Matrix, axis: Vector) -> Vector:
+    """Lengths of the components of vectors, of shape (n, 3), across a unit axis; of shape (n,)."""
+    lengths: Vector = np.linalg.norm(vectors - (vectors @ axis)[:, None] * axis, axis=1)
+    return lengths
 
 
 @dataclass(frozen=True, eq=False)
 class PadContact:
-    """The part of a pad that touches.
+    """Contact patch of a pad.
 
     Attributes:
-        middle: Middle of it, of shape (3,), m.
-        share: Share of the pad that touches, from 0 to 1.
-        lever: Mean distance in m of what touches from its middle: friction times this is the
-            largest moment of friction about the normal, where pressure is even.
-        slope: Angle in rad between the pad's normal and the surface's there.
+        middle: Center of the patch, of shape (3,), m.
+        share: Share of the pad in contact, in [0, 1].
+        lever: Mean distance of the patch from its center, m: times the friction force, the largest
+            frictional moment about the normal under even pressure.
+        slope: Smallest angle between the normals of pad and surface in the patch, rad.
     """
 
     middle: Vector
@@ -126,14 +230,14 @@ class PadContact:
 
 @dataclass(frozen=True, eq=False)
 class PadHold:
-    """A solid between two pads.
+    """Solid between two pads.
 
     Attributes:
-        center: Place in the middle between what touches, of shape (3,), m.
-        width: Distance of the pads in m.
+        center: Center between both contact patches, of shape (3,), m.
+        width: Distance of the pads, m.
         lever: Smaller one of both pads' levers, m.
-        tilt: Largest angle in rad from the pads' normal of the surface, and of the line between
-            what touches on both sides.
+        tilt: Largest of the angles between the pads' normal and the surface on either side, or the
+            line between the patches, rad.
     """
 
     center: Vector
@@ -145,13 +249,13 @@ class PadHold:
 def pad_contact(
     solid: Solid, center: Vector, normal: Vector, along: Vector, size: Vector
 ) -> PadContact | None:
-    """What one pad meets that comes from outside; None if that is nothing.
+    """Contact patch of one pad that approaches a solid from outside; None if it misses the solid.
 
     Args:
-        solid: Solid that it is pressed against.
-        center: Any place on the line along which the pad's middle comes, of shape (3,), m.
-        normal: Direction from the solid to the pad, of unit length, of shape (3,).
-        along: Direction of the pad's length, of unit length, square to the normal.
+        solid: Solid against which it is pressed.
+        center: Any point on the line along which the pad's center approaches, of shape (3,), m.
+        normal: Unit vector from the solid to the pad, of shape (3,).
+        along: Unit vector along the pad's length, perpendicular to the normal, of shape (3,).
         size: Length and width of the pad, of shape (2,), m.
     """
     from bt_dualarm.grasping.grasp_kernels import press
@@ -163,13 +267,13 @@ def pad_contact(
 
 
 def held(solid: Solid, center: Vector, axis: Vector, along: Vector, size: Vector) -> PadHold | None:
-    """What two pads hold that shut along an axis; None if one of them meets nothing.
+    """Contact of two pads that close along an axis; None if one of them misses the solid.
 
     Args:
         solid: Solid between them.
-        center: Place on the line between the pads' middles, of shape (3,), m.
-        axis: Direction in which they close, of unit length, of shape (3,).
-        along: Direction of their length, of unit length, square to the axis.
+        center: Point on the line between the pads' centers, of shape (3,), m.
+        axis: Unit vector along which they close, of shape (3,).
+        along: Unit vector along the pads' length, perpendicular to the axis, of shape (3,).
         size: Length and width of a pad, of shape (2,), m.
     """
     from bt_dualarm.grasping.grasp_kernels import hold
@@ -178,106 +282,3 @@ def held(solid: Solid, center: Vector, axis: Vector, along: Vector, size: Vector
     if not hold(*solid.form, center, axis, along, size, between):
         return None
     return PadHold(between[:3], float(between[3]), float(between[4]), float(between[5]))
-
-
-# The least force with which a grip bears its load, by friction of soft fingers.
-
-
-_DIRECTIONS = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
-SHAKEN_WAYS: Matrix = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]
-"""Directions in which a load is shaken, of shape (26, 3)."""
-
-
-def pinching_force(
-    load: Load, center: Vector, axis: Vector, width: float, levers: float, friction: float
-) -> float:
-    """Least force in N of each of two pads that holds a load however it is shaken.
-
-    A pad is a soft finger (Murray, Li, Sastry, A Mathematical Introduction to Robotic Manipulation,
-    1994, ch. 5): a normal force, friction in its plane, and a moment of friction about the normal.
-    What friction bears of both at once lies in an ellipsoid, the limit surface (Howe and Cutkosky,
-    Practical force-motion models for sliding manipulation, IJRR 1996). Of a moment across the line
-    between the pads each bears half by a force in its plane; that their pressure may shift is not
-    counted. A force along the line presses on one pad and eases the other.
-
-    Args:
-        load: Mass, gravity, shake and center of mass, in the object's frame.
-        center: Place between the pads, of shape (3,), m.
-        axis: Direction in which they close, of unit length, of shape (3,).
-        width: Distance between them in m.
-        levers: Lever in m of the friction about the normal: the smaller one of both patches.
-        friction: Coefficient of friction, less what the surface's slope takes.
-
-    Returns:
-        The force; infinite where friction, or the moment of it, cannot hold the load.
-    """
-    needed = pinching_forces(shaken(load), load.center - center, axis, width, levers, friction)
-    return float(needed.max())
-
-
-def pinching_forces(
-    forces: Matrix, offset: Vector, axis: Vector, width: float, lever: float, friction: float
-) -> Vector:
-    """Least force in N of each of two pads under each of several loads, of shape (n,).
-
-    Args:
-        forces: Forces on what is held at its center of mass, of shape (n, 3), N.
-        offset: Place of that center from the middle between the pads, of shape (3,), m.
-        axis: Direction in which they close, of unit length, of shape (3,).
-        width: Distance between them in m.
-        lever: Lever in m of the friction about the normal: the smaller one of both patches.
-        friction: Coefficient of friction, less what the surface's slope takes.
-
-    Returns:
-        The forces; infinite where friction, or the moment of it, cannot hold a load.
-    """
-    from bt_dualarm.grasping.grasp_kernels import pinch
-
-    loads, apart, line = (np.ascontiguousarray(one, dtype=float) for one in (forces, offset, axis))
-    return pinch(loads, apart, line, float(width), float(lever), float(friction))
-
-
-def shaken(load: Load) -> Matrix:
-    """Forces in N on a load at its center, one for each way of the shake, of shape (26, 3)."""
-    forces: Matrix = load.mass * (load.gravity + load.shake * SHAKEN_WAYS)
-    return forces
-
-
-def suction_forces(forces: Matrix, offset: Vector, normal: Vector, cup: CupMeasures) -> Vector:
-    """Least force in N of a cup's suction under each of several loads, of shape (n,).
-
-    Args:
-        forces: Forces on what is held at its center of mass, of shape (n, 3), N.
-        offset: Place of that center from the middle of the rim, of shape (3,), m.
-        normal: Direction from the object to the cup, of unit length, of shape (3,).
-        cup: Measures of the cup.
-    """
-    if cup.friction <= 0.0:
-        return np.full(len(forces), math.inf)
-    moments = np.asarray(np.cross(offset, forces), dtype=float)
-    pulling = np.maximum(-(forces @ normal), 0.0)
-    sliding = np.hypot(_across(forces, normal), np.abs(moments @ normal) / cup.radius)
-    tipping = _across(moments, normal) / cup.radius
-    needed: Vector = pulling + np.maximum(sliding / cup.friction, tipping)
-    return needed
-
-
-def suction_force(load: Load, place: Vector, normal: Vector, cup: CupMeasures) -> float:
-    """Least force in N of a cup's suction that holds a load however it is shaken.
-
-    The rim is a ring that is pulled off, slides, turns and tips: Mahler, Matl, Liu, Li, Gealy,
-    Goldberg, Dex-Net 3.0, ICRA 2018.
-
-    Args:
-        load: Mass, gravity, shake and center of mass, in the object's frame.
-        place: Middle of the rim on the object, of shape (3,), m.
-        normal: Direction from the object to the cup, of unit length, of shape (3,).
-        cup: Measures of the cup.
-    """
-    return float(suction_forces(shaken(load), load.center - place, normal, cup).max())
-
-
-def _across(vectors: Matrix, axis: Vector) -> Vector:
-    """Lengths of vectors, of shape (n, 3), without their parts along a unit axis; of shape (n,)."""
-    lengths: Vector = np.linalg.norm(vectors - (vectors @ axis)[:, None] * axis, axis=1)
-    return lengths

@@ -1,4 +1,4 @@
-"""Solids as numbers, as kernels take them."""
+"""Solids as arrays for the kernels."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ TRIANGLES: Final = 4
 
 
 class Form(NamedTuple):
-    """A solid in its own frame.
+    """Solid in its own frame.
 
     Attributes:
         kind: `BOX`, `CYLINDER`, `CAPSULE`, `CONVEX` or `TRIANGLES`.
-        numbers: One row of half edges, or of radius and half length, m; of the last two one row
-            a triangle: its three corners, its unit normal outward, the distance of its plane
-            from the origin; of shape (n, 13).
+        numbers: Half edges of a box, or radius and half length of a cylinder or capsule, in one
+            row, m. Of the last two kinds, one row per triangle, of shape (n, 13): its three
+            corners, its outward unit normal, and the distance of its plane from the origin.
     """
 
     kind: int

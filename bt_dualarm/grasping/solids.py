@@ -1,4 +1,8 @@
-"""Solids in their own frame: extent, distances, and what a ray through them meets."""
+"""Solids to grasp, in frames of their own: extents, signed distances, rays.
+
+`Box`, `Cylinder` and `Capsule` are centered at the origin of their frame; `MeshSolid` is a closed
+surface of triangles.
+"""
 
 from __future__ import annotations
 
@@ -13,27 +17,32 @@ import scipy
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.grasping.kernel_forms import BOX, CAPSULE, CONVEX, CYLINDER, TRIANGLES, Form
 
-# Solids in their own frame, centerd: how far they reach, and how far points are from them.
+_GRAZING = 1e-12
+"""Volume below which a ray counts as parallel to a triangle, m³."""
+
+_SAME = 1e-9
+"""Tolerance for rounding, in m and in barycentric coordinates."""
 
 
 class Solid:
-    """What grasps are looked for on."""
+    """Base of all solids: `form` is all that a subclass has to provide."""
 
     @property
     def form(self) -> Form:
-        """The solid in numbers."""
+        """Solid as an array for the kernels."""
         raise NotImplementedError
 
     def reach(self, direction: Vector) -> float:
-        """Largest coordinate in m along a unit direction of shape (3,): the support function."""
+        """Support function: largest coordinate along a unit vector of shape (3,), m."""
         from bt_dualarm.grasping.grasp_kernels import reach
 
         return reach(*self.form, np.ascontiguousarray(direction, dtype=float))
 
     def distance(self, points: Matrix) -> Vector:
-        """Signed distances in m of points of shape (n, 3), negative inside; of shape (n,).
+        """Signed distances of points of shape (n, 3), negative inside; of shape (n,), m.
 
-        Exact, but for a convex mesh: there, outside, it is that of the farthest plane.
+        Exact except outside a convex mesh: there, the distance of the farthest plane, a lower
+        bound.
         """
         from bt_dualarm.grasping.grasp_kernels import distances
 
@@ -42,7 +51,7 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Box(Solid):
-    """A box around the origin.
+    """Box around the origin.
 
     Attributes:
         half: Half of its edges, of shape (3,), m.
@@ -52,17 +61,17 @@ class Box(Solid):
 
     @cached_property
     def form(self) -> Form:
-        """As `Solid.form`."""
+        """See `Solid.form`."""
         return Form(BOX, np.array([self.half], dtype=float))
 
 
 @dataclass(frozen=True, eq=False)
 class Cylinder(Solid):
-    """A cylinder around the z axis.
+    """Cylinder around the z axis.
 
     Attributes:
-        radius: Radius in m.
-        half_length: Half of its length in m.
+        radius: Radius, m.
+        half_length: Half of its length, m.
     """
 
     radius: float
@@ -70,17 +79,17 @@ class Cylinder(Solid):
 
     @cached_property
     def form(self) -> Form:
-        """As `Solid.form`."""
+        """See `Solid.form`."""
         return Form(CYLINDER, np.array([[self.radius, self.half_length]], dtype=float))
 
 
 @dataclass(frozen=True, eq=False)
 class Capsule(Solid):
-    """A ball moved along the z axis; a sphere where it is not moved.
+    """Capsule around the z axis, or a sphere.
 
     Attributes:
-        radius: Radius in m.
-        half_length: Half of the straight part in m, 0 of a sphere.
+        radius: Radius, m.
+        half_length: Half of the straight part, m; 0 for a sphere.
     """
 
     radius: float
@@ -88,55 +97,27 @@ class Capsule(Solid):
 
     @cached_property
     def form(self) -> Form:
-        """As `Solid.form`."""
+        """See `Solid.form`."""
         return Form(CAPSULE, np.array([[self.radius, self.half_length]], dtype=float))
-
-
-def solid_of(shape: str, size: Sequence[float]) -> Solid:
-    """The solid that a tree file declares.
-
-    Args:
-        shape: Name of the form: ``box``, ``cylinder``, ``capsule`` or ``sphere``.
-        size: Edges of a box; radius and length of a cylinder, radius and length of the straight
-            part of a capsule; radius of a sphere; m.
-
-    Raises:
-        ValueError: The form is none of these.
-    """
-    if shape == "box":
-        return Box(0.5 * np.asarray(size, dtype=float))
-    if shape == "cylinder":
-        return Cylinder(float(size[0]), 0.5 * float(size[1]))
-    if shape == "capsule":
-        return Capsule(float(size[0]), 0.5 * float(size[1]))
-    if shape == "sphere":
-        return Capsule(float(size[0]))
-    raise ValueError(f"no grasps are known of a {shape!r}: box, cylinder, capsule, sphere are")
-
-
-# A closed surface of triangles as a solid: its distances, and what a ray through it meets.
-
-
-_GRAZING = 1e-12
-_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class MeshSolid(Solid):
-    """Triangles that bound a volume; their corners run anticlockwise seen from outside.
+    """Volume bounded by triangles, whose corners run counterclockwise seen from outside.
 
     Attributes:
-        corners: Corners of the triangles, of shape (n, 3, 3): triangle, corner, coordinate; m.
+        corners: Corners of the triangles, of shape (n, 3, 3): triangle, corner, coordinate, m.
     """
 
     corners: npt.NDArray[np.float64]
 
     @classmethod
     def hull_of(cls, points: Matrix) -> MeshSolid:
-        """The convex hull of points of shape (n, 3), m."""
+        """Convex hull of points of shape (n, 3), m."""
         hull = scipy.spatial.ConvexHull(points)
         corners = points[hull.simplices]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        # Qhull orients its equations outward, but not its triangles.
         inward = np.einsum("ij,ij->i", normal, hull.equations[:, :3]) < 0.0
         corners[inward] = corners[inward][:, ::-1]
         return cls(corners)
@@ -163,42 +144,45 @@ class MeshSolid(Solid):
 
     @cached_property
     def form(self) -> Form:
-        """As `Solid.form`; from outside a convex one distances are those of the farthest plane."""
+        """See `Solid.form`; a convex mesh has a faster, approximate distance outside."""
         kind = CONVEX if self.is_convex else TRIANGLES
         rows = (self.corners.reshape(-1, 9), self.normals, self._planes[:, None])
         return Form(kind, np.hstack(rows))
 
     def sample(self, number: int, rng: np.random.Generator) -> tuple[Matrix, Matrix]:
-        """Points spread evenly over the surface, and their normals, each of shape (number, 3)."""
+        """Points uniform over the surface, and their normals, each of shape (number, 3)."""
         a, b, c = self.corners.transpose(1, 0, 2)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         chosen = rng.choice(len(area), number, p=area / area.sum())
+        # The square root makes points uniform over a triangle (R. Osada et al., Shape
+        # distributions, ACM Transactions on Graphics 21(4), 2002).
         s = np.sqrt(rng.uniform(size=number))[:, None]
         t = rng.uniform(size=number)[:, None]
         points = (1 - s) * a[chosen] + s * (1 - t) * b[chosen] + s * t * c[chosen]
         return points, self.normals[chosen]
 
     def farthest_hit(self, origin: Vector, direction: Vector) -> tuple[Vector, Vector] | None:
-        """Where a ray leaves the solid for good, and the normal there, each of shape (3,).
+        """Last intersection of a ray with the surface, and the normal there, each of shape (3,).
 
         Args:
-            origin: Beginning of the ray, of shape (3,), m.
-            direction: Direction of it, of unit length.
+            origin: Origin of the ray, of shape (3,), m.
+            direction: Unit vector of its direction, of shape (3,).
 
         Returns:
-            None where it meets nothing.
+            None if there is no intersection.
         """
-        along = self._hits(origin, direction)
-        met = np.flatnonzero(along > _SAME)
-        if not len(met):
+        along = self._intersections(origin, direction)
+        ahead = np.flatnonzero(along > _SAME)  # not the triangle on which the ray begins
+        if not len(ahead):
             return None
-        last = met[int(along[met].argmax())]
+        last = ahead[int(along[ahead].argmax())]
         return origin + along[last] * direction, self.normals[last]
 
-    def _hits(self, origin: Vector, direction: Vector) -> Vector:
-        """Meters after which a ray meets each triangle, of shape (n,); where not, minus infinity.
+    def _intersections(self, origin: Vector, direction: Vector) -> Vector:
+        """Distance along a ray to each triangle, of shape (n,), m; minus infinity if it misses.
 
-        By Möller and Trumbore, J. Graphics Tools 1997.
+        T. Möller, B. Trumbore, Fast, minimum storage ray-triangle intersection, Journal of Graphics
+        Tools 2(1), 1997.
         """
         first = self.corners[:, 0]
         one = self.corners[:, 1] - first
@@ -212,5 +196,27 @@ class MeshSolid(Solid):
         v = turned @ direction / safe
         along = np.einsum("ij,ij->i", two, turned) / safe
         within = (u >= -_SAME) & (v >= -_SAME) & (u + v <= 1 + _SAME) & np.isfinite(safe)
-        hits: Vector = np.where(within, along, -np.inf)
-        return hits
+        distances: Vector = np.where(within, along, -np.inf)
+        return distances
+
+
+def solid_of(shape: str, size: Sequence[float]) -> Solid:
+    """Solid of a shape as declared in a tree file.
+
+    Args:
+        shape: ``box``, ``cylinder``, ``capsule`` or ``sphere``.
+        size: Edges of a box; radius and length of a cylinder; radius and length of the straight
+            part of a capsule; radius of a sphere; m.
+
+    Raises:
+        ValueError: Another shape.
+    """
+    if shape == "box":
+        return Box(0.5 * np.asarray(size, dtype=float))
+    if shape == "cylinder":
+        return Cylinder(float(size[0]), 0.5 * float(size[1]))
+    if shape == "capsule":
+        return Capsule(float(size[0]), 0.5 * float(size[1]))
+    if shape == "sphere":
+        return Capsule(float(size[0]))
+    raise ValueError(f"{shape!r} is no shape to grasp: box, cylinder, capsule and sphere are")

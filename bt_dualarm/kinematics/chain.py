@@ -1,4 +1,11 @@
-"""Kinematic chain of an arm on PlaCo: tool pose, Jacobian, condition number, workspace bound."""
+"""Kinematic chain of an arm: tool pose, Jacobian, distance from singularities and joint limits.
+
+- `Chain` evaluates any configuration with PlaCo, and `Mechanism` those of several arms at once.
+- `Posture` watches a simulated arm for singularities and joint limits, with MuJoCo's Jacobian.
+
+PlaCo never frees the memory of a robot model: unused models are kept for the next user of the same
+URDF.
+"""
 
 from __future__ import annotations
 
@@ -17,61 +24,44 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.world import World
 
-__all__ = ["MOST_IDLE", "Mechanism", "origin", "placo"]
-
 with warnings.catch_warnings():
     # Pinocchio 3.8, which PlaCo brings, imports a module that has been renamed.
     warnings.simplefilter("ignore", DeprecationWarning)
     import placo
 
-_PARTS = ("joints", "lower", "upper", "placo", "_lent", "_q_ids", "v_ids")
+__all__ = [
+    "MOST_IDLE",
+    "NEAR_LIMIT",
+    "SINGULAR_CONDITION",
+    "TOOL",
+    "Chain",
+    "Mechanism",
+    "Posture",
+    "broken",
+    "origin",
+    "placo",
+    "with_tool",
+]
+
+TOOL = "tool/frame"
+"""Name of the tool frame that is added to the chain; no link's name contains a slash."""
+
+SINGULAR_CONDITION = 50.0
+"""Condition number of the Jacobian from which an arm counts as singular, and moves at half speed:
+its worst direction needs fifty times the joint rates of its best. A UR5 has 8 in its home posture,
+and 50 within 14° of a straight elbow, 5 mm before the end of its reach."""
+
+_AT_LIMIT = 0.02
+"""Distance from a position limit at which a joint counts as the reason of a broken path, rad."""
+
+NEAR_LIMIT = 0.01
+"""Distance of a joint from its position limit below which an arm moves at half speed, rad."""
 
 MOST_IDLE: Final = 16
 """Maximum number of unused models that are kept for reuse."""
 
-_idle: list[_Model] = []
-
-
-class _Model:
-    """Robot model of PlaCo. PlaCo never frees its memory, so that models are reused."""
-
-    def __init__(self, urdf: str) -> None:
-        self.urdf = urdf
-        self.placo = placo.RobotWrapper("", placo.Flags.ignore_collisions, urdf)
-        self._first = self.placo.state.q.copy()
-
-    def reset(self) -> None:
-        """Restore the initial state; position limits are set by the next user."""
-        self.placo.state.q[:] = self._first
-        self.placo.update_kinematics()
-
-
-class _Lent:
-    """Holds a model until the last reference to this object is gone."""
-
-    def __init__(self, urdf: str) -> None:
-        self.model = model = _taken(urdf) or _Model(urdf)
-        weakref.finalize(self, _give_back, model).atexit = False
-
-
-def _taken(urdf: str) -> _Model | None:
-    """Unused model of this URDF in its initial state; None if there is none."""
-    for model in tuple(_idle):
-        if model.urdf == urdf:
-            try:
-                _idle.remove(model)
-            except ValueError:  # another thread was faster
-                continue
-            model.reset()
-            return model
-    return None
-
-
-def _give_back(model: _Model) -> None:
-    """Keep a model for reuse; the oldest unused one is dropped if there are too many."""
-    _idle.append(model)
-    if len(_idle) > MOST_IDLE:
-        _idle.pop(0)
+_PARTS = ("joints", "lower", "upper", "placo", "_lent", "_q_ids", "v_ids")
+"""Attributes of a `Mechanism`, without those of its subclasses."""
 
 
 class Mechanism:
@@ -92,6 +82,7 @@ class Mechanism:
         self.upper = upper
         self._lent = _Lent(urdf)
         self.placo = self._lent.model.placo
+        # The model may come from another user, with other limits.
         for name, least, most in zip(joints, lower, upper, strict=True):
             self.placo.set_joint_limits(name, least, most)
         self._q_ids = np.array([self.placo.get_joint_offset(name) for name in joints])
@@ -128,17 +119,6 @@ class Mechanism:
         """Transform of a link in the world in the current configuration, of shape (4, 4)."""
         matrix: Matrix = self.placo.get_T_world_frame(name)
         return matrix
-
-
-def origin(pose: Pose) -> str:
-    """URDF ``origin`` element of a pose."""
-    xyz = " ".join(map(repr, pose.position.tolist()))
-    rpy = " ".join(map(repr, pose.rpy))
-    return f'<origin xyz="{xyz}" rpy="{rpy}"/>'
-
-
-TOOL = "tool/frame"
-"""Name of the tool frame that is added to the chain; no link's name contains a slash."""
 
 
 class Chain(Mechanism):
@@ -204,6 +184,7 @@ class Chain(Mechanism):
         }
         self.set_state(self.robot.postures["home"])
         positions = [self.frame(children[name])[:3, 3] for name in self.joints]
+        # Distances from joint to joint are the same in every configuration: any will do.
         steps = np.diff([*positions, self.frame(TOOL)[:3, 3]], axis=0)
         return positions[0].copy(), float(np.linalg.norm(steps, axis=1).sum())
 
@@ -218,44 +199,11 @@ def with_tool(robot: Robot) -> str:
     return robot.urdf_text.replace("</robot>", tool)
 
 
-SINGULAR_CONDITION = 50.0
-"""Condition number of the Jacobian from which an arm counts as singular, and moves at half speed:
-its worst direction needs fifty times the joint rates of its best. A UR5 has 8 in its home posture,
-and 50 within 14° of a straight elbow, 5 mm before the end of its reach."""
-
-_AT_LIMIT = 0.02
-"""Distance from a position limit at which a joint counts as the reason of a broken path, rad."""
-
-
-def broken(arm: Chain, q: Vector, pose: Pose, fraction: float, branches: int) -> Failure:
-    """Failure for a path that cannot be followed to its end.
-
-    Args:
-        arm: Arm that should follow it.
-        q: Configuration at the last sample that could be followed, of shape (dof,), rad.
-        pose: First pose that could not.
-        fraction: Share of the path up to there.
-        branches: Number of start configurations that were tried.
-
-    Returns:
-        ``SINGULAR`` if the arm is singular at ``q``, else ``PATH_BROKEN``.
-    """
-    position = ", ".join(f"{x:.3f}" for x in pose.position)
-    how_far = f"the arm can follow only {100.0 * fraction:.0f} % of the path, to ({position}) m"
-    numbers = {"fraction": fraction, "branches": branches}
-    condition = min(arm.condition(q), 1e12)
-    if condition > SINGULAR_CONDITION:
-        return Failure(
-            "SINGULAR", f"{how_far}: it is singular there", **numbers, condition=condition
-        )
-    room = np.minimum(q - arm.lower, arm.upper - q)
-    joint = int(np.argmin(room))
-    why = f": {arm.robot.joints[joint]} is at its limit" if room[joint] < _AT_LIMIT else ""
-    return Failure("PATH_BROKEN", how_far + why, **numbers)
-
-
-NEAR_LIMIT = 0.01
-"""Distance of a joint from its position limit below which an arm moves at half speed, rad."""
+def origin(pose: Pose) -> str:
+    """URDF ``origin`` element of a pose."""
+    xyz = " ".join(map(repr, pose.position.tolist()))
+    rpy = " ".join(map(repr, pose.rpy))
+    return f'<origin xyz="{xyz}" rpy="{rpy}"/>'
 
 
 class Posture:
@@ -288,6 +236,7 @@ class Posture:
         data = self._world.sensed
         q = data.qpos[body.qpos_ids]
         self.room = float(min((q - limits.lower).min(), (limits.upper - q).min()))
+        # Jacobians refer to centers of mass, which the kinematics alone does not update.
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, self._jacobian[:3], self._jacobian[3:], body.tool_site)
         values = np.linalg.svd(self._jacobian[:, body.dof_ids], compute_uv=False)
@@ -301,3 +250,75 @@ class Posture:
         if self.room < NEAR_LIMIT:
             return 0.5, f"{self.room:.3f} rad from a limit"
         return 1.0, ""
+
+
+def broken(arm: Chain, q: Vector, pose: Pose, fraction: float, branches: int) -> Failure:
+    """Failure for a path that cannot be followed to its end.
+
+    Args:
+        arm: Arm that should follow it.
+        q: Configuration at the last sample that could be followed, of shape (dof,), rad.
+        pose: First pose that could not.
+        fraction: Share of the path up to there.
+        branches: Number of start configurations that were tried.
+
+    Returns:
+        ``SINGULAR`` if the arm is singular at ``q``, else ``PATH_BROKEN``.
+    """
+    position = ", ".join(f"{x:.3f}" for x in pose.position)
+    how_far = f"the arm can follow only {100.0 * fraction:.0f} % of the path, to ({position}) m"
+    numbers = {"fraction": fraction, "branches": branches}
+    condition = min(arm.condition(q), 1e12)  # JSON has no infinity
+    if condition > SINGULAR_CONDITION:
+        return Failure(
+            "SINGULAR", f"{how_far}: it is singular there", **numbers, condition=condition
+        )
+    room = np.minimum(q - arm.lower, arm.upper - q)
+    joint = int(np.argmin(room))
+    why = f": {arm.robot.joints[joint]} is at its limit" if room[joint] < _AT_LIMIT else ""
+    return Failure("PATH_BROKEN", how_far + why, **numbers)
+
+
+class _Model:
+    """Robot model of PlaCo, with its URDF for reuse."""
+
+    def __init__(self, urdf: str) -> None:
+        self.urdf = urdf
+        self.placo = placo.RobotWrapper("", placo.Flags.ignore_collisions, urdf)
+        self._first = self.placo.state.q.copy()
+
+    def reset(self) -> None:
+        """Restore the initial state; position limits are set by the next user."""
+        self.placo.state.q[:] = self._first
+        self.placo.update_kinematics()
+
+
+_idle: list[_Model] = []
+
+
+class _Lent:
+    """Holds a model until the last reference to this object is gone."""
+
+    def __init__(self, urdf: str) -> None:
+        self.model = model = _taken(urdf) or _Model(urdf)
+        weakref.finalize(self, _give_back, model).atexit = False
+
+
+def _taken(urdf: str) -> _Model | None:
+    """Unused model of this URDF in its initial state; None if there is none."""
+    for model in tuple(_idle):
+        if model.urdf == urdf:
+            try:
+                _idle.remove(model)
+            except ValueError:  # another thread was faster
+                continue
+            model.reset()
+            return model
+    return None
+
+
+def _give_back(model: _Model) -> None:
+    """Keep a model for reuse; the oldest unused one is dropped if there are too many."""
+    _idle.append(model)
+    if len(_idle) > MOST_IDLE:
+        _idle.pop(0)

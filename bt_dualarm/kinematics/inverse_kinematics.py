@@ -1,4 +1,8 @@
-"""Inverse kinematics of one arm on PlaCo: for single poses, and along whole paths."""
+"""Inverse kinematics of one arm: for single poses, and along whole paths.
+
+A pose has several solutions, the branches of a serial arm. Along a path, an arm cannot change its
+branch without a jump: `Kinematics` chooses one in which the whole path can be followed.
+"""
 
 from __future__ import annotations
 
@@ -20,36 +24,13 @@ from bt_dualarm.kinematics.solver import (
     FrameTask,
     Multistart,
     Tolerance,
-    Workspace,
     branches,
     different,
     target_matrix,
     unreachable,
 )
+from bt_dualarm.kinematics.workspace import Workspace
 from bt_dualarm.robots.robot import JointLimits, Robot
-
-
-def refuse_beyond(joints: Sequence[str], q: Vector, limits: JointLimits) -> None:
-    """Check a target configuration, of shape (dof,), rad, before anything moves.
-
-    Raises:
-        Failure: ``INVALID_TARGET`` for a wrong shape or an element that is not finite;
-            ``JOINT_LIMIT`` with the joint that is farthest beyond its limit.
-    """
-    if q.shape != (len(joints),) or not np.isfinite(q).all():
-        raise Failure("INVALID_TARGET", f"{q.tolist()} are no angles of {len(joints)} joints")
-    beyond = np.maximum(limits.lower - q, q - limits.upper)
-    worst = int(np.argmax(beyond))
-    if beyond[worst] > 1e-9:
-        limit = limits.lower[worst] if q[worst] < limits.lower[worst] else limits.upper[worst]
-        raise Failure(
-            "JOINT_LIMIT",
-            f"{joints[worst]} would be {np.rad2deg(beyond[worst]):.1f}° beyond its limit of "
-            f"{np.rad2deg(limit):.1f}°",
-            joint=joints[worst],
-            beyond_rad=float(beyond[worst]),
-        )
-
 
 Preference: TypeAlias = Literal["nearest", "conditioned"]
 """Order of solutions: nearest to a given configuration first, or best conditioned first."""
@@ -69,26 +50,6 @@ _EVERY = 8
 """Samples of a path per evaluation of the condition number."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Followed:
-    """Branch in which a path was followed to its end.
-
-    Attributes:
-        rows: Configurations, of shape (n, dof), rad.
-        cramped: Whether a joint comes nearer to its limit than `_TOO_NEAR`.
-        condition: Largest condition number of the Jacobian.
-    """
-
-    rows: Matrix
-    cramped: bool
-    condition: float
-
-    @property
-    def good(self) -> bool:
-        """Whether it is away from singularities and limits, so that no other branch is needed."""
-        return self.condition <= SINGULAR_CONDITION and not self.cramped
-
-
 class Kinematics(Chain):
     """Forward and inverse kinematics of one arm.
 
@@ -106,6 +67,7 @@ class Kinematics(Chain):
         self._search = Multistart(self.bare, _TASKS, seed)
         self._continuations = [self._search.continuation]
         if self._search.redundant:
+            # Tried first: a redundant arm can often keep away from its limits all along a path.
             roomy = Chain(robot, base, _PATH_ROOM)
             self._continuations.insert(0, Continuation(roomy, STEP, _TASKS, redundant=True))
 
@@ -133,7 +95,7 @@ class Kinematics(Chain):
             return self.solutions(target, near, tolerance, prefer)[0]
         goals = (target_matrix(target),)
         self._refuse_outside(goals)
-        return self._answers(goals, near, tolerance, near_enough=NEAR)[0]
+        return self._found(goals, near, tolerance, near_enough=NEAR)[0]
 
     def solutions(
         self,
@@ -160,14 +122,14 @@ class Kinematics(Chain):
         goals = (target_matrix(target),)
         every = every_branch or prefer == "conditioned"
         self._refuse_outside(goals)
-        found = self._answers(goals, near, tolerance, every=every)
+        found = self._found(goals, near, tolerance, every=every)
         if prefer == "nearest":
             return found
         if self._search.redundant:  # not only those that have been pulled toward ``near``
-            found += self._search.answers(goals, near, tolerance, every=True, pull=False)[0]
+            found += self._search.solutions(goals, near, tolerance, every=True, pull=False)[0]
         return sorted(found, key=lambda q: (self.room(q) < _ROOM, self.condition(q)))
 
-    def _answers(
+    def _found(
         self,
         goals: Sequence[Matrix],
         near: Vector,
@@ -176,8 +138,8 @@ class Kinematics(Chain):
         every: bool = False,
         near_enough: float = 0.0,
     ) -> list[Vector]:
-        """Solutions, nearest first; arguments as in `Multistart.answers`."""
-        found, closest = self._search.answers(
+        """Solutions, nearest first; arguments as in `Multistart.solutions`."""
+        found, closest = self._search.solutions(
             goals, near, tolerance, every=every, near_enough=near_enough
         )
         if not found:
@@ -194,10 +156,10 @@ class Kinematics(Chain):
     ) -> Matrix:
         """Configurations, of shape (n, dof), along a path of the tool, without a jump.
 
-        It is the first of `branches_along`: the branch nearest to ``near`` in which the whole path
-        is followed away from singularities and limits; if there is none, the best conditioned of
-        those in which it can be followed at all. The first row may thus be far from ``near``; to
-        go on from a configuration, see `follow_on`.
+        The first of `branches_along`: the branch nearest to ``near`` in which the whole path stays
+        away from singularities and limits; if there is none, the best conditioned of those in which
+        it can be followed at all. The first row may therefore be far from ``near``; `follow_on`
+        continues from a configuration.
 
         Args:
             poses: Poses of the tool in the world, close enough together that a joint moves less
@@ -207,10 +169,9 @@ class Kinematics(Chain):
             max_step: Movement of a joint between two poses, in rad, that counts as a jump.
 
         Raises:
-            Failure: ``INVALID_TARGET`` for what is no pose, or outside the workspace;
+            Failure: ``INVALID_TARGET`` for an invalid pose, or one outside the workspace;
                 ``UNREACHABLE`` for the first pose; ``PATH_BROKEN`` with the largest ``fraction``
-                of the path that could be followed, or ``SINGULAR`` if a singularity of the arm is
-                what ends it there.
+                of the path that could be followed, or ``SINGULAR`` if a singularity ends it there.
         """
         return next(self.branches_along(poses, near, tolerance, max_step=max_step))
 
@@ -222,22 +183,23 @@ class Kinematics(Chain):
         *,
         max_step: float = 0.2,
     ) -> Iterator[Matrix]:
-        """A path of the tool in every branch in which the whole of it can be followed.
+        """Configurations along a path in each branch in which the whole path can be followed.
 
         Redundant joints stay near their start, so that a closed path closes in the joints too, and
-        3° from their limits where that is possible.
+        3° away from their limits where possible. Arguments as in `follow`.
 
         Yields:
-            Configurations, of shape (n, dof), rad: those away from singularities and limits first,
-            nearest to ``near`` first, found one by one as they are asked for; then the others, the
+            Configurations, of shape (n, dof), rad: first the branches away from singularities and
+            limits, nearest to ``near`` first, each computed when it is asked for; then the others,
             best conditioned first.
 
         Raises:
-            Failure: As `follow`, if there is none at all.
+            Failure: As `follow`, if there is no such branch.
         """
         goals = [(target_matrix(pose),) for pose in poses]
         self._refuse_outside([goal for (goal,) in goals])
-        ends: list[Vector] = []  # a redundant arm is followed in two ways, often to the same end
+        # A redundant arm follows each branch with both continuations, often to the same end.
+        ends: list[Vector] = []
         others: list[_Followed] = []
         failed: list[tuple[Vector, list[Vector]]] = []
         for start, rows in self._attempts(poses[0], goals, near, tolerance, max_step):
@@ -268,19 +230,19 @@ class Kinematics(Chain):
         *,
         max_step: float = 0.2,
     ) -> Matrix:
-        """Configurations, of shape (n, dof), along a path, from a given configuration on.
+        """Configurations, of shape (n, dof), along a path, from a given configuration.
 
         The branch is that of ``start``, and the first row is ``start`` itself: a motion along these
-        rows begins where the arm stands. `follow` may choose another branch.
+        rows begins where the arm is. `follow` may choose another branch.
 
         Args:
-            poses: Poses of the tool in the world; the first is the one that it has at ``start``.
+            poses: Poses of the tool in the world; the first is its pose at ``start``.
             start: Configuration of shape (dof,), rad.
             tolerance: Tolerance of each pose's residual.
             max_step: Movement of a joint between two poses, in rad, that counts as a jump.
 
         Raises:
-            Failure: ``INVALID_TARGET`` for what is no pose, or outside the workspace;
+            Failure: ``INVALID_TARGET`` for an invalid pose, or one outside the workspace;
                 ``PATH_BROKEN`` or ``SINGULAR`` with the ``fraction`` that could be followed.
         """
         goals = [(target_matrix(pose),) for pose in poses[1:]]
@@ -295,7 +257,7 @@ class Kinematics(Chain):
                 continuation is not self._search.continuation
                 and not ((start >= within.lower) & (start <= within.upper)).all()
             ):
-                continue  # from beyond its narrower limits the roomy one would jump to them
+                continue  # a start beyond the narrower limits would jump to them
             rows = self._search.along(continuation, goals, start, tolerance, max_step)
             if len(rows) < len(goals):
                 longest = max(longest, rows, key=len)
@@ -317,7 +279,7 @@ class Kinematics(Chain):
         tolerance: Tolerance,
         max_step: float,
     ) -> Iterator[tuple[Vector, list[Vector]]]:
-        """Each branch at the first pose, followed in each way: its start, and as far as it gets."""
+        """Start and followed rows of each branch at the first pose with each continuation."""
         for start in self._branches(first, near, tolerance):
             for continuation in self._continuations:
                 yield start, self._search.along(continuation, goals, start, tolerance, max_step)
@@ -351,3 +313,45 @@ class Kinematics(Chain):
     def _branches(self, first: Pose, near: Vector, tolerance: Tolerance) -> Iterator[Vector]:
         """Different solutions for the first pose: the nearest ones, then all others."""
         return branches(lambda every: self.solutions(first, near, tolerance, every_branch=every))
+
+
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """Branch in which a path was followed to its end.
+
+    Attributes:
+        rows: Configurations, of shape (n, dof), rad.
+        cramped: Whether a joint comes nearer to its limit than `_TOO_NEAR`.
+        condition: Largest condition number of the Jacobian.
+    """
+
+    rows: Matrix
+    cramped: bool
+    condition: float
+
+    @property
+    def good(self) -> bool:
+        """Whether it is away from singularities and limits, so that no other branch is needed."""
+        return self.condition <= SINGULAR_CONDITION and not self.cramped
+
+
+def refuse_beyond(joints: Sequence[str], q: Vector, limits: JointLimits) -> None:
+    """Check a target configuration, of shape (dof,), rad, before anything moves.
+
+    Raises:
+        Failure: ``INVALID_TARGET`` for a wrong shape or an element that is not finite;
+            ``JOINT_LIMIT`` with the joint that is farthest beyond its limit.
+    """
+    if q.shape != (len(joints),) or not np.isfinite(q).all():
+        raise Failure("INVALID_TARGET", f"{q.tolist()} are no angles of {len(joints)} joints")
+    beyond = np.maximum(limits.lower - q, q - limits.upper)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > 1e-9:
+        limit = limits.lower[worst] if q[worst] < limits.lower[worst] else limits.upper[worst]
+        raise Failure(
+            "JOINT_LIMIT",
+            f"{joints[worst]} would be {np.rad2deg(beyond[worst]):.1f}° beyond its limit of "
+            f"{np.rad2deg(limit):.1f}°",
+            joint=joints[worst],
+            beyond_rad=float(beyond[worst]),
+        )

@@ -1,8 +1,7 @@
-"""Inverse kinematics of several arms as one problem: what one tool does depends on the others.
+"""Inverse kinematics of several arms as one problem.
 
-Two tools can keep their distance while one of them goes along a path, an object can be held by
-both, or an arm can be told where its tool is to be in the frame of another one's. An arm that no
-target names stays where it is.
+Targets may be relative: two tools keep their relative pose while one of them moves along a path, or
+both hold one object. Arms without a target stay where they are.
 """
 
 from __future__ import annotations
@@ -32,12 +31,12 @@ _WORLD = "bt_dualarm_world"
 
 @dataclass(frozen=True, eq=False)
 class ToolTarget:
-    """Where a tool is to be.
+    """Target pose of a tool.
 
     Attributes:
-        arm: Arm whose tool it is.
-        pose: Pose of its tool frame.
-        seen_from: Arm in whose tool frame the pose is given; the world if none.
+        arm: Name of the arm whose tool it is.
+        pose: Target of its tool frame.
+        seen_from: Name of the arm in whose tool frame the pose is given; None for the world.
     """
 
     arm: str
@@ -46,14 +45,14 @@ class ToolTarget:
 
 
 class MultiArmKinematics(Mechanism):
-    """Several arms, or one, in one world. Not for use by two threads at once.
+    """Forward and inverse kinematics of one or more arms in one world.
 
-    Configurations are by arm, each of shape (dof,), rad. Equal arguments give equal answers (to
-    1e-8 rad), whatever was asked before. Answers keep the position limits.
+    Configurations are by arm, each of shape (dof,), rad. Equal arguments give equal results (to
+    1e-8 rad), independent of earlier calls. Solutions keep the position limits. Not thread-safe.
 
     Args:
         arms: Robot and pose of its base link in the world, by name.
-        seed: Seed of the configurations from which difficult targets are tried.
+        seed: Seed of the start configurations for difficult targets.
     """
 
     def __init__(self, arms: Mapping[str, tuple[Robot, Pose]], seed: int = 0) -> None:
@@ -61,6 +60,7 @@ class MultiArmKinematics(Mechanism):
         self._searches: dict[tuple[FrameTask, ...], Multistart] = {}
         self._slices: dict[str, slice] = {}
         root = ET.Element("robot", name="arms")
+        # One URDF for PlaCo: all arms fixed to a common link, with prefixed names.
         joints: list[str] = []
         ET.SubElement(root, "link", name=_WORLD)
         for name, (robot, base) in arms.items():
@@ -71,12 +71,12 @@ class MultiArmKinematics(Mechanism):
         super().__init__(
             ET.tostring(root, encoding="unicode"),
             joints,
-            np.concatenate([one.lower for one in limits]),
-            np.concatenate([one.upper for one in limits]),
+            np.concatenate([each.lower for each in limits]),
+            np.concatenate([each.upper for each in limits]),
         )
 
     def forward(self, arm: str, q: Mapping[str, Vector]) -> Pose:
-        """An arm's tool in the world."""
+        """Pose of an arm's tool in the world."""
         self.set_state(self._joined(q))
         return Pose.from_matrix(self.frame(_tool(arm)))
 
@@ -86,11 +86,11 @@ class MultiArmKinematics(Mechanism):
         near: Mapping[str, Vector],
         tolerance: Tolerance = EXACT,
     ) -> dict[str, Vector]:
-        """Configurations that fulfil all targets; of the answers found the nearest to ``near``.
+        """Configurations with all tools on their targets: the solution nearest to ``near``.
 
         Raises:
-            Failure: ``INVALID_TARGET`` for targets that make no sense; ``UNREACHABLE`` with the one
-                that is missed by most where the search has come closest, and by how much.
+            Failure: ``INVALID_TARGET`` for invalid or contradictory targets; ``UNREACHABLE`` with
+                the target that is missed by most in the best attempt, and by how much.
         """
         return self._parted(self._solutions(targets, near, tolerance, every=False)[0])
 
@@ -102,10 +102,10 @@ class MultiArmKinematics(Mechanism):
         *,
         max_step: float = 0.2,
     ) -> dict[str, Matrix]:
-        """Configurations along a path, by arm of shape (n, dof), without a jump.
+        """Configurations along a path without a jump: by arm, of shape (n, dof), rad.
 
-        The branch is chosen once, as for one arm: of all answers to the first step, nearest first,
-        the first one from which the whole path can be followed.
+        The branch is the first solution of the first step, nearest first, from which the whole path
+        can be followed.
 
         Args:
             steps: Targets of the same tools at each sample, close together.
@@ -123,12 +123,13 @@ class MultiArmKinematics(Mechanism):
         )
         search = self._search(steps[0])
         goals = [_goals(step) for step in steps]
-        tried = longest = 0
+        tried = 0
+        longest = 0
         for start in self._branches(steps[0], near, tolerance):
             rows = search.along(search.continuation, goals, start, tolerance, max_step)
             if len(rows) == len(goals):
                 return self._parted_rows(np.array(rows))
-            tried = tried + 1
+            tried += 1
             longest = max(longest, len(rows))
         fraction = longest / len(goals)
         raise Failure(
@@ -155,13 +156,13 @@ class MultiArmKinematics(Mechanism):
         search = self._search(targets)
         goals = _goals(targets)
         start = self._joined(near)
-        found, closest = search.answers(goals, start, tolerance, every=every, near_enough=NEAR)
+        found, closest = search.solutions(goals, start, tolerance, every=every, near_enough=NEAR)
         if not found:
             raise _missed(targets, search.residuals(closest, goals))
         return sorted(found, key=lambda q: float(np.linalg.norm(q - start)))
 
     def _search(self, targets: Sequence[ToolTarget]) -> Multistart:
-        """For targets of one kind; PlaCo's problem is set up once for each."""
+        """Search for targets of these tools and frames; PlaCo's problem is set up once for each."""
         _require(len(targets) > 0, "there is no target")
         for target in targets:
             for arm in (target.arm, target.seen_from):
@@ -189,8 +190,8 @@ def _tool(arm: str) -> str:
 
 def _tasks(targets: Sequence[ToolTarget]) -> tuple[FrameTask, ...]:
     return tuple(
-        FrameTask(_tool(one.arm), None if one.seen_from is None else _tool(one.seen_from))
-        for one in targets
+        FrameTask(_tool(aim.arm), None if aim.seen_from is None else _tool(aim.seen_from))
+        for aim in targets
     )
 
 
@@ -199,10 +200,10 @@ def _goals(targets: Sequence[ToolTarget]) -> list[Matrix]:
 
 
 def _missed(targets: Sequence[ToolTarget], residuals: Sequence[tuple[float, float]]) -> Failure:
-    """The refusal of targets, with the one that is missed by most."""
+    """Failure for unreachable targets, with the one that is missed by most."""
     worst = max(range(len(targets)), key=lambda number: sum(residuals[number]))
     target = targets[worst]
-    (distance, angle) = residuals[worst]
+    distance, angle = residuals[worst]
     place = "" if target.seen_from is None else f" seen from {target.seen_from}"
     return Failure(
         "UNREACHABLE",
@@ -220,7 +221,7 @@ def _require(holds: bool, reason: str) -> None:
 
 
 def _prefixed(name: str, robot: Robot, base: Pose) -> list[ET.Element]:
-    """Links and joints of an arm under names of its own, with its base where it belongs."""
+    """Links and joints of an arm with prefixed names, and the joint that fixes it to the world."""
     arm = ET.fromstring(with_tool(robot))  # noqa: S314  # made from our own element
     parts = [*arm.findall("link"), *arm.findall("joint")]
     for part in parts:
@@ -229,6 +230,7 @@ def _prefixed(name: str, robot: Robot, base: Pose) -> list[ET.Element]:
             end.set("link", f"{name}/{end.get('link')}")
     children = {end.get("link") for part in parts for end in part.findall("child")}
     (first,) = (part for part in parts if part.tag == "link" and part.get("name") not in children)
+    # The robot's base link need not be the root of its URDF: find where the root is.
     chain = Chain(robot, base)
     chain.set_state(robot.postures["home"])
     there = Pose.from_matrix(chain.frame(str(first.get("name")).removeprefix(f"{name}/")))

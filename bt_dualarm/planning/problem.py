@@ -5,12 +5,18 @@ path (`QuickSearch`), or OMPL where that one finds none; its corners are then ro
 obstacles allow, and the path is timed.
 
 Planning is in scaled joint angles, the distance in m that the farthest point of the arm moves, so
-that one resolution holds for shoulder and wrist alike. It ends after a number of checks, not after
-a time, and depends on the problem and its seed alone.
+that one resolution holds for shoulder and wrist alike. A search ends after a number of checks, not
+after a time: its result depends on the problem and its seed alone.
+
+- `PlanningProblem`, `admitted`, `straight_motion` and `motion_around` plan a motion to a goal.
+- `refuse_contact` checks a motion from any other source.
+- `trace` follows a Cartesian path of the tool.
+- `yielding_configurations` proposes where an arm can wait out of the others' way.
 """
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -43,6 +49,28 @@ which the next one is tried: long edges are fast, short ones find narrow passage
 
 CHECKS = 240_000
 """Maximum number of configurations that are checked; a few seconds."""
+
+_SAMPLES = 12
+"""Number of configurations of a path at which MuJoCo confirms the result of the compiled search."""
+
+_NEAR_ENDS_M = 0.005
+"""Motion of the arm from either end within which MuJoCo confirms all configurations, m: there the
+arm may be in an allowed contact."""
+
+_CUTS = (0.5, 0.3, 0.18, 0.1, 0.05)
+"""Shares of the shorter segment at a corner that are tried for its blend, longest first."""
+
+_SPACING = 0.02
+"""Largest motion of a point of the arm between two samples, m."""
+
+_YIELD_SAMPLES = 60
+"""Number of random candidates for a configuration out of the way."""
+
+_CHOICES = 3
+"""Largest number of configurations out of the way that are proposed."""
+
+_TURN_COST = 0.05
+"""Gain of distance that a radian of joint motion must be worth, m/rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,13 +127,114 @@ def admitted(problem: PlanningProblem) -> PlanningProblem:
     return replace(problem, checker=strict, goals=tuple(goals))
 
 
-def is_free(checker: CollisionChecker, corners: Matrix) -> bool:
-    """Whether straight lines from corner to corner, of shape (n, dof), are free of collisions."""
-    clear = is_clear(checker, corners)
-    if clear is not None:
-        return clear
-    pieces = (interpolated(a, b, checker.radii, FINE) for a, b in itertools.pairwise(corners))
-    return all(checker.first_contact(rows) is None for rows in pieces)
+def _check_end(problem: PlanningProblem, q: Vector) -> None:
+    refuse_beyond(problem.checker.joints, q, problem.limits)
+    contact = problem.checker.contact(q)
+    if contact is not None:
+        raise contact.failure()
+
+
+def straight_motion(problem: PlanningProblem) -> Trajectory | None:
+    """Straight motion to the preferred goal of an admitted problem; None if it is not free."""
+    if not is_free(problem.checker, problem.straight):
+        return None
+    return point_to_point(problem.start, problem.goals[0], problem.limits, problem.dt)
+
+
+def motion_around(
+    problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False
+) -> Trajectory:
+    """Motion around obstacles to one of the goals of an admitted problem.
+
+    Args:
+        problem: Admitted problem whose straight path is not free.
+        abandoned: Polled during the search; ends it when the plan is no longer needed.
+
+    Raises:
+        Failure: ``NO_PLAN``.
+    """
+    path = path_around(problem, abandoned)
+    motion = Trajectory.rest(path.corners[0], problem.dt)
+    for piece in rounded(path.corners, problem.checker.radii, path.is_free):
+        motion = motion.then(time_path(piece, problem.limits, problem.dt))
+    if path.is_dense_path_free(outline(motion, problem.checker.radii, FINE)):
+        return motion
+    try:
+        refuse_contact(problem.checker, motion)
+    except Failure:
+        # The spline deviates from its samples by more than the clearance: go straight from corner
+        # to corner instead, and stop at each.
+        motion = Trajectory.rest(path.corners[0], problem.dt)
+        for begin, end in itertools.pairwise(path.corners):
+            motion = motion.then(point_to_point(begin, end, problem.limits, problem.dt))
+    return motion
+
+
+@dataclass(frozen=True, eq=False)
+class PathSearch:
+    """Collision-free path of straight segments in joint space, and the checks it was found with.
+
+    Attributes:
+        corners: Corners, of shape (n, dof), rad.
+        checker: Collision checker of the path.
+        quick: Compiled search that found it; None if OMPL did.
+    """
+
+    corners: Matrix
+    checker: CollisionChecker
+    quick: QuickSearch | None
+
+    def is_free(self, corners: Matrix) -> bool:
+        """Whether another path, given by its corners of shape (n, dof), rad, is free."""
+        if self.quick is None:
+            return is_free(self.checker, corners)
+        return self.quick.is_free(corners)
+
+    def is_dense_path_free(self, rows: Matrix) -> bool:
+        """Whether a dense path, of shape (n, dof), rad, is free by the compiled search."""
+        if self.quick is None or not self.quick.is_dense_path_free(rows):
+            return False
+        moved = np.abs(np.diff(rows, axis=0)) @ self.checker.radii
+        first = int((np.cumsum(moved) < _NEAR_ENDS_M).sum())
+        last = int((np.cumsum(moved[::-1]) < _NEAR_ENDS_M).sum())
+        return _is_confirmed(
+            self.checker, rows, (*range(first), *range(len(rows) - last, len(rows)))
+        )
+
+
+def path_around(
+    problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False
+) -> PathSearch:
+    """Collision-free path to one of the goals.
+
+    The compiled search serves the default planner; if it finds nothing, and for other planners,
+    OMPL searches.
+
+    Args:
+        problem: Admitted problem whose straight path is not free.
+        abandoned: Polled during the search; ends it when the plan is no longer needed.
+
+    Raises:
+        Failure: ``NO_PLAN``.
+    """
+    if problem.planner == DEFAULT_PLANNER:
+        with contextlib.suppress(UnknownShapeError):
+            arm = swept_arm(problem.checker, (problem.start, *problem.goals))
+            radii = problem.checker.radii
+            quick = QuickSearch(
+                arm, problem.start, problem.goals, problem.limits, radii, problem.seed
+            )
+            corners = quick.shortest_path(problem.checks, abandoned)
+            # MuJoCo has the last word on a path that compiled code has found.
+            if corners is not None and _is_confirmed(problem.checker, corners):
+                return PathSearch(corners, problem.checker, quick)
+    return PathSearch(path_by_ompl(problem, abandoned), problem.checker, None)
+
+
+def _is_confirmed(checker: CollisionChecker, rows: Matrix, more: Sequence[int] = ()) -> bool:
+    """Whether MuJoCo finds no contact in a sample of configurations, which includes both ends."""
+    picked = np.linspace(0, len(rows) - 1, _SAMPLES).astype(int).tolist()
+    return all(checker.free(rows[i]) for i in {*picked, *more})
 
 
 def path_by_ompl(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False) -> Matrix:
@@ -134,9 +263,10 @@ def path_by_ompl(problem: PlanningProblem, abandoned: Callable[[], bool] = lambd
             search = OmplSearch(problem.checker, problem.start, goals, problem.limits, radii, seed)
             corners = search.run(problem.planner, longest_edge, resolution, budget)
             if corners is None:
-                break
+                break  # this budget is spent: on to the next edge length
             if is_free(problem.checker, corners):
                 return _shorter_straight(problem, corners)
+            # The search missed an obstacle that the fine check has found.
             resolution = max(resolution / 2, _FINEST)
     raise _no_plan(problem, budget)
 
@@ -147,37 +277,33 @@ def _shorter_straight(problem: PlanningProblem, corners: Matrix) -> Matrix:
     least = float((np.abs(np.diff(corners, axis=0)) @ radii).sum())
     paths = [np.array((problem.start, goal)) for goal in problem.goals]
     lengths = [float(np.abs(path[1] - path[0]) @ radii) for path in paths]
-    for length, path in sorted(zip(lengths, paths, strict=True), key=lambda one: one[0]):
+    for length, path in sorted(zip(lengths, paths, strict=True), key=lambda pair: pair[0]):
         if length < least and is_free(problem.checker, path):
             return path
     return corners
 
 
-def _check_end(problem: PlanningProblem, q: Vector) -> None:
-    refuse_beyond(problem.checker.joints, q, problem.limits)
-    contact = problem.checker.contact(q)
-    if contact is not None:
-        raise contact.failure()
-
-
 def _no_plan(problem: PlanningProblem, budget: Budget) -> Failure:
     if budget.given_up:
-        return Failure("INTERRUPTED", "nobody waits for this plan any more")
+        return Failure("INTERRUPTED", "this plan is no longer needed")
     goals = "" if len(problem.goals) == 1 else f" to any of {len(problem.goals)} configurations"
     return Failure(
         "NO_PLAN",
-        f"no way free of collisions{goals} was found "
+        f"no collision-free path{goals} was found "
         f"({problem.planner}, {budget.states} configurations)",
         planner=problem.planner,
         states=budget.states,
     )
 
 
-_CUTS = (0.5, 0.3, 0.18, 0.1, 0.05)
-"""Shares of the shorter segment at a corner that are tried for its blend, longest first."""
-
-_SPACING = 0.02
-"""Largest motion of a point of the arm between two samples, m."""
+def is_free(checker: CollisionChecker, corners: Matrix) -> bool:
+    """Whether straight lines from corner to corner, of shape (n, dof), are free of collisions."""
+    clear = is_clear(checker, corners)
+    if clear is not None:
+        return clear
+    pieces = (interpolated(a, b, checker.radii, FINE) for a, b in itertools.pairwise(corners))
+    # Between two rows no point moves by more than FINE: too little to pass through a thin wall.
+    return all(checker.first_contact(rows) is None for rows in pieces)
 
 
 def rounded(corners: Matrix, radii: Vector, is_free: Callable[[Matrix], bool]) -> list[Matrix]:
@@ -217,6 +343,7 @@ def _cut(
     """Longest free blend of a corner between its two segments; None if there is none."""
     arriving = before - corner
     leaving = after - corner
+    # Equal shares of motion on both sides, so that the blend is symmetric in the arm's motion.
     length = min(np.abs(arriving) @ radii, np.abs(leaving) @ radii)
     for share in _CUTS:
         start = corner + arriving * (share * length / (np.abs(arriving) @ radii))
@@ -227,127 +354,11 @@ def _cut(
     return None
 
 
-_SAMPLES = 12
-"""Number of configurations of a path at which MuJoCo confirms the result of the compiled search."""
-
-_NEAR_ENDS_M = 0.005
-"""Motion of the arm from either end within which MuJoCo confirms all configurations, m: there the
-arm may be in an allowed contact."""
-
-
-@dataclass(frozen=True, eq=False)
-class PathSearch:
-    """Collision-free path of straight segments in joint space, and the checks it was found with.
-
-    Attributes:
-        corners: Corners, of shape (n, dof), rad.
-        checker: Collision checker of the path.
-        quick: Compiled search that found it; None if OMPL did.
-    """
-
-    corners: Matrix
-    checker: CollisionChecker
-    quick: QuickSearch | None
-
-    def is_free(self, corners: Matrix) -> bool:
-        """Whether another path, given by its corners of shape (n, dof), rad, is free."""
-        if self.quick is None:
-            return is_free(self.checker, corners)
-        return self.quick.is_free(corners)
-
-    def keeps_off(self, rows: Matrix) -> bool:
-        """Whether a dense path, of shape (n, dof), rad, is free by the compiled search."""
-        if self.quick is None or not self.quick.keeps_off(rows):
-            return False
-        moved = np.abs(np.diff(rows, axis=0)) @ self.checker.radii
-        near = np.cumsum(moved) < _NEAR_ENDS_M, np.cumsum(moved[::-1]) < _NEAR_ENDS_M
-        first, last = (int(side.sum()) for side in near)
-        return _is_confirmed(
-            self.checker, rows, (*range(first), *range(len(rows) - last, len(rows)))
-        )
-
-
-def path_around(
-    problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False
-) -> PathSearch:
-    """Collision-free path to one of the goals.
-
-    The compiled search serves the default planner; if it finds nothing, and for other planners,
-    OMPL searches.
-
-    Args:
-        problem: Admitted problem whose straight path is not free.
-        abandoned: Polled during the search; ends it when the plan is no longer needed.
-
-    Raises:
-        Failure: ``NO_PLAN``.
-    """
-    if problem.planner == DEFAULT_PLANNER:
-        quick = _quick_search(problem)
-        corners = None if quick is None else quick.shortest_path(problem.checks, abandoned)
-        if corners is not None and _is_confirmed(problem.checker, corners):
-            return PathSearch(corners, problem.checker, quick)
-    return PathSearch(path_by_ompl(problem, abandoned), problem.checker, None)
-
-
-def _quick_search(problem: PlanningProblem) -> QuickSearch | None:
-    """Compiled search for a problem; None if it does not support all of its shapes."""
-    try:
-        arm = swept_arm(problem.checker, (problem.start, *problem.goals))
-    except UnknownShapeError:
-        return None
-    return QuickSearch(
-        arm, problem.start, problem.goals, problem.limits, problem.checker.radii, problem.seed
-    )
-
-
-def _is_confirmed(checker: CollisionChecker, rows: Matrix, more: Sequence[int] = ()) -> bool:
-    """Whether MuJoCo finds no contact in a sample of configurations, which includes both ends."""
-    picked = np.linspace(0, len(rows) - 1, _SAMPLES).astype(int).tolist()
-    return all(checker.free(rows[i]) for i in {*picked, *more})
-
-
-def straight_motion(problem: PlanningProblem) -> Trajectory | None:
-    """Straight motion to the preferred goal of an admitted problem; None if it is not free."""
-    if not is_free(problem.checker, problem.straight):
-        return None
-    return point_to_point(problem.start, problem.goals[0], problem.limits, problem.dt)
-
-
-def motion_around(
-    problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False
-) -> Trajectory:
-    """Motion around obstacles to one of the goals of an admitted problem.
-
-    Args:
-        problem: Admitted problem whose straight path is not free.
-        abandoned: Polled during the search; ends it when the plan is no longer needed.
-
-    Raises:
-        Failure: ``NO_PLAN``.
-    """
-    path = path_around(problem, abandoned)
-    motion = Trajectory.rest(path.corners[0], problem.dt)
-    for piece in rounded(path.corners, problem.checker.radii, path.is_free):
-        motion = motion.then(time_path(piece, problem.limits, problem.dt))
-    if path.keeps_off(outline(motion, problem.checker.radii, FINE)):
-        return motion
-    try:
-        refuse_contact(problem.checker, motion)
-    except Failure:
-        # The spline deviates from its samples by more than the clearance: go straight from corner
-        # to corner instead, and stop at each.
-        motion = Trajectory.rest(path.corners[0], problem.dt)
-        for begin, end in itertools.pairwise(path.corners):
-            motion = motion.then(point_to_point(begin, end, problem.limits, problem.dt))
-    return motion
-
-
 def refuse_contact(checker: CollisionChecker, path: Matrix | Trajectory) -> None:
     """Check configurations as they will be sent, every `FINE` meters.
 
     Contacts that exist at neither end are not tolerated in between, however shallow: of a thin
-    obstacle, two successive checks may see no more than that.
+    obstacle between two checks, either may show no more than a shallow contact.
 
     Args:
         checker: Collision checker.
@@ -363,9 +374,12 @@ def refuse_contact(checker: CollisionChecker, path: Matrix | Trajectory) -> None
         return
     last = rows[0]
     for i, q in enumerate(rows):
-        moved = abs(q - last) @ radii
-        if 0 < i < len(rows) - 1 and moved + _step(rows, i, radii) <= FINE:
-            continue
+        # Skip a row if the next one is still within FINE of the last one checked; never an end.
+        if 0 < i < len(rows) - 1:
+            moved = abs(q - last) @ radii
+            ahead = float(abs(rows[i + 1] - rows[i]) @ radii)
+            if moved + ahead <= FINE:
+                continue
         last = q
         contact = strict.contact(q)
         if contact is not None:
@@ -384,6 +398,7 @@ def outline(motion: Trajectory, radii: Vector, most: float) -> Matrix:
     """
     if len(motion) <= LONG:
         return motion.q
+    # Bisect between rows until they are dense enough: slow parts of a long motion need few.
     index = np.linspace(0, len(motion) - 1, LONG).astype(int)
     rows = motion.rows(index)[0]
     while True:
@@ -395,10 +410,6 @@ def outline(motion: Trajectory, radii: Vector, most: float) -> Matrix:
         after = np.flatnonzero(wide) + 1
         index = np.insert(index, after, middle)
         rows = np.insert(rows, after, motion.rows(middle)[0], axis=0)
-
-
-def _step(rows: Matrix, i: int, radii: Vector) -> float:
-    return float(abs(rows[i + 1] - rows[i]) @ radii)
 
 
 def joint_path(
@@ -438,11 +449,6 @@ def trace(
     return timed_path(rows, limits, dt, path.closed)
 
 
-_YIELD_SAMPLES = 60  # random configurations that are tried
-_CHOICES = 3  # configurations that are returned
-_TURN_COST = 0.05  # m/rad: gain of distance that a joint motion must be worth
-
-
 def yielding_configurations(
     checker: CollisionChecker,
     others: Sequence[Vector],
@@ -452,7 +458,7 @@ def yielding_configurations(
 ) -> list[Vector]:
     """Configurations in which the arm is far from other arms' bases, the best one first.
 
-    The targets of the other arms are not known, but their motions start from their bases.
+    The targets of the other arms are not known; wherever they go, they reach from their bases.
 
     Args:
         checker: Collision checker of the arm.
@@ -474,12 +480,12 @@ def yielding_configurations(
         if checker.free(q):
             turn = float(np.abs(q - checker.present).max())
             worth.append((_distance(checker, others) - _TURN_COST * turn, q))
-    worth.sort(key=lambda one: -one[0])
+    worth.sort(key=lambda pair: -pair[0])
     return [q for _, q in worth[:_CHOICES]]
 
 
 def _distance(checker: CollisionChecker, others: Sequence[Vector]) -> float:
-    """Distance in m from the arm, as the checker placed it last, to the nearest base."""
+    """Distance of the nearest base from the arm's geoms as the checker placed them last, m."""
     shapes = checker.data.geom_xpos[checker.moving]
     away = np.linalg.norm(shapes[:, None] - np.array(others), axis=2)
     return float((away - checker.model.geom_rbound[checker.moving, None]).min())

@@ -1,4 +1,8 @@
-"""The planning process: requests go in by a pipe, motions come back by another."""
+"""Planning in a separate process, so that a search does not hold up the world.
+
+Requests go in through one pipe, motions come back through another; `worker` is the program at the
+other end. Threads would not do: OMPL keeps Python's lock while it searches.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +26,29 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
+LONGEST_S: Final = 120.0
+"""Longest wait for an answer, s of wall-clock time; a search without success takes a few."""
 
-# What goes between a run and the process that plans for it.
+_POLL_S = 0.5
+"""Wall-clock time between two checks whether the process is still running, s."""
+
+_DYING_S = 5.0
+"""Wall-clock time for a process to end once it has closed its pipe, s."""
+
+_PROGRAM = "from bt_dualarm.planning.worker import serve; serve()"
+
+_ROOT = str(Path(__file__).parents[2])
+"""Directory of the package that the process is to import: this one."""
 
 
 @dataclass(frozen=True)
 class PlanningRequest:
-    """A problem, pickled, under a number; without it the problem of that number is dropped."""
+    """Request to solve a problem, or to drop the one with its number.
+
+    Attributes:
+        number: Number of the problem.
+        problem: Pickled `PlanningProblem`; None to drop the problem.
+    """
 
     number: int
     problem: bytes | None = None
@@ -36,7 +56,13 @@ class PlanningRequest:
 
 @dataclass(frozen=True)
 class PlanningRefusal:
-    """A failure on its way to the other process."""
+    """Failure as it is sent between processes.
+
+    Attributes:
+        code: Code of the failure.
+        reason: Reason for people.
+        numbers: Numbers of the failure by name.
+    """
 
     code: str
     reason: str
@@ -45,25 +71,190 @@ class PlanningRefusal:
 
 @dataclass(frozen=True)
 class PlanningAnswer:
-    """What came of the problem of that number."""
+    """Answer to a request.
+
+    Attributes:
+        number: Number of the problem.
+        outcome: Motion that was found, or why none was.
+    """
 
     number: int
     outcome: Trajectory | PlanningRefusal
 
 
-# The process that plans as its parent sees it: how it is started, and whether it is stopped.
+class PlanningProcess:
+    """One process for all arms of a run, started by the first problem that needs a search.
+
+    If it dies, its pending problems fail, and the next problem gets a new process.
+    """
+
+    def __init__(self) -> None:
+        self._numbers = itertools.count()
+        self._line: _Line | None = None
+
+    @property
+    def pid(self) -> int | None:
+        """Process id; None if there is no process."""
+        return None if self._line is None else self._line.process.pid
+
+    def solve(self, problem: PlanningProblem) -> PendingMotion:
+        """Begin to plan a motion around obstacles; returns at once.
+
+        Args:
+            problem: Admitted problem whose straight path is not free.
+
+        Raises:
+            Failure: ``NO_PLAN`` if no process can be started.
+        """
+        if self._line is not None and self._line.process.poll() is not None:
+            self.close()  # it has died since the last problem
+        if self._line is None:
+            try:
+                self._line = _Line()
+            except OSError as error:
+                reason = f"no planning process can be started: {error}"
+                raise Failure("NO_PLAN", reason, planner=problem.planner) from error
+        number = next(self._numbers)
+        self._line.send(PlanningRequest(number, pickle.dumps(problem, pickle.HIGHEST_PROTOCOL)))
+        return PendingMotion(self._line, number, problem)
+
+    def close(self) -> None:
+        """End the process; its pending problems fail."""
+        if self._line is not None:
+            self._line.end()
+            self._line = None
 
 
-_PROGRAM = "from bt_dualarm.planning.worker import serve; serve()"
+class PendingMotion:
+    """Motion that is being planned."""
 
-_ROOT = str(Path(__file__).parents[2])
-"""Where the package lies that the process shall import: this one."""
+    def __init__(self, line: _Line, number: int, problem: PlanningProblem) -> None:
+        self._line = line
+        self._number = number
+        self._problem = problem
+
+    def result(self) -> Trajectory:
+        """Wait for the motion, for at most `LONGEST_S` of wall-clock time.
+
+        Raises:
+            Failure: ``NO_PLAN``, also if the process died, was stopped, or gave no answer.
+        """
+        try:
+            outcome = self._line.outcome(self._number)
+        except EOFError:
+            raise self._died() from None
+        except TimeoutError as error:
+            # It may be lost in this problem for good: end it, so that the next gets a new one.
+            self._line.end()
+            raise self._given_up(str(error)) from None
+        if isinstance(outcome, PlanningRefusal):
+            raise Failure(outcome.code, outcome.reason, **outcome.numbers)
+        return outcome
+
+    def abandon(self) -> None:
+        """Drop the problem: its motion is no longer needed. Harmless once it has been found."""
+        self._line.drop(self._number)
+
+    def _died(self) -> Failure:
+        code = self._line.exit_code()
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        return self._given_up(how).noting(exit_code=code)
+
+    def _given_up(self, how: str) -> Failure:
+        planner = self._problem.planner
+        return Failure(
+            "NO_PLAN",
+            f"the planning process {how} while it solved this problem with {planner}",
+            planner=planner,
+        )
+
+
+class _Line:
+    """A process and the two pipes to it.
+
+    A thread writes the problems: a process that is still starting does not read yet, and the run
+    must not wait for it. The thread refers to the pipe only, not to this object, which can
+    therefore be collected.
+    """
+
+    def __init__(self) -> None:
+        from multiprocessing.connection import Connection
+
+        self.process, writing, reading = spawn()
+        self._answers = Connection(reading, writable=False)
+        self._outbox: queue.SimpleQueue[PlanningRequest | None] = queue.SimpleQueue()
+        self._dropped: set[int] = set()
+        self._found: dict[int, Trajectory | PlanningRefusal] = {}
+        requests = Connection(writing, readable=False)
+        threading.Thread(target=_write, args=(self._outbox, requests), daemon=True).start()
+        self.end = weakref.finalize(self, _end, self.process, self._outbox, self._answers)
+
+    def send(self, request: PlanningRequest) -> None:
+        """Queue a request; returns at once."""
+        self._outbox.put(request)
+
+    def drop(self, number: int) -> None:
+        """Discard the answer to a problem, whether it has come or not."""
+        if self._found.pop(number, None) is None:
+            self._dropped.add(number)
+            self.send(PlanningRequest(number))
+
+    def outcome(self, number: int) -> Trajectory | PlanningRefusal:
+        """Wait for the answer to a problem.
+
+        Raises:
+            EOFError: The process has ended.
+            TimeoutError: It has been stopped, or gave no answer in time; the message says which.
+        """
+        latest = time.monotonic() + LONGEST_S
+        while number not in self._found:
+            if self._is_answering(latest):
+                self._take()
+        return self._found.pop(number)
+
+    def _is_answering(self, latest: float) -> bool:
+        """Whether an answer or the end of the pipe can be read; waits for some time.
+
+        Raises:
+            EOFError: The pipe is closed.
+            TimeoutError: No answer is to be expected.
+        """
+        # Stopped before and after the wait: a process that is stopped only for a moment goes on.
+        was_stopped = stopping_signal(self.process.pid)
+        try:
+            if self._answers.poll(_POLL_S):
+                return True
+        except OSError:
+            raise EOFError from None
+        if was_stopped and stopping_signal(self.process.pid):
+            raise TimeoutError(f"was stopped by signal {was_stopped}")
+        if time.monotonic() > latest:
+            raise TimeoutError(f"gave no answer for {LONGEST_S:g} s")
+        return False
+
+    def _take(self) -> None:
+        try:
+            answer: PlanningAnswer = self._answers.recv()
+        except OSError:
+            raise EOFError from None
+        if answer.number in self._dropped:
+            self._dropped.remove(answer.number)
+        else:
+            self._found[answer.number] = answer.outcome
+
+    def exit_code(self) -> int:
+        """Exit code of a process that has closed its pipe; negative for a signal."""
+        try:
+            return self.process.wait(_DYING_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
 
 
 def spawn() -> tuple[subprocess.Popen[bytes], int, int]:
-    """A process, the descriptor to write to it, and the one to read from it.
+    """Start the process; returns it and the descriptors to write to it and to read from it.
 
-    In a process group of its own: Ctrl-C in a terminal is for the run alone.
+    It has a process group of its own: Ctrl-C in a terminal is for the run alone.
     """
     child_in, writing = os.pipe()
     reading, child_out = os.pipe()
@@ -89,7 +280,8 @@ def spawn() -> tuple[subprocess.Popen[bytes], int, int]:
 
 
 def stopping_signal(pid: int) -> int:
-    """The signal by which a child is stopped now, 0 where it goes on or has ended."""
+    """Signal by which a child process is stopped now; 0 if it is running or has ended."""
+    # WNOWAIT leaves the child waitable: subprocess must still see its exit code.
     try:
         state = os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
     except ChildProcessError:
@@ -97,191 +289,8 @@ def stopping_signal(pid: int) -> int:
     return 0 if state is None else state.si_status
 
 
-# Plans in a process of its own, so that a search does not hold up the world.
-
-
-LONGEST_S: Final = 120.0
-"""Seconds on the wall that are waited for an answer; a search that finds nothing takes a few."""
-
-_LOOK_S = 0.5
-"""Seconds on the wall from one look at the process that is waited for to the next."""
-
-_DYING_S = 5.0
-"""Seconds on the wall that a process gets to end once it has closed its pipe."""
-
-
-class PlanningProcess:
-    """One process for all arms of a run, started by the first problem that needs a search.
-
-    When it dies, the problems that it had fail, and the next problem gets a new process.
-    """
-
-    def __init__(self) -> None:
-        self._numbers = itertools.count()
-        self._line: _Line | None = None
-
-    @property
-    def pid(self) -> int | None:
-        """Of the process, if there is one."""
-        return None if self._line is None else self._line.process.pid
-
-    def solve(self, problem: PlanningProblem) -> PendingMotion:
-        """Begin to look for the motion around what is in the way; returns at once.
-
-        Args:
-            problem: Admitted; its straight way is not free.
-
-        Raises:
-            Failure: ``NO_PLAN`` where no process can be started.
-        """
-        if self._line is not None and self._line.process.poll() is not None:
-            self.close()
-        if self._line is None:
-            self._line = _started(problem)
-        number = next(self._numbers)
-        self._line.send(PlanningRequest(number, pickle.dumps(problem, pickle.HIGHEST_PROTOCOL)))
-        return PendingMotion(self._line, number, problem)
-
-    def close(self) -> None:
-        """End the process; what it was looking for is not found."""
-        if self._line is not None:
-            self._line.end()
-            self._line = None
-
-
-class PendingMotion:
-    """A motion that is being looked for."""
-
-    def __init__(self, line: _Line, number: int, problem: PlanningProblem) -> None:
-        self._line = line
-        self._number = number
-        self._problem = problem
-
-    def result(self) -> Trajectory:
-        """The motion; waits for it, for at most `LONGEST_S` on the wall.
-
-        Raises:
-            Failure: ``NO_PLAN``, also when the process died of it, was stopped, or is lost in it.
-        """
-        try:
-            outcome = self._line.outcome(self._number)
-        except EOFError:
-            raise self._died() from None
-        except TimeoutError as error:
-            self._line.end()
-            raise self._given_up(str(error)) from None
-        if isinstance(outcome, PlanningRefusal):
-            raise Failure(outcome.code, outcome.reason, **outcome.numbers)
-        return outcome
-
-    def abandon(self) -> None:
-        """Nobody waits for it any more; harmless when it was found long ago."""
-        self._line.drop(self._number)
-
-    def _died(self) -> Failure:
-        code = self._line.exit_code()
-        how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
-        return self._given_up(how).noting(exit_code=code)
-
-    def _given_up(self, how: str) -> Failure:
-        planner = self._problem.planner
-        return Failure(
-            "NO_PLAN",
-            f"the planning process {how} while it had this problem for {planner}",
-            planner=planner,
-        )
-
-
-class _Line:
-    """A process and the two pipes to it.
-
-    Problems are written by a thread: a process that still starts does not read yet, and the run
-    shall not wait for it. The thread knows the pipe only, so that all of this can be forgotten.
-    """
-
-    def __init__(self) -> None:
-        from multiprocessing.connection import Connection
-
-        self.process, writing, reading = spawn()
-        self._answers = Connection(reading, writable=False)
-        self._outbox: queue.SimpleQueue[PlanningRequest | None] = queue.SimpleQueue()
-        self._dropped: set[int] = set()
-        self._found: dict[int, Trajectory | PlanningRefusal] = {}
-        requests = Connection(writing, readable=False)
-        threading.Thread(target=_write, args=(self._outbox, requests), daemon=True).start()
-        self.end = weakref.finalize(self, _end, self.process, self._outbox, self._answers)
-
-    def send(self, request: PlanningRequest) -> None:
-        """Have it written; returns at once."""
-        self._outbox.put(request)
-
-    def drop(self, number: int) -> None:
-        """Say that nobody waits for the answer of that number."""
-        if self._found.pop(number, None) is None:
-            self._dropped.add(number)
-            self.send(PlanningRequest(number))
-
-    def outcome(self, number: int) -> Trajectory | PlanningRefusal:
-        """Wait for the answer of that number.
-
-        Raises:
-            EOFError: The process has ended.
-            TimeoutError: It has been stopped, or finds no end; the message says which.
-        """
-        latest = time.monotonic() + LONGEST_S
-        while number not in self._found:
-            if self._is_answering(latest):
-                self._take()
-        return self._found.pop(number)
-
-    def _is_answering(self, latest: float) -> bool:
-        """Whether there is something to read, or the end; waits for some time.
-
-        Raises:
-            TimeoutError: Nothing more is to be expected.
-        """
-        was_stopped = stopping_signal(self.process.pid)
-        try:
-            if self._answers.poll(_LOOK_S):
-                return True
-        except OSError:
-            raise EOFError from None
-        if was_stopped and stopping_signal(self.process.pid):
-            raise TimeoutError(f"was stopped by signal {was_stopped}")
-        if time.monotonic() > latest:
-            raise TimeoutError(f"gave no answer for {LONGEST_S:g} s")
-        return False
-
-    def _take(self) -> None:
-        try:
-            answer: PlanningAnswer = self._answers.recv()
-        except OSError:
-            raise EOFError from None
-        if answer.number in self._dropped:
-            self._dropped.remove(answer.number)
-        else:
-            self._found[answer.number] = answer.outcome
-
-    def exit_code(self) -> int:
-        """Of a process that has closed its pipe."""
-        try:
-            return self.process.wait(_DYING_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            return self.process.wait()
-
-
-def _started(problem: PlanningProblem) -> _Line:
-    try:
-        return _Line()
-    except OSError as error:
-        raise Failure(
-            "NO_PLAN", f"no planning process can be started: {error}", planner=problem.planner
-        ) from error
-
-
 def _write(outbox: queue.SimpleQueue[PlanningRequest | None], requests: Connection) -> None:
-    """Write what is to be sent, until there is no more or nobody reads it."""
+    """Write queued requests, until None is queued or the pipe is closed."""
     with requests:
         while (request := outbox.get()) is not None:
             try:
@@ -295,6 +304,7 @@ def _end(
     outbox: queue.SimpleQueue[PlanningRequest | None],
     answers: Connection,
 ) -> None:
+    """End the thread and the process."""
     outbox.put(None)
     process.kill()
     process.wait()

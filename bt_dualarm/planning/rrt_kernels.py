@@ -1,4 +1,9 @@
-"""RRT-Connect and shortcuts: compiled."""
+"""RRT-Connect, and shortcuts of the paths that it finds.
+
+J. J. Kuffner, S. M. LaValle, RRT-Connect: An efficient approach to single-query path planning, ICRA
+2000. Edges are checked by `free_share`, which tells how far an edge is free: a blocked extension is
+cut short instead of rejected. Distances are weighted by the motion of the arm per radian.
+"""
 
 from __future__ import annotations
 
@@ -12,84 +17,53 @@ from bt_dualarm.collision.swept_kernels import WHOLE, free_share
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 
-# RRT-Connect (Kuffner and LaValle 2000): two trees that grow toward each other.
-
-
 _WORTH: Final = 0.05
-"""Meters that a branch grows at least: shorter ones are left away."""
+"""Shortest edge that is added to a tree, as motion of the arm, m."""
 
 _FINE: Final = 0.1
-"""Least share of a branch by which it is worth to know better how far it gets."""
+"""Resolution of the free share of a blocked edge."""
 
 _BACK: Final = 0.9
-"""Share of the free way up to something that a branch takes."""
+"""Share of the free part of a blocked edge that is used: it ends at a distance from obstacles."""
 
 _BESIDE: Final = 0.7
-"""Share of the places to grow to that are drawn beside a node, not anywhere: from there a tree
-finds its way out of narrow places."""
-
-
-@kernel
-def uniform(draws: Draws) -> float:
-    """A random number from 0 to below 1 (xorshift64*, Vigna 2016); ``draws`` is its state."""
-    x = draws[0]
-    x ^= x >> np.uint64(12)
-    x ^= x << np.uint64(25)
-    x ^= x >> np.uint64(27)
-    draws[0] = x
-    return float((x * np.uint64(2685821657736338717)) >> np.uint64(11)) / 9007199254740992.0
-
-
-@kernel
-def way_between(a: Vector, b: Vector, radii: Vector) -> float:
-    """Length of a straight way in meters that the arm moves, the joints' shares squared."""
-    square = 0.0
-    for k in range(len(a)):
-        square += ((b[k] - a[k]) * radii[k]) ** 2
-    return math.sqrt(square)
+"""Share of samples that are drawn near existing nodes, not uniformly: with them, a tree gets out of
+narrow passages."""
 
 
 @kernel
 def connect(
-    swept: SweptArm, query: Query, trees: Trees, hints: Matrix, draws: Draws, spent: Numbers
+    swept: SweptArm, query: Query, trees: Trees, hints: Matrix, draws: Draws, checks: Numbers
 ) -> bool:
-    """Grow both trees until they meet, the smaller one each time; tells whether they have.
+    """Grow two trees until they meet, or the limits of checks or nodes are reached.
 
     Args:
         swept: The arm in its world.
-        query: Where to search, and for how long.
-        trees: The trees; their roots are in them. The last branches of both end at one place.
-        hints: As of `free_share`.
-        draws: State of what is random.
-        spent: As of `free_share`.
+        query: Sampling bounds and limits.
+        trees: Trees with their roots; extended. If they meet, their last nodes are equal.
+        hints: As in `free_share`.
+        draws: State of the random number generator; updated.
+        checks: As in `free_share`.
+
+    Returns:
+        Whether the trees have met.
     """
     target = np.empty(query.lower.shape[0])
     most = trees.nodes.shape[1]
     side = 0
-    while spent[0] < query.checks and trees.counts[0] < most and trees.counts[1] < most:
+    while checks[0] < query.checks and trees.counts[0] < most and trees.counts[1] < most:
         if uniform(draws) < _BESIDE:
-            _enter_place_beside(query, trees, side, draws, target)
+            _write_sample_near(query, trees, side, draws, target)
         else:
             for k in range(len(target)):
                 target[k] = query.lower[k] + uniform(draws) * (query.upper[k] - query.lower[k])
-        if _grown(swept, query, trees, side, target, hints, spent) >= 0.0:
+        if _extended(swept, query, trees, side, target, hints, checks) >= 0.0:
             last = trees.nodes[side, trees.counts[side] - 1]
-            if _reached(swept, query, trees, 1 - side, last, hints, spent):
+            if _reached(swept, query, trees, 1 - side, last, hints, checks):
                 return True
+        # The smaller tree is next, which keeps both balanced.
         side = 0 if trees.counts[0] <= trees.counts[1] else 1
     return False
-
-
-@kernel
-def _enter_place_beside(
-    query: Query, trees: Trees, side: int, draws: Draws, target: Vector
-) -> None:
-    """Draw a place about as far from a node of a tree, near or less near, as branches are long."""
-    node = trees.nodes[side, int(uniform(draws) * trees.counts[side])]
-    wide = 2.0 * uniform(draws) * query.longest
-    for k in range(len(target)):
-        place = node[k] + wide * (2.0 * uniform(draws) - 1.0) / query.radii[k]
-        target[k] = min(max(place, query.lower[k]), query.upper[k])
 
 
 @kernel
@@ -100,56 +74,56 @@ def _reached(
     side: int,
     target: Vector,
     hints: Matrix,
-    spent: Numbers,
+    checks: Numbers,
 ) -> bool:
-    """Grow a tree toward a place as far as it gets; tells whether it gets there."""
-    while spent[0] < query.checks and trees.counts[side] < trees.nodes.shape[1]:
-        left = _grown(swept, query, trees, side, target, hints, spent)
-        if left < 0.0:
+    """Extend a tree toward a configuration until blocked ("connect"); True if it is reached."""
+    while checks[0] < query.checks and trees.counts[side] < trees.nodes.shape[1]:
+        remaining = _extended(swept, query, trees, side, target, hints, checks)
+        if remaining < 0.0:
             return False
-        if left == 0.0:
+        if remaining == 0.0:
             return True
     return False
 
 
 @kernel
-def _grown(
+def _extended(
     swept: SweptArm,
     query: Query,
     trees: Trees,
     side: int,
     target: Vector,
     hints: Matrix,
-    spent: Numbers,
+    checks: Numbers,
 ) -> float:
-    """Add a branch toward a place; meters that are left to it, -1 where none could be added."""
+    """Add an edge toward a configuration; returns the remaining distance, m, or -1 if blocked."""
     nearest = _nearest(trees.nodes[side], trees.counts[side], target, query.radii)
     root = trees.nodes[side, nearest]
-    length = way_between(root, target, query.radii)
+    length = motion_between(root, target, query.radii)
     if length == 0.0:
         return -1.0
     share = min(query.longest / length, 1.0)
     end = root + share * (target - root)
-    free = free_share(swept, root, end, _FINE, hints, spent)
+    free = free_share(swept, root, end, _FINE, hints, checks)
     if free < 1.0:
         free *= _BACK
         if free * share * length < _WORTH:
             return -1.0
         end = root + free * (end - root)
     elif share == 1.0:
-        end = target
+        end = target  # exactly: the sum above is subject to rounding, and the trees must meet
     number = trees.counts[side]
     trees.nodes[side, number] = end
     trees.parents[side, number] = nearest
     trees.counts[side] = number + 1
-    if free < 1.0:
+    if free < 1.0:  # a node was added, but the obstacle is right ahead
         return -1.0
     return (1.0 - share) * length
 
 
 @kernel
 def _nearest(nodes: Matrix, count: int, target: Vector, radii: Vector) -> int:
-    """Number of the node that is nearest to a place."""
+    """Index of the node nearest to a configuration."""
     least = math.inf
     found = 0
     for n in range(count):
@@ -162,7 +136,14 @@ def _nearest(nodes: Matrix, count: int, target: Vector, radii: Vector) -> int:
     return found
 
 
-# Paths made shorter: straight ways between two places on them, where these are free.
+@kernel
+def _write_sample_near(query: Query, trees: Trees, side: int, draws: Draws, target: Vector) -> None:
+    """Draw a sample in a box around a random node, of a random size up to two edges each way."""
+    node = trees.nodes[side, int(uniform(draws) * trees.counts[side])]
+    width = 2.0 * uniform(draws) * query.longest
+    for k in range(len(target)):
+        angle = node[k] + width * (2.0 * uniform(draws) - 1.0) / query.radii[k]
+        target[k] = min(max(angle, query.lower[k]), query.upper[k])
 
 
 @kernel
@@ -174,32 +155,35 @@ def shorten(
     tries: int,
     hints: Matrix,
     draws: Draws,
-    spent: Numbers,
+    checks: Numbers,
 ) -> int:
-    """Replace parts of a path by straight ways between random places on it (Geraerts 2007).
+    """Replace parts of a path by straight segments between random points on it.
+
+    R. Geraerts, M. H. Overmars, Creating high-quality paths for motion planning, Int. J. Robotics
+    Research 26(8), 2007.
 
     Args:
         swept: The arm in its world.
-        corners: Corners of the path, with room for others, of shape (m, dof), rad; renewed.
+        corners: Corners of the path, with capacity for more, of shape (m, dof), rad; updated.
         count: Number of corners.
-        radii: Meters that the arm moves per radian of each joint, of shape (dof,).
+        radii: Largest motion of the arm per radian of each joint, of shape (dof,), m/rad.
         tries: Number of tries.
-        hints: As of `free_share`.
-        draws: State of what is random.
-        spent: As of `free_share`.
+        hints: As in `free_share`.
+        draws: State of the random number generator; updated.
+        checks: As in `free_share`.
 
     Returns:
-        How many corners there are now.
+        New number of corners.
     """
     for _ in range(tries):
         if count < 3:
             break
         length = 0.0
         for i in range(count - 1):
-            length += way_between(corners[i], corners[i + 1], radii)
+            length += motion_between(corners[i], corners[i + 1], radii)
         one = uniform(draws) * length
         other = uniform(draws) * length
-        count = _cut(swept, corners, count, radii, min(one, other), max(one, other), hints, spent)
+        count = _cut(swept, corners, count, radii, min(one, other), max(one, other), hints, checks)
     return count
 
 
@@ -212,16 +196,17 @@ def _cut(
     leave: float,
     arrive: float,
     hints: Matrix,
-    spent: Numbers,
+    checks: Numbers,
 ) -> int:
-    """Replace what lies between two places, given by the meters until there, if that is free."""
+    """Replace the part between two arc lengths, m, by a straight segment if that is free."""
     first, start = _at(corners, count, radii, leave)
     last, end = _at(corners, count, radii, arrive)
     if first == last or count + 2 > len(corners):
         return count
-    if free_share(swept, start, end, WHOLE, hints, spent) < 1.0:
+    if free_share(swept, start, end, WHOLE, hints, checks) < 1.0:
         return count
-    # Between are corners first + 1 ... last; in their place come the two new ones.
+    # Two new corners replace those from first + 1 to last; the later ones are shifted in an order
+    # in which none is overwritten before it is read.
     shift = 2 - (last - first)
     if shift > 0:
         for i in range(count - 1, last, -1):
@@ -235,26 +220,27 @@ def _cut(
 
 
 @kernel
-def _at(corners: Matrix, count: int, radii: Vector, way: float) -> tuple[int, Vector]:
-    """The corner before a place on a path, and the place."""
+def _at(corners: Matrix, count: int, radii: Vector, distance: float) -> tuple[int, Vector]:
+    """Index of the corner before a point at an arc length in m, and its configuration."""
     for i in range(count - 1):
-        length = way_between(corners[i], corners[i + 1], radii)
-        if way < length or i == count - 2:
-            share = min(way / length, 1.0) if length > 0.0 else 0.0
+        length = motion_between(corners[i], corners[i + 1], radii)
+        if distance < length or i == count - 2:
+            share = min(distance / length, 1.0) if length > 0.0 else 0.0
             return i, corners[i] + share * (corners[i + 1] - corners[i])
-        way -= length
+        distance -= length
     return 0, corners[0].copy()
 
 
 @kernel
 def without_idle_corners(
-    swept: SweptArm, corners: Matrix, count: int, hints: Matrix, spent: Numbers
+    swept: SweptArm, corners: Matrix, count: int, hints: Matrix, checks: Numbers
 ) -> int:
-    """Leave those corners out that the path gets along without; tells how many are left."""
+    """Remove corners that the path does not need; returns the new number of corners."""
     i = 0
     while i < count - 2:
+        # Farthest first: the longest free segment removes the most corners.
         j = count - 1
-        while j > i + 1 and free_share(swept, corners[i], corners[j], WHOLE, hints, spent) < 1.0:
+        while j > i + 1 and free_share(swept, corners[i], corners[j], WHOLE, hints, checks) < 1.0:
             j -= 1
         shift = j - i - 1
         if shift > 0:
@@ -263,3 +249,28 @@ def without_idle_corners(
             count -= shift
         i += 1
     return count
+
+
+@kernel
+def motion_between(a: Vector, b: Vector, radii: Vector) -> float:
+    """Weighted Euclidean distance of two configurations, m."""
+    square = 0.0
+    for k in range(len(a)):
+        square += ((b[k] - a[k]) * radii[k]) ** 2
+    return math.sqrt(square)
+
+
+@kernel
+def uniform(draws: Draws) -> float:
+    """Random number in [0, 1): xorshift64*, with its state in ``draws``.
+
+    S. Vigna, An experimental exploration of Marsaglia's xorshift generators, scrambled, ACM
+    Transactions on Mathematical Software 42(4), 2016.
+    """
+    x = draws[0]
+    x ^= x >> np.uint64(12)
+    x ^= x << np.uint64(25)
+    x ^= x >> np.uint64(27)
+    draws[0] = x
+    # The upper 53 bits, as many as a float's mantissa has.
+    return float((x * np.uint64(2685821657736338717)) >> np.uint64(11)) / 9007199254740992.0

@@ -16,7 +16,7 @@ from bt_dualarm.behaviors.load import load
 from bt_dualarm.core.errors import CatalogError, Failure, OverlapError, WorldError
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
-from bt_dualarm.kinematics.solver import Workspace
+from bt_dualarm.kinematics.workspace import Workspace
 from bt_dualarm.robots.description_file import is_description_path, problems_of
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
 from bt_dualarm.robots.mounting import COMES_OFF, stock_joints, with_gripper

@@ -1,4 +1,4 @@
-"""Array types of the timing kernels: paths, and profiles along them."""
+"""Arrays of the timing kernels: paths, and profiles of the path parameter over time."""
 
 from __future__ import annotations
 

@@ -37,6 +37,7 @@ def keeps_limits(limits: Matrix, period: float, last: Matrix, desired: Matrix) -
         a = desired[2, i]
         max_v = limits[MAX_VELOCITY, i]
         max_a = limits[MAX_ACCELERATION, i]
+        # Position minus the trapezoidal integral of velocity: a jump of the position alone.
         drift = q - last[0, i] - 0.5 * period * (v + last[1, i])
         kept = (
             abs(v) <= max_v * factor
@@ -84,7 +85,7 @@ def max_displacement_before_rest(v: float, a: float, acceleration: float, jerk: 
     """
     # The profile begins where the acceleration is zero: ``lead`` seconds from now, or ago.
     lead = a / jerk
-    top = max(v + 0.5 * a * lead, 0.0)
+    top = max(v + 0.5 * a * lead, 0.0)  # velocity at that time
     if not (v > 0.0 or top > 0.0):
         return 0.0
     if a < 0.0 and 2.0 * jerk * v < a * a:
@@ -93,6 +94,7 @@ def max_displacement_before_rest(v: float, a: float, acceleration: float, jerk: 
         rest = (-a - root) / jerk
         return max((v + (0.5 * a + jerk * rest / 6.0) * rest) * rest, 0.0)
     ramp = acceleration / jerk
+    # With a phase of constant acceleration, or a triangle of two jerk phases.
     long = top >= acceleration * ramp
     duration = top / acceleration + ramp if long else 2.0 * math.sqrt(top / jerk)
     return max((v + a * lead / 3.0) * lead + 0.5 * top * duration, 0.0)
@@ -115,6 +117,7 @@ def max_displacement(limits: Matrix, i: int, v: float, a: float, seconds: float)
     max_v = limits[MAX_VELOCITY, i]
     max_a = limits[MAX_ACCELERATION, i]
     jerk = limits[MAX_JERK, i]
+    # Fastest growth of the acceleration, then of the velocity; both within their limits.
     most = min(abs(a) + jerk * seconds, max_a)
     fade = most / jerk
     speed = min(abs(v) + most * seconds, max_v) + 0.5 * most * fade
@@ -139,6 +142,7 @@ def within(scaled: Stack, dt: float, factor: float, limits: Matrix) -> bool:
             max_a = limits[1, j]
             if not (abs(v[i, j]) <= limits[0, j] * factor and abs(a[i, j]) <= max_a * factor):
                 return False
+            # What a controller can observe: differences of consecutive set-points.
             if i and not (
                 abs(v[i, j] - v[i - 1, j]) <= max_a * dt * factor
                 and abs(a[i, j] - a[i - 1, j]) <= limits[2, j] * dt * factor

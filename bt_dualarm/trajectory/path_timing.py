@@ -9,7 +9,7 @@
 3. Time is stretched until the averaged motion keeps all limits. Of all widths of the average, the
    one with the shortest result is taken; then acceleration is redistributed along the path.
 
-Kernels are in `timing_kernels`. `timed_path` is the entry point.
+`timed_path` is the entry point; its kernels are in `timing_kernels`.
 """
 
 from __future__ import annotations
@@ -37,6 +37,346 @@ from bt_dualarm.trajectory.trajectory import (
     shares_at,
     shares_of_limits,
 )
+
+_STILL = 1e-12
+"""Slope dq/ds in rad below which a joint does not bound the path speed."""
+
+_WIDTHS = (14, 7)
+"""Number of averaging widths in the coarse search, and in the fine search around the best one."""
+
+_RAMP = 1.1
+"""An additional width, as a multiple of the time in which a joint reaches its full acceleration:
+too narrow where the acceleration changes sign, but it costs little time at start and end."""
+
+_NODES = 4000
+"""Maximum number of samples at which a motion is evaluated; otherwise two per set-point, as the
+set-points change their times when time is stretched."""
+
+_NARROWEST = 2.0 / _NODES
+"""Least width of the average over a long motion, as a share of its duration: samples must not step
+over what happens within a width."""
+
+_ROUNDS = 10
+"""Maximum number of redistributions of the acceleration along a path."""
+
+_IDLE = 3
+"""Rounds without improvement after which the search ends."""
+
+_GAIN = 0.55
+"""Exponent of a redistribution: a larger one oscillates, a smaller one takes more rounds."""
+
+_BACK = 1.15
+"""Largest factor by which a grid point's acceleration share grows in one round."""
+
+_SHORT = 1.01
+"""Ratio to the duration without jerk limits below which the search ends."""
+
+_JUDGED = 30_000
+"""Number of set-points of a long motion that are evaluated for the final stretch."""
+
+_SAME_RAD = 1e-9
+"""Joint distance below which two configurations are the same, rad."""
+
+_MARGIN = 1.0 + 1e-4
+"""Additional stretch, so that few rounds are needed."""
+
+_LONG_MARGIN = 1.0 + 1e-3
+"""Additional stretch of a long motion, of which not every set-point is evaluated."""
+
+
+class TimedPath(NamedTuple):
+    """Motion along a path.
+
+    Attributes:
+        motion: Set-points from rest to rest.
+        shortest_s: Lower bound of the duration without a jerk limit, by TOPP-RA, s.
+    """
+
+    motion: Trajectory
+    shortest_s: float
+
+
+def timed_path(
+    q_samples: Matrix, limits: JointLimits, dt: float, closed: bool = False
+) -> TimedPath:
+    """Motion along a path from rest to rest within the limits.
+
+    Set-points are on the cubic spline through the samples. Where its direction changes by more than
+    90° from one sample to the next, the arm stops. A path of zero length gives one set-point.
+
+    Args:
+        q_samples: Configurations along the path, of shape (n, dof), rad, dense enough that the
+            spline through them is the path; repetitions are ignored.
+        limits: Position, velocity, acceleration and jerk limits.
+        dt: Time between set-points, s.
+        closed: Whether the path ends where it starts and is smooth there.
+
+    Raises:
+        ValueError: A sample is not finite or outside the position limits.
+    """
+    samples = _distinct(_checked(q_samples, limits))
+    optimal = [TimeOptimal(path, limits) for path in _pieces(samples, limits, closed)]
+    pieces = [_timed(piece, limits, dt) for piece in optimal]
+    # A path of zero length has no pieces: the first set-point stands alone.
+    motion = joined(dt, (Trajectory.rest(samples[0], dt), *pieces))
+    return TimedPath(motion, sum(piece.fastest.duration for piece in optimal))
+
+
+def time_path(
+    q_samples: Matrix, limits: JointLimits, dt: float, closed: bool = False
+) -> Trajectory:
+    """Motion of `timed_path` without the lower bound."""
+    return timed_path(q_samples, limits, dt, closed).motion
+
+
+def _pieces(
+    samples: Matrix, limits: JointLimits, closed: bool
+) -> list[scipy.interpolate.CubicSpline]:
+    """Splines from stop to stop; none if the path has no length."""
+    # A periodic spline needs the whole path in one piece.
+    ends = [0, *_reversals(samples, limits), len(samples) - 1]
+    closed = closed and len(ends) == 2
+    return [
+        spline_through(samples[first : last + 1], limits, closed)
+        for first, last in itertools.pairwise(ends)
+        if last > first
+    ]
+
+
+def _timed(optimal: TimeOptimal, limits: JointLimits, dt: float) -> TrajectoryProtocol:
+    """Jerk-limited motion along one piece, stretched until all set-points keep the limits."""
+    average, stretch = shortest_motion(optimal, limits, dt)
+    motion = StretchedMotion(average, dt, stretch)
+    if len(motion) > LONG:
+        motion = StretchedMotion(average, dt, stretch * _LONG_MARGIN)
+    # Set-points fall on other points of the path after stretching: check again until they keep the
+    # limits.
+    while True:
+        excess = stretch_of(motion, limits)
+        if excess <= 1.0:
+            return motion
+        motion = StretchedMotion(average, dt, motion.stretch * (excess * _MARGIN))
+
+
+def _reversals(samples: Matrix, limits: JointLimits) -> list[int]:
+    """Samples at which the direction in joint space changes by more than 90°."""
+    # Scaled by the velocity limits, so that fast wrist joints do not dominate the angle.
+    steps = np.diff(samples, axis=0) / limits.velocity
+    back = (steps[1:] * steps[:-1]).sum(axis=1) < 0.0
+    return [int(i) + 1 for i in np.flatnonzero(back)]
+
+
+def _checked(q_samples: Matrix, limits: JointLimits) -> Matrix:
+    samples = np.atleast_2d(np.asarray(q_samples, dtype=float))
+    if not np.isfinite(samples).all():
+        raise ValueError("a configuration of the path is not finite")
+    if np.any(samples < limits.lower - _SAME_RAD) or np.any(samples > limits.upper + _SAME_RAD):
+        raise ValueError("a configuration of the path is outside the position limits")
+    return samples
+
+
+def _distinct(samples: Matrix) -> Matrix:
+    """Samples without repetitions of the previous one."""
+    moves: npt.NDArray[np.bool_] = np.any(np.abs(np.diff(samples, axis=0)) > _SAME_RAD, axis=1)
+    if not moves[-1:].all() or not (moves[1:] | moves[:-1]).all():
+        return _one_by_one(samples)
+    distinct: Matrix = samples[np.insert(moves, 0, True)]
+    return distinct
+
+
+def _one_by_one(samples: Matrix) -> Matrix:
+    """Result of `_distinct` for several close samples in a row, or close ones at the end.
+
+    Each sample is compared with the last one that was kept; the end point is always kept.
+    """
+    kept = [0]
+    for i in range(1, len(samples)):
+        if np.abs(samples[i] - samples[kept[-1]]).max() > _SAME_RAD:
+            kept.append(i)
+    kept[-1] = len(samples) - 1 if len(kept) > 1 else 0
+    return samples[kept]
+
+
+def spline_through(
+    samples: Matrix, limits: JointLimits, closed: bool
+) -> scipy.interpolate.CubicSpline:
+    """Cubic spline over the path length, each joint scaled by its velocity limit.
+
+    The Euclidean norm makes this length smooth along the path. With the maximum over joints it
+    would have kinks where the fastest joint changes, which would cost jerk.
+    """
+    steps = np.linalg.norm(np.diff(samples, axis=0) / limits.velocity, axis=1)
+    s = np.concatenate(((0.0,), np.cumsum(steps)))
+    if closed and len(samples) > 3:
+        samples = samples.copy()
+        samples[-1] = samples[0]
+        return scipy.interpolate.CubicSpline(s, samples, bc_type="periodic")
+    return scipy.interpolate.CubicSpline(s, samples)
+
+
+def shortest_motion(
+    optimal: TimeOptimal, limits: JointLimits, dt: float
+) -> tuple[AveragedMotion, float]:
+    """Shortest jerk-limited motion found along a path, and the time stretch that it needs.
+
+    The worst point determines the stretch of the whole motion. At such points (tips of narrow
+    curves, changes from acceleration to deceleration) the acceleration is reduced, and the
+    time-optimal motion computed again.
+
+    Args:
+        optimal: Fastest motions along the path without a jerk limit.
+        limits: Velocity, acceleration and jerk limits.
+        dt: Time between set-points, s.
+    """
+    return _Search(optimal, limits, dt).shortest()
+
+
+class _Search:
+    """Search of `shortest_motion` along one path."""
+
+    def __init__(self, optimal: TimeOptimal, limits: JointLimits, dt: float) -> None:
+        self._optimal = optimal
+        self._dt = dt
+        self._path = path = optimal.path
+        period = float(path.x[-1]) if path.extrapolate == "periodic" else 0.0
+        self._spline = Spline(path.x, np.ascontiguousarray(path.c.swapaxes(0, 1)), period)
+        self._limits = np.array((limits.velocity, limits.acceleration, limits.jerk))
+        self._ramp = float((limits.acceleration / limits.jerk).max())
+
+    def shortest(self) -> tuple[AveragedMotion, float]:
+        """Result of `shortest_motion`."""
+        fastest = self._optimal.fastest
+        best, stretch = self._best_width(fastest)
+        narrowest = self._narrowest(fastest)
+        # Redistribute from the additional width as well as from the best one.
+        for width in (max(_RAMP * self._ramp, narrowest), best.width):
+            if best.unstretched * stretch < _SHORT * fastest.duration:
+                break
+            tried, needed = self._redistributed(AveragedMotion(self._path, fastest, width))
+            if tried.unstretched * needed < best.unstretched * stretch:
+                return tried, needed
+        return best, stretch
+
+    def _best_width(self, profile: Profile) -> tuple[AveragedMotion, float]:
+        """Motion with the best averaging width, and the time stretch that it needs."""
+        low = min(self._narrowest(profile), 0.1 * profile.duration)
+        high = 2.0 * profile.duration
+        best = AveragedMotion(self._path, profile, high)
+        stretch = np.inf
+        least = np.inf
+        for count in _WIDTHS:
+            for width in np.geomspace(low, high, count).tolist():
+                motion = AveragedMotion(self._path, profile, width)
+                # A width that is worse than the best one so far is abandoned at its first excess.
+                needed = float(self._judged(motion, least / motion.unstretched)[1].max())
+                if motion.unstretched * needed < least:
+                    best = motion
+                    stretch = needed
+                    least = motion.unstretched * needed
+            # One coarse step on both sides of the best width.
+            reach = (high / low) ** (1.0 / (count - 1))
+            low = best.width / reach
+            high = best.width * reach
+        return best, stretch
+
+    def _narrowest(self, profile: Profile) -> float:
+        """Least width of the average, s: one period, or more for a long motion."""
+        dt = self._dt
+        duration = profile.duration
+        return dt if duration <= LONG * dt else max(dt, _NARROWEST * duration)
+
+    def _redistributed(self, motion: AveragedMotion) -> tuple[AveragedMotion, float]:
+        """Shortest motion of the same width, and the time stretch that it needs."""
+        share = np.ones_like(self._optimal.grid)
+        best = motion
+        least = float("inf")
+        since = 0
+        for _ in range(_ROUNDS):
+            places, needed = self._judged(motion)
+            stretch = float(needed.max())
+            since += 1
+            # Less than 0.2 % is no improvement.
+            if motion.unstretched * stretch < 0.998 * best.unstretched * least:
+                best = motion
+                least = stretch
+                since = 0
+            if since == _IDLE:
+                break
+            share = np.clip(share * self._shares_needed(motion, places, needed), 1e-2, 1.0)
+            motion = AveragedMotion(self._path, self._optimal.profile(share), motion.width)
+        return best, least
+
+    def _judged(self, motion: AveragedMotion, most: float = np.inf) -> tuple[Vector, Vector]:
+        """Path parameters, and the time stretch that is needed there, of shape (n,) each.
+
+        Ends at the first one that needs more than ``most``.
+        """
+        from bt_dualarm.trajectory.timing_kernels import write_average, write_joints, write_shares
+
+        # Two samples per set-point, fewer for a long motion, but at least one per width.
+        step = min(max(0.5 * self._dt, motion.unstretched / _NODES), motion.width)
+        count = len(StretchedMotion(motion, step, 1.0))
+        course = np.empty((3, count))
+        shares = np.empty((3, count))
+        v = np.empty((count, self._limits.shape[1]))
+        a = np.empty((count, self._limits.shape[1]))
+        profile = motion.profile
+        parabolas = Parabolas(profile.time, profile.place, profile.rate, *profile.pieces)
+        write_average(parabolas, motion.width, step, course)
+        write_joints(self._spline, course, v, a)
+        count = write_shares(v, a, step, self._limits, most, shares)
+        velocity, acceleration, jerk = shares[:, :count]
+        return course[0, :count], _needed((velocity, acceleration, jerk))
+
+    def _shares_needed(self, motion: AveragedMotion, places: Vector, needed: Vector) -> Vector:
+        """Factors of the acceleration share at each grid point, of shape (n,)."""
+        # A set-point is an average over the width: every point within it contributes.
+        reach = max(int(0.5 * motion.width / motion.unstretched * len(needed)), 1)
+        blamed = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
+        # Stretching time by r divides accelerations by r².
+        shares: Vector = np.interp(self._optimal.grid, places, blamed) ** (-2.0 * _GAIN)
+        return np.clip(shares, 1e-2, _BACK)
+
+
+class TimeOptimal:
+    """Fastest motions along a path under velocity and acceleration limits, by TOPP-RA.
+
+    Args:
+        path: Joint positions in rad over a path parameter that starts at zero.
+        limits: Velocity and acceleration limits; jerk is not considered.
+
+    Attributes:
+        path: The path.
+        grid: Path parameters of the grid points, of shape (n,).
+    """
+
+    def __init__(self, path: scipy.interpolate.CubicSpline, limits: JointLimits) -> None:
+        self.path = path
+        # Eight grid intervals per sample resolve a path that bends at each sample; paths with many
+        # samples are smooth, so that two are sufficient.
+        samples = len(path.x)
+        intervals = min(max(200, 2 * samples, min(8 * samples, 500)), 1500)
+        self.grid = np.linspace(0.0, path.x[-1], intervals + 1)
+        slope = path(self.grid, 1)
+        fastest = (limits.velocity / np.maximum(np.abs(slope), _STILL)).min(axis=1)
+        self._on_grid = PathOnGrid(self.grid, slope, path(self.grid, 2), fastest**2)
+        self._acceleration = limits.acceleration
+
+    @cached_property
+    def fastest(self) -> Profile:
+        """Fastest motion with all of the acceleration: a lower bound for any other."""
+        return self.profile(np.ones_like(self.grid))
+
+    def profile(self, share: Vector) -> Profile:
+        """Fastest rest-to-rest motion with a share of the acceleration limits.
+
+        Args:
+            share: Share that may be used at each grid point, of shape (n,), in (0, 1].
+        """
+        from bt_dualarm.trajectory.timing_kernels import squares_of_rates
+
+        squares = squares_of_rates(self._on_grid, self._acceleration, share)
+        return Profile.from_rates(self.grid, np.sqrt(squares))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,85 +443,6 @@ class Profile:
         return bend, np.concatenate(((0.0,), np.cumsum(areas)))
 
 
-_STILL = 1e-12
-"""Slope dq/ds in rad below which a joint does not bound the path speed."""
-
-
-class TimeOptimal:
-    """Fastest motions along a path under velocity and acceleration limits, by TOPP-RA.
-
-    Args:
-        path: Joint positions in rad over a path parameter that starts at zero.
-        limits: Velocity and acceleration limits; jerk is not considered.
-
-    Attributes:
-        path: The path.
-        grid: Path parameters of the grid points, of shape (n,).
-    """
-
-    def __init__(self, path: scipy.interpolate.CubicSpline, limits: JointLimits) -> None:
-        self.path = path
-        # Eight grid intervals per sample resolve a path that bends at each sample; paths with many
-        # samples are smooth, so that two are sufficient.
-        samples = len(path.x)
-        intervals = min(max(200, 2 * samples, min(8 * samples, 500)), 1500)
-        self.grid = np.linspace(0.0, path.x[-1], intervals + 1)
-        slope = path(self.grid, 1)
-        fastest = (limits.velocity / np.maximum(np.abs(slope), _STILL)).min(axis=1)
-        self._on_grid = PathOnGrid(self.grid, slope, path(self.grid, 2), fastest**2)
-        self._acceleration = limits.acceleration
-
-    @cached_property
-    def fastest(self) -> Profile:
-        """Fastest motion with all of the acceleration: a lower bound for any other."""
-        return self.profile(np.ones_like(self.grid))
-
-    def profile(self, share: Vector) -> Profile:
-        """Fastest rest-to-rest motion with a share of the acceleration limits.
-
-        Args:
-            share: Share that may be used at each grid point, of shape (n,), in (0, 1].
-        """
-        from bt_dualarm.trajectory.timing_kernels import squares_of_rates
-
-        squares = squares_of_rates(self._on_grid, self._acceleration, share)
-        return Profile.from_rates(self.grid, np.sqrt(squares))
-
-
-_WIDTHS = (14, 7)
-"""Number of averaging widths in the coarse search, and in the fine search around the best one."""
-
-_RAMP = 1.1
-"""An additional width, as a multiple of the time in which a joint reaches its full acceleration:
-too narrow where the acceleration changes sign, but it costs little time at start and end."""
-
-_NODES = 4000
-"""Maximum number of samples at which a motion is evaluated; otherwise two per set-point, as the
-set-points change their times when time is stretched."""
-
-_NARROWEST = 2.0 / _NODES
-"""Least width of the average over a long motion, as a share of its duration: samples must not step
-over what happens within a width."""
-
-_ROUNDS = 10
-"""Maximum number of redistributions of the acceleration along a path."""
-
-_IDLE = 3
-"""Rounds without improvement after which the search ends."""
-
-_GAIN = 0.55
-"""Exponent of a redistribution: a larger one oscillates, a smaller one takes more rounds."""
-
-_BACK = 1.15
-"""Largest factor by which a grid point's acceleration share grows in one round."""
-
-_SHORT = 1.01
-"""Ratio to the duration without jerk limits below which the search ends."""
-
-_JUDGED = 30_000
-"""Number of set-points of a long motion that are evaluated for the final stretch."""
-
-
 @dataclass(frozen=True, eq=False)
 class AveragedMotion:
     """Path, profile along it, and width of the moving average over the profile in s."""
@@ -244,123 +505,6 @@ class StretchedMotion:
         return Trajectory(self.dt, *self.rows(np.arange(len(self))))
 
 
-def shortest_motion(
-    optimal: TimeOptimal, limits: JointLimits, dt: float
-) -> tuple[AveragedMotion, float]:
-    """Shortest jerk-limited motion found along a path, and the time stretch that it needs.
-
-    The worst point determines the stretch of the whole motion. At such points (tips of narrow
-    curves, changes from acceleration to deceleration) the acceleration is reduced, and the
-    time-optimal motion computed again.
-
-    Args:
-        optimal: Fastest motions along the path without a jerk limit.
-        limits: Velocity, acceleration and jerk limits.
-        dt: Time between set-points, s.
-    """
-    return _Search(optimal, limits, dt).shortest()
-
-
-class _Search:
-    """Search of `shortest_motion` along one path."""
-
-    def __init__(self, optimal: TimeOptimal, limits: JointLimits, dt: float) -> None:
-        self._optimal = optimal
-        self._dt = dt
-        self._path = path = optimal.path
-        period = float(path.x[-1]) if path.extrapolate == "periodic" else 0.0
-        self._spline = Spline(path.x, np.ascontiguousarray(path.c.swapaxes(0, 1)), period)
-        self._limits = np.array((limits.velocity, limits.acceleration, limits.jerk))
-        self._ramp = float((limits.acceleration / limits.jerk).max())
-
-    def shortest(self) -> tuple[AveragedMotion, float]:
-        """Result of `shortest_motion`."""
-        fastest = self._optimal.fastest
-        best, stretch = self._best_width(fastest)
-        narrowest = self._narrowest(fastest)
-        for width in (max(_RAMP * self._ramp, narrowest), best.width):
-            if best.unstretched * stretch < _SHORT * fastest.duration:
-                break
-            tried, needed = self._redistributed(AveragedMotion(self._path, fastest, width))
-            if tried.unstretched * needed < best.unstretched * stretch:
-                return tried, needed
-        return best, stretch
-
-    def _best_width(self, profile: Profile) -> tuple[AveragedMotion, float]:
-        """Motion with the best averaging width, and the time stretch that it needs."""
-        low = min(self._narrowest(profile), 0.1 * profile.duration)
-        high = 2.0 * profile.duration
-        best = AveragedMotion(self._path, profile, high)
-        stretch = np.inf
-        least = np.inf
-        for count in _WIDTHS:
-            for width in np.geomspace(low, high, count).tolist():
-                motion = AveragedMotion(self._path, profile, width)
-                needed = float(self._judged(motion, least / motion.unstretched)[1].max())
-                if motion.unstretched * needed < least:
-                    best = motion
-                    stretch = needed
-                    least = motion.unstretched * needed
-            reach = (high / low) ** (1.0 / (count - 1))
-            low = best.width / reach
-            high = best.width * reach
-        return best, stretch
-
-    def _narrowest(self, profile: Profile) -> float:
-        """Least width of the average, s: one period, or more for a long motion."""
-        dt = self._dt
-        duration = profile.duration
-        return dt if duration <= LONG * dt else max(dt, _NARROWEST * duration)
-
-    def _redistributed(self, motion: AveragedMotion) -> tuple[AveragedMotion, float]:
-        """Shortest motion of the same width, and the time stretch that it needs."""
-        share = np.ones_like(self._optimal.grid)
-        best = motion
-        least = float("inf")
-        since = 0
-        for _ in range(_ROUNDS):
-            places, needed = self._judged(motion)
-            stretch = float(needed.max())
-            since += 1
-            if motion.unstretched * stretch < 0.998 * best.unstretched * least:
-                best = motion
-                least = stretch
-                since = 0
-            if since == _IDLE:
-                break
-            share = np.clip(share * self._shares_needed(motion, places, needed), 1e-2, 1.0)
-            motion = AveragedMotion(self._path, self._optimal.profile(share), motion.width)
-        return best, least
-
-    def _judged(self, motion: AveragedMotion, most: float = np.inf) -> tuple[Vector, Vector]:
-        """Path parameters, and the time stretch that is needed there, of shape (n,) each.
-
-        Ends at the first one that needs more than ``most``.
-        """
-        from bt_dualarm.trajectory.timing_kernels import enter_average, enter_joints, enter_shares
-
-        step = min(max(0.5 * self._dt, motion.unstretched / _NODES), motion.width)
-        count = len(StretchedMotion(motion, step, 1.0))
-        course, shares = np.empty((2, 3, count))
-        v, a = np.empty((2, count, self._limits.shape[1]))
-        profile = motion.profile
-        parabolas = Parabolas(profile.time, profile.place, profile.rate, *profile.pieces)
-        enter_average(parabolas, motion.width, step, course)
-        enter_joints(self._spline, course, v, a)
-        count = enter_shares(v, a, step, self._limits, most, shares)
-        velocity, acceleration, jerk = shares[:, :count]
-        return course[0, :count], _needed((velocity, acceleration, jerk))
-
-    def _shares_needed(self, motion: AveragedMotion, places: Vector, needed: Vector) -> Vector:
-        """Factors of the acceleration share at each grid point, of shape (n,)."""
-        # A set-point is an average over the width: every point within it contributes.
-        reach = max(int(0.5 * motion.width / motion.unstretched * len(needed)), 1)
-        blamed = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
-        # Stretching time by r divides accelerations by r².
-        shares: Vector = np.interp(self._optimal.grid, places, blamed) ** (-2.0 * _GAIN)
-        return np.clip(shares, 1e-2, _BACK)
-
-
 def stretch_of(motion: StretchedMotion, limits: JointLimits) -> float:
     """Further time stretch that is needed to keep the limits; at most 1 if they are kept.
 
@@ -384,141 +528,6 @@ def _needed(shares: SharesOfLimits) -> Vector:
     velocity, acceleration, jerk = shares
     needed: Vector = np.maximum(np.maximum(velocity, np.sqrt(acceleration)), np.cbrt(jerk))
     return needed
-
-
-_SAME_RAD = 1e-9
-"""Joint distance below which two configurations are the same, rad."""
-
-_MARGIN = 1.0 + 1e-4
-"""Additional stretch: set-points fall on other points of the path after stretching."""
-
-_LONG_MARGIN = 1.0 + 1e-3
-"""Additional stretch of a long motion, of which not every set-point is evaluated."""
-
-
-class TimedPath(NamedTuple):
-    """Motion along a path.
-
-    Attributes:
-        motion: Set-points from rest to rest.
-        shortest_s: Lower bound of the duration without a jerk limit, by TOPP-RA, s.
-    """
-
-    motion: Trajectory
-    shortest_s: float
-
-
-def time_path(
-    q_samples: Matrix, limits: JointLimits, dt: float, closed: bool = False
-) -> Trajectory:
-    """Motion of `timed_path` without the lower bound."""
-    return timed_path(q_samples, limits, dt, closed).motion
-
-
-def timed_path(
-    q_samples: Matrix, limits: JointLimits, dt: float, closed: bool = False
-) -> TimedPath:
-    """Motion along a path from rest to rest within the limits.
-
-    Set-points are on the cubic spline through the samples. Where its direction changes by more than
-    90° from one sample to the next, the arm stops. A path of zero length gives one set-point.
-
-    Args:
-        q_samples: Configurations along the path, of shape (n, dof), rad, dense enough that the
-            spline through them is the path; repetitions are ignored.
-        limits: Position, velocity, acceleration and jerk limits.
-        dt: Time between set-points, s.
-        closed: Whether the path ends where it starts and is smooth there.
-
-    Raises:
-        ValueError: A sample is not finite or outside the position limits.
-    """
-    samples = _distinct(_checked(q_samples, limits))
-    optimal = [TimeOptimal(path, limits) for path in _pieces(samples, limits, closed)]
-    pieces = [_timed(one, limits, dt) for one in optimal]
-    motion = joined(dt, (Trajectory.rest(samples[0], dt), *pieces))
-    return TimedPath(motion, sum(one.fastest.duration for one in optimal))
-
-
-def _pieces(
-    samples: Matrix, limits: JointLimits, closed: bool
-) -> list[scipy.interpolate.CubicSpline]:
-    """Splines from stop to stop; none if the path has no length."""
-    ends = [0, *_reversals(samples, limits), len(samples) - 1]
-    closed = closed and len(ends) == 2
-    return [
-        spline_through(samples[first : last + 1], limits, closed)
-        for first, last in itertools.pairwise(ends)
-        if last > first
-    ]
-
-
-def _timed(optimal: TimeOptimal, limits: JointLimits, dt: float) -> TrajectoryProtocol:
-    """Jerk-limited motion along one piece, stretched until all set-points keep the limits."""
-    average, stretch = shortest_motion(optimal, limits, dt)
-    motion = StretchedMotion(average, dt, stretch)
-    if len(motion) > LONG:
-        motion = StretchedMotion(average, dt, stretch * _LONG_MARGIN)
-    while True:
-        excess = stretch_of(motion, limits)
-        if excess <= 1.0:
-            return motion
-        motion = StretchedMotion(average, dt, motion.stretch * (excess * _MARGIN))
-
-
-def _reversals(samples: Matrix, limits: JointLimits) -> list[int]:
-    """Samples at which the direction in joint space changes by more than 90°."""
-    steps = np.diff(samples, axis=0) / limits.velocity
-    back = (steps[1:] * steps[:-1]).sum(axis=1) < 0.0
-    return [int(i) + 1 for i in np.flatnonzero(back)]
-
-
-def _checked(q_samples: Matrix, limits: JointLimits) -> Matrix:
-    samples = np.atleast_2d(np.asarray(q_samples, dtype=float))
-    if not np.isfinite(samples).all():
-        raise ValueError("a configuration of the path is not finite")
-    if np.any(samples < limits.lower - _SAME_RAD) or np.any(samples > limits.upper + _SAME_RAD):
-        raise ValueError("a configuration of the path is outside the position limits")
-    return samples
-
-
-def _distinct(samples: Matrix) -> Matrix:
-    """Samples without repetitions of the previous one."""
-    moves: npt.NDArray[np.bool_] = np.any(np.abs(np.diff(samples, axis=0)) > _SAME_RAD, axis=1)
-    if not moves[-1:].all() or not (moves[1:] | moves[:-1]).all():
-        return _one_by_one(samples)
-    distinct: Matrix = samples[np.insert(moves, 0, True)]
-    return distinct
-
-
-def _one_by_one(samples: Matrix) -> Matrix:
-    """Result of `_distinct` for several close samples in a row, or close ones at the end.
-
-    Each sample is compared with the last one that was kept; the end point is always kept.
-    """
-    kept = [0]
-    for i in range(1, len(samples)):
-        if np.abs(samples[i] - samples[kept[-1]]).max() > _SAME_RAD:
-            kept.append(i)
-    kept[-1] = len(samples) - 1 if len(kept) > 1 else 0
-    return samples[kept]
-
-
-def spline_through(
-    samples: Matrix, limits: JointLimits, closed: bool
-) -> scipy.interpolate.CubicSpline:
-    """Cubic spline over the path length, each joint scaled by its velocity limit.
-
-    The Euclidean norm makes this length smooth along the path. With the maximum over joints it
-    would have kinks where the fastest joint changes, which would cost jerk.
-    """
-    steps = np.linalg.norm(np.diff(samples, axis=0) / limits.velocity, axis=1)
-    s = np.concatenate(((0.0,), np.cumsum(steps)))
-    if closed and len(samples) > 3:
-        samples = samples.copy()
-        samples[-1] = samples[0]
-        return scipy.interpolate.CubicSpline(s, samples, bc_type="periodic")
-    return scipy.interpolate.CubicSpline(s, samples)
 
 
 def warm_up_timing() -> None:

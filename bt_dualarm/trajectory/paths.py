@@ -1,4 +1,8 @@
-"""Geometric paths of the tool, without timing: lines, splines, blends, curves, rotations."""
+"""Geometric paths of the tool, without timing: lines, splines, blends, curves, rotations.
+
+Each function returns a `CartesianPath`: samples of the tool's pose, dense enough that inverse
+kinematics stays on one branch between them.
+"""
 
 from __future__ import annotations
 
@@ -14,42 +18,29 @@ import scipy
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 
-_SHARE = np.linspace(0.0, 1.0, 33)[:, None]
-
-
-def corner_curve(start: Vector, corner: Vector, end: Vector) -> Matrix:
-    """Blend of a corner between two lines: a quintic Bézier curve with zero curvature at both ends.
-
-    Args:
-        start: Point where it leaves the line to the corner, of shape (k,).
-        corner: Intersection of the two lines, of shape (k,).
-        end: Point where it joins the line from the corner, of shape (k,).
-
-    Returns:
-        33 points from start to end, of shape (33, k).
-    """
-    t = _SHARE
-    u = 1.0 - _SHARE
-    toward = (start + corner) / 2.0
-    away = (corner + end) / 2.0
-    curve: Matrix = (
-        u**5 * start
-        + 5 * u**4 * t * toward
-        + 10 * (u**3 * t**2 + u**2 * t**3) * corner
-        + 5 * u * t**4 * away
-        + t**5 * end
-    )
-    return curve
-
-
 Axes: TypeAlias = tuple[Vector, Vector]
 """Two orthogonal unit vectors of a plane in the world, each of shape (3,)."""
 
 Mode: TypeAlias = Literal["around", "from"]
 """Whether the given tool pose is the center of a curve, or its start."""
 
+_SHARE = np.linspace(0.0, 1.0, 33)[:, None]
+"""Parameters of the points of a blend."""
+
 _SAMPLES = 12
 """Samples between two waypoints: dense enough that inverse kinematics stays on one branch."""
+
+_ARM = 0.2
+"""Length that a rotation by 1 rad counts as, m: for segments that only rotate."""
+
+_SPACING = 0.005
+"""Largest distance between two samples of a blended path, m."""
+
+_TURN_SPACING = 0.03
+"""Largest angle between two samples of a rotation, rad."""
+
+_WAYPOINT = math.radians(15.0)
+"""Angle between two waypoints of a rotation, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,42 +126,6 @@ def through(poses: Sequence[Pose], *, closed: bool = False) -> CartesianPath:
     return CartesianPath(positions, turn, points, closed)
 
 
-def _slerp(knots: Sequence[float] | Vector, poses: Sequence[Pose], samples: Vector) -> Matrix:
-    """Quaternions wxyz, of shape (n, 4), interpolated between poses at the knots (slerp)."""
-    turns = scipy.spatial.transform.Rotation.concatenate([pose.rotation for pose in poses])
-    quaternions: Matrix = scipy.spatial.transform.Slerp(knots, turns)(samples).as_quat(
-        scalar_first=True
-    )
-    return quaternions
-
-
-def spline(knots: Vector, points: Matrix, closed: bool) -> scipy.interpolate.CubicSpline:
-    """Cubic spline through points of shape (n, k) at knots of shape (n,); periodic if closed."""
-    return scipy.interpolate.CubicSpline(
-        knots, points, bc_type="periodic" if closed else "not-a-knot"
-    )
-
-
-def refined(knots: Vector) -> Vector:
-    """The knots, and `_SAMPLES` - 1 evenly spaced parameters between two of them."""
-    index = np.linspace(0.0, len(knots) - 1.0, _SAMPLES * (len(knots) - 1) + 1)
-    return np.interp(index, np.arange(len(knots)), knots)
-
-
-def require(holds: bool, reason: str, **numbers: float) -> None:
-    """Check a condition on the parameters of a path.
-
-    Raises:
-        Failure: ``INVALID_TARGET`` with the reason and the numbers.
-    """
-    if not holds:
-        raise Failure("INVALID_TARGET", reason, **numbers)
-
-
-_ARM = 0.2  # length in m that a rotation by 1 rad counts as, for segments that only rotate
-_SPACING = 0.005  # meters between two samples of a line
-
-
 def blended(poses: Sequence[Pose], radius: float) -> CartesianPath:
     """Straight lines through poses with blended corners, so that the tool need not stop.
 
@@ -191,6 +146,7 @@ def blended(poses: Sequence[Pose], radius: float) -> CartesianPath:
     lengths = [_length(line) for line in lines]
     if min(lengths) < 1e-6:
         raise Failure("INVALID_TARGET", f"pose {lengths.index(min(lengths)) + 2} repeats the last")
+    # Blends of both ends of a line may meet in its middle, but not overlap.
     cuts = [min(radius / length, 0.5) for length in lengths]
     pieces: list[tuple[Pose, Matrix]] = []
     for i, line in enumerate(lines):
@@ -203,41 +159,6 @@ def blended(poses: Sequence[Pose], radius: float) -> CartesianPath:
             leave = cuts[i + 1] * _step(corner, poses[i + 2])
             pieces.append((corner, corner_curve(last * line, np.zeros(6), leave)))
     return _joined(pieces, poses)
-
-
-def _step(origin: Pose, other: Pose) -> Vector:
-    """Offset of another pose, of shape (6,): translation in world axes, rotation in origin's."""
-    turn = (origin.rotation.inv() * other.rotation).as_rotvec()
-    return np.concatenate((other.position - origin.position, turn))
-
-
-def _length(step: Vector) -> float:
-    return math.hypot(*step[:3], *(_ARM * step[3:]))
-
-
-def _straight(start: Vector, end: Vector) -> Matrix:
-    pieces = max(math.ceil(_length(end - start) / _SPACING), 8)
-    share = np.linspace(0.0, 1.0, pieces + 1)[:, None]
-    rows: Matrix = start + share * (end - start)
-    return rows
-
-
-def _joined(pieces: Sequence[tuple[Pose, Matrix]], poses: Sequence[Pose]) -> CartesianPath:
-    """One path from offsets relative to corner poses, without repeated samples."""
-    positions: list[Matrix] = []
-    turns: list[Matrix] = []
-    for i, (origin, steps) in enumerate(pieces):
-        rows = steps if i == 0 else steps[1:]
-        turned = origin.rotation * scipy.spatial.transform.Rotation.from_rotvec(rows[:, 3:])
-        positions.append(origin.position + rows[:, :3])
-        turns.append(turned.as_quat(scalar_first=True))
-    waypoints = np.array([pose.position for pose in poses])
-    return CartesianPath(np.vstack(positions), np.vstack(turns), waypoints)
-
-
-# Plane curves pass exactly through their waypoints. In between they are cubic splines, periodic if
-# closed and not-a-knot otherwise: with 20 waypoints within 0.02 mm of a circle of 0.1 m, where
-# natural end conditions would deviate by 0.5 mm.
 
 
 def circle(
@@ -322,6 +243,90 @@ def lissajous(
     return _curve(tool, axes, offsets, mode, waypoints, int(repeats) if whole else 0, tilt)
 
 
+def drawn(
+    tool: Pose,
+    axes: Axes,
+    points: Sequence[tuple[float, float]],
+    *,
+    mode: Mode = "around",
+    closed: bool = True,
+    repeats: int = 1,
+) -> CartesianPath:
+    """Smooth plane curve through points in their order, with constant orientation.
+
+    Args:
+        tool: Origin of the points, or with mode ``"from"`` the position of the first one.
+        axes: Axes of the plane, along which the points are given.
+        points: Points, m; no two in a row at the same position.
+        mode: See ``tool``.
+        closed: Whether the curve continues smoothly from the last to the first point.
+        repeats: Number of passes; more than one only for a closed curve.
+
+    Raises:
+        Failure: ``INVALID_TARGET`` for invalid parameters.
+    """
+    if repeats > 1 and not closed:
+        raise Failure("INVALID_TARGET", "only a closed curve can be drawn again and again")
+    frame = np.array(axes)
+    offsets = np.array(points, dtype=float)
+    origin = tool.position - (offsets[0] @ frame if mode == "from" else 0.0)
+    positions = origin + offsets @ frame
+    path = through([Pose(position, tool.quaternion) for position in positions], closed=closed)
+    return replace(path, repeats=repeats, center=Pose(origin, tool.quaternion))
+
+
+def turned_about(tool: Pose, point: Vector, axis: Vector, angle: float) -> CartesianPath:
+    """Rotation of the tool about a line in space, as a rigid body.
+
+    Args:
+        tool: First pose.
+        point: Point on the line, in the world, of shape (3,), m.
+        axis: Direction of the line in the world, of shape (3,), with a length other than 0.
+        angle: Angle about the axis, right-handed, rad; may exceed a full turn.
+
+    Raises:
+        Failure: ``INVALID_TARGET`` for an axis or an angle of 0.
+    """
+    length = float(np.linalg.norm(axis))
+    if not (length > 1e-9 and abs(angle) > 1e-9):
+        raise Failure("INVALID_TARGET", "a turn needs an axis and an angle other than 0")
+    count = max(math.ceil(abs(angle) / _TURN_SPACING), 8)
+    turns = scipy.spatial.transform.Rotation.from_rotvec(
+        np.linspace(0.0, angle, count + 1)[:, None] * np.asarray(axis) / length
+    )
+    positions = point + turns.apply(tool.position - point)
+    quaternions = (turns * tool.rotation).as_quat(scalar_first=True)
+    every = max(round(count * _WAYPOINT / abs(angle)), 1)
+    return CartesianPath(positions, quaternions, positions[::every])
+
+
+def corner_curve(start: Vector, corner: Vector, end: Vector) -> Matrix:
+    """Blend of a corner between two lines: a quintic Bézier curve with zero curvature at both ends.
+
+    Args:
+        start: Point where it leaves the line to the corner, of shape (k,).
+        corner: Intersection of the two lines, of shape (k,).
+        end: Point where it joins the line from the corner, of shape (k,).
+
+    Returns:
+        33 points from start to end, of shape (33, k).
+    """
+    # Control points at equal distances on both lines, three of them in a row on each: the second
+    # derivative vanishes at both ends, so that curvature is continuous where the lines go on.
+    t = _SHARE
+    u = 1.0 - _SHARE
+    toward = (start + corner) / 2.0
+    away = (corner + end) / 2.0
+    curve: Matrix = (
+        u**5 * start
+        + 5 * u**4 * t * toward
+        + 10 * (u**3 * t**2 + u**2 * t**3) * corner
+        + 5 * u * t**4 * away
+        + t**5 * end
+    )
+    return curve
+
+
 def _curve(
     tool: Pose,
     axes: Axes,
@@ -332,6 +337,10 @@ def _curve(
     tilt: float,
 ) -> CartesianPath:
     """Plane curve through waypoints that are evenly spaced in its parameter.
+
+    It passes exactly through them. In between it is a cubic spline, periodic if closed and
+    not-a-knot otherwise: with 20 waypoints it is within 0.02 mm of a circle of 0.1 m, where natural
+    end conditions would deviate by 0.5 mm.
 
     Args:
         tool: Center or start of the curve, and orientation of the tool.
@@ -368,67 +377,70 @@ def _leaning(tool: Pose, lean: Matrix) -> Matrix:
     """
     if not lean.any():
         return np.tile(tool.quaternion, (len(lean), 1))
+    # A small rotation w tilts the axis z by w x z; with w = lean x z that is against the lean.
     turns = scipy.spatial.transform.Rotation.from_rotvec(np.cross(lean, tool.rotation_matrix[:, 2]))
     quaternions: Matrix = (turns * tool.rotation).as_quat(scalar_first=True)
     return quaternions
 
 
-_TURN_SPACING = 0.03  # radians between two samples
-_WAYPOINT = math.radians(15.0)  # angle between two waypoints
+def _step(origin: Pose, other: Pose) -> Vector:
+    """Offset of another pose, of shape (6,): translation in world axes, rotation in origin's."""
+    # Relative rotation vectors can be scaled and blended like positions.
+    turn = (origin.rotation.inv() * other.rotation).as_rotvec()
+    return np.concatenate((other.position - origin.position, turn))
 
 
-def turned_about(tool: Pose, point: Vector, axis: Vector, angle: float) -> CartesianPath:
-    """Rotation of the tool about a line in space, as a rigid body.
+def _length(step: Vector) -> float:
+    return math.hypot(*step[:3], *(_ARM * step[3:]))
 
-    Args:
-        tool: First pose.
-        point: Point on the line, in the world, of shape (3,), m.
-        axis: Direction of the line in the world, of shape (3,), with a length other than 0.
-        angle: Angle about the axis, right-handed, rad; may exceed a full turn.
 
-    Raises:
-        Failure: ``INVALID_TARGET`` for an axis or an angle of 0.
-    """
-    length = float(np.linalg.norm(axis))
-    if not (length > 1e-9 and abs(angle) > 1e-9):
-        raise Failure("INVALID_TARGET", "a turn needs an axis and an angle other than 0")
-    count = max(math.ceil(abs(angle) / _TURN_SPACING), 8)
-    turns = scipy.spatial.transform.Rotation.from_rotvec(
-        np.linspace(0.0, angle, count + 1)[:, None] * np.asarray(axis) / length
+def _straight(start: Vector, end: Vector) -> Matrix:
+    pieces = max(math.ceil(_length(end - start) / _SPACING), 8)
+    share = np.linspace(0.0, 1.0, pieces + 1)[:, None]
+    rows: Matrix = start + share * (end - start)
+    return rows
+
+
+def _joined(pieces: Sequence[tuple[Pose, Matrix]], poses: Sequence[Pose]) -> CartesianPath:
+    """One path from offsets relative to corner poses, without repeated samples."""
+    positions: list[Matrix] = []
+    turns: list[Matrix] = []
+    for i, (origin, steps) in enumerate(pieces):
+        rows = steps if i == 0 else steps[1:]
+        turned = origin.rotation * scipy.spatial.transform.Rotation.from_rotvec(rows[:, 3:])
+        positions.append(origin.position + rows[:, :3])
+        turns.append(turned.as_quat(scalar_first=True))
+    waypoints = np.array([pose.position for pose in poses])
+    return CartesianPath(np.vstack(positions), np.vstack(turns), waypoints)
+
+
+def _slerp(knots: Sequence[float] | Vector, poses: Sequence[Pose], samples: Vector) -> Matrix:
+    """Quaternions wxyz, of shape (n, 4), interpolated between poses at the knots (slerp)."""
+    turns = scipy.spatial.transform.Rotation.concatenate([pose.rotation for pose in poses])
+    quaternions: Matrix = scipy.spatial.transform.Slerp(knots, turns)(samples).as_quat(
+        scalar_first=True
     )
-    positions = point + turns.apply(tool.position - point)
-    quaternions = (turns * tool.rotation).as_quat(scalar_first=True)
-    every = max(round(count * _WAYPOINT / abs(angle)), 1)
-    return CartesianPath(positions, quaternions, positions[::every])
+    return quaternions
 
 
-def drawn(
-    tool: Pose,
-    axes: Axes,
-    points: Sequence[tuple[float, float]],
-    *,
-    mode: Mode = "around",
-    closed: bool = True,
-    repeats: int = 1,
-) -> CartesianPath:
-    """Smooth plane curve through points in their order, with constant orientation.
+def spline(knots: Vector, points: Matrix, closed: bool) -> scipy.interpolate.CubicSpline:
+    """Cubic spline through points of shape (n, k) at knots of shape (n,); periodic if closed."""
+    return scipy.interpolate.CubicSpline(
+        knots, points, bc_type="periodic" if closed else "not-a-knot"
+    )
 
-    Args:
-        tool: Origin of the points, or with mode ``"from"`` the position of the first one.
-        axes: Axes of the plane, along which the points are given.
-        points: Points, m; no two in a row at the same position.
-        mode: See ``tool``.
-        closed: Whether the curve continues smoothly from the last to the first point.
-        repeats: Number of passes; more than one only for a closed curve.
+
+def refined(knots: Vector) -> Vector:
+    """The knots, and `_SAMPLES` - 1 evenly spaced parameters between two of them."""
+    index = np.linspace(0.0, len(knots) - 1.0, _SAMPLES * (len(knots) - 1) + 1)
+    return np.interp(index, np.arange(len(knots)), knots)
+
+
+def require(holds: bool, reason: str, **numbers: float) -> None:
+    """Check a condition on the parameters of a path.
 
     Raises:
-        Failure: ``INVALID_TARGET`` for invalid parameters.
+        Failure: ``INVALID_TARGET`` with the reason and the numbers.
     """
-    if repeats > 1 and not closed:
-        raise Failure("INVALID_TARGET", "only a closed curve can be drawn again and again")
-    frame = np.array(axes)
-    offsets = np.array(points, dtype=float)
-    origin = tool.position - (offsets[0] @ frame if mode == "from" else 0.0)
-    positions = origin + offsets @ frame
-    path = through([Pose(position, tool.quaternion) for position in positions], closed=closed)
-    return replace(path, repeats=repeats, center=Pose(origin, tool.quaternion))
+    if not holds:
+        raise Failure("INVALID_TARGET", reason, **numbers)

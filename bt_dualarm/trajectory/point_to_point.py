@@ -76,6 +76,7 @@ def point_to_point(
     displacement = q1 - q0
     if float(np.abs(displacement).max()) < _ZERO_RAD:
         return Trajectory.rest(q1, dt)
+    # Not sampled here: a long motion computes its set-points on demand.
     line = _Straight(q0, q1, _limits_along(displacement, limits), min_duration, dt)
     return joined(dt, (line,))
 
@@ -124,9 +125,10 @@ class _Straight:
 
     def rows(self, index: Rows) -> SetPoints:
         """Positions, velocities and accelerations of some set-points, each of shape (n, dof)."""
-        (q0, q1) = self._ends
+        q0, q1 = self._ends
         last = index == len(self) - 1
         place, rate, bend = _at(self._share, index, self._dt)
+        # The last set-point may be up to a period after the end: exactly at the goal, at rest.
         place[last] = 1.0
         rate[last] = 0.0
         bend[last] = 0.0
@@ -153,6 +155,7 @@ def stop(q: Vector, v: Vector, a: Vector, limits: JointLimits, dt: float) -> Tra
     """
     request = _request(q, v, a, limits.velocity, limits.acceleration)
     request.control_interface = ruckig.ControlInterface.Velocity
+    # Each joint brakes at its own limits: the arm leaves its path, but stops soonest.
     request.synchronization = ruckig.Synchronization.No
     position, velocity, acceleration = _sampled(request, limits.jerk, dt)
     velocity[-1] = 0.0
@@ -162,6 +165,7 @@ def stop(q: Vector, v: Vector, a: Vector, limits: JointLimits, dt: float) -> Tra
 
 def _limits_along(displacement: Vector, limits: JointLimits) -> tuple[Vector, Vector, Vector]:
     """Velocity, acceleration and jerk limits of the parameter of a line, each of shape (1,)."""
+    # Along q0 + s (q1 - q0), each joint bounds the rates of s by its limit over its displacement.
     moving = np.abs(displacement) > 0.0
     velocity, acceleration, jerk = (
         np.array([(limit[moving] / np.abs(displacement[moving])).min()])

@@ -34,236 +34,35 @@ _MAX_RATE = 25.0
 _MAX_RATE_CHANGE = 600.0
 """Upper bound of the change of that rate, 1/s²."""
 
-_AHEAD_S = 0.4  # planned time whose joint speeds bound the change
-_RUN_OUT_S = 0.8  # a motion that ends sooner need not be stopped before
-_JERK_SHARE = 0.9  # share of the jerk limit: rounding to the grid takes the rest
+_AHEAD_S = 0.4
+"""Planned time ahead whose joint speeds bound a change of the time scale, s."""
+
+_RUN_OUT_S = 0.8
+"""Remaining time below which a motion that cannot be stopped may run to its end, s."""
+
+_JERK_SHARE = 0.9
+"""Share of the jerk limit for a change; rounding to the grid of set-points takes the rest."""
 
 _SPARSE = 8.0
 """Spacing in set-points above which a long motion is evaluated one set-point at a time."""
 
 _ROUNDING = 1.0 + 1e-6
+"""Factor of the limits, as a tolerance for floating-point rounding."""
 
+_PIECE = 25
+"""Number of set-points at a constant time scale that are computed at a time."""
 
-@dataclass(frozen=True)
-class PathParameter:
-    """Position of a motion on its path, and its speed along it.
+_MAX_MEASURED = 8192
+"""Largest number of measured tool positions that are stored until they are taken."""
 
-    Attributes:
-        s: Time since the beginning of the motion as planned, s.
-        scale: Time scale ds/dt.
-        change: Rate of change of the time scale, 1/s.
-    """
+STALE_S = 0.1
+"""Time for which an arm coasts without a new set-point of its stream, s."""
 
-    s: float
-    scale: float = 1.0
-    change: float = 0.0
+Stream: TypeAlias = Callable[[float], SetPoint | None]
+"""Returns the set-point for a simulated time in s; called once per control period.
 
-
-@dataclass(frozen=True, eq=False)
-class ScaledPiece:
-    """Piece of a motion at a changing time scale; its first row is the current set-point.
-
-    Attributes:
-        parameters: Path parameters, of shape (n, 3): s, time scale, its change.
-        motion: Set-points at these parameters.
-        goal: Time scale that it changes to, before it comes to rest if it does.
-    """
-
-    parameters: Matrix
-    motion: Trajectory
-    goal: float
-
-
-def change_scale(
-    motion: Trajectory, begin: PathParameter, scale: float, limits: JointLimits
-) -> ScaledPiece | None:
-    """Fastest change to another time scale that keeps the limits; None if none was found.
-
-    Args:
-        motion: Motion as planned.
-        begin: Current path parameter.
-        scale: Desired time scale in [0, 1].
-        limits: Velocity, acceleration and jerk limits that no set-point may exceed.
-    """
-    rate, jerk = _bounds(motion, begin, limits)
-    for longer in _LONGER:
-        try:
-            parameters = _profile(begin, scale, (rate / longer, jerk / longer**2), motion.dt)
-        except Failure:  # Ruckig found no root; it may find one for a slower change
-            continue
-        rows = _sampled(motion, parameters)
-        if _within(rows, motion.dt, limits):
-            return ScaledPiece(parameters, Trajectory(motion.dt, *rows), scale)
-    return None
-
-
-def _bounds(motion: Trajectory, begin: PathParameter, limits: JointLimits) -> tuple[float, float]:
-    """Bounds of r' and r'' in 1/s and 1/s², from ``r' q' <= acceleration``, ``r'' q' <= jerk``."""
-    first = min(int(begin.s / motion.dt), len(motion) - 1)
-    end = min(first + round(_AHEAD_S / motion.dt), len(motion))
-    speed = np.abs(motion.piece(first, end).v).max(axis=0) + 1e-9
-    rate = min(float((limits.acceleration / speed).min()), _MAX_RATE)
-    jerk = min(float((_JERK_SHARE * limits.jerk / speed).min()), _MAX_RATE_CHANGE)
-    return rate, jerk
-
-
-def keep_scale(motion: Trajectory, begin: PathParameter, count: int) -> Matrix:
-    """Path parameters at a constant time scale, of shape (count + 1, 3), from ``begin`` on."""
-    parameters = np.tile((begin.s, begin.scale, 0.0), (count + 1, 1))
-    parameters[:, 0] += np.arange(count + 1) * (begin.scale * motion.dt)
-    return parameters
-
-
-def to_rest_after(
-    motion: Trajectory, begin: PathParameter, scale: float, count: int, limits: JointLimits
-) -> ScaledPiece | None:
-    """The next ``count`` set-points, changing to a time scale, then to rest on the path.
-
-    If the time scale cannot change, it is kept. Near its end, a motion rests soonest at its end.
-    None if the time scale is changing and cannot change back, or if it takes too long to rest.
-    """
-    ahead = _advance(motion, begin, scale, count, limits)
-    if ahead is None:
-        return None
-    parameters, goal = ahead
-    last = PathParameter(*parameters[-1].tolist())
-    change = change_scale(motion, last, 0.0, limits)
-    if change is not None:
-        tail = change.parameters
-    else:
-        steps = (motion.duration - last.s) / max(last.scale * motion.dt, 1e-9)
-        if last.change or steps > round(_RUN_OUT_S / motion.dt):
-            return None
-        tail = keep_scale(motion, last, int(np.ceil(steps)))
-    whole = np.vstack((parameters, tail[1:]))
-    return ScaledPiece(whole, sampled_at(motion, whole), goal)
-
-
-def _advance(
-    motion: Trajectory, begin: PathParameter, scale: float, count: int, limits: JointLimits
-) -> tuple[Matrix, float] | None:
-    """Path parameters of the next set-points, changing to a time scale; and the one reached."""
-    change = None
-    if begin.scale != scale or begin.change:
-        change = change_scale(motion, begin, scale, limits)
-        if change is None and begin.change:
-            return None
-    if change is None:
-        return keep_scale(motion, begin, count), begin.scale
-    parameters = change.parameters[: count + 1]
-    last = PathParameter(*parameters[-1].tolist())
-    more = count + 1 - len(parameters)
-    return np.vstack((parameters, keep_scale(motion, last, more)[1:])), change.goal
-
-
-def brake_after(
-    motion: Trajectory, begin: PathParameter, count: int, limits: JointLimits
-) -> ScaledPiece:
-    """The next ``count`` set-points at the same time scale, then each joint to rest by itself.
-
-    Braking leaves the path; s stays constant meanwhile.
-    """
-    parameters = keep_scale(motion, begin, count)
-    rows = sampled_at(motion, parameters)
-    rows = rows.then(stop(rows.q[-1], rows.v[-1], rows.a[-1], limits, motion.dt))
-    off = np.broadcast_to((parameters[-1, 0], 0.0, 0.0), (len(rows) - len(parameters), 3))
-    return ScaledPiece(np.vstack((parameters, off)), rows, begin.scale)
-
-
-def sampled_at(motion: Trajectory, parameters: Matrix) -> Trajectory:
-    """Set-points of a motion at path parameters, of shape (n, 3): s, time scale, its change."""
-    return Trajectory(motion.dt, *_sampled(motion, parameters))
-
-
-def _sampled(motion: Trajectory, parameters: Matrix) -> Stack:
-    """Positions, velocities and accelerations at path parameters, of shape (3, n, dof)."""
-    from bt_dualarm.trajectory.timing_kernels import scale
-
-    parameters = np.ascontiguousarray(parameters)
-    far = _SPARSE * len(parameters) * motion.dt
-    if isinstance(motion, LongTrajectory) and far < np.ptp(parameters[:, 0]):
-        return _sampled_apart(motion, parameters)
-    (first, rows) = motion.around(parameters[:, 0])
-    count = len(motion)
-    scaled = np.empty((3, len(parameters), rows[0].shape[1]))
-    scale(*rows, first, count, motion.dt, parameters, scaled)
-    return scaled
-
-
-def _sampled_apart(motion: Trajectory, parameters: Matrix) -> Stack:
-    """Result of `_sampled` for a long motion, evaluated only next to the parameters."""
-    from bt_dualarm.trajectory.timing_kernels import scale
-
-    count = len(motion)
-    place = np.clip(parameters[:, 0] / motion.dt, 0.0, count - 1.0)
-    first = np.minimum(place.astype(int), count - 2)
-    pairs = np.array(motion.rows(np.column_stack((first, first + 1)).ravel()))
-    pairs = pairs.reshape(3, len(first), 2, -1).swapaxes(0, 1).copy()
-    scaled = np.empty_like(pairs[:, :, :1])
-    for i, (q, v, a) in enumerate(pairs):
-        scale(q, v, a, int(first[i]), count, motion.dt, parameters[i : i + 1], scaled[i])
-    return np.ascontiguousarray(scaled[:, :, 0].swapaxes(0, 1))
-
-
-def at_scale(motion: Trajectory, scale: float) -> Trajectory:
-    """The whole motion at a constant time scale in (0, 1]."""
-    return joined(motion.dt, (_AtScale(motion, scale),))
-
-
-@dataclass(frozen=True, eq=False)
-class _AtScale:
-    """Motion at a constant time scale, see `TrajectoryProtocol`."""
-
-    motion: Trajectory
-    scale: float
-
-    def __len__(self) -> int:
-        return int(np.ceil(self.motion.duration / (self.scale * self.motion.dt))) + 1
-
-    def rows(self, index: Rows) -> SetPoints:
-        """Positions, velocities and accelerations of some set-points, each of shape (n, dof)."""
-        parameters = np.tile((0.0, self.scale, 0.0), (len(index), 1))
-        parameters[:, 0] += index * (self.scale * self.motion.dt)
-        slower = sampled_at(self.motion, parameters)
-        return slower.q, slower.v, slower.a
-
-
-def _profile(begin: PathParameter, scale: float, bounds: tuple[float, float], dt: float) -> Matrix:
-    """Path parameters until a time scale is reached, of shape (n, 3).
-
-    Args:
-        begin: Path parameter of the first row.
-        scale: Time scale of the last row.
-        bounds: Bounds of the time scale's rate of change in 1/s, and of its change in 1/s².
-        dt: Seconds between rows.
-    """
-    request = ruckig.InputParameter(1)
-    request.control_interface = ruckig.ControlInterface.Velocity
-    request.current_position = [begin.s]
-    request.current_velocity = [begin.scale]
-    request.current_acceleration = [begin.change]
-    request.target_velocity = [scale]
-    request.target_acceleration = [0.0]
-    request.max_velocity = [2.0]
-    request.max_acceleration = [max(bounds[0], abs(begin.change))]
-    motion = solve_ruckig(request, np.array(bounds[1:]))
-    grid = np.arange(int(np.ceil(motion.duration / dt - 1e-9)) + 1) * dt
-    states = map(motion.at_time, np.minimum(grid, motion.duration).tolist())
-    rows = np.array([(s[0], rate[0], change[0]) for s, rate, change in states])
-    # Ruckig holds the state at its end; the motion goes on from there.
-    rows[-1] = (rows[-1, 0] + max(grid[-1] - motion.duration, 0.0) * scale, scale, 0.0)
-    return rows
-
-
-def _within(rows: Stack, dt: float, limits: JointLimits) -> bool:
-    from bt_dualarm.trajectory.limit_kernels import within
-
-    most = np.array((limits.velocity, limits.acceleration, limits.jerk))
-    return within(rows, dt, _ROUNDING, most)
-
-
-_PIECE = 25  # set-points at a constant time scale that are computed at a time
-_MAX_MEASURED = 8192  # measured tool positions that are kept until they are taken
+None, or the same set-point again while the arm moves, means that there is no new one.
+"""
 
 
 class TrajectorySource:
@@ -364,6 +163,7 @@ class TrajectorySource:
         change = change_scale(self.trajectory, self.parameter, scale, limits)
         if change is None:
             return False
+        # A reserved braking trajectory is dropped with the piece that it ended.
         self._ahead = change
         self._row = 0
         self._reserved = False
@@ -428,16 +228,6 @@ class TrajectorySource:
         return SetPoint(*ahead.motion.set_point(self._row))
 
 
-Stream: TypeAlias = Callable[[float], SetPoint | None]
-"""Returns the set-point for a simulated time in s; called once per control period.
-
-None, or the same set-point again while the arm moves, means that there is no new one.
-"""
-
-STALE_S = 0.1
-"""Time for which an arm coasts without a new set-point of its stream, s."""
-
-
 @runtime_checkable
 class ScalableStream(Protocol):
     """Stream that can be slowed down."""
@@ -478,6 +268,7 @@ class StreamSource:
             Failure: ``STALE`` without a new set-point for `STALE_S`.
         """
         given = self._stream(time)
+        # The same object again is an old set-point, unless it is one of rest.
         if given is not None and (given is not self._given or not given.v.any()):
             self._given = self._next = given
             self._old = 0
@@ -503,3 +294,224 @@ class StreamSource:
         a = last.a - np.clip(last.a, -self._change, self._change)
         v = last.v + 0.5 * (last.a + a) * dt
         return SetPoint(last.q + 0.5 * (last.v + v) * dt, v, a)
+
+
+@dataclass(frozen=True)
+class PathParameter:
+    """Position of a motion on its path, and its speed along it.
+
+    Attributes:
+        s: Time since the beginning of the motion as planned, s.
+        scale: Time scale ds/dt.
+        change: Rate of change of the time scale, 1/s.
+    """
+
+    s: float
+    scale: float = 1.0
+    change: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ScaledPiece:
+    """Piece of a motion at a changing time scale; its first row is the current set-point.
+
+    Attributes:
+        parameters: Path parameters, of shape (n, 3): s, time scale, its change.
+        motion: Set-points at these parameters.
+        goal: Time scale that it changes to, before it comes to rest if it does.
+    """
+
+    parameters: Matrix
+    motion: Trajectory
+    goal: float
+
+
+def change_scale(
+    motion: Trajectory, begin: PathParameter, scale: float, limits: JointLimits
+) -> ScaledPiece | None:
+    """Fastest change to another time scale that keeps the limits; None if none was found.
+
+    Args:
+        motion: Motion as planned.
+        begin: Current path parameter.
+        scale: Desired time scale in [0, 1].
+        limits: Velocity, acceleration and jerk limits that no set-point may exceed.
+    """
+    rate, jerk = _bounds(motion, begin, limits)
+    for longer in _LONGER:
+        try:
+            parameters = _profile(begin, scale, (rate / longer, jerk / longer**2), motion.dt)
+        except Failure:  # Ruckig found no root; it may find one for a slower change
+            continue
+        rows = _sampled(motion, parameters)
+        if _within(rows, motion.dt, limits):
+            return ScaledPiece(parameters, Trajectory(motion.dt, *rows), scale)
+    return None
+
+
+def to_rest_after(
+    motion: Trajectory, begin: PathParameter, scale: float, count: int, limits: JointLimits
+) -> ScaledPiece | None:
+    """The next ``count`` set-points, changing to a time scale, then to rest on the path.
+
+    If the time scale cannot change, it is kept. Near its end, a motion rests soonest at its end.
+    None if the time scale is changing and cannot change back, or if it takes too long to rest.
+    """
+    ahead = _advance(motion, begin, scale, count, limits)
+    if ahead is None:
+        return None
+    parameters, goal = ahead
+    last = PathParameter(*parameters[-1].tolist())
+    change = change_scale(motion, last, 0.0, limits)
+    if change is not None:
+        tail = change.parameters
+    else:
+        # It cannot stop on the path before its end: let it run out if that is near.
+        steps = (motion.duration - last.s) / max(last.scale * motion.dt, 1e-9)
+        if last.change or steps > round(_RUN_OUT_S / motion.dt):
+            return None
+        tail = keep_scale(motion, last, int(np.ceil(steps)))
+    whole = np.vstack((parameters, tail[1:]))
+    return ScaledPiece(whole, sampled_at(motion, whole), goal)
+
+
+def _advance(
+    motion: Trajectory, begin: PathParameter, scale: float, count: int, limits: JointLimits
+) -> tuple[Matrix, float] | None:
+    """Path parameters of the next set-points, changing to a time scale; and the one reached."""
+    change = None
+    if begin.scale != scale or begin.change:
+        change = change_scale(motion, begin, scale, limits)
+        if change is None and begin.change:
+            return None
+    if change is None:
+        return keep_scale(motion, begin, count), begin.scale
+    parameters = change.parameters[: count + 1]
+    last = PathParameter(*parameters[-1].tolist())
+    more = count + 1 - len(parameters)
+    return np.vstack((parameters, keep_scale(motion, last, more)[1:])), change.goal
+
+
+def brake_after(
+    motion: Trajectory, begin: PathParameter, count: int, limits: JointLimits
+) -> ScaledPiece:
+    """The next ``count`` set-points at the same time scale, then each joint to rest by itself.
+
+    Braking leaves the path; s stays constant meanwhile.
+    """
+    parameters = keep_scale(motion, begin, count)
+    rows = sampled_at(motion, parameters)
+    rows = rows.then(stop(rows.q[-1], rows.v[-1], rows.a[-1], limits, motion.dt))
+    off = np.broadcast_to((parameters[-1, 0], 0.0, 0.0), (len(rows) - len(parameters), 3))
+    return ScaledPiece(np.vstack((parameters, off)), rows, begin.scale)
+
+
+def keep_scale(motion: Trajectory, begin: PathParameter, count: int) -> Matrix:
+    """Path parameters at a constant time scale, of shape (count + 1, 3), from ``begin`` on."""
+    parameters = np.tile((begin.s, begin.scale, 0.0), (count + 1, 1))
+    parameters[:, 0] += np.arange(count + 1) * (begin.scale * motion.dt)
+    return parameters
+
+
+def at_scale(motion: Trajectory, scale: float) -> Trajectory:
+    """The whole motion at a constant time scale in (0, 1]."""
+    return joined(motion.dt, (_AtScale(motion, scale),))
+
+
+@dataclass(frozen=True, eq=False)
+class _AtScale:
+    """Motion at a constant time scale, see `TrajectoryProtocol`."""
+
+    motion: Trajectory
+    scale: float
+
+    def __len__(self) -> int:
+        return int(np.ceil(self.motion.duration / (self.scale * self.motion.dt))) + 1
+
+    def rows(self, index: Rows) -> SetPoints:
+        """Positions, velocities and accelerations of some set-points, each of shape (n, dof)."""
+        parameters = np.tile((0.0, self.scale, 0.0), (len(index), 1))
+        parameters[:, 0] += index * (self.scale * self.motion.dt)
+        slower = sampled_at(self.motion, parameters)
+        return slower.q, slower.v, slower.a
+
+
+def sampled_at(motion: Trajectory, parameters: Matrix) -> Trajectory:
+    """Set-points of a motion at path parameters, of shape (n, 3): s, time scale, its change."""
+    return Trajectory(motion.dt, *_sampled(motion, parameters))
+
+
+def _sampled(motion: Trajectory, parameters: Matrix) -> Stack:
+    """Positions, velocities and accelerations at path parameters, of shape (3, n, dof)."""
+    from bt_dualarm.trajectory.timing_kernels import scale
+
+    parameters = np.ascontiguousarray(parameters)
+    far = _SPARSE * len(parameters) * motion.dt
+    if isinstance(motion, LongTrajectory) and far < np.ptp(parameters[:, 0]):
+        return _sampled_apart(motion, parameters)
+    first, rows = motion.around(parameters[:, 0])
+    count = len(motion)
+    scaled = np.empty((3, len(parameters), rows[0].shape[1]))
+    scale(*rows, first, count, motion.dt, parameters, scaled)
+    return scaled
+
+
+def _sampled_apart(motion: Trajectory, parameters: Matrix) -> Stack:
+    """Result of `_sampled` for a long motion, evaluated only next to the parameters."""
+    from bt_dualarm.trajectory.timing_kernels import scale
+
+    count = len(motion)
+    place = np.clip(parameters[:, 0] / motion.dt, 0.0, count - 1.0)
+    first = np.minimum(place.astype(int), count - 2)
+    pairs = np.array(motion.rows(np.column_stack((first, first + 1)).ravel()))
+    pairs = pairs.reshape(3, len(first), 2, -1).swapaxes(0, 1).copy()
+    scaled = np.empty_like(pairs[:, :, :1])
+    for i, (q, v, a) in enumerate(pairs):
+        scale(q, v, a, int(first[i]), count, motion.dt, parameters[i : i + 1], scaled[i])
+    return np.ascontiguousarray(scaled[:, :, 0].swapaxes(0, 1))
+
+
+def _bounds(motion: Trajectory, begin: PathParameter, limits: JointLimits) -> tuple[float, float]:
+    """Bounds of r' and r'' in 1/s and 1/s², from ``r' q' <= acceleration``, ``r'' q' <= jerk``."""
+    # The fastest joint speed ahead, in case the change takes that long.
+    first = min(int(begin.s / motion.dt), len(motion) - 1)
+    end = min(first + round(_AHEAD_S / motion.dt), len(motion))
+    speed = np.abs(motion.piece(first, end).v).max(axis=0) + 1e-9
+    rate = min(float((limits.acceleration / speed).min()), _MAX_RATE)
+    jerk = min(float((_JERK_SHARE * limits.jerk / speed).min()), _MAX_RATE_CHANGE)
+    return rate, jerk
+
+
+def _profile(begin: PathParameter, scale: float, bounds: tuple[float, float], dt: float) -> Matrix:
+    """Path parameters until a time scale is reached, of shape (n, 3).
+
+    Args:
+        begin: Path parameter of the first row.
+        scale: Time scale of the last row.
+        bounds: Bounds of the time scale's rate of change in 1/s, and of its change in 1/s².
+        dt: Seconds between rows.
+    """
+    request = ruckig.InputParameter(1)
+    request.control_interface = ruckig.ControlInterface.Velocity
+    request.current_position = [begin.s]
+    request.current_velocity = [begin.scale]
+    request.current_acceleration = [begin.change]
+    request.target_velocity = [scale]
+    request.target_acceleration = [0.0]
+    request.max_velocity = [2.0]  # never reached: time scales are at most 1
+    # The current rate must be within the limits of the request.
+    request.max_acceleration = [max(bounds[0], abs(begin.change))]
+    motion = solve_ruckig(request, np.array(bounds[1:]))
+    grid = np.arange(int(np.ceil(motion.duration / dt - 1e-9)) + 1) * dt
+    states = map(motion.at_time, np.minimum(grid, motion.duration).tolist())
+    rows = np.array([(s[0], rate[0], change[0]) for s, rate, change in states])
+    # Ruckig holds the state at its end; the motion goes on from there.
+    rows[-1] = (rows[-1, 0] + max(grid[-1] - motion.duration, 0.0) * scale, scale, 0.0)
+    return rows
+
+
+def _within(rows: Stack, dt: float, limits: JointLimits) -> bool:
+    from bt_dualarm.trajectory.limit_kernels import within
+
+    most = np.array((limits.velocity, limits.acceleration, limits.jerk))
+    return within(rows, dt, _ROUNDING, most)

@@ -1,4 +1,4 @@
-"""Compiled path timing: the two passes of TOPP-RA, averaged profiles, and time scaling.
+"""Kernels of path timing: the two passes of TOPP-RA, averaged profiles, and time scaling.
 
 TOPP-RA: x is the squared path speed at a grid point, u the path acceleration from there to the
 next. Joint accelerations bound both by rows ``|a u + b x| <= 1`` with ``a >= 0``, two per joint:
@@ -42,9 +42,10 @@ def squares_of_rates(path: PathOnGrid, acceleration: Vector, share: Vector) -> V
     # Backward: the largest speed from which the end can still be reached at rest.
     reachable = np.zeros(count)
     for i in range(count - 2, -1, -1):
+        # From dx/ds = 2 u: x changes by 2 u (s' - s) over a grid interval with constant u.
         step = 2.0 * (path.grid[i + 1] - path.grid[i])
         last = i == count - 2
-        _enter_rows(path, acceleration, share, i, a[i], b[i])
+        _write_rows(path, acceleration, share, i, a[i], b[i])
         most = _largest(a[i], b[i], step, 1.0 if last else 1.0 - SLOWING, path.most[i]) * _BELOW
         steepest = math.inf if last else reachable[i + 1] / SLOWING
         reachable[i] = min(_before(a[i], b[i], step, reachable[i + 1]), most, steepest)
@@ -57,7 +58,7 @@ def squares_of_rates(path: PathOnGrid, acceleration: Vector, share: Vector) -> V
 
 
 @kernel
-def _enter_rows(
+def _write_rows(
     path: PathOnGrid, acceleration: Vector, share: Vector, i: int, a: Vector, b: Vector
 ) -> None:
     """Write the row coefficients of a grid interval, of shape (2 dof,) each."""
@@ -66,13 +67,14 @@ def _enter_rows(
     for j in range(dof):
         here = acceleration[j] * share[i]
         there = acceleration[j] * share[i + 1]
+        # Joint acceleration q' u + q'' x; at the next grid point, x is larger by step * u.
         curvature = path.curvature[i + 1, j] / there
-        _enter(a, b, j, path.slope[i, j] / here, path.curvature[i, j] / here)
-        _enter(a, b, dof + j, path.slope[i + 1, j] / there + step * curvature, curvature)
+        _write_row(a, b, j, path.slope[i, j] / here, path.curvature[i, j] / here)
+        _write_row(a, b, dof + j, path.slope[i + 1, j] / there + step * curvature, curvature)
 
 
 @kernel
-def _enter(a: Vector, b: Vector, row: int, along: float, across: float) -> None:
+def _write_row(a: Vector, b: Vector, row: int, along: float, across: float) -> None:
     """Write the coefficients of a row, with the sign that makes that of u positive."""
     a[row] = abs(along)
     b[row] = -across if along < 0.0 else across
@@ -88,6 +90,7 @@ def _largest(a: Vector, b: Vector, step: float, slowing: float, most: float) -> 
     converges in a few iterations.
     """
     x = most
+    # Where a joint's slope is zero, its row bounds x alone: the zero-inertia points of the path.
     for k in range(len(a)):
         if a[k] == 0.0 and b[k] != 0.0:
             x = min(x, 1.0 / abs(b[k]))
@@ -144,7 +147,7 @@ def _after(a: Vector, b: Vector, step: float, here: float) -> float:
 
 
 @kernel
-def enter_average(profile: Parabolas, width: float, step: float, course: Matrix) -> None:
+def write_average(profile: Parabolas, width: float, step: float, course: Matrix) -> None:
     """Write the moving average of the path parameter and its first two derivatives.
 
     Args:
@@ -158,6 +161,8 @@ def enter_average(profile: Parabolas, width: float, step: float, course: Matrix)
     now = 0
     before = 0
     for i in range(course.shape[1]):
+        # The average over [early, late] is the difference of the integrals, divided by the width.
+        # Both ends move forward only, so that the search for their pieces is amortized.
         late = min(i * step, end + width)
         early = max(late - width, 0.0)
         beyond = max(late - end, 0.0)
@@ -182,7 +187,7 @@ def enter_average(profile: Parabolas, width: float, step: float, course: Matrix)
 
 
 @kernel
-def enter_joints(path: Spline, course: Matrix, v: Matrix, a: Matrix) -> None:
+def write_joints(path: Spline, course: Matrix, v: Matrix, a: Matrix) -> None:
     """Write joint velocities and accelerations along a path; at rest at both ends.
 
     Chain rule: ``v = q'(s) s'`` and ``a = q'(s) s'' + q''(s) s'²``.
@@ -203,6 +208,7 @@ def enter_joints(path: Spline, course: Matrix, v: Matrix, a: Matrix) -> None:
         place = course[0, i]
         rate = course[1, i]
         bend = course[2, i]
+        # The last point of a closed path is the first one of the next period.
         if 0.0 < path.period <= place:
             place -= path.period
         k = _piece(path.knots, place, k)
@@ -218,7 +224,7 @@ def enter_joints(path: Spline, course: Matrix, v: Matrix, a: Matrix) -> None:
 
 
 @kernel
-def enter_shares(
+def write_shares(
     v: Matrix, a: Matrix, step: float, limits: Matrix, most: float, shares: Matrix
 ) -> int:
     """Write the share of its limits that a motion uses at each step, until one is too large.
@@ -238,6 +244,7 @@ def enter_shares(
     Returns:
         Number of steps written.
     """
+    # Multiplications instead of divisions in the loop over all samples.
     per = 1.0 / limits
     per_step = 1.0 / step
     last = len(v) - 1
@@ -312,6 +319,7 @@ def scale(
         for j in range(q.shape[1]):
             start = q[before, j]
             step = q[after, j] - q[before, j]
+            # Cubic Hermite interpolation, as the deviation from the straight line.
             bend = (1.0 - u) * (v[before, j] * dt - step) - u * (v[after, j] * dt - step)
             slope = v[before, j] + u * (v[after, j] - v[before, j])
             curve = a[before, j] + u * (a[after, j] - a[before, j])

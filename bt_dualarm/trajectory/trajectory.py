@@ -19,16 +19,8 @@ Rows: TypeAlias = npt.NDArray[np.int_]
 SetPoints: TypeAlias = tuple[Matrix, Matrix, Matrix]
 """Positions, velocities, accelerations."""
 
-
-class TrajectoryProtocol(Protocol):
-    """Motion whose set-points can be computed from their indices."""
-
-    def __len__(self) -> int:
-        """Number of set-points."""
-
-    def rows(self, index: Rows, /) -> SetPoints:
-        """Set-points at some indices, as `Trajectory.rows`."""
-
+SharesOfLimits: TypeAlias = tuple[Vector, Vector, Vector]
+"""Shares of the velocity, acceleration and jerk limits, of shape (n,), of the worst joint."""
 
 LONG = 8192
 """Number of set-points above which they are computed on demand: half a minute at 250 Hz."""
@@ -38,6 +30,19 @@ _BLOCK = 1024
 
 _ROUNDING = 1e-9
 """Share of a period below which a time is that of a set-point."""
+
+_SHARE_ROUNDING = 1e-9
+"""Relative tolerance of a limit for floating-point rounding."""
+
+
+class TrajectoryProtocol(Protocol):
+    """Motion whose set-points can be computed from their indices."""
+
+    def __len__(self) -> int:
+        """Number of set-points."""
+
+    def rows(self, index: Rows, /) -> SetPoints:
+        """Set-points at some indices, as `Trajectory.rows`."""
 
 
 class Trajectory:
@@ -131,6 +136,7 @@ class Trajectory:
         row = min(max(time / self.dt, 0.0), len(self) - 1.0)
         i = min(int(row), max(len(self) - 2, 0))
         u = row - i
+        # On a set-point, its own values: interpolation would leave a rounding error.
         if _ROUNDING <= u <= 1.0 - _ROUNDING:
             return self._between(self.set_point(i), self.set_point(i + 1), u)
         q, v, a = self.set_point(i if u < _ROUNDING else i + 1)
@@ -154,8 +160,8 @@ class Trajectory:
         Positions by the cubic that matches positions and velocities (Hermite), velocities and
         accelerations linearly.
         """
-        (q0, v0, a0) = before
-        (q1, v1, a1) = after
+        q0, v0, a0 = before
+        q1, v1, a1 = after
         step = q1 - q0
         bend = (1.0 - u) * (v0 * self.dt - step) - u * (v1 * self.dt - step)
         q = q0 + u * step + u * (1.0 - u) * bend
@@ -193,6 +199,7 @@ class LongTrajectory(Trajectory):
 
     def rows(self, index: Rows) -> SetPoints:
         """Positions, velocities and accelerations at some indices, each of shape (n, dof)."""
+        # Nearby set-points come from one block, which the next call may need again.
         first = int(index.min())
         last = int(index.max())
         if last - first >= _BLOCK:
@@ -229,6 +236,7 @@ class LongTrajectory(Trajectory):
         return self._block
 
     def _rows(self, index: Rows) -> SetPoints:
+        # A shared set-point belongs to the earlier part, whose last row it is.
         owner = np.searchsorted(self._starts[1:-1], index)
         found = [
             (owner == k, self.parts[k].rows(index[owner == k] - self._starts[k]))
@@ -256,8 +264,8 @@ def joined(dt: float, parts: Sequence[TrajectoryProtocol]) -> Trajectory:
         ValueError: A motion starts elsewhere.
     """
     for before, after in itertools.pairwise(parts):
-        (end, *_) = before.rows(np.array([len(before) - 1]))
-        (start, *_) = after.rows(np.array([0]))
+        end, *_ = before.rows(np.array([len(before) - 1]))
+        start, *_ = after.rows(np.array([0]))
         if not np.allclose(end, start, rtol=0.0, atol=1e-6):
             raise ValueError("the second motion does not start where the first ends")
     if sum(len(part) - 1 for part in parts) >= LONG:
@@ -269,10 +277,6 @@ def joined(dt: float, parts: Sequence[TrajectoryProtocol]) -> Trajectory:
 
 def _parts_of(motion: Trajectory) -> Sequence[TrajectoryProtocol]:
     return motion.parts if isinstance(motion, LongTrajectory) else (motion,)
-
-
-_SHARE_ROUNDING = 1e-9
-"""Relative tolerance of a limit for floating-point rounding."""
 
 
 @dataclass(frozen=True)
@@ -308,10 +312,6 @@ def use_of_limits(trajectory: Trajectory, limits: JointLimits) -> LimitUse:
     )
 
 
-SharesOfLimits: TypeAlias = tuple[Vector, Vector, Vector]
-"""Shares of the velocity, acceleration and jerk limits, of shape (n,), of the worst joint."""
-
-
 def shares_of_limits(trajectory: Trajectory, limits: JointLimits) -> SharesOfLimits:
     """Shares of the limits at each set-point; differences belong to the earlier one."""
     return shares_of_motion(trajectory.v, trajectory.a, trajectory.dt, limits)
@@ -336,8 +336,8 @@ def _shares(
     given: tuple[Matrix, Matrix], changes: tuple[Matrix, Matrix], limits: JointLimits
 ) -> SharesOfLimits:
     """Shares from velocities and accelerations, and from their rates of change, each (n, dof)."""
-    (v, a) = given
-    (change, jerk) = changes
+    v, a = given
+    change, jerk = changes
     acceleration = np.maximum(np.abs(a), np.abs(change))
     return (
         (np.abs(v) / limits.velocity).max(axis=1),

@@ -87,7 +87,7 @@ def found(seed: int) -> tuple[Matrix, int]:
     search = small_search(seed)
     path = search.shortest_path(2_000, lambda: False)
     assert path is not None
-    assert search.keeps_off(path[[0, *np.repeat(np.arange(1, len(path)), 2)]])
+    assert search.is_dense_path_free(path[[0, *np.repeat(np.arange(1, len(path)), 2)]])
     return path, search.states
 
 

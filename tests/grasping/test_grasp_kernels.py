@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.grasp import pinching_forces
-from bt_dualarm.grasping.grasp_kernels import distance, distances, hold, narrow, pinch, press, reach
+from bt_dualarm.grasping.grasp_kernels import (
+    distance,
+    distances,
+    hold,
+    lower_clearances,
+    pinch,
+    press,
+    reach,
+)
 from bt_dualarm.grasping.kernel_forms import BOX, CAPSULE, CYLINDER
 from bt_dualarm.grasping.ranking import finger_points, palm_points
 from bt_dualarm.grasping.solids import Box, Solid
@@ -104,7 +112,7 @@ def test_room_is_the_least_distance_of_all_points(solid: Solid, lies: Pose, tool
     at = np.vstack([finger_points(JAW, width) for width in widths[0]] + [palm])
     near = Pose(0.2 * lies.position, lies.quaternion)
     least = float(solid.distance(near.inverse.apply(tool.apply(at))).min())
-    for kernel in (narrow, plain(narrow)):
+    for kernel in (lower_clearances, plain(lower_clearances)):
         rooms = np.array([0.5])
         kernel(*solid.form, near.matrix, row, widths, moving, -1e-4, rooms)
         if least < -1e-4:

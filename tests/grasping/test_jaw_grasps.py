@@ -143,5 +143,5 @@ def test_a_mesh_of_a_box_is_taken_as_that_box() -> None:
 
 
 def test_of_what_nothing_is_known_there_are_no_pinches() -> None:
-    with pytest.raises(TypeError, match="no pinches are known of a str"):
+    with pytest.raises(TypeError, match="no antipodal pairs are known for a str"):
         next(antipodal_pairs("banana", np.zeros(3), np.random.default_rng(0)))  # type: ignore[arg-type]

@@ -68,5 +68,5 @@ def test_a_ray_inward_leaves_on_the_other_side(mesh: MeshSolid, seed: int) -> No
 def test_what_is_no_solid_is_refused() -> None:
     assert isinstance(solid_of("cylinder", (0.02, 0.05)), Cylinder)
     assert isinstance(solid_of("sphere", (0.02,)), Capsule)
-    with pytest.raises(ValueError, match="no grasps are known of a 'torus'"):
+    with pytest.raises(ValueError, match="'torus' is no shape to grasp"):
         solid_of("torus", (0.1,))

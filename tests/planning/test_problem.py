@@ -86,10 +86,10 @@ def test_a_search_that_has_ended_does_not_go_on() -> None:
     """
     budget = Budget(lambda: False)
     budget.limit = 100_000
-    budget.look()
+    budget.count_check()
     assert not budget.is_over()
     assert any(budget.is_over() for _ in range(10_000))
-    budget.look()
+    budget.count_check()
     assert budget.is_over()
     assert not budget.is_spent()
     budget.begin()

@@ -118,7 +118,7 @@ CASES = {
     "around too much": Case(
         "NO_PLAN",
         "go_home: {}",
-        "no way free of collisions was found",
+        "no collision-free path was found",
         {"states": (1000, math.inf)},
         {"planner": "RRTConnect"},
         Scenario(HALVES, SCENARIOS["reach_to_pose"].arm, (MIRRORED, *SPLIT)),

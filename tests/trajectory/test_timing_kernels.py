@@ -18,7 +18,7 @@ from bt_dualarm.trajectory.path_timing import (
     TimeOptimal,
     spline_through,
 )
-from bt_dualarm.trajectory.timing_kernels import enter_average, enter_joints, enter_shares
+from bt_dualarm.trajectory.timing_kernels import write_average, write_joints, write_shares
 from bt_dualarm.trajectory.trajectory import shares_of_limits
 from tests.source import ROOT
 from tests.trajectory.timed import LIMITS, timed
@@ -55,9 +55,9 @@ def judged(motion: AveragedMotion, most: float) -> tuple[Matrix, Matrix, int]:
     shares = np.empty_like(course)
     limits = np.array((LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk))
     v, a = np.empty((2, course.shape[1], 3))
-    enter_average(parabolas, motion.width, STEP, course)
-    enter_joints(spline, course, v, a)
-    return course, shares, enter_shares(v, a, STEP, limits, most, shares)
+    write_average(parabolas, motion.width, STEP, course)
+    write_joints(spline, course, v, a)
+    return course, shares, write_shares(v, a, STEP, limits, most, shares)
 
 
 @pytest.mark.parametrize("closed", [False, True])
