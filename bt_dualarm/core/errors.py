@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Final, Self, TypeAlias
 
 Number: TypeAlias = float | int | bool | str
-"""What may stand among the numbers of a failure: JSON scalars only."""
+"""Type of a failure's numbers: JSON scalars only."""
 
 
 class DualArmError(Exception):
@@ -18,11 +18,11 @@ class CatalogError(DualArmError):
 
 
 class WorldError(DualArmError):
-    """The world cannot do what was asked (unknown name, name taken, not present)."""
+    """The world cannot do what was requested (unknown name, name in use, not present)."""
 
 
 class OverlapError(WorldError):
-    """An arm or object would stand inside of another thing.
+    """An arm or object would overlap with another body.
 
     Args:
         thing: Name of the arm or object.
@@ -35,53 +35,53 @@ class OverlapError(WorldError):
 
 
 class DivergenceError(WorldError):
-    """The simulation left the realm of numbers (NaN, silent reset, time running backwards)."""
+    """The simulation diverged: NaN, a silent reset, or decreasing time."""
 
 
 class RunError(DualArmError):
-    """A run cannot do what was asked of it: it is over, or an argument makes no sense."""
+    """A run cannot do what was requested: it has ended, or an argument is invalid."""
 
 
 class NameUnknownError(DualArmError, KeyError):
-    """A mapping of a run has nothing of this name; the message names the nearest one it has."""
+    """A mapping of a run has no such name; the message suggests the nearest one."""
 
     def __str__(self) -> str:
         return str(self.args[0])  # KeyError would put it in quotes
 
 
 class RendererError(DualArmError):
-    """The renderer that was asked for cannot work on this machine."""
+    """The requested renderer does not work on this machine."""
 
 
 class SkillError(DualArmError):
-    """A skill breaks a rule for skills; the sentence is for its author."""
+    """A skill violates the rules for skills; the message addresses its author."""
 
 
 class Interruption(BaseException):
-    """Somebody outside ends the run where it stands: Ctrl-C. No skill is to catch it."""
+    """The user interrupts the run with Ctrl-C. Skills must not catch it."""
 
 
 class Overrun(BaseException):
-    """Code of a skill has not returned in time, and is left where it stands.
+    """Skill code did not return in time and is interrupted.
 
-    Not an `Exception`: code that guards itself against errors would go on.
+    It is not an `Exception`, so ``except Exception`` in that code does not catch it.
     """
 
 
 RAISED_BY_SKILLS: Final = (Exception, SystemExit, GeneratorExit, KeyboardInterrupt, Overrun)
-"""What code of a skill may raise, so that it becomes the failure of one leaf and ends no run.
+"""Exceptions of skill code that fail its leaf instead of ending the run.
 
-What somebody outside wants is not among it: that is an `Interruption`.
+`Interruption` is not among them: it is a request of the user.
 """
 
 
 class Failure(DualArmError):
-    """Why a skill failed: a code for programs, a sentence for people, numbers for both.
+    """Reason of a skill's failure: a code for programs, a sentence for people, and numbers.
 
     Args:
         code: Upper-case identifier, declared by the skill in ``failures``.
-        reason: One sentence that a person understands without the source.
-        numbers: Evidence, by name; units are part of the name (``residual_m``).
+        reason: One sentence that is clear without reading the source.
+        numbers: Evidence by name; names end with units (``residual_m``).
     """
 
     def __init__(self, code: str, reason: str, **numbers: Number) -> None:
@@ -91,7 +91,7 @@ class Failure(DualArmError):
         self.numbers: Mapping[str, Number] = numbers
 
     def noting(self, **numbers: Number) -> Self:
-        """Itself, with more evidence."""
+        """Returns this failure, with more evidence."""
         self.numbers = {**self.numbers, **numbers}
         return self
 
@@ -103,7 +103,7 @@ class CollisionFailure(Failure):
         reason: One sentence.
         first: Name of the arm's body, or of what it holds.
         second: Name of the other body; those of an arm begin with its name and a slash.
-        numbers: Evidence besides the two names.
+        numbers: Evidence in addition to the two names.
     """
 
     def __init__(self, reason: str, first: str, second: str, **numbers: Number) -> None:
@@ -113,28 +113,28 @@ class CollisionFailure(Failure):
 
     @property
     def obstacle(self) -> str:
-        """Name of the arm or object that the other body is, or is a part of."""
+        """Name of the arm or object to which the other body belongs."""
         return self.second.partition("/")[0]
 
 
 class TouchFailure(CollisionFailure):
-    """A link of the arm touches what it should not, now: not a forecast."""
+    """A link of the arm is in unwanted contact now, rather than predicted to be."""
 
 
 class ForceLimitFailure(Failure):
-    """The arm presses harder on something than it may, as far as it can feel: ``FORCE_LIMIT``.
+    """A measured contact force exceeds the arm's limit: ``FORCE_LIMIT``.
 
     Args:
         first: Name of the arm's body, or of what it holds.
-        second: Name of what it presses on.
+        second: Name of the other body.
         force_n: Force in N.
-        limit_n: Force in N that it may press with.
+        limit_n: Largest allowed force in N.
     """
 
     def __init__(self, first: str, second: str, force_n: float, limit_n: float) -> None:
         super().__init__(
             "FORCE_LIMIT",
-            f"{first} presses on {second} with {force_n:.0f} N; it may with {limit_n:g} N",
+            f"{first} presses on {second} with {force_n:.0f} N; the limit is {limit_n:g} N",
             first=first,
             second=second,
             force_n=force_n,
@@ -143,7 +143,7 @@ class ForceLimitFailure(Failure):
 
 
 class HitFailure(Failure):
-    """The arm was hit, or ran into something, by the torques of its joints: ``COLLISION``.
+    """A collision was detected from the joint torques: ``COLLISION``.
 
     Args:
         reason: One sentence.
@@ -155,7 +155,7 @@ class HitFailure(Failure):
 
 
 class BlockedFailure(Failure):
-    """A motion that had begun is given up for what is in its way, which is not touched yet.
+    """A running motion is abandoned because of an obstacle that has not been touched yet.
 
-    Its code is ``IN_COLLISION``, or ``TIMED_OUT`` where the arm has waited for it to go away.
+    The code is ``IN_COLLISION``, or ``TIMED_OUT`` if the arm has waited for the obstacle to leave.
     """

@@ -1,12 +1,12 @@
 """Compiled kernels: the decorator for numba functions, and the cache of their machine code.
 
-A module with kernels is called ``…_kernels.py``, and is imported where its kernels are called, not
-before: numba takes 0.3 s. Their code is for the plainest processor of its kind and takes no
-liberties with arithmetic (no fused multiply-add, nothing reordered), so that its bits depend on no
-processor. It is kept in the user's cache directory, in a folder named after the sources of all
-kernels: it serves every installation of the same sources, writable or not, and a change of a kernel
-is noticed by those that call it, too. What is compiled in besides (constants, the order of fields)
-stands in files that have ``kernel`` in their names as well.
+Modules with kernels are named ``…_kernels.py`` and are imported where a kernel is called, because
+importing numba takes 0.3 s. Kernels are compiled for the baseline processor of the architecture,
+without fused multiply-add or reordering, so results do not depend on the processor. The machine
+code is stored in the user's cache directory, in a folder named after a digest of all kernel
+sources: it serves every installation of the same sources, writable or not, and a changed kernel
+also invalidates its callers. Constants and field orders that are compiled in are therefore defined
+in files with ``kernel`` in their names.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ Returned = TypeVar("Returned")
 
 
 def kernel(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
-    """Have a function compiled when it is first called, or its code taken from the cache.
+    """Compile a function on its first call, or load its machine code from the cache.
 
-    Where nothing can be kept, it is compiled in every process.
+    Without a writable cache it is compiled in every process.
     """
     with _settings() as numba:
         from bt_dualarm.core.kernel_cache import keep_code
@@ -49,12 +49,12 @@ def kernel(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
 
 @contextmanager
 def _settings() -> Iterator[ModuleType]:
-    """Numba, as our kernels want it; where it keeps the kernels of others is left alone."""
+    """Configure numba for our kernels in the block; other packages keep their cache location."""
     os.environ.setdefault("NUMBA_CPU_NAME", "generic")
     import numba
 
-    config: Any = numba.config  # its settings are made at run time
-    config.reload_config()  # somebody else may have imported it before
+    config: Any = numba.config  # its attributes are created at run time
+    config.reload_config()  # another package may have imported it before
     before = config.CACHE_LOCATOR_CLASSES
     config.CACHE_LOCATOR_CLASSES = "bt_dualarm.core.kernel_cache.KernelPlace"
     try:
@@ -64,13 +64,13 @@ def _settings() -> Iterator[ModuleType]:
 
 
 def compile_once(warm_ups: Sequence[Callable[[], object]]) -> None:
-    """See to it that machine code is there before it is needed; says so where that takes time.
+    """Compile all kernels before they are needed; logs a message if that takes time.
 
-    Of several processes one compiles, the others wait for it. Where numba is switched off there is
-    nothing to do.
+    Of several processes one compiles, and the others wait for it. Does nothing if numba's JIT is
+    disabled.
 
     Args:
-        warm_ups: Call all the kernels, with arrays of the types that they are given later.
+        warm_ups: Functions that call all kernels with arguments of the types used later.
     """
     with _settings() as numba:
         if numba.config.DISABLE_JIT:
@@ -90,13 +90,13 @@ def compile_once(warm_ups: Sequence[Callable[[], object]]) -> None:
 
 
 def _target(numba: ModuleType) -> str:
-    """Which numba compiles, and what for: who has used it before us has settled that."""
+    """Digest of numba's version and target processor; the latter is fixed by its first user."""
     processor = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()
     return f"{numba.__version__}-{hashlib.sha256(str(processor).encode()).hexdigest()[:8]}"
 
 
 def _is_kept() -> bool:
-    """Whether code that is compiled now will be found by the next process."""
+    """Whether the next process will find the code that is compiled now."""
     with suppress(OSError):
         folder().mkdir(parents=True, exist_ok=True)
     return os.access(folder(), os.W_OK)
@@ -104,7 +104,7 @@ def _is_kept() -> bool:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """While no other process compiles; without a lock where none can be written."""
+    """Hold the lock of compiling processes in the block; no lock if it cannot be written."""
     try:
         file = (folder() / "lock").open("w")
     except OSError:

@@ -1,4 +1,4 @@
-"""Where numba keeps the machine code of kernels, and files of which a broken one counts as none."""
+"""Cache of the kernels' machine code: its location, and files that are checked for damage."""
 
 from __future__ import annotations
 
@@ -17,21 +17,18 @@ from numba.core.serialize import dumps
 
 from bt_dualarm.core.share import folder
 
-# The files with a kernel's machine code, of which a broken one is as good as none.
-
-
 _SUM_BYTES = 4
 
 
 class KernelFiles:
-    """The files of one kernel, one for each signature.
+    """Cache files of one kernel, one per signature.
 
-    Each begins with a check sum: numba would raise, or LLVM end the process, over a file that was
-    cut off by a full disk or a loss of power. Where nothing can be written nothing is kept.
+    Each begins with a checksum: numba would raise, or LLVM would end the process, on a file that
+    was truncated by a full disk or a power failure. Without write access nothing is stored.
 
     Args:
         place: Folder of the files.
-        name: What their names begin with.
+        name: Prefix of their names.
     """
 
     def __init__(self, place: Path, name: str) -> None:
@@ -39,7 +36,7 @@ class KernelFiles:
         self._name = name
 
     def load(self, key: object) -> object:
-        """What was kept under a key; None where there is nothing, or nothing whole."""
+        """Returns the data stored under a key; None if there are none or they are damaged."""
         try:
             whole = self._path(key).read_bytes()
         except OSError:
@@ -51,7 +48,7 @@ class KernelFiles:
         return data if kept_under == key else None
 
     def save(self, key: object, data: object) -> None:
-        """Keep machine code, whole or not at all."""
+        """Store machine code atomically."""
         content: bytes = dumps((key, data))  # type: ignore[no-untyped-call]  # numba has no types
         path = self._path(key)
         part = path.with_name(f"{path.name}.{uuid4().hex}")
@@ -63,13 +60,13 @@ class KernelFiles:
                 part.unlink(missing_ok=True)
 
     def flush(self) -> None:
-        """Forget the code of all signatures."""
+        """Delete the code of all signatures."""
         with suppress(OSError):
             for path in self._place.glob(f"{self._name}.*"):
                 path.unlink(missing_ok=True)
 
     def _path(self, key: object) -> Path:
-        """The file of a key: a signature, and the processor that the code is for."""
+        """Path of the file of a key: a signature and the target processor."""
         digest = hashlib.sha256(f"{numba.__version__} {key}".encode()).hexdigest()
         return self._place / f"{self._name}.{digest[:16]}.nbc"
 
@@ -78,44 +75,41 @@ def _check_sum(content: bytes) -> bytes:
     return zlib.crc32(content).to_bytes(_SUM_BYTES, "big")
 
 
-# Where numba keeps the machine code of our kernels, and by what it finds it again.
-
-
 class KernelPlace(UserWideCacheLocator):
-    """One folder for every installation of the same sources.
+    """Cache locator with one folder for all installations of the same sources.
 
-    Numba's own locators add the place of the file, so that each installation compiles anew, and
-    make nothing of a folder that has the code but cannot be written.
+    Numba's own locators add the file's location, so each installation would compile again, and they
+    do not use a folder that has the code but is not writable.
     """
 
     def get_cache_path(self) -> str:
-        """The folder of these sources."""
+        """Returns the folder of these sources."""
         return str(folder())
 
     def get_source_stamp(self) -> str:
-        """Stands for the sources of all kernels, not of this file alone."""
+        """Returns a stamp of the sources of all kernels, rather than of this file alone."""
         return folder().name
 
     def ensure_cache_path(self) -> None:
-        """Make the folder; one that is there can be read, at least.
+        """Create the folder; an existing one is at least readable.
 
         Raises:
-            OSError: There is none, and none can be made.
+            OSError: It does not exist and cannot be created.
         """
         folder().mkdir(parents=True, exist_ok=True)
 
 
 class KernelCache(FunctionCache):
-    """The machine code of one kernel, for each signature.
+    """Machine code of one kernel, per signature.
 
-    Numba's own asks for the same byte code, too, which is another without docstrings (``-OO``):
-    all would be compiled twice. Here the sources are known by the folder.
+    Numba's cache also compares the byte code, which differs without docstrings (``-OO``), so
+    everything would be compiled twice. Here the folder identifies the sources.
     """
 
     def __init__(self, function: Callable[..., object]) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]  # numba has no types
         files: Any = KernelFiles(Path(self.cache_path), self._impl.filename_base)
-        self._cache_file = files  # numba's own are two for each signature
+        self._cache_file = files  # numba itself uses two per signature
 
     def _index_key(
         self,
@@ -129,9 +123,9 @@ def keep_code(
     compiled: Any,  # numba has no types
     function: Callable[..., object],
 ) -> None:
-    """Have a compiled function take its code from the folder, and leave it there.
+    """Let a compiled function load its code from the cache folder and store it there.
 
     Raises:
-        RuntimeError: There is no such folder, and none can be made.
+        RuntimeError: The folder does not exist and cannot be created.
     """
     compiled._cache = KernelCache(function)

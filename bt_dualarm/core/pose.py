@@ -13,12 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-# Rigid transforms. ``Pose`` of B in A maps coordinates in B to coordinates in A.
-#
-# Composing, inverting and applying are written out: skills and cameras do them at every tick, and
-# SciPy's rotations cost 50 µs each. What is rare is SciPy's, which is imported when it is asked
-# for:
-# that takes 0.3 s, and many a run never asks.
+# Composition, inversion and application are written out, because skills and cameras use them in
+# every tick and SciPy's rotations cost 50 µs each. Rare operations use SciPy, which is imported on
+# demand: that takes 0.3 s, and many runs do not need it.
 
 
 Vector: TypeAlias = npt.NDArray[np.float64]
@@ -29,7 +26,7 @@ Matrix: TypeAlias = npt.NDArray[np.float64]
 
 
 _UPRIGHT = 1e-9
-"""Cosine of the pitch below which roll and yaw turn about one axis."""
+"""Cosine of the pitch below which roll and yaw have the same axis (gimbal lock)."""
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
@@ -43,7 +40,7 @@ class Pose:
 
     @classmethod
     def identity(cls) -> Pose:
-        """The transform that changes nothing."""
+        """Identity transform."""
         return cls(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
     @classmethod
@@ -143,7 +140,7 @@ _Row = tuple[float, float, float]
 
 
 def _axes(quaternion: Vector) -> tuple[_Row, _Row, _Row]:
-    """Rows of the rotation that a quaternion wxyz stands for, whatever its length but 0."""
+    """Rows of the rotation matrix of a quaternion wxyz of any nonzero length."""
     w, x, y, z = quaternion.tolist()
     s = 2.0 / (w * w + x * x + y * y + z * z)
     return (
@@ -154,9 +151,9 @@ def _axes(quaternion: Vector) -> tuple[_Row, _Row, _Row]:
 
 
 def _quaternion_of(rows: Sequence[Sequence[float]]) -> Vector:
-    """The quaternion wxyz of a rotation of shape (3, 3), from its largest part (Shepperd 1978).
+    """Quaternion wxyz of a rotation matrix, from its largest component (Shepperd 1978).
 
-    What is made of each part is four times the quaternion times that part.
+    Each branch gives the quaternion times four times that component, which is then normalized.
     """
     (a, b, c), (d, e, f), (g, h, i) = rows
     squares = 1.0 + a + e + i, 1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i
@@ -172,14 +169,14 @@ def _quaternion_of(rows: Sequence[Sequence[float]]) -> Vector:
 
 
 def _canonical(quaternion: Vector) -> Vector:
-    """Of unit length, and of the two that mean the same the one with w of 0 or more."""
+    """Normalized quaternion; of the two equivalent ones, that with w ≥ 0."""
     length = math.sqrt(quaternion.dot(quaternion))
     unit: Vector = quaternion / (-length if quaternion[0] < 0.0 else length)
     return unit
 
 
 def _product(p: Vector, q: Vector) -> Vector:
-    """Hamilton product of quaternions wxyz, brought back to unit length."""
+    """Hamilton product of quaternions wxyz, normalized."""
     a, b, c, d = p.tolist()
     w, x, y, z = q.tolist()
     product = np.array(
@@ -194,11 +191,8 @@ def _product(p: Vector, q: Vector) -> Vector:
     return unit
 
 
-# Where a camera of a MuJoCo model is, in the convention of everybody else.
-
-
 def camera_pose(data: mujoco.MjData, camera_id: int) -> Pose:
-    """The camera in the world, x right, y down, z forward; MuJoCo's own looks along -z, y up."""
+    """Pose of a camera in the world: x right, y down, z forward (in MuJoCo -z forward, y up)."""
     a, b, c, d, e, f, g, h, i = data.cam_xmat[camera_id].tolist()
     axes = (a, -b, -c), (d, -e, -f), (g, -h, -i)
     return Pose.from_axes(data.cam_xpos[camera_id].copy(), axes)

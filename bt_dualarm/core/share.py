@@ -12,33 +12,28 @@ from secrets import token_hex
 from typing import BinaryIO, Final, ParamSpec
 from weakref import WeakMethod
 
-# Where the shipped trees, skills and assets lie, and where what was computed is kept.
-#
-# The former in a checkout, an editable install and a wheel alike.
-
-
 _PACKAGE: Final = Path(__file__).resolve().parents[1]
-_NOWHERE = Path(os.devnull)  # no folder, and none can be made in it
+_NOWHERE = Path(os.devnull)  # not a folder, and none can be created in it
 
 
 def share_dir(kind: str) -> Path:
-    """The folder of shipped ``"trees"``, ``"skills"`` or ``"assets"``.
+    """Folder of the shipped ``"trees"``, ``"skills"`` or ``"assets"``.
 
-    A wheel carries them below the package; in a checkout they stand beside it.
+    A wheel contains them below the package; in a checkout they are beside it.
 
     Raises:
-        FileNotFoundError: The installation is broken: neither place has the folder.
+        FileNotFoundError: The installation is broken: the folder is in neither location.
     """
     for root in (_PACKAGE / "_share", _PACKAGE.parent):
         if (root / kind).is_dir():
             return root / kind
-    raise FileNotFoundError(f"bt_dualarm is installed without its folder {kind!r}")
+    raise FileNotFoundError(f"bt_dualarm was installed without its folder {kind!r}")
 
 
 def cache_dir() -> Path:
-    """Where what was computed is kept: ``$XDG_CACHE_HOME/bt_dualarm``, else ``~/.cache``.
+    """Cache folder: ``$XDG_CACHE_HOME/bt_dualarm``, else ``~/.cache/bt_dualarm``.
 
-    Who has neither, nor an account with a home, gets a place that cannot be written.
+    For a user without a home directory the path is not writable.
     """
     given = os.environ.get("XDG_CACHE_HOME")
     try:
@@ -48,11 +43,8 @@ def cache_dir() -> Path:
     return root / "bt_dualarm"
 
 
-# Files that are there whole or not at all: written beside their place, then moved into it.
-
-
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Create or replace a file; a reader sees the old content or all of the new.
+    """Create or replace a file; a reader sees either the old or the complete new content.
 
     Args:
         path: File in a folder that exists.
@@ -61,7 +53,7 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     Raises:
         OSError: The disk is full or the folder is not writable; nothing is left behind.
     """
-    # Threads share the number of their process, and containers that of their first process.
+    # The random part is needed: threads share a process id, and containers often have the same ids.
     beside = path.with_name(f".{path.name}.{os.getpid()}.{token_hex(4)}")
     try:
         with beside.open("xb") as file:
@@ -74,31 +66,28 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
 
 
 def leftovers(path: Path) -> list[Path]:
-    """Files beside that place which a process left there when it was killed while it wrote."""
+    """Temporary files of this path that processes left behind when they were killed."""
     ending = re.compile(re.escape(f".{path.name}.") + r"\d+\.[0-9a-f]{8}")
     return [beside for beside in path.parent.iterdir() if ending.fullmatch(beside.name)]
 
 
 def write_text(path: Path, text: str) -> None:
-    """As `write_atomically`, of text in UTF-8."""
+    """Write text in UTF-8, as `write_atomically`."""
     write_atomically(path, lambda file: file.write(text.encode()))
-
-
-# Callbacks that do not keep alive whose they are.
 
 
 Given = ParamSpec("Given")
 
 
 def weakly(method: Callable[Given, None]) -> Callable[Given, None]:
-    """A function that calls a method of an object as long as somebody else keeps the object.
+    """Returns a callback that does not keep the object of a bound method alive.
 
-    What looks on at a world refers to the world. If the world referred back, both, with all models
-    and pictures, would stay in memory until Python looks for circles, which is late: a run has few
-    objects, and large ones.
+    Observers of a world refer to it. If the world referred back, this cycle would keep both, with
+    all models and images, in memory until the next garbage collection, which comes late: a run has
+    few but large objects.
 
     Args:
-        method: Method, bound to its object.
+        method: Bound method; once its object is gone, the callback does nothing.
     """
     reference = WeakMethod(method)
 
@@ -110,12 +99,9 @@ def weakly(method: Callable[Given, None]) -> Callable[Given, None]:
     return call
 
 
-# Where machine code is kept: a folder named after the sources of all kernels.
-
-
 @cache
 def folder() -> Path:
-    """Where the machine code of these sources is kept."""
+    """Folder of the kernels' machine code, named after a digest of all kernel sources."""
     sources = sorted(_PACKAGE.rglob("*kernel*.py"))
     digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources))
     return cache_dir() / "kernels" / digest.hexdigest()[:16]
