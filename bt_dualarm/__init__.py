@@ -1,6 +1,6 @@
-"""bt_dualarm: behavior trees in YAML that make several robot arms do a task together.
+"""bt_dualarm: behavior trees in YAML for several robot arms in one simulated world.
 
-A tree file declares a world, the arms in it and one tree per arm. It is run whole or in steps::
+A tree file declares a world, the arms in it and one tree per arm. Run it at once or in steps::
 
     import bt_dualarm as bt
 
@@ -12,15 +12,15 @@ A tree file declares a world, the arms in it and one tree per arm. It is run who
             run.step(0.02)  # simulated seconds
             print(run.time, run.world.object_pose("cube"), run.arms["arm1"].tool_pose)
 
-A skill is what a leaf does::
+Skills are the leaves of trees::
 
     from bt_dualarm import Failure, PortModel, Skill, Ticks, port
 
     class WaitForRest(Skill):
-        \"\"\"Wait until the arm stands still.\"\"\"
+        \"\"\"Wait until the arm is at rest.\"\"\"
 
         class Ports(PortModel):
-            longest: float = port(5.0, "how long to wait at most", unit="s", gt=0, le=60)
+            longest: float = port(5.0, "longest wait", unit="s", gt=0, le=60)
 
         failures = {"STILL_MOVING": "the arm did not come to rest in time"}
         example = "wait_for_rest: {longest: 2.0}"
@@ -141,10 +141,10 @@ if TYPE_CHECKING:
     drawn_path = _drawn
 
 __version__: str
-"""Version of the package that is installed."""
+"""Version of the installed package."""
 
 _CONTENTS: Final = {
-    # The front door
+    # Running and checking trees
     "run": "runtime.api:run",
     "open": "runtime.api:open",
     "check": "runtime.api:check",
@@ -157,7 +157,7 @@ _CONTENTS: Final = {
     "Series": "runtime.series:Series",
     "Problem": "spec.problems:Problem",
     "SpecError": "spec.problems:SpecError",
-    # What a skill is made of
+    # Parts of a skill
     "Skill": "skill.skill:Skill",
     "SkillContext": "skill.skill:SkillContext",
     "Ticks": "skill.skill:Ticks",
@@ -186,7 +186,7 @@ _CONTENTS: Final = {
     "Speed": "spec.values:Speed",
     "ToolPose": "spec.values:ToolPose",
     "Vector3": "spec.values:Vector3",
-    # What a skill works with
+    # Objects that a skill uses
     "Arm": "arm.arm:Arm",
     "ArmGripper": "arm.gripper:ArmGripper",
     "Gripper": "robots.gripper:Gripper",
@@ -245,10 +245,10 @@ _CONTENTS: Final = {
 __all__ = ["__version__", *_CONTENTS]
 
 
-if not TYPE_CHECKING:  # a checker of types is to complain of names that are not there
+if not TYPE_CHECKING:  # type checkers must report unknown names
 
     def __getattr__(name):
-        """Import what is asked for, when it is asked for: ``import bt_dualarm`` costs nothing."""
+        """Import a public name on its first use, so that ``import bt_dualarm`` is fast."""
         if name == "__version__":
             return importlib.import_module("importlib.metadata").version(__name__)
         if name not in _CONTENTS:
@@ -258,5 +258,5 @@ if not TYPE_CHECKING:  # a checker of types is to complain of names that are not
 
 
 def __dir__() -> list[str]:
-    """What there is, whether it has been asked for yet or not."""
+    """All public names, imported or not."""
     return list(__all__)

@@ -1,10 +1,10 @@
 """The commands: the only package that reads arguments, prints, and determines exit codes.
 
-In: the arguments of `bt-run`, `bt-check`, `bt-robot`, `bt-skills`, `bt-tune-color`,
+Input: the arguments of `bt-run`, `bt-check`, `bt-robot`, `bt-skills`, `bt-tune-color`,
 `bt-experiments`, `bt-why`, `bt-replay`, `bt-record`; the terminal.
-Out: text on standard output and standard error; the exit code.
-Open first: `bt_run` (from a tree file to an exit code); `entry` has the frame of every command
-(errors, Ctrl-C, a full disk) and the exit codes, `arguments` the shared arguments.
+Output: text on standard output and standard error; the exit code.
+Open first: `bt_run` (from a tree file to an exit code); `entry` has what all commands share (error
+messages, Ctrl-C, exit codes), `safe_streams` the standard streams, `arguments` shared arguments.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from bt_dualarm.experiments.report import Campaign, Result
 
 
-# The arguments of ``bt-experiments``, and which experiments they ask for.
+# Arguments, and the experiments that they select.
 
 
 _EXAMPLES: Final = """\
@@ -123,10 +123,10 @@ def _path(text: str) -> Path:
 
 
 def cells_of(arguments: argparse.Namespace) -> Iterator[Cell]:
-    """The experiments that were asked for, in the order of the table.
+    """The selected experiments, in the order of the table.
 
     Raises:
-        DualArmError: None is left, or OpenGL was asked for and does not work here.
+        DualArmError: None is selected, or OpenGL was requested and does not work here.
     """
     both: tuple[ControllerName, ...] = ("proportional", "predictive")
     settings = {
@@ -145,7 +145,7 @@ def cells_of(arguments: argparse.Namespace) -> Iterator[Cell]:
 
 
 def _curves(arguments: argparse.Namespace) -> list[Cell]:
-    """Curves and speeds alone.
+    """Cells with curve and speed only.
 
     Raises:
         DualArmError: None is left.
@@ -161,11 +161,10 @@ def _curves(arguments: argparse.Namespace) -> list[Cell]:
 
 
 def _renderers(asked: str) -> tuple[RendererName, ...]:
-    """The renderer that was asked for, or both.
+    """The requested renderer, or both.
 
     Raises:
-        RendererError: OpenGL was asked for and does not work here, which is said before the first
-            run and not after half of them.
+        RendererError: OpenGL was requested and does not work here; reported before the first run.
     """
     if asked == "ray":
         return ("ray",)
@@ -175,17 +174,17 @@ def _renderers(asked: str) -> tuple[RendererName, ...]:
     return ("gl",) if asked == "gl" else ("ray", "gl")
 
 
-# ``bt-experiments``: run the tracking experiments and write their report.
+# The command itself.
 
 
 _REPORT: Final = Path("out/experiments")
 
 
 def main(argv: Sequence[str] | None) -> int:
-    """Run what was asked for; returns the exit code."""
+    """Run the selected experiments; returns the exit code."""
     arguments = command_line().parse_args(argv)
     with stop_on_signals(StopRequest()) as stop:
-        for number in early.numbers:  # one that was lost on its way through the imports
+        for number in early.numbers:  # signals received during the imports
             stop.receive(number)
         code = _run(arguments, stop)
         return stop.exit_code or code
@@ -215,16 +214,16 @@ def _say(words: str) -> None:
 
 
 def _report_folder(arguments: argparse.Namespace) -> Path | None:
-    """Where the report goes; None where only the numbers are wanted."""
+    """Folder of the report; None if only the numbers are written."""
     wanted: Path | None = arguments.out
     return wanted or (_REPORT if arguments.json is None else None)
 
 
 def _folders(arguments: argparse.Namespace) -> list[Path]:
-    """Every folder that is to be written to.
+    """Every folder to which the command writes.
 
     Raises:
-        DualArmError: A folder has the name of the file.
+        DualArmError: The path of the numbers is a folder.
     """
     report = _report_folder(arguments)
     if arguments.json is not None and arguments.json.is_dir():
@@ -233,10 +232,10 @@ def _folders(arguments: argparse.Namespace) -> list[Path]:
 
 
 def _refuse_unwritable(folder: Path) -> None:
-    """Make a folder and write to it, now rather than after all runs.
+    """Create a folder and test that it is writable, now rather than after all runs.
 
     Raises:
-        DualArmError: That cannot be done.
+        DualArmError: The folder cannot be created or written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -249,7 +248,7 @@ def _refuse_unwritable(folder: Path) -> None:
 
 
 def _write(arguments: argparse.Namespace, done: Campaign) -> bool:
-    """Show and write the results; whether all of it could be written."""
+    """Show and write the results; returns whether everything could be written."""
     from rich.console import Console
 
     from bt_dualarm.experiments.report import table_of
@@ -266,7 +265,7 @@ def _write(arguments: argparse.Namespace, done: Campaign) -> bool:
 
 
 def _written(arguments: argparse.Namespace, results: Sequence[Result]) -> list[str]:
-    """Write the numbers, then the report; returns a line on each."""
+    """Write the numbers, then the report; returns one line on each."""
     from bt_dualarm.core.share import write_text
     from bt_dualarm.experiments.report import write_report
 

@@ -1,4 +1,4 @@
-"""``bt-record``: records in forms that other programs read."""
+"""``bt-record``: exports records to formats that other programs read."""
 
 from __future__ import annotations
 
@@ -128,14 +128,14 @@ def _mp4(record: Record, target: Path) -> None:
 
 
 def _lerobot(arguments: argparse.Namespace) -> None:
-    """Export all records as one data set; tell how far it has come."""
+    """Export all records as one data set, and report the progress."""
     from bt_dualarm.export.lerobot import write_dataset
 
     folders = arguments.folders
     target = arguments.lerobot
 
     def progress(number: int, folder: Path) -> None:
-        if len(folders) > 1:  # a line each: what comes from records may not move the cursor
+        if len(folders) > 1:  # one line each, because text from records must not move the cursor
             print(f"{number + 1} of {len(folders)}: {folder}", file=sys.stderr)
 
     done = write_dataset(
@@ -149,7 +149,7 @@ def _lerobot(arguments: argparse.Namespace) -> None:
 
 
 def _counted(done: Demonstrations) -> str:
-    """How many episodes there are of which kind."""
+    """Numbers of episodes by kind."""
     said = [f"{done.episodes} {'episode' if done.episodes == 1 else 'episodes'}"]
     said += [f"{done.failed} of them failed: success is false"] if done.failed else []
     said += [f"{done.left_out} left out"] if done.left_out else []

@@ -1,4 +1,4 @@
-"""``bt-robot``: from a URDF to a first page of a robot, to edit."""
+"""``bt-robot``: writes a first robot description from a URDF, to be edited."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ exit code:
 
 
 def main(argv: Sequence[str] | None) -> int:
-    """Write a first page for an arm; returns the exit code."""
+    """Write a first description of an arm; returns the exit code."""
     return _robot(_command_line().parse_args(argv))
 
 
@@ -98,7 +98,7 @@ def _refuse_unknown(tree: KinematicTree, arguments: argparse.Namespace) -> None:
 
 
 def _write(target: Path, text: str) -> None:
-    """Write the page and read it as a tree file would."""
+    """Write the description, and load it as a run would."""
     from bt_dualarm.core.share import write_text
     from bt_dualarm.robots.description_file import is_description_path
     from bt_dualarm.robots.robot_description import load_robot

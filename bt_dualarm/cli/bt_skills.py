@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.reference import PortDescription
 
 
-# A robot for people: what its page and its URDF say, in degrees and millimeters.
+# Summary of a robot for display: its description and URDF, in degrees and millimeters.
 
 
 Triple = tuple[float, float, float]
@@ -41,7 +41,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class JointSheet:
-    """A joint; degrees and degrees a second."""
+    """A joint; degrees and degrees per second."""
 
     name: str
     lower_deg: float
@@ -51,11 +51,11 @@ class JointSheet:
 
 @dataclass(frozen=True)
 class LockedSheet:
-    """A joint that stands still, and where an arm of a file may have it stand.
+    """A locked joint, and the positions that a tree file may set.
 
     Attributes:
-        unit: ``"m"`` of one that slides, ``"degrees"`` of one that turns.
-        follows: Joint that it goes with, None where it goes with none.
+        unit: ``"m"`` for a prismatic joint, ``"degrees"`` for a revolute one.
+        follows: Joint that it mimics; None if it is independent.
     """
 
     name: str
@@ -68,10 +68,10 @@ class LockedSheet:
 
 @dataclass(frozen=True)
 class PostureSheet:
-    """A posture: an angle for each joint, and where the tool then is, seen from the base link.
+    """A posture: an angle per joint, and the resulting pose of the tool in the base link frame.
 
     Attributes:
-        points: Along the tool's z axis, out of the tool; a unit vector.
+        points: Unit vector of the tool's z axis, which points out of the tool.
     """
 
     name: str
@@ -82,7 +82,7 @@ class PostureSheet:
 
 @dataclass(frozen=True)
 class MountSheet:
-    """A place for a camera: where it is in its link, and which way it looks there."""
+    """A camera mount: position and viewing direction in its link."""
 
     name: str
     link: str
@@ -92,14 +92,14 @@ class MountSheet:
 
 @dataclass(frozen=True)
 class RobotSummary:
-    """What a tree file needs to know of a robot.
+    """Data of a robot that authors of tree files need.
 
     Attributes:
         tool_link: Link that the tool frame is fixed to.
-        tool_m: Place of the tool frame in that link.
-        center_m: Place of the first joint, seen from the base link.
-        reach_m: Largest distance of the tool from there.
-        payload_kg: Largest mass that the arm may hold, None where its page gives none.
+        tool_m: Position of the tool frame in that link.
+        center_m: Position of the first joint in the base link frame.
+        reach_m: Largest distance of the tool from the first joint.
+        payload_kg: Largest mass that the arm may hold, None if its description gives none.
     """
 
     name: str
@@ -117,8 +117,8 @@ class RobotSummary:
 
 
 def robot_summary(robot: Robot) -> RobotSummary:
-    """The summary of a robot of the catalog, or of one's own."""
-    # Imported here, because help and the node types do without the robot model.
+    """Summary of a robot from the catalog or from a description file."""
+    # Imported here, because help and node types do not need the robot model.
     from bt_dualarm.core.pose import Pose
     from bt_dualarm.kinematics.workspace import Workspace
 
@@ -159,7 +159,7 @@ def direction(axis: Triple) -> str:
 
 
 def numbers(values: Iterable[float]) -> str:
-    """As they may stand in a file: as short as they can be."""
+    """Numbers in their shortest notation."""
     return ", ".join(f"{value:g}" for value in values)
 
 
@@ -169,12 +169,12 @@ def _posture(arm: Workspace, name: str, q: Vector) -> PostureSheet:
 
 
 def _ahead(pose: Pose) -> Triple:
-    """Of the z axis, a hundredth at best: which way, not how exactly."""
+    """A direction, rounded to hundredths."""
     return _triple(pose.rotation_matrix[:, 2], 2)
 
 
 def _degrees(angle: float) -> float:
-    """To a hundredth; the zero has no sign."""
+    """Rounded to hundredths, without a negative zero."""
     return round(float(math.degrees(angle)), 2) + 0.0
 
 
@@ -183,11 +183,11 @@ def _triple(values: Iterable[float], digits: int = 3) -> Triple:
     return x, y, z
 
 
-# Robots in the terminal: the catalog at a glance, and one robot whole.
+# Robots in the terminal: the catalog, and one robot in full.
 
 
 def list_robots(*, as_json: bool) -> None:
-    """The catalog: a line for each robot with its joints' number, reach, postures and mounts."""
+    """The catalog: one line per robot with number of joints, reach, postures and mounts."""
     from bt_dualarm.robots.robot_description import robot_names
 
     summaries = [_summary(name) for name in robot_names()]
@@ -210,10 +210,10 @@ def list_robots(*, as_json: bool) -> None:
 
 
 def show_robot(name: str, *, as_json: bool) -> None:
-    """One robot, of the catalog or of a page: joints, postures, camera mounts, tool, reach.
+    """One robot from the catalog or a file: joints, postures, camera mounts, tool, reach.
 
     Raises:
-        CatalogError: There is none, or its page is wrong.
+        CatalogError: It does not exist, or its description has errors.
     """
     summary = _summary(name)
     if as_json:
@@ -268,11 +268,11 @@ def _summary(name: str) -> RobotSummary:
     return robot_summary(load_robot(name))
 
 
-# Grippers in the terminal: the catalog at a glance, and one gripper whole.
+# Grippers in the terminal: the catalog, and one gripper in full.
 
 
 def list_grippers(*, as_json: bool) -> None:
-    """The catalog: a line for each gripper with its stroke, force, payload and mass."""
+    """The catalog: one line per gripper with stroke, force, payload and mass."""
     from bt_dualarm.robots.gripper import gripper_names
 
     grippers = [_load(name) for name in gripper_names()]
@@ -296,10 +296,10 @@ def _row(gripper: Gripper) -> tuple[str, ...]:
 
 
 def show_gripper(name: str, *, as_json: bool) -> None:
-    """One gripper, of the catalog or of a page: what it can do, and where its tool frame is.
+    """One gripper from the catalog or a file: its ranges and its tool frame.
 
     Raises:
-        CatalogError: There is none, or its page is wrong.
+        CatalogError: It does not exist, or its description has errors.
     """
     gripper = _load(name)
     if as_json:
@@ -342,7 +342,7 @@ def _tool(gripper: Gripper) -> str:
 
 
 def is_gripper_page(name: str) -> bool:
-    """Whether a file describes a gripper: every one has a palm, and no robot has."""
+    """Whether a file describes a gripper: only grippers have a palm."""
     import yaml
 
     try:
@@ -363,7 +363,7 @@ def _load(name: str) -> Gripper:
 
 
 def _sheet(gripper: Gripper) -> dict[str, object]:
-    """What a program reads, SI units."""
+    """Data for programs, in SI units."""
     return {
         "name": gripper.name,
         "title": gripper.title,
@@ -384,7 +384,7 @@ def _span(span: Interval, times: float, unit: str) -> str:
     return f"{times * span.least:g} to {times * span.most:g} {unit}"
 
 
-# ``bt-skills``: what may be written in a tree file, robots and grippers too, and the schema.
+# The command itself.
 
 
 _EPILOG = """\
@@ -406,7 +406,7 @@ _ROBOTS = "robots"
 _GRIPPERS = "grippers"
 
 _WIDE = 110
-"""Columns from which on a table of ports has room for what they mean."""
+"""Fewest columns for a table of ports with their descriptions."""
 
 
 def main(argv: Sequence[str] | None) -> int:
@@ -510,7 +510,7 @@ def _list(kinds: Mapping[str, NodeType], words: Mapping[str, NodeType], *, as_js
 
 
 def _show(kind: NodeType, *, as_json: bool) -> int:
-    """One kind: what it takes, what it gives, how it fails, an example."""
+    """One node type: ports, outputs, failure codes, an example."""
     from bt_dualarm.spec.reference import describe
 
     description = describe(kind)
@@ -543,7 +543,7 @@ def _show(kind: NodeType, *, as_json: bool) -> int:
 
 
 def _escape(text: str) -> str:
-    """Text in which rich is to see no markup."""
+    """Text with rich's markup escaped."""
     from rich.markup import escape as escaped
 
     return escaped(text)
@@ -564,7 +564,7 @@ def _table(ports: Sequence[PortDescription]) -> Table:
 
 
 def _entries(ports: Sequence[PortDescription]) -> Table:
-    """The same in two columns: what a port takes, and below it what it means."""
+    """The same in two columns: a port, and below it its description."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)

@@ -1,4 +1,4 @@
-"""``bt-tune-color``: see what a camera takes for its target, and change that."""
+"""``bt-tune-color``: shows what a camera detects as its target, and tunes the color."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bt_dualarm.tuning.color import ColorView, Save, Shot
 
 
-# The arguments of ``bt-tune-color``: what may be given, and what is refused at once.
+# Arguments, and their validation.
 
 
 _Add: TypeAlias = Callable[..., argparse.Action]
@@ -38,7 +38,7 @@ exit code:
 
 
 def command_line() -> argparse.ArgumentParser:
-    """The parser of ``bt-tune-color``; building it imports nothing heavy."""
+    """The parser of ``bt-tune-color``; building it needs no slow import."""
     parser = argparse.ArgumentParser(
         prog="bt-tune-color",
         description="Show what a camera detects as its target in one image, and tune the color "
@@ -160,20 +160,20 @@ def _port(text: str) -> int:
     return int(text)
 
 
-# ``bt-tune-color``: see what a camera takes for its target, and change that.
+# ``bt-tune-color``: shows what a camera detects as its target, and tunes the color.
 
 
 _PROGRAM = "bt-tune-color"
 
 
 def main(argv: Sequence[str] | None) -> int:
-    """Show what a color finds, and write new ranges; returns the exit code."""
+    """Show what a color detects, and write new ranges; returns the exit code."""
     return _tune(command_line().parse_args(argv))
 
 
 @dataclass(frozen=True)
 class _Subject:
-    """The picture, the color that it is looked at with first, and where a new one goes."""
+    """The image, its initial color, and the target of a new one."""
 
     shot: Shot
     color: Color
@@ -240,7 +240,7 @@ def _of_tree(arguments: argparse.Namespace) -> _Subject:
         port = choose(ports, arm, arguments.line)
         color = port.color
         if arguments.write:
-            port.home()  # refuses now what could not be written later
+            port.home()  # fails now rather than after tuning
             save = IntoTree(path, arm, arguments.line, registry, params)
     moment = ShotTime(arguments.at, arguments.posture, arguments.seed, arguments.renderer)
     shot = camera_shot(file, registry, arm, moment)
@@ -254,7 +254,7 @@ def _snippet(arguments: argparse.Namespace, shot: Shot) -> Save | None:
 
 
 def _wanted(arguments: argparse.Namespace, subject: _Subject) -> Color:
-    """The color that the options ask for, from the one that the file has."""
+    """The color that the options define, starting from the color in the file."""
     from bt_dualarm.tuning.color import adjusted
 
     bounds = {name: getattr(arguments, name) for name in ("hue", "saturation", "value")}
@@ -295,7 +295,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _serve(subject: _Subject, color: Color, port: int) -> int:
-    """Until Ctrl-C, which is how one closes the page."""
+    """Serve the page until Ctrl-C."""
     from bt_dualarm.tuning.page import Tuning, page_server
 
     with page_server(Tuning(subject.shot, color, subject.save), port) as server:

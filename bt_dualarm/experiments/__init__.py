@@ -1,4 +1,4 @@
-"""The tracking experiments: one arm moves a cube, the other follows it by its camera.
+"""The tracking experiments: one arm moves a cube, and the other tracks it with its camera.
 
 Open first: `trials`.
 """

@@ -1,4 +1,4 @@
-"""Which experiments there are, and the settings that make one of them."""
+"""The experiments and their settings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CASES: Final[tuple[tuple[CurveName, float], ...]] = (
 """Curve and speed of the five experiments."""
 
 _TUNED_AT_HZ: Final = (30.0, 60.0)
-"""Frames a second at which gains were swept."""
+"""Frame rates at which gains were swept."""
 
 GAINS: Final[Mapping[CurveName, Mapping[float, tuple[float, float]]]] = {
     "circle": {0.5: (2.25, 3.0), 1.0: (2.25, 3.25)},
@@ -40,38 +40,38 @@ GAINS: Final[Mapping[CurveName, Mapping[float, tuple[float, float]]]] = {
 }
 """The best constant gain of proportional control, by curve and speed, at 30 and at 60 Hz.
 
-A step is so many times the error that the image shows: more than one, because the arm comes only a
-part of the way until the next image. From ``benchmarks/proportional_gain.py``; a quarter more or
-less costs a few per cent. The curve drawn by hand has the others' gain at full speed.
+A gain is the ratio of the commanded step to the error in the image; it exceeds one, because the arm
+completes only a part of a step before the next image. Values are from
+``benchmarks/proportional_gain.py``; a change of 25 % costs a few percent. The curve drawn by hand has the others' gain at full speed.
 """
 
 JERK: Final = 0.4
-"""Share of its limit of jerk that the leading arm uses; docs/tracking.md says why.
+"""Fraction of its jerk limit that the leading arm uses; see docs/tracking.md for the reason.
 
-Of the catalog's 100 rad/s³, a limit that Universal Robots does not publish.
+Relative to the catalog's 100 rad/s³; Universal Robots publishes no jerk limit.
 """
 
 _HALF_IMAGE: Final = (0.2176, 0.1632)
-"""Meters in half the image's width and height, 0.35 m before a camera of 50° and 4:3."""
+"""Half width and height in m of the image plane at 0.35 m, for a field of view of 50° and 4:3."""
 
 _AXES: Final = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One experiment with all its settings; seeds make its repetitions.
+    """One experiment with all its settings; repetitions differ in their seed.
 
     Attributes:
         case: Name of the curve.
-        speed: Share of the leading arm's limits that it uses.
+        speed: Fraction of its limits that the leading arm uses.
         controller: Controller of the following arm.
         renderer: Renderer of its camera.
         fps: Frames a second.
-        latency: Time from exposure to delivery of a frame in s; None for the time of one frame.
-        drop: Share of the frames that get lost.
-        noise: Shake of the camera in px.
-        jerk: Share of the leading arm's limit of jerk that it uses.
-        reality: How far both arms are from what is believed of them.
+        latency: Time from exposure to delivery of a frame in s; None for one frame period.
+        drop: Fraction of lost frames.
+        noise: Camera shake, standard deviation in px.
+        jerk: Fraction of its jerk limit that the leading arm uses.
+        reality: Model mismatch of both arms.
         more: Further parameters of the tree file.
         label: Name in tables; by default curve and speed.
     """
@@ -102,7 +102,7 @@ class Cell:
 
     @property
     def axis_names(self) -> tuple[str, str]:
-        """Names of the world's axes that `axes` are, u and v where they are none of them."""
+        """Names of `axes`: those of world axes, otherwise u and v."""
         names = [_AXES.get(tuple(np.round(axis, 9))) for axis in self.axes.tolist()]
         return names[0] or "u", names[1] or "v"
 
@@ -113,7 +113,7 @@ class Cell:
 
     @property
     def params(self) -> dict[str, str]:
-        """Parameters of the tree file, as one would write them on a command line."""
+        """Parameters of the tree file, as on a command line."""
         settings: dict[str, object] = {
             "case": self.case,
             "speed": self.speed,
@@ -129,7 +129,7 @@ class Cell:
         return {name: f"{value}" for name, value in settings.items()} | dict(self.more)
 
     def command(self, seed: int) -> str:
-        """What to type to see this run again."""
+        """Command that repeats this run."""
         settings = (f"{name}={value}" for name, value in self.params.items())
         params = " ".join(f"--param {shlex.quote(setting)}" for setting in settings)
         options = f"--renderer {self.renderer} --reality {self.reality} --seed {seed}"
@@ -137,14 +137,14 @@ class Cell:
 
 
 def best_gain(case: CurveName, speed: float, fps: float) -> float:
-    """The best constant gain of proportional control: of the table, between its entries by line."""
+    """The best constant gain of proportional control: from the table, interpolated linearly."""
     tuned = GAINS[case]
     at_rate = [float(np.interp(fps, _TUNED_AT_HZ, gains)) for gains in tuned.values()]
     return float(np.interp(speed, list(tuned), at_rate))
 
 
 def gain_params(gain: float) -> dict[str, str]:
-    """Parameters of the tree file for a step of ``gain`` times the error that the image shows."""
+    """Parameters of the tree file for a step of ``gain`` times the error in the image."""
     return {"gain_u": f"{gain * _HALF_IMAGE[0]}", "gain_v": f"{gain * _HALF_IMAGE[1]}"}
 
 
@@ -180,4 +180,4 @@ UNTUNED: Final[tuple[Cell, ...]] = (
     ),
     Cell("drawn", 1.0, label="drawn by hand", more={"turns": "2"}),
 )
-"""Five curves at full speed that neither filter nor gains were chosen on."""
+"""Five curves at full speed that were not used to tune filter or gains."""

@@ -36,25 +36,25 @@ from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.yaml_reader import Data
 
-# What theory allows: the smallest error that a camera of this rate, latency and noise permits.
+# Theoretical bounds: the smallest error for a camera of this rate, latency and noise.
 
 
 _ASKED_A_FRAME = 4
-_REST_S = 0.5  # that the filter has seen before the curve begins
+_REST_S = 0.5  # at rest before the curve begins
 
 
 def bound(cell: Cell, trial: Trial) -> float:
-    """Root mean square error in m below which this controller cannot come on this curve."""
+    """Lower bound in m of the root mean square error of a controller on a curve."""
     if cell.controller == "proportional":
         return proportional_bound(trial.speed_rms, cell)
     return estimator_bound(trial, cell)
 
 
 def proportional_bound(speed: float, cell: Cell) -> float:
-    """``v / k`` at the highest gain k that is stable at all.
+    """``v / k`` at the highest stable gain k.
 
-    On a ramp of speed v the error of ``x' = -k e(t - d)`` comes to rest at v / k, and the loop
-    is stable up to k = π / 2d; without overshoot k ends at 1 / (e d), and the error at 2.7 v d.
+    On a ramp of speed v the error of ``x' = -k e(t - d)`` converges to v / k, and the loop is
+    stable up to k = π / 2d; without overshoot k is at most 1 / (e d), and the error 2.7 v d.
     The delay d is the latency and, as a step is held for a frame, half a frame.
     """
     delay = cell.latency_s + 0.5 / cell.fps
@@ -62,7 +62,7 @@ def proportional_bound(speed: float, cell: Cell) -> float:
 
 
 def estimator_bound(trial: Trial, cell: Cell, model: MotionModel | None = None) -> float:
-    """The filter's error where camera and arm are perfect: true positions plus white noise.
+    """Error of the filter with an ideal camera and arm: true positions plus white noise.
 
     The true path, with the rest before it, is sampled at the camera's rate with the measured
     deviation of a sighting; each sample is known one latency later, and the prediction to now
@@ -86,12 +86,12 @@ def estimator_bound(trial: Trial, cell: Cell, model: MotionModel | None = None) 
     return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1)))) if errors else 0.0
 
 
-# The repetitions of a cell put together: what goes into tables and JSON.
+# Results of a cell over its repetitions, for tables and JSON.
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A cell with its trials, one a seed.
+    """A cell with its trials, one per seed.
 
     Attributes:
         cell: Settings of the experiment.
@@ -126,7 +126,7 @@ class Result:
         return float(np.mean([getattr(trial, name) for trial in self.trials]))
 
     def as_json(self) -> dict[str, Data]:
-        """Settings and numbers; one entry a seed in every list."""
+        """Settings and numbers; each list has one entry per seed."""
         trials = self.trials
         cell = self.cell
         return {
@@ -150,7 +150,7 @@ class Result:
         }
 
 
-# Pictures of the experiments: the paths laid over each other, and the errors over time.
+# Figures: overlaid paths, and errors over time.
 
 
 _SAMPLES = 400
@@ -165,9 +165,9 @@ def png(figure: Figure) -> bytes:
 
 
 def overlay(results: Sequence[Result]) -> Figure:
-    """Planned, cube and tracked in the plane, one panel a result: the paths of one seed.
+    """Planned, true and tracked paths of one seed in the plane, one panel per result.
 
-    Each with its figures over all seeds, and the bound that theory puts to the first of them.
+    Each panel has its numbers over all seeds, with the theoretical bound of the RMS error.
     """
     figure = Figure(figsize=(4.4 * len(results), 4.6), dpi=110, layout="constrained")
     panels = figure.subplots(1, len(results), squeeze=False)[0]
@@ -202,7 +202,7 @@ def _conditions(result: Result) -> str:
 
 
 def _shown(results: Sequence[Result]) -> list[Trial]:
-    """One trial of each result: of the first seed that all have, else the first of each."""
+    """One trial per result: that of the first seed that all have, else the first one."""
     of_seeds = [{trial.seed: trial for trial in result.trials} for result in results]
     common = set.intersection(*(set(trials) for trials in of_seeds))
     return [trials[min(common or trials)] for trials in of_seeds]
@@ -211,8 +211,8 @@ def _shown(results: Sequence[Result]) -> list[Trial]:
 def over_time(results: Sequence[Result]) -> Figure:
     """Both coordinates of one seed over time, and the error of all seeds.
 
-    Each seed fetches the cube from elsewhere and takes another time for its curve, so means of
-    coordinates would be of no run. The error is drawn as mean over the seeds, with a band from the
+    Cube position and duration differ between seeds, so mean coordinates would not belong to any
+    run. The error is drawn as mean over the seeds, with a band from the
     least to the largest; dashed, the bound of its root mean square.
     """
     figure = Figure(figsize=(10.0, 6.4), dpi=100, layout="constrained")
@@ -252,7 +252,7 @@ def _band(result: Result) -> tuple[Vector, Vector, Vector, Vector]:
     return times, np.min(errors, axis=0), np.mean(errors, axis=0), np.max(errors, axis=0)
 
 
-# The report of the experiments: one HTML file with all in it, and Markdown with its pictures.
+# The report: one self-contained HTML file, and Markdown with separate images.
 
 
 HEADER = (
@@ -265,14 +265,14 @@ EXPLANATION = (
     "Error: distance of the following tool from the true cube in the plane at equal times, "
     "less their mean offset, from the first to the last moment of the leading arm's curve; the "
     "follower knows its camera and its joints only. RMS and maximum over all seeds, the others "
-    "are means. Bound: for proportional control the lag at the highest gain that is stable at "
-    "all, 2/π · v · (latency + half a frame); for predictive control the error of the same filter "
+    "are means. Bound: for proportional control the lag at the highest stable gain, "
+    "2/π · v · (latency + half a frame); for predictive control the error of the same filter "
     "fed with true positions and white noise of the measured deviation of a sighting, through the "
-    "same latency. Amplitude: spread of the tracked path over that of the true one. Images: how "
-    "many the follower moved by, its effective waypoints. Margin: distance to a joint's limit; "
-    "peaks: measured, as shares of the limits; each the worst of all joints, times and seeds. The "
-    "limits are kept by what is sent; a measured acceleration passes its own for moments, which is "
-    "above 100 %, where that of the set-points changes suddenly."
+    "same latency. Amplitude: spread of the tracked path over that of the true one. Images: the "
+    "number that the follower used, its effective waypoints. Margin: distance to a joint's limit; "
+    "peaks: measured, as fractions of the limits; each the worst of all joints, times and seeds. "
+    "Set-points always respect the limits; a measured acceleration may briefly exceed 100 % where "
+    "that of the set-points changes suddenly."
 )
 
 
@@ -299,10 +299,10 @@ def row(result: Result) -> tuple[str, ...]:
 
 
 def write_report(folder: Path, results: Sequence[Result]) -> None:
-    """Write ``report.html``, ``report.md`` and the pictures that the latter shows.
+    """Write ``report.html``, ``report.md`` and the images of the latter.
 
     Args:
-        folder: Place of the report; made if it is not there.
+        folder: Folder of the report; created if missing.
         results: Results in the order of the table, at least one; those of the same case and
             renderer are drawn together.
 
@@ -379,18 +379,18 @@ def _html(results: Sequence[Result], pictures: Sequence[tuple[str, bytes]]) -> s
     )
 
 
-# The table of results on a terminal, whole on 80 columns.
+# The table of results in a terminal of 80 columns.
 
 
 _WORDS: Final = 3
-"""Columns of words, on the left; those of numbers follow."""
+"""Columns of text, on the left; columns of numbers follow."""
 
 _SHOWN: Final = 9
-"""Columns on a terminal; the report has them all."""
+"""Columns in the terminal; the report has all."""
 
 
 def table_of(results: Sequence[Result]) -> Table:
-    """One line a result; units stand below the names of the columns, which saves width."""
+    """One line per result; units are below the names of the columns, which saves width."""
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0)
     for number, name in enumerate(HEADER[:_SHOWN]):
         justify: JustifyMethod = "left" if number < _WORDS else "right"
@@ -401,27 +401,27 @@ def table_of(results: Sequence[Result]) -> Table:
     return table
 
 
-# How far the experiments are, and how long they will still take.
+# Progress, and the estimate of the remaining time.
 
 
 RunIsOver: TypeAlias = Callable[[Cell], None]
-"""To be called with the cell of each run, when it is over."""
+"""Callback that receives the cell of each finished run."""
 
 _FETCHED_S = 5.0
 _DRAWN_S = 5.0
-"""Simulated seconds until the cube is fetched, and those of a curve at full speed, roughly."""
+"""Approximate simulated seconds to fetch the cube, and for a curve at full speed."""
 
 _REDRAWN_HZ: Final = 2.0
 
 
 class Forecast:
-    """Time left, from the share of the work that is done.
+    """Remaining time, from the fraction of the work that is done.
 
     Runs cost as much as they simulate, and a curve at half the speed takes twice as long.
 
     Args:
         runs: Cell of each run, in any order.
-        clock: Seconds on the wall.
+        clock: Wall clock in seconds.
     """
 
     def __init__(self, runs: Sequence[Cell], clock: Callable[[], float] = time.monotonic) -> None:
@@ -431,7 +431,7 @@ class Forecast:
         self._done = 0.0
 
     def count(self, cell: Cell) -> None:
-        """One run of a cell is over."""
+        """Count a finished run of a cell."""
         self._done += _work(cell)
 
     def __str__(self) -> str:
@@ -444,7 +444,7 @@ class Forecast:
 
 @contextmanager
 def shown_progress(runs: Sequence[Cell], console: Console) -> Iterator[RunIsOver]:
-    """Show how far the runs are: a bar on a terminal, else a line when a cell is over.
+    """Show the progress: a bar in a terminal, else one line per finished cell.
 
     Args:
         runs: Cell of each run, in the order in which they end.
@@ -495,7 +495,7 @@ def _lines(runs: Sequence[Cell], forecast: Forecast, console: Console) -> RunIsO
 
 
 def _title(runs: Sequence[Cell], over: int) -> str:
-    """What runs now, and how many are over."""
+    """Text on the current cell and the number of finished runs."""
     running = f"{_label(runs[over])}, " if over < len(runs) else ""
     return f"{running}{over}/{len(runs)}"
 
@@ -515,16 +515,16 @@ def _duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes / 60:.1f} h"
 
 
-# Many experiments with many seeds: run, counted, and put together by experiment.
+# Running experiments with several seeds, and collecting results by experiment.
 
 
 @dataclass
 class Campaign:
-    """What came of the experiments.
+    """Outcome of the experiments.
 
     Attributes:
         results: Experiments with the trials that could be measured, at least one each.
-        failures: Sentences on those that could not.
+        failures: Sentences on those that could not be measured.
     """
 
     results: list[Result] = field(default_factory=list)
@@ -537,14 +537,14 @@ def run_all(
     """Run every cell with every seed.
 
     Args:
-        cells: Experiments, each of which is tried on the tree file before anything runs.
+        cells: Experiments; all are validated with the tree file before anything runs.
         seeds: Number of seeds, from 0 on.
-        jobs: Number of processes side by side.
-        stop: Request to end early; an experiment that is not complete then is left out.
-        console: Where progress is shown.
+        jobs: Number of parallel processes.
+        stop: Request to end early; incomplete experiments are then left out.
+        console: Receiver of the progress.
 
     Raises:
-        DualArmError: The file refuses a setting, or the renderer cannot work here.
+        DualArmError: The file rejects a setting, or the renderer does not work here.
     """
     registry = Registry.load()
     done = Campaign()
@@ -565,7 +565,7 @@ def run_all(
 
 
 def _sort(cell: Cell, trials: Sequence[Trial | TrialError], done: Campaign) -> None:
-    """Put what was measured with the results, and say of the rest why it was not."""
+    """Add measured trials to the results, and the reasons of the others to the complaints."""
     measured = [trial for trial in trials if isinstance(trial, Trial)]
     done.failures += [
         f"{cell.name} {cell.controller}, seed {seed}: {trial}"

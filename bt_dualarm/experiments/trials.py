@@ -1,4 +1,4 @@
-"""Runs of the experiments side by side in processes, and what was measured in them."""
+"""Runs of the experiments in parallel processes, and their measurements."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.scoring import lag
 from bt_dualarm.spec.document import ObjectSpec, TreeFile
 
-# How close an arm came to its limits.
+# Margins of an arm to its limits.
 
 
 @dataclass(frozen=True)
 class Margins:
-    """The worst over all joints and all time, of the measured state.
+    """Worst margins of the measured state over all joints and times.
 
-    What is sent keeps every limit; a measured acceleration may pass its own for moments.
+    Set-points respect every limit; a measured acceleration may briefly exceed its own.
 
     Attributes:
         position_rad: Distance from a position limit in rad.
-        velocity: Largest velocity as share of its limit.
-        acceleration: Largest acceleration as share of its limit.
+        velocity: Largest velocity as a fraction of its limit.
+        acceleration: Largest acceleration as a fraction of its limit.
     """
 
     position_rad: float
@@ -51,7 +51,7 @@ class Margins:
 
 
 class MarginWatch(IdleObserver):
-    """Looks on at one arm, at every step.
+    """Observer of one arm at every step.
 
     Args:
         world: World of the run.
@@ -67,7 +67,7 @@ class MarginWatch(IdleObserver):
 
     @property
     def margins(self) -> Margins:
-        """The worst so far."""
+        """Worst margins so far."""
         return Margins(float(self._room), float(self._velocity), float(self._acceleration))
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - the world has the state
@@ -83,7 +83,7 @@ class MarginWatch(IdleObserver):
         self._acceleration = max(self._acceleration, acceleration.max())
 
 
-# One run of one experiment, and what was measured in it.
+# One run of one experiment, and its measurements.
 
 
 LEADER = "arm1"
@@ -91,7 +91,7 @@ FOLLOWER = "arm2"
 
 
 class TrialError(DualArmError):
-    """A run came to no measurement; the message says what it ended with."""
+    """A run gave no measurement; the message states how it ended."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +106,11 @@ class Trial:
         tracked: Position of the following tool along the same axes, less its mean distance from
             the cube, of shape (n, 2), in m.
         lost_count: Number of times that the target was lost.
-        frames: Number of images that were looked at: the waypoints of the follower.
+        frames: Number of processed images: the waypoints of the follower.
         sighting_sd: Standard deviation of a single sighting along an axis, in m.
         margins: Distance of the follower from its limits.
         outcome: Outcome of the run.
-        reason: Reason that the follower's leaf gave, if it failed.
+        reason: Reason of the follower's leaf, if it failed.
         began: Simulated time in s at which the curve began.
         old_data_steps: Control steps that moved toward data older than 0.1 s.
     """
@@ -142,12 +142,12 @@ class Trial:
 
     @property
     def lag(self) -> float:
-        """Seconds by which the tool is late, by cross-correlation."""
+        """Delay of the tool in s, by cross-correlation."""
         return lag(self.cube, self.tracked, float(np.median(np.diff(self.times))))
 
     @property
     def amplitude_ratio(self) -> float:
-        """Spread of the tracked path over that of the true one; 1 if none is lost."""
+        """Ratio of the extent of the tracked path to that of the true one; ideally 1."""
         return float(np.sqrt(self.tracked.var(axis=0).sum() / self.cube.var(axis=0).sum()))
 
     @property
@@ -161,7 +161,7 @@ def tree_file(cell: Cell, registry: Registry) -> TreeFile:
     """The tree file of a cell, with its settings.
 
     Raises:
-        SpecError: The file refuses a setting.
+        SpecError: The file rejects a setting.
     """
     return load_tree_file(find_tree(TREE), registry.kinds, cell.params)
 
@@ -180,12 +180,12 @@ def run_trial(
         cell: Settings of the experiment.
         seed: Random seed.
         registry: Installed skills.
-        objects: Objects of the world besides those of the tree file.
-        meddler: Maker of an observer that may reach into the world: to cover or distract.
-        stop: Request to end early; nothing that is measured then is worth anything.
+        objects: Objects in addition to those of the tree file.
+        meddler: Factory of an observer that may change the world, such as by occlusions or decoys.
+        stop: Request to end early; measurements after it are invalid.
 
     Raises:
-        TrialError: The curve was not drawn, or not followed at all.
+        TrialError: The curve was not executed, or not followed at all.
         DualArmError: The file or the renderer cannot be used.
     """
     file = tree_file(cell, registry)
@@ -242,15 +242,15 @@ def _trial(cell: Cell, result: RunResult, margins: Margins) -> Trial:
     )
 
 
-# Trials of many cells, side by side in processes of their own where asked.
+# Trials of many cells, in parallel processes if requested.
 
 
 _LOOK_S: Final = 0.1
-"""Between two looks whether the end was asked for, while others compute."""
+"""Polling period of the request to end, while other processes compute, s."""
 
 
 def usable_cores() -> int:
-    """How many processes can run side by side here."""
+    """Number of parallel processes for this machine."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -262,13 +262,13 @@ def run_trials(
     jobs: int = 1,
     stop: StopRequest | None = None,
 ) -> Iterator[Trial | TrialError]:
-    """The trial of each cell with its seed, in order as they come, or why there is none.
+    """Yields the trial of each cell and seed as it completes, or the reason why there is none.
 
     Args:
         runs: Pairs of a cell and a seed.
         registry: Installed skills; other processes find them again.
-        jobs: Number of processes side by side; with one, no other process is started.
-        stop: Request to end early; what is not complete then does not come.
+        jobs: Number of parallel processes; with one, no other process is started.
+        stop: Request to end early; incomplete trials are not yielded.
 
     Raises:
         DualArmError: A file or the renderer cannot be used, or a process has died.
@@ -287,7 +287,7 @@ def run_trials(
 def _side_by_side(
     runs: Sequence[tuple[Cell, int]], jobs: int, stop: StopRequest
 ) -> Iterator[Trial | TrialError]:
-    """The same in processes that end with this one, however it ends."""
+    """The same in worker processes that end with this one, however it ends."""
     context = get_context("spawn")
     theirs, ours = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(jobs, context, _end_with_parent, (theirs,))
@@ -313,10 +313,10 @@ def _outcome(trial: Future[Trial | TrialError]) -> Trial | TrialError:
 
 
 def _end_with_parent(parent: Connection) -> None:
-    """End this process when the other end of a pipe is closed, which a killed parent's is, too.
+    """End this process when the other end of a pipe is closed, as when the parent is killed.
 
-    The pool's own processes would wait for work for ever. Ctrl-C, which all processes of a
-    terminal get, is left to the parent.
+    Processes of the pool would otherwise wait for work forever. Ctrl-C reaches all
+    processes of a terminal; the parent handles it.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_wait_for_end, args=(parent,), daemon=True).start()
@@ -334,7 +334,7 @@ def _registry() -> Registry:
 
 
 def _tried_elsewhere(cell: Cell, seed: int) -> Trial | TrialError:
-    """A trial in a process of its own, whose errors are sent as what every process knows."""
+    """A trial in a worker process; errors are converted to types that can be pickled."""
     try:
         return _tried(cell, seed, _registry(), StopRequest())
     except DualArmError as error:
@@ -342,7 +342,7 @@ def _tried_elsewhere(cell: Cell, seed: int) -> Trial | TrialError:
 
 
 def _tried(cell: Cell, seed: int, registry: Registry, stop: StopRequest) -> Trial | TrialError:
-    """A trial, or why there is none."""
+    """A trial, or the reason why there is none."""
     try:
         return run_trial(cell, seed, registry, stop=stop)
     except TrialError as error:

@@ -1,10 +1,10 @@
 """Conformance tests for authors of skills: the laws that every skill must keep.
 
-In: a `Candidate`, a skill with the `Scenario` in which its example does its job.
-Out: nothing, or a `BrokenLawError` that says which law the skill breaks, and how.
-Open first: `laws`, which has the laws, the `Candidate` and the `Scenario`.
+Input: a `Candidate`, which is a skill with the `Scenario` in which its example succeeds.
+Output: nothing, or a `BrokenLawError` that names the violated law and the violation.
+Open first: `laws`, which has the laws, `Candidate` and `Scenario`.
 
-The laws are run, with pytest or anything else, over a skill in a small world of its own::
+Run the laws with pytest, or any other test runner, on a skill in a small world::
 
     import pytest
     from bt_dualarm.testing import LAWS, Candidate, Scenario, registry_with

@@ -27,23 +27,23 @@ from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.ports import Unit, metadata_of
 from bt_dualarm.spec.yaml_reader import Data
 
-# A small world for a skill in which its example does its job.
+# Small worlds in which the examples of skills succeed.
 
 
 Tree: TypeAlias = dict[str, Data]
-"""A node, or another part of a tree file, as it is read from YAML."""
+"""A node, or another part of a tree file, as read from YAML."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A world with one arm, and what the arm does before it is the skill's turn.
+    """A world with one arm, and the leaves that run before the skill.
 
     Attributes:
         objects: Section ``objects`` of a tree file.
-        arm: Fields of the arm but its tree.
-        before: Leaves that bring about what the skill needs.
+        arm: Fields of the arm, except its tree.
+        before: Leaves that establish the preconditions of the skill.
         scene: Name of the scene.
-        again: Status with which a second run of the same leaf ends after a success.
+        again: Status of a second run of the same leaf after a success.
     """
 
     objects: Tree = field(default_factory=dict)
@@ -53,7 +53,7 @@ class Scenario:
     again: str = "SUCCESS"
 
     def file(self, *leaves: Tree) -> Tree:
-        """The content of a tree file with these leaves after those that come before."""
+        """Content of a tree file with these leaves after the preparatory ones."""
         tree = {"sequence": [*copy.deepcopy(self.before), *leaves]}
         return {
             "world": {"scene": self.scene, "time_limit": 30.0},
@@ -63,39 +63,39 @@ class Scenario:
 
 
 def node_of(example: str) -> Tree:
-    """The node that a skill's example writes; a bare word is a node, too."""
+    """Node of a skill's example; a bare word is a node as well."""
     node: Tree | str = yaml.safe_load(example)
     return {node: {}} if isinstance(node, str) else node
 
 
 def after(seconds: float, node: Tree) -> Tree:
-    """Halt a node after so many seconds, and succeed whatever it did."""
+    """Tree that halts a node after some simulated seconds, and succeeds whatever its status."""
     return {"force_success": {"child": {"timeout": {"seconds": seconds, "child": node}}}}
 
 
 def twice(node: Tree, name: str) -> Tree:
-    """Run a node, and after a success once more, below a node of this name."""
+    """Tree that runs a node, and again after a success, below a node of this name."""
     return {"repeat": {"times": 2, "name": name, "child": node}}
 
 
-# A skill on trial: played in its scenario, with an eye on how fast its arm moves.
+# A skill under test: runs in its scenario, with the joint speeds of its arm.
 
 
 _TWICE: Final = "example twice"
 
 
 def registry_with(*skills: type[Skill]) -> Registry:
-    """The installed skills, and these.
+    """Registry of the installed skills and the given ones.
 
     Raises:
-        RegistryError: A skill is badly made, or its name is taken.
+        RegistryError: A skill is invalid, or its name is in use.
     """
     return registry_of(skills)
 
 
 @dataclass
 class Performance(IdleObserver):
-    """One run to its end.
+    """One complete run.
 
     Attributes:
         world: World of the run.
@@ -107,18 +107,18 @@ class Performance(IdleObserver):
     _seen: list[tuple[float, Vector]] = field(default_factory=list)
 
     def after_step(self, time: float) -> None:
-        """Note how fast the arm is."""
+        """Record the joint speeds of the arm."""
         if "arm1" in self.world.arms:
             self._seen.append((time, self.world.arms["arm1"].v))
 
     @property
     def speeds(self) -> list[tuple[float, float]]:
-        """Times in s and the arm's largest joint speed in rad/s, at every step."""
+        """Time in s and largest joint speed of the arm in rad/s, for every step."""
         return [(time, float(np.abs(v).max())) for time, v in self._seen]
 
     @property
     def result(self) -> ArmResult:
-        """What the arm did.
+        """Result of the arm.
 
         Raises:
             RuntimeError: The run is not over.
@@ -128,22 +128,22 @@ class Performance(IdleObserver):
         return self.arm
 
     def leaves(self, skill: str) -> list[LeafReport]:
-        """All runs of the leaves of one kind."""
+        """All runs of the leaves of one skill."""
         return [leaf for leaf in self.result.runs if leaf.skill == skill]
 
     def speed_after(self, time: float) -> float:
-        """Largest joint speed in rad/s at any step from ``time`` in s on."""
+        """Largest joint speed in rad/s at or after ``time``, s."""
         later = [v for at, v in self._seen if at >= time]
         return float(np.abs(later).max()) if later else 0.0
 
 
 @dataclass
 class Candidate:
-    """A skill on trial.
+    """A skill under test.
 
     Attributes:
         name: Name of the skill in YAML.
-        registry: Skills with the one on trial and those that the scenario uses.
+        registry: Registry with this skill and those that the scenario uses.
         scenario: World in which its example succeeds.
     """
 
@@ -153,7 +153,7 @@ class Candidate:
 
     @property
     def skill(self) -> type[Skill]:
-        """The class."""
+        """Class of the skill."""
         return self.registry.skills[self.name]
 
     @property
@@ -169,18 +169,18 @@ class Candidate:
 
     @property
     def example_run(self) -> LeafReport:
-        """What its example does in its scenario."""
+        """Run of its example in its scenario."""
         return self.examples[0]
 
     @property
     def examples(self) -> list[LeafReport]:
-        """What its example does, and what it does once more if it has succeeded."""
+        """Run of its example, and the repeated run if that succeeded."""
         runs = self.run_twice.runs
         return [leaf for leaf in runs if leaf.skill == self.name and _TWICE in leaf.path]
 
     @cached_property
     def run_twice(self) -> ArmResult:
-        """What the arm does where the same leaf is run twice; it is played once for all laws."""
+        """Result of the arm with the same leaf run twice; executed once for all laws."""
         return self.perform(twice(self.node, _TWICE)).result
 
     def perform(self, *leaves: Tree) -> Performance:
@@ -194,13 +194,13 @@ class Candidate:
         return performance
 
 
-# What every skill keeps to; each law raises `BrokenLawError` for a skill that does not.
+# The laws; each raises `BrokenLawError` for a skill that violates it.
 
 
 Law: TypeAlias = Callable[[Candidate], None]
 
 STOPPED: Final = 0.02
-"""Joint speed in rad/s below which an arm stands."""
+"""Joint speed in rad/s below which an arm is at rest."""
 
 STOPPING_S: Final = 1.0
 """Simulated seconds that an arm has to come to rest."""
@@ -211,11 +211,11 @@ _UNITLESS: Final = ("share", "number of", "image error")
 
 
 class BrokenLawError(AssertionError):
-    """A skill does not keep to a law; a failed assertion to every test runner."""
+    """A skill violates a law; test runners treat it as a failed assertion."""
 
 
 def author_forgot_nothing(candidate: Candidate) -> None:
-    """Descriptions, docstring, failure codes and an example are there."""
+    """Descriptions, docstring, failure codes and an example are complete."""
     found = list(faults(candidate.skill))
     _hold(not found, "; ".join(found))
     began = candidate.skill.example.startswith(candidate.name)
@@ -223,14 +223,14 @@ def author_forgot_nothing(candidate: Candidate) -> None:
 
 
 def numbers_of_ports_say_their_unit(candidate: Candidate) -> None:
-    """A number that is not a count or a share has a unit, its own or that of its type."""
+    """Numbers have a unit, of the port or of its type, unless they are counts or fractions."""
     fields = candidate.skill.Ports.model_fields.items()
     lacking = [name for name, field in fields if _lacks_unit(field)]
     _hold(not lacking, f"ports without a unit: {', '.join(lacking)}")
 
 
 def example_succeeds(candidate: Candidate) -> None:
-    """In its scenario, within the limits of the arm."""
+    """The example succeeds in its scenario, within the limits of the arm."""
     leaf = candidate.example_run
     _hold(leaf.status == "SUCCESS", f"its example fails: {leaf.code}: {leaf.reason}")
     clipped = candidate.run_twice.clipped_setpoints
@@ -238,7 +238,7 @@ def example_succeeds(candidate: Candidate) -> None:
 
 
 def halted_skill_leaves_the_arm_stopped(candidate: Candidate, phase: float) -> None:
-    """The arm stands within a simulated second, in whatever phase, and it stays so."""
+    """After a halt in any phase, the arm is at rest within a simulated second, and remains so."""
     seconds = max(_SHORTEST_S, phase * candidate.duration)
     performance = candidate.perform(after(seconds, candidate.node), {"wait": {"seconds": 1.5}})
     (leaf,) = performance.leaves(candidate.name)
@@ -251,7 +251,7 @@ def halted_skill_leaves_the_arm_stopped(candidate: Candidate, phase: float) -> N
 
 
 def starts_again_after_success(candidate: Candidate) -> None:
-    """The same leaf, run twice: it begins anew, with nothing left over."""
+    """The same leaf runs twice: the second run does not depend on the first."""
     first, *more = candidate.examples
     _hold(bool(more), f"the first run fails: {first.code}: {first.reason}")
     (second,) = more
@@ -262,7 +262,7 @@ def starts_again_after_success(candidate: Candidate) -> None:
 
 
 def starts_again_after_it_was_halted(candidate: Candidate) -> None:
-    """Halted in its middle at first, given all its time then: it does its job."""
+    """A leaf that was halted halfway succeeds when it is run again."""
     timeout = {"timeout": {"seconds": "{limit}", "child": candidate.node}}
     forgiven: Tree = {"force_success": {"child": timeout}}
     lengthen: Tree = {"set": {"key": "limit", "value": 60.0}}
@@ -279,7 +279,7 @@ def starts_again_after_it_was_halted(candidate: Candidate) -> None:
 
 
 def never_started_and_never_heard_of(candidate: Candidate) -> None:
-    """A leaf that its tree never reaches is halted with it, without a word."""
+    """A leaf that is never ticked has no effect when its tree is halted."""
     performance = candidate.perform({"selector": [{"succeed": {}}, candidate.node]})
     found = [leaf for leaf in performance.leaves(candidate.name) if "selector" in leaf.path]
     _hold(not found, "it was started although no tick reached it")
@@ -296,7 +296,7 @@ def _lacks_unit(field: FieldInfo) -> bool:
 
 
 def _last_two(candidate: Candidate, performance: Performance) -> tuple[LeafReport, LeafReport]:
-    """Runs of the leaf on trial: those of the scenario's own leaves come first."""
+    """Runs of the leaf under test; those of the scenario's own leaves come first."""
     runs = performance.leaves(candidate.name)
     _hold(len(runs) >= 2, f"it was run {len(runs)} times, not twice")
     return runs[-2], runs[-1]
@@ -328,4 +328,4 @@ LAWS: Final[Mapping[str, Law]] = MappingProxyType(
         "has no effect if never ticked": never_started_and_never_heard_of,
     }
 )
-"""Every law by its name."""
+"""All laws by name."""

@@ -1,4 +1,4 @@
-"""Choosing the color that a camera looks for, by eye.
+"""Interactive tuning of the color that a camera looks for.
 
 Open first: `color`.
 """

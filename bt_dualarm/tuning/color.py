@@ -39,25 +39,25 @@ from bt_dualarm.spec.values import Color, HsvRange
 from bt_dualarm.spec.yaml_edit import with_value
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, with_tuples
 
-# Reading an image file that may be anything: too large, cut off, or no file at all.
+# Reading of untrusted image files: too large, truncated, or not regular files.
 
 
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".webp", ".tif", ".tiff")
 
 _LARGEST_FILE: Final = 256 * 1024 * 1024
 _LARGEST_IMAGE_PX: Final = 50_000_000
-"""More than any camera of a robot has; an image takes some ten bytes a pixel while it is read."""
+"""More than any robot camera has; reading an image takes about ten bytes per pixel."""
 
 
 class ImageFileError(DualArmError):
-    """A file is no image that can be read; the message says why."""
+    """A file is not a readable image; the message says why."""
 
 
 def read_image(path: Path) -> Image:
-    """The image in a file: red, green, blue, of shape (height, width, 3).
+    """Image in a file, RGB, of shape (height, width, 3).
 
     Raises:
-        ImageFileError: It is no file, no image, cut off, or larger than 50 million pixels.
+        ImageFileError: It is not an image file, truncated, or larger than 50 million pixels.
     """
     content = _content(path)
     _refuse_huge(path, content)
@@ -71,7 +71,7 @@ def read_image(path: Path) -> Image:
 
 
 def _content(path: Path) -> bytes:
-    """All bytes of a file; a pipe or a device, which may have no end, is not even opened."""
+    """Content of a file; pipes and devices, which may be endless, are not opened."""
     try:
         status = path.stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
@@ -85,10 +85,10 @@ def _content(path: Path) -> bytes:
 
 
 def _refuse_huge(path: Path, content: bytes) -> None:
-    """Look at the head alone: a few kilobytes may unpack to gigabytes."""
+    """Check the size in the header only: a few kilobytes may unpack to gigabytes."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the limit below is lower than those it warns of
+            warnings.simplefilter("ignore")  # the limit below is stricter than the one it warns of
             with PIL.Image.open(io.BytesIO(content)) as image:
                 width, height = image.size
     except PIL.Image.DecompressionBombError as error:
@@ -101,7 +101,7 @@ def _refuse_huge(path: Path, content: bytes) -> None:
         raise ImageFileError(f"{path}: is {width} x {height} pixels, {limit}")
 
 
-# What a camera that looks for a color finds in a picture, and that as a picture for people.
+# Detections of a color in an image, and their visualization.
 
 
 _LEAST_WIDTH_PX: Final = 480
@@ -113,11 +113,11 @@ _ORANGE = (255, 160, 0)
 
 @dataclass(frozen=True, eq=False)
 class ColorView:
-    """A color looked for in a frame.
+    """Detections of a color in a frame.
 
     Attributes:
-        frame: The picture.
-        color: Color that is looked for.
+        frame: The frame.
+        color: Color to detect.
     """
 
     frame: Frame
@@ -125,18 +125,18 @@ class ColorView:
 
     @cached_property
     def mask(self) -> Mask:
-        """Which pixels have the color."""
+        """Mask of the pixels that have the color."""
         return ColorFilter(self.color).mask(self.frame.image)
 
     @cached_property
     def found(self) -> tuple[Detection, ...]:
-        """Every candidate, the largest first: the one that a tracker takes to begin with."""
+        """All candidates, the largest first, which a tracker selects initially."""
         found = detect_all(self.frame, ColorFilter(self.color))
         return tuple(sorted(found, key=lambda detection: -detection.area_px))
 
     @property
     def table(self) -> list[dict[str, Data]]:
-        """The candidates, ready for JSON."""
+        """The candidates as JSON-ready data."""
         return [
             {
                 "centroid_px": [round(at, 2) for at in one.centroid_px],
@@ -182,7 +182,7 @@ class ColorView:
 
 
 def png(image: Image) -> bytes:
-    """An image (red, green, blue, or one channel) as the content of a file."""
+    """An image (RGB or one channel) as the content of a PNG file."""
     in_order = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     return bytes(cv2.imencode(".png", in_order)[1])
 
@@ -192,7 +192,7 @@ def _zoomed(image: Image, zoom: int) -> Image:
 
 
 def _titled(image: Image, title: str) -> Image:
-    """The image with a bar above it; a title that is too long is set smaller."""
+    """The image with a title bar above it; a long title gets a smaller font."""
     bar = np.full((_BAR_PX, image.shape[1], 3), 40, np.uint8)
     (width, _), _ = cv2.getTextSize(title, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
     _write_label(bar, title, (6, 18), _WHITE, min(0.5, 0.5 * (image.shape[1] - 12) / max(width, 1)))
@@ -205,20 +205,20 @@ def _write_label(
     cv2.putText(image, text, corner, cv2.FONT_HERSHEY_SIMPLEX, size, color, 1, cv2.LINE_AA)
 
 
-# One picture to tune on: from a camera of a tree file, or from an image file.
+# The image to tune on: from a camera of a tree file, or from an image file.
 
 
 class ShotError(DualArmError):
-    """There is no picture; the message says why."""
+    """There is no image; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A picture and where it comes from.
+    """An image and its origin.
 
     Attributes:
-        frame: Frame that was exposed as a whole.
-        what: Words for people on where it comes from.
+        frame: Frame with the whole image.
+        what: Description of its origin, for display.
     """
 
     frame: Frame
@@ -227,10 +227,10 @@ class Shot:
 
 @dataclass(frozen=True)
 class ShotTime:
-    """When a camera of a tree file takes its picture, and in what world.
+    """Time and conditions at which a camera of a tree file takes the image.
 
     Attributes:
-        seconds: Simulated time since the start of the run in s; 0 is before anything moves.
+        seconds: Simulated time since the start of the run in s; 0: before anything moves.
         posture: Named posture in which the camera's arm starts; None for the file's.
         seed: Random seed; None for the file's.
         renderer: Kind of renderer; None for the file's.
@@ -243,16 +243,16 @@ class ShotTime:
 
 
 def image_shot(path: Path) -> Shot:
-    """The picture of an image file.
+    """Image of a file.
 
     Raises:
-        ImageFileError: It is no image that can be read.
+        ImageFileError: It is not a readable image.
     """
     return Shot(still(read_image(path)), str(path))
 
 
 def still(image: Image, fov_rad: float = 1.0) -> Frame:
-    """An image as a frame of a camera that stands in the world's origin."""
+    """An image as the frame of a camera at the world's origin."""
     height, width = image.shape[:2]
     return Frame(
         0.0,
@@ -264,10 +264,10 @@ def still(image: Image, fov_rad: float = 1.0) -> Frame:
 
 
 def camera_arm(file: TreeFile, name: str | None) -> str:
-    """The arm whose camera is meant: the one of this name, or the only one with a camera.
+    """Name of the arm whose camera is used: the given one, or the only one with a camera.
 
     Raises:
-        ShotError: There is none, or several and no name.
+        ShotError: There is none, or there are several and no name is given.
     """
     seeing = [arm for arm, spec in file.arms.items() if spec.camera is not None]
     if name is not None and name not in file.arms:
@@ -281,19 +281,19 @@ def camera_arm(file: TreeFile, name: str | None) -> str:
 
 
 def camera_shot(file: TreeFile, registry: Registry, arm: str, moment: ShotTime) -> Shot:
-    """Compose the world of a file, run it until the moment, and expose.
+    """Compose the world of a file, run it to the requested time, and take an image.
 
-    Latency, lost frames and shake of the camera are left out: they say nothing of colors.
+    Latency, lost frames and shake of the camera are left out: they do not affect colors.
 
     Args:
         file: Tree file, checked with the skills of ``registry``.
         registry: Installed skills.
-        arm: Name of the arm whose camera it is; see `camera_arm`.
-        moment: Moment of the exposure.
+        arm: Name of the arm with the camera; see `camera_arm`.
+        moment: Time and conditions of the exposure.
 
     Raises:
-        ShotError: The arm is not in the world then, or the run broke before.
-        DualArmError: The world cannot be composed, or the renderer cannot work here.
+        ShotError: The arm is not in the world at that time, or the run failed before.
+        DualArmError: The world cannot be composed, or the renderer does not work here.
     """
     spec = file.arms[arm]
     if moment.posture is not None:
@@ -321,21 +321,21 @@ def _expose(run: Run, arm: str, spec: ArmSpec) -> Frame:
     return Camera(f"{arm}/camera", calm, renderer).capture(world)
 
 
-# Which leaf of a tree file looks for a color, and where that color is written.
+# The leaf that looks for a color, and the location of that color in the file.
 
 
 class NoColorPortError(DualArmError):
-    """No leaf looks for a color, or several do and it is open which is meant."""
+    """No leaf looks for a color, or several do and none is selected."""
 
 
 @dataclass(frozen=True, eq=False)
 class ColorPort:
-    """A port that says what a camera looks for.
+    """A port with the color that a camera looks for.
 
     Attributes:
         node: Leaf of a tree.
         port: Name of the port.
-        color: Color in the port, None where a blackboard key brings it.
+        color: Color in the port, None if it comes from a blackboard key.
     """
 
     node: NodeSpec
@@ -348,10 +348,10 @@ class ColorPort:
         return (*self.node.path, self.node.kind, self.port)
 
     def home(self) -> tuple[Source, DataPath]:
-        """File and place at which the color is written, or would be.
+        """File and path at which the color is written, or would be.
 
         Raises:
-            SpecError: It comes from somewhere that is not of one color alone.
+            SpecError: Its source is not a single color.
         """
         source = self.node.source
         reference = reference_of(self.node.source.get(self.path))
@@ -373,7 +373,7 @@ class ColorPort:
 
 
 def color_ports(file: TreeFile, arm: str, kinds: Mapping[str, NodeType]) -> Iterator[ColorPort]:
-    """Ports of an arm's tree that take a color, each once, in the order of the file."""
+    """Ports of an arm's tree with a color, each once, in the order of the file."""
     seen = set()
     for node in file.arms[arm].tree.walk():
         fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
@@ -390,10 +390,10 @@ def color_ports(file: TreeFile, arm: str, kinds: Mapping[str, NodeType]) -> Iter
 
 
 def choose(ports: Sequence[ColorPort], arm: str, line: int | None = None) -> ColorPort:
-    """The port that is meant: the only one, or the one of the node in a line of the file.
+    """The selected port: the only one, or that of the node in a line of the file.
 
     Raises:
-        NoColorPortError: There is none, or several and no line.
+        NoColorPortError: There is none, or there are several and no line is given.
     """
     fitting = [one for one in ports if line in (None, one.node.location.line)]
     if len(fitting) == 1:
@@ -406,35 +406,35 @@ def choose(ports: Sequence[ColorPort], arm: str, line: int | None = None) -> Col
     raise NoColorPortError(f"{len(fitting)} leaves look for a color; say --line N:\n{places}")
 
 
-# From pixels to a range: what a person points at is what the camera shall look for.
+# Color ranges from selected pixels.
 
 
 Pixel: TypeAlias = tuple[int, int]
 """Column and row, from the top left corner."""
 
 _AROUND: Final = 1
-"""Pixels on each side that are taken up with the one that was pointed at."""
+"""Neighboring pixels on each side that are included with a selected one."""
 
 _HUE_MARGIN_DEG: Final = 6.0
 _SHARE_MARGIN: Final = 0.15
 _COLORLESS: Final = 0.08
-"""Below this product of saturation and value 8 bits hold no hue (black, white, grey)."""
+"""Saturation times value below which 8 bits do not resolve the hue (black, white, gray)."""
 
 
 class PixelError(DualArmError):
-    """A pixel is not in the image."""
+    """A pixel is outside the image."""
 
 
 def range_of(image: Image, pixels: Sequence[Pixel], begin: HsvRange | None = None) -> HsvRange:
-    """The smallest range around pixels and those next to them, with a margin for other light.
+    """Smallest range around pixels and their neighbors, with a margin for other lighting.
 
     Args:
-        image: Red, green, blue, of shape (height, width, 3).
-        pixels: Columns and rows of what was pointed at, at least one.
-        begin: Range that is widened to hold the pixels, too; None to begin anew.
+        image: RGB, of shape (height, width, 3).
+        pixels: Columns and rows of the selected pixels, at least one.
+        begin: Range to widen so that it contains the pixels; None for a new range.
 
     Raises:
-        PixelError: One is outside of the image.
+        PixelError: A pixel is outside the image.
     """
     hsv = np.vstack([_patch(image, pixel) for pixel in pixels])
     colored = hsv[hsv[:, 1] * hsv[:, 2] >= _COLORLESS, 0]
@@ -457,7 +457,7 @@ def _patch(image: Image, pixel: Pixel) -> Matrix:
 
 
 def _arc(hues: Vector, begin: tuple[float, float] | None) -> tuple[float, float]:
-    """An arc of the color circle around all hues, grown at whichever end is nearer; degrees."""
+    """Arc of the color wheel that contains all hues, extended at the nearer end; degrees."""
     if begin is None and not len(hues):
         return 0.0, 360.0
     low, high = begin or (float(hues[0]), float(hues[0]))
@@ -477,18 +477,18 @@ def _arc(hues: Vector, begin: tuple[float, float] | None) -> tuple[float, float]
 
 
 def _span(shares: Vector, begin: tuple[float, float] | None) -> tuple[float, float]:
-    """A span of shares around all of them, within 0 to 1, in hundredths."""
+    """Interval that contains all values, within 0 to 1, in hundredths."""
     low, high = begin or (1.0, 0.0)
     low = min(low, max(0.0, float(shares.min()) - _SHARE_MARGIN))
     high = max(high, min(1.0, float(shares.max()) + _SHARE_MARGIN))
     return math.floor(100 * low) / 100, math.ceil(100 * high) / 100
 
 
-# The color that somebody asks for: read, checked, and changed piece by piece.
+# Requested colors: parsing, validation, changes.
 
 
 class ColorError(DualArmError):
-    """What was asked for is no color; the message says why."""
+    """The input is not a color; the message says why."""
 
 
 def color_of(data: Data) -> Color:
@@ -515,19 +515,19 @@ def adjusted(
     widen: Sequence[Pixel] = (),
     bounds: Mapping[str, Sequence[float]] | None = None,
 ) -> Color:
-    """A color with changes, in this order; without any, the color itself.
+    """A color with changes applied in this order; without changes, the color itself.
 
     Args:
-        color: Color to begin with.
-        image: Image in which the pixels are.
-        pick: Pixels around which one new range is made.
-        widen: Pixels that the first range is widened to hold, too.
+        color: Initial color.
+        image: Image of the pixels.
+        pick: Pixels around which a new range is created.
+        widen: Pixels that the first range is widened to contain.
         bounds: Bounds of hue, saturation or value, for every range; a hue leaves the first
             range only.
 
     Raises:
         ColorError: A lower bound is above its upper one.
-        PixelError: A pixel is outside of the image.
+        PixelError: A pixel is outside the image.
     """
     if not (pick or widen or bounds):
         return color
@@ -539,18 +539,18 @@ def adjusted(
     return color_of([{**item.data, **given} for item in kept])
 
 
-# Writing a tuned color back: into the tree file it came from, or as a piece of YAML.
+# Writing of a tuned color: to its tree file, or as a YAML snippet.
 
 
 class SavingError(DualArmError):
-    """A file cannot be written; it is as it was."""
+    """A file cannot be written; it is unchanged."""
 
 
 class Save(Protocol):
-    """Where a tuned color goes."""
+    """Destination of a tuned color."""
 
     def __call__(self, color: Color) -> str:
-        """Write it; returns a sentence on what was done.
+        """Write the color; returns a sentence on the result.
 
         Raises:
             DualArmError: Nothing was written; the message says why.
@@ -559,12 +559,12 @@ class Save(Protocol):
 
 @dataclass(frozen=True)
 class IntoTree:
-    """Writes into a tree file and leaves all else in it as it is.
+    """Writes to a tree file without changing anything else in it.
 
     Attributes:
         path: File to write to.
-        arm: Name of the arm whose tree it is.
-        line: Line of the leaf, where several look for a color.
+        arm: Name of the arm with the tree.
+        line: Line of the leaf, if several look for a color.
         registry: The installed skills.
         params: Parameters of the file as given on the command line.
     """
@@ -576,7 +576,7 @@ class IntoTree:
     params: Mapping[str, str] = dataclass_field(default_factory=dict)
 
     def __call__(self, color: Color) -> str:
-        """Find the place anew: the file may have changed since it was read."""
+        """Find the location again: the file may have changed since it was read."""
         kinds = self.registry.kinds
         file = load_tree_file(self.path, kinds, self.params)
         port = choose(list(color_ports(file, self.arm, kinds)), self.arm, self.line)
@@ -589,7 +589,7 @@ class IntoTree:
         return f"written: {source.key_location(place)}"
 
     def _prove(self, path: Path, before: str) -> None:
-        """Check the file as bt-check does; one that it refuses is put back as it was."""
+        """Check the file as bt-check does; restore it if it has errors."""
         wrong = errors(check(self.path, self.registry.kinds, self.params).problems)
         if wrong:
             _write(path, before)
@@ -598,11 +598,11 @@ class IntoTree:
 
 @dataclass(frozen=True)
 class AsSnippet:
-    """Writes a file of its own, to be copied from.
+    """Writes a separate file to copy from.
 
     Attributes:
         path: File to write to.
-        what: Description of the picture that the color was picked from.
+        what: Description of the image from which the color was picked.
     """
 
     path: Path
@@ -615,7 +615,7 @@ class AsSnippet:
 
 
 def snippet(color: Color, what: str) -> str:
-    """A color as the lines of a leaf's port."""
+    """A color as the YAML lines of a leaf's port."""
     origin = " ".join(what.split())
     return (
         f"# hue in degrees, saturation and value from 0 to 1; {origin}\ncolor: {color.notation}\n"
@@ -623,7 +623,7 @@ def snippet(color: Color, what: str) -> str:
 
 
 def _like(old: Data, new: Data) -> Data:
-    """The new ranges without those defaults that the old ones did not write either."""
+    """The new ranges, without default fields that the old ones omitted as well."""
     if not isinstance(new, list):
         return new
     plain = Color(ranges=({"hue": (0.0, 0.0)},)).ranges[0].data  # type: ignore[arg-type]
@@ -640,7 +640,7 @@ def _like(old: Data, new: Data) -> Data:
 
 
 def _write(path: Path, text: str) -> None:
-    """Whole or not at all; who may read a file that is there already stays as it is."""
+    """Write a file atomically; an existing file keeps its permissions."""
     target = path.resolve()
     try:
         mode = target.stat().st_mode if target.exists() else None

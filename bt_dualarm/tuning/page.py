@@ -1,4 +1,4 @@
-"""The live page: picture, mask and sliders in a browser on this machine, and nowhere else."""
+"""The tuning page: image, mask and sliders, served to browsers on this machine only."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ HOST: Final = "127.0.0.1"
 _LARGEST_BODY: Final = 64 * 1024
 _DIGITS: Final = len(str(_LARGEST_BODY))
 _PATIENCE_S: Final = 10.0
-"""Longest wait for a browser that has begun to ask and does not go on."""
+"""Longest wait for an incomplete request, s."""
 
 _log = logging.getLogger(__name__)
 
 
 class PageError(DualArmError):
-    """The page cannot be served, or was asked for something that it does not understand."""
+    """The page cannot be served, or a request is invalid."""
 
 
 class Tuning:
-    """What the page does, apart from the network; the ranges themselves are kept by the page.
+    """Actions of the page, independent of the network; the page itself keeps the ranges.
 
     Args:
-        shot: Picture to tune on.
-        color: Color to begin with.
-        save: Writer that the button calls; None where there is no place to write to.
+        shot: Image to tune on.
+        color: Initial color.
+        save: Writer that the button calls; None if there is no destination.
     """
 
     def __init__(self, shot: Shot, color: Color, save: Save | None) -> None:
@@ -51,7 +51,7 @@ class Tuning:
         self.image = png(shot.frame.image)
 
     def begin(self, _: Data) -> dict[str, Data]:
-        """Everything to show first."""
+        """Initial content of the page."""
         return {
             "what": self._shot.what,
             "can_save": self._save is not None,
@@ -59,11 +59,11 @@ class Tuning:
         }
 
     def look(self, asked: Data) -> dict[str, Data]:
-        """What ``color`` finds."""
+        """Detections of ``color``."""
         return self._seen(_color(asked))
 
     def click(self, asked: Data) -> dict[str, Data]:
-        """Range number ``range`` of ``color`` around pixel ``at``: anew, or ``widen``-ed."""
+        """Replace or ``widen`` range number ``range`` of ``color`` around pixel ``at``."""
         color = _color(asked)
         try:
             (x, y) = asked["at"]
@@ -77,11 +77,13 @@ class Tuning:
         return self._seen(Color(ranges=tuple(ranges)))
 
     def save(self, asked: Data) -> dict[str, Data]:
-        """Write ``color`` where it belongs."""
+        """Write ``color`` to its destination."""
         if self._save is None:
             raise PageError("there is no file to write to; start with --write or --snippet FILE")
         color = _color(asked)
-        with self._saving:  # a browser asks side by side, and a tree file is read and written
+        with (
+            self._saving
+        ):  # browsers send concurrent requests, and a save reads and writes the tree file
             return {"said": self._save(color)}
 
     def _seen(self, color: Color) -> dict[str, Data]:
@@ -105,8 +107,8 @@ def page_server(tuning: Tuning, port: int = 0) -> ThreadingHTTPServer:
     """A server on the loopback address; ``serve_forever`` runs it, ``server_address`` names it.
 
     Args:
-        tuning: Answers to the page.
-        port: Number of the port; 0 takes any that is free.
+        tuning: Actions of the page.
+        port: Number of the port; 0 for any free port.
 
     Raises:
         PageError: The port is taken, or not allowed.
@@ -118,10 +120,10 @@ def page_server(tuning: Tuning, port: int = 0) -> ThreadingHTTPServer:
 
 
 class _Server(ThreadingHTTPServer):
-    """Says in the log, and not on the terminal, what went wrong with a request."""
+    """Server that reports errors of requests to the log instead of the terminal."""
 
     def handle_error(self, request: object, client_address: object) -> None:  # noqa: ARG002 - its parent's
-        """A browser that has gone is nothing to tell; the rest is a bug."""
+        """Log an error; a closed connection is normal, anything else is a bug."""
         level = logging.DEBUG if isinstance(sys.exception(), ConnectionError) else logging.ERROR
         _log.log(level, "a request for the page failed", exc_info=True)
 
@@ -129,12 +131,12 @@ class _Server(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     """One request.
 
-    Another site's page in the same browser can reach this address, too: requests that name
-    another host (its name may resolve to this address) or send no JSON (which a browser lets
-    any site do unasked) are refused.
+    A page of another site in the same browser can reach this address as well. Requests are
+    therefore refused if they name another host (whose name may resolve to this address) or if
+    they are not JSON (which a browser lets any site send).
     """
 
-    timeout = _PATIENCE_S  # of the socket, which the parent sets
+    timeout = _PATIENCE_S  # applied to the socket by the base class
 
     def __init__(
         self, tuning: Tuning, request: socket, client_address: tuple[str, int], server: BaseServer
@@ -143,7 +145,7 @@ class _Handler(BaseHTTPRequestHandler):
         super().__init__(request, client_address, server)
 
     def do_GET(self) -> None:
-        """The page and its picture."""
+        """Serve the page and its image."""
         if not self._is_meant():
             self._refuse(HTTPStatus.FORBIDDEN, "this address is served to this machine only")
         elif self.path == "/":
@@ -155,7 +157,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.NOT_FOUND, f"nothing is at {self.path}")
 
     def do_POST(self) -> None:
-        """What the page asks for, in JSON both ways."""
+        """Answer a request of the page; both are JSON."""
         act = self._actions.get(self.path)
         if not self._is_meant() or self.headers.get_content_type() != "application/json":
             self._refuse(HTTPStatus.FORBIDDEN, "only the page itself may send requests")
@@ -185,10 +187,10 @@ class _Handler(BaseHTTPRequestHandler):
         return name in (HOST, "localhost")
 
     def _asked(self) -> Data:
-        """The request's content.
+        """Parsed content of the request.
 
         Raises:
-            PageError: It is none, or has numbers or text that nothing can be done with.
+            PageError: The content is missing, not JSON, or has invalid numbers or text.
         """
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal() or len(length) > _DIGITS or int(length) > _LARGEST_BODY:
@@ -212,5 +214,5 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, format: str, *arguments: object) -> None:  # noqa: A002 - http.server's
-        """To the log and not to the terminal."""
+        """Write to the log instead of the terminal."""
         _log.debug(format, *arguments)
