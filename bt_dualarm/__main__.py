@@ -1,4 +1,4 @@
-"""``python -m bt_dualarm``: ``python -m bt_dualarm``: ``bt-run``, for environments without it on the path."""
+"""``python -m bt_dualarm``: ``bt-run``, for environments without it on the path."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class Photograph(bt.Skill):
         """Wait for the exposures, then write the file."""
         frame = yield from bt.still_picture(self.arm, self.ports.frames)
         if frame is None:
-            raise bt.Failure("NO_PICTURE", "the camera gave no picture in time")
+            raise bt.Failure("NO_PICTURE", "the camera gave no image in time")
         Image.fromarray(frame.image).save(folder / self.ports.file)
         red, green, blue = np.moveaxis(frame.image.astype(int), 2, 0)
         count = int(np.sum(red > 2 * np.maximum(green, blue)))

@@ -100,7 +100,7 @@ class ApproachAndAttach(Skill):
                 self._refuse_if_gone()
             yield from self._attach()
         except Failure as failure:
-            if failure.code != "INTERRUPTED":  # else something wants the arm to stand still
+            if failure.code != "INTERRUPTED":  # else the arm has been told to stop
                 yield from self._retreat(approach)
             raise
 
@@ -164,7 +164,7 @@ class ApproachAndAttach(Skill):
         first = reasons[0]
         raise Failure(
             "OUT_OF_REACH",
-            f"no way to {self.ports.object!r}: {first.reason}",
+            f"no path to {self.ports.object!r}: {first.reason}",
             ways_tried=len(reasons),
             **first.numbers,
         )
@@ -228,7 +228,7 @@ class ApproachAndAttach(Skill):
         distances = np.linalg.norm(positions - self._seen.position, axis=1)
         nearest = float(distances.min())
         if nearest < min(float(distances[0]), float(distances[-1])) - self.ports.standoff:
-            raise Failure("NO_PLAN", "the way to the object leads through it", nearest_m=nearest)
+            raise Failure("NO_PLAN", "the path to the object leads through it", nearest_m=nearest)
 
     def _depth(self) -> float:
         """Distance, m, of the straight part's end beyond the surface; the tool stops before."""

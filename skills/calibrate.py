@@ -37,7 +37,7 @@ class _Viewpoint:
         across: Rotation about the mark, about the image's horizontal axis, in degrees.
         along: The same about the image's vertical axis.
         roll: The same about the line of sight.
-        share: Distance as a share of the first one.
+        share: Distance as a fraction of the first one.
         beside: Rotations of the camera in place, in degrees, which move the mark off the center.
     """
 
@@ -88,7 +88,7 @@ class Calibrate(Skill):
         )
 
     failures = {
-        "NO_CAMERA": "the arm has no camera of its own",
+        "NO_CAMERA": "the arm has no camera that moves with it",
         "NOT_SEEN": "the mark was not seen, or from too few viewpoints",
         "NOT_STILL": "no mount explains the images: the mark moved, or there are several marks",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
@@ -107,7 +107,7 @@ class Calibrate(Skill):
         start = arm.setpoint.q
         first = yield from mark_views.look()
         if first is None:
-            raise Failure("NOT_SEEN", "the mark is not in the picture")
+            raise Failure("NOT_SEEN", "the mark is not in the image")
         camera_in_tool = arm.tool_pose.inverse @ first.camera
         ray = np.array((*(first.pixel / first.focal_px), 1.0))
         mark = first.camera.apply(self.ports.distance * ray)
@@ -141,7 +141,7 @@ class Calibrate(Skill):
         if len(views) < _FEWEST:
             raise Failure(
                 "NOT_SEEN",
-                f"the mark was seen from {len(views)} places, of {_FEWEST} at least",
+                f"the mark was seen from {len(views)} viewpoints, of {_FEWEST} at least",
                 views=len(views),
             )
         found = hand_eye(views, mark)

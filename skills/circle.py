@@ -27,7 +27,7 @@ class Circle(PathSkill):
         )
         tilt: Angle = port(
             0.0,
-            "angle by which the tool leans toward the center; 0 keeps its orientation",
+            "tilt of the tool toward the center; 0 keeps its orientation",
             ge=-60,
             le=60,
         )
@@ -44,7 +44,7 @@ class Circle(PathSkill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Build the path from the present tool pose, follow it, measure the error."""
+        """Build the path from the current tool pose, follow it, measure the error."""
         ports = self.ports
         path = circle_path(
             self.arm.commanded_tool_pose,

@@ -37,7 +37,7 @@ class CloseGripper(Skill):
         )
         at: PoseSpec | None = port(None, "estimated pose of that object; by default its true pose")
         empty: bool = port(False, "whether it also succeeds with nothing between the fingers")
-        settle: Duration = port(0.2, "how long it has to hold before it succeeds", le=10)
+        settle: Duration = port(0.2, "time for which the hold must last before it succeeds", le=10)
 
     failures = {
         "EMPTY": "nothing is between the fingers, or the cup does not seal",
@@ -52,7 +52,7 @@ class CloseGripper(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Close, wait until the fingers stand still, and verify that they keep holding."""
+        """Close, wait until the fingers are at rest, and verify that they keep holding."""
         gripper = self.arm.gripper
         ports = self.ports
         if ports.object is not None:

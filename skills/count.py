@@ -14,7 +14,7 @@ class Count(Skill):
         frames: int = port(4, "images that are averaged", ge=1, le=100)
         height: float | None = port(
             None,
-            "height in the world of their support; by default that of the declared object there",
+            "height of their support in the world; by default from the declared objects",
             unit="m",
             ge=-100,
             le=100,
@@ -26,14 +26,14 @@ class Count(Skill):
         )
         stacked: bool = port(
             True,
-            "whether they may be stacked; then one that may stand on another is ambiguous",
+            "whether they may be stacked; then an object that may be on another one is ambiguous",
         )
 
     class Outputs(PortModel):
         count: int = port(..., "Number of objects")
 
     failures = {
-        "NO_CAMERA": "the arm has no camera of its own",
+        "NO_CAMERA": "the arm has no camera that moves with it",
         "INVALID_TARGET": "the object has no color that can be detected, or no size is given",
         "NOT_SEEN": "the camera gave no image in time",
         "AMBIGUOUS": "a region of the color may be several objects, a part of one, or none",
@@ -43,12 +43,12 @@ class Count(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Evaluate one averaged image from where the arm stands."""
+        """Evaluate one averaged image from the current pose."""
         ports = self.ports
         seen = ports.sighted(self.arm)
         picture = yield from still_picture(self.arm, ports.frames)
         if picture is None:
-            raise Failure("NOT_SEEN", "the camera gave no picture in time")
+            raise Failure("NOT_SEEN", "the camera gave no image in time")
         seen.take(picture)
         standing = [
             standing_of(self.arm.world, seen, thing, ports.height)
@@ -69,30 +69,30 @@ class Count(Skill):
             doubts = []
             if seen.unlike > seen.others_whole:
                 doubts.append(
-                    f"{seen.unlike - seen.others_whole} of another outline (several that touch, "
-                    "one that is covered in part, or something else)"
+                    f"{seen.unlike - seen.others_whole} of another outline (touching or partly "
+                    "occluded objects, or something else)"
                 )
             if other:
                 times = ", ".join(f"{ratio:.2f}" for ratio in other)
                 doubts.append(
                     f"{len(other)} of another size ({times} times the declared one), or not "
-                    "standing on what is declared below"
+                    "on the declared support"
                 )
             if maybe:
                 doubts.append(
-                    f"{maybe} may stand on another one: so low, two are too much like one that is "
-                    "nearer (`stacked: false` if none stands on another)"
+                    f"{maybe} may be on another one: stacked low objects look like a single nearer "
+                    "one (`stacked: false` if none are stacked)"
                 )
             if seen.is_ground:
                 doubts.append(
-                    f"what covers {100 * seen.beyond:.0f} % of the picture up to its edge has the "
-                    "color, too"
+                    f"the background has the color, too: {100 * seen.beyond:.0f} % of the image, "
+                    "up to its edge"
                 )
             if doubts:
                 raise Failure(
                     "AMBIGUOUS",
-                    f"{found} for certain, and in doubt: {'; '.join(doubts)}. Look from elsewhere, "
-                    "move them apart, give the `height` of what they stand on, or say `others: "
-                    "true` if what is in doubt is none of them",
+                    f"{found} certain; in doubt: {'; '.join(doubts)}. Use another viewpoint, "
+                    "move them apart, give the `height` of their support, or set `others: true` if "
+                    "the doubtful ones are not to be counted",
                 )
         self.output("count", found)

@@ -21,7 +21,7 @@ class Detach(Skill):
     """Release an attached object and verify that it comes to rest there."""
 
     class Ports(PortModel):
-        object: ObjectName = port(..., "object to release; one that is not held is no failure")
+        object: ObjectName = port(..., "object to release; not a failure if it is not held")
         tolerance: float = port(
             0.01, "largest motion while it comes to rest", unit="m", ge=1e-3, le=1.0
         )
@@ -45,7 +45,7 @@ class Detach(Skill):
         if held is not None and held.by_gripper and self.arm.gripper.holding:
             raise Failure(
                 "STILL_HELD",
-                f"the gripper holds {name!r}: `release`, `open_gripper` or `place` lets go of it",
+                f"the gripper holds {name!r}: `release`, `open_gripper` or `place` releases it",
             )
         left_at = world.object_pose(name)
         self.arm.detach(name)
@@ -60,13 +60,13 @@ class Detach(Skill):
         if moved > self.ports.tolerance or not left.rests:
             raise Failure(
                 "NOT_AT_REST",
-                f"{name!r} moved {1000 * moved:.1f} mm after it was let go"
+                f"{name!r} moved {1000 * moved:.1f} mm after its release"
                 + ("" if left.rests else f", and still moves after {self.ports.settle:g} s"),
                 moved_m=moved,
             )
         if not stands_without(self.arm, name):
-            raise Failure("STILL_HELD", f"{name!r} hangs on the tool still: nothing else bears it")
-        if is_tied_to(self.arm, name):
             raise Failure(
-                "STILL_HELD", f"{name!r} stands, but sticks to the tool: it would go along"
+                "STILL_HELD", f"{name!r} is still attached to the tool: nothing else supports it"
             )
+        if is_tied_to(self.arm, name):
+            raise Failure("STILL_HELD", f"{name!r} is supported, but sticks to the tool")

@@ -41,7 +41,7 @@ class Draw(PathSkill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Build the path from the present tool pose, follow it, measure the error."""
+        """Build the path from the current tool pose, follow it, measure the error."""
         ports = self.ports
         path = drawn_path(
             self.arm.commanded_tool_pose,

@@ -95,7 +95,7 @@ class Grasp(Skill):
         """Wanted grasp of an undeclared object: a box of the given extent at the given pose."""
         ports = self.ports
         if ports.at is None or ports.width is None:
-            raise Failure("INVALID_TARGET", "neither an object is named, nor `at` and `width`")
+            raise Failure("INVALID_TARGET", "neither `object` nor `at` and `width` are given")
         width = ports.width
         lies = ports.at.pose
         edges = (ports.depth or width, width, ports.height or width)

@@ -32,7 +32,7 @@ class Holding(Skill):
                 force_n=gripper.force,
             )
         if wanted is not None and wanted not in gripper.held:
-            known = ", ".join(gripper.held) or "nothing that was named when it was taken"
+            known = ", ".join(gripper.held) or "an object that was not named when it was grasped"
             raise Failure("NOT_HOLDING", f"it is not {wanted!r} that it holds: {known}")
         return
         yield  # makes this a generator, as every skill is one

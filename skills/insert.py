@@ -185,7 +185,7 @@ class Insert(Skill):
         yield from arm.relax()
         raise Failure(
             "NOT_FOUND",
-            f"none of {count} places within {1e3 * ports.radius:.1f} mm lets the peg in",
+            f"none of {count} positions within {1e3 * ports.radius:.1f} mm admits the peg",
             places=count,
             radius_m=ports.radius,
         )
@@ -228,14 +228,14 @@ class Insert(Skill):
         low = _moved(bottom, np.zeros(2), -ports.tolerance)
         felt, most = yield from guarded_descent(arm, low, ports.down_speed, push, grip.look)
         if not felt:
-            raise Failure("NO_CONTACT", "no bottom was felt where the peg should be all the way in")
+            raise Failure("NO_CONTACT", "no bottom was detected at the full depth of the peg")
         yield from arm.relax()
         height = self._height(bottom)
         self.metrics |= {"push_n": most, "height_off_m": height}
         if height > ports.tolerance:
             raise Failure(
                 "JAMMED",
-                f"the peg stuck {1e3 * height:.1f} mm before it was all the way in",
+                f"the peg stuck {1e3 * height:.1f} mm before it was fully inserted",
                 height_off_m=height,
                 force_n=most,
             )

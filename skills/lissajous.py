@@ -34,7 +34,7 @@ class Lissajous(PathSkill):
         )
         tilt: Angle = port(
             0.0,
-            "angle by which the tool leans toward the center; 0 keeps its orientation",
+            "tilt of the tool toward the center; 0 keeps its orientation",
             ge=-60,
             le=60,
         )
@@ -52,7 +52,7 @@ class Lissajous(PathSkill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Build the path from the present tool pose, follow it, measure the error."""
+        """Build the path from the current tool pose, follow it, measure the error."""
         ports = self.ports
         path = lissajous_path(
             self.arm.commanded_tool_pose,

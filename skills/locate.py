@@ -31,7 +31,7 @@ _Row = tuple[float, float, float, float, float, float]
 class Locate(Skill):
     """Estimate the poses of objects of a known color and shape with the wrist camera.
 
-    It takes images from where the arm stands, then from around the detected objects until their
+    It takes images from the current pose, then from around the detected objects until their
     poses are accurate enough. It uses neither the declared nor the true poses.
     """
 
@@ -64,10 +64,10 @@ class Locate(Skill):
         count: int = port(..., "Number of objects found")
 
     failures = {
-        "NO_CAMERA": "the arm has no camera of its own",
+        "NO_CAMERA": "the arm has no camera that moves with it",
         "INVALID_TARGET": "the object has no color that can be detected, or no size is given",
         "NOT_SEEN": "nothing of this color and shape is in the image",
-        "WRONG_SIZE": "what has this color and shape is larger or smaller",
+        "WRONG_SIZE": "the object with this color and shape is larger or smaller",
         "INACCURATE": "the estimate is less accurate than asked for, or the object moved",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
@@ -113,7 +113,7 @@ class Locate(Skill):
                 viewpoints += 1
 
     def _viewing_distance(self, middle: Vector) -> float:
-        """Distance of a viewpoint, m: larger than asked for to view several objects at once."""
+        """Distance of a viewpoint, m: larger than requested to view several objects at once."""
         apart = max(float(np.linalg.norm(one.position - middle)) for one in self._seen.things)
         return max(self.ports.distance, 3.0 * apart, 5.0 * self._seen.shape.extent)
 
@@ -186,8 +186,8 @@ class Locate(Skill):
             measured = " by ".join(f"{1e3 * edge:.1f}" for edge in size.size)
             raise Failure(
                 "WRONG_SIZE",
-                f"the {self._seen.shape.kind} that is there measures {measured} mm, not {declared} "
-                f"mm: {size.ratio:.3f} ± {size.sigma:.3f} times as much",
+                f"the detected {self._seen.shape.kind} measures {measured} mm, not {declared} mm: "
+                f"{size.ratio:.3f} ± {size.sigma:.3f} times the declared size",
                 size_ratio=size.ratio,
                 size_sigma=size.sigma,
                 views=len(thing.views) + len(thing.astray),
@@ -199,9 +199,10 @@ class Locate(Skill):
         size = self._seen.size_of(best)
         raise Failure(
             "INACCURATE",
-            f"from {len(best.views)} places the thing is known to {1e3 * best.best.sigma_m:.1f} mm "
-            f"and {np.degrees(sigma_rad):.1f}°, its size to {100 * size.sigma:.1f} %"
-            + (f"; {len(best.astray)} pictures show it elsewhere" if best.astray else ""),
+            f"from {len(best.views)} viewpoints the object is known to "
+            f"{1e3 * best.best.sigma_m:.1f} mm and {np.degrees(sigma_rad):.1f}°, "
+            f"its size to {100 * size.sigma:.1f} %"
+            + (f"; {len(best.astray)} images show it elsewhere" if best.astray else ""),
             views=len(best.views),
             rejected=len(best.astray),
             sigma_m=best.best.sigma_m,

@@ -28,9 +28,7 @@ class LookAt(Skill):
     """Point the wrist camera at a point, from a distance."""
 
     class Ports(PortModel):
-        at: PoseSpec = port(
-            ..., "point that comes to the image center; its orientation is not used"
-        )
+        at: PoseSpec = port(..., "point to center in the image; its orientation is not used")
         distance: float = port(
             0.4, "distance of the camera from the point", unit="m", ge=0.05, le=5
         )
@@ -39,7 +37,7 @@ class LookAt(Skill):
         speed: Speed = port(0.5, "fraction of the arm's limits")
 
     failures = {
-        "NO_CAMERA": "the arm has no camera of its own",
+        "NO_CAMERA": "the arm has no camera that moves with it",
         "INVALID_TARGET": "the direction is a zero vector",
         "OUT_OF_REACH": "no pose of the camera for that can be reached",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
@@ -61,7 +59,7 @@ class LookAt(Skill):
         if (yield from look_at(arm, poses, ports.speed)) is None:
             raise Failure(
                 "OUT_OF_REACH",
-                f"no way to a place that looks at the point from {ports.distance:.2f} m, within "
+                f"no reachable camera pose looks at the point from {ports.distance:.2f} m, within "
                 f"{degrees(ports.lean):.0f}° of the direction",
                 distance_m=ports.distance,
             )

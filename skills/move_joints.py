@@ -18,13 +18,15 @@ class MoveJoints(Skill):
         to: JointAngles | None = port(
             None, "angles of all joints, base to tip, or {joint: angle} of some", unit="deg"
         )
-        by: JointAngles | None = port(None, "likewise, relative to the present angles", unit="deg")
+        by: JointAngles | None = port(
+            None, "angles relative to the current ones, likewise", unit="deg"
+        )
         speed: Speed = port(0.5, "fraction of the arm's limits")
 
     failures = {
         "INVALID_TARGET": "the number of angles is not that of the joints, or no such joint",
         "JOINT_LIMIT": "an angle is beyond the joint's limits",
-        "IN_COLLISION": "the arm would touch something on the way",
+        "IN_COLLISION": "the arm would touch something on the path",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }

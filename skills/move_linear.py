@@ -14,7 +14,7 @@ class MoveLinear(PathSkill):
         exactly_one_of = ("to", "offset")
 
         to: ToolPose | None = port(
-            None, "tool pose in the world; keeps the present orientation if only xyz"
+            None, "tool pose in the world; by default with its current orientation"
         )
         offset: Offset | None = port(None, "step from the current tool pose")
         speed: Speed = PathSkill.SPEED
@@ -24,7 +24,7 @@ class MoveLinear(PathSkill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Build the line from the present tool pose, follow it, measure the error."""
+        """Build the line from the current tool pose, follow it, measure the error."""
         tool = self.arm.commanded_tool_pose
         yield from self.along(line_path(tool, self._goal(tool)))
 

@@ -13,7 +13,7 @@ class MoveThrough(PathSkill):
     class Ports(PortModel):
         poses: tuple[PoseSpec, ...] = port(
             ...,
-            "tool poses in the world; with the orientation of the one before if only xyz",
+            "tool poses in the world; by default with the orientation of the previous one",
             min_length=1,
             max_length=200,
         )
@@ -34,7 +34,7 @@ class MoveThrough(PathSkill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Build the path from the present tool pose, follow it, measure the error."""
+        """Build the path from the current tool pose, follow it, measure the error."""
         ports = self.ports
         poses = [self.arm.commanded_tool_pose]
         for pose in ports.poses:

@@ -13,11 +13,11 @@ _TARE_S = (0.1, 0.5)
 """Age of the force samples whose mean is the zero: they contain friction and model errors."""
 
 _EDGE_S = 0.35
-"""Time after the beginning and before the end of the motion in which no contact is detected: joints
+"""Time after the start and before the end of the motion in which no contact is detected: joints
 break away and stick then."""
 
 _LOOSE_RAD = 2e-3
-"""Joint motion, likewise at the beginning: dry friction changes its sign meanwhile. A
+"""Joint motion, likewise at the start: dry friction changes its sign meanwhile. A
 motion up that is followed by a slow one down changes a UR10's torques by what 60 N at its tool
 would: such a force is neither a contact nor a zero."""
 
@@ -73,7 +73,7 @@ class MoveUntilContact(Skill):
         yield from self.arm.settle()
         raise Failure(
             "NO_CONTACT",
-            f"the tool felt nothing on {1e3 * self.ports.distance:.0f} mm",
+            f"the tool detected no contact over {1e3 * self.ports.distance:.0f} mm",
             distance_m=self.ports.distance,
         )
 

@@ -34,7 +34,7 @@ class OpenGripper(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Open, wait until the fingers stand there, detach what they held."""
+        """Open, wait until the fingers are there, detach what they held."""
         gripper = self.arm.gripper
         ports = self.ports
         page = gripper.page

@@ -33,12 +33,8 @@ _SIGMAS = 3.0  # standard deviations of the estimate that are allowed in additio
 
 class _ObjectPorts(PortModel):
     object: ObjectName | None = port(None, "object to place; by default what the gripper holds")
-    at: CarriedPose = port(
-        ..., "goal pose of the object; keeps the present orientation if only xyz"
-    )
-    look: bool = port(
-        False, "whether the wrist camera checks afterwards that the object stands there"
-    )
+    at: CarriedPose = port(..., "goal pose of the object; by default with its current orientation")
+    look: bool = port(False, "whether the wrist camera then verifies the object's pose")
 
 
 class Place(Skill):
@@ -50,7 +46,7 @@ class Place(Skill):
     failures = {
         "NOT_HELD": "the gripper does not hold the object",
         **SettingDown.failures,
-        "NO_CAMERA": "`look` is set, and the arm has no camera of its own",
+        "NO_CAMERA": "`look` is set, but the arm has no camera that moves with it",
         "INVALID_TARGET": "`look` is set, and the object has no color that can be detected",
         "NOT_SEEN": "the camera does not detect the object at its goal",
     }
@@ -95,12 +91,12 @@ class Place(Skill):
         sight = camera.rotation_matrix[:, 2]
         poses = gazes(goal.position, distance, sight, _LEAN, camera)
         if (yield from look_at(arm, poses, self.ports.speed)) is None:
-            raise Failure("NOT_SEEN", "there is no way to a place that looks at the goal")
+            raise Failure("NOT_SEEN", "no camera pose that sees the goal is reachable")
         picture = yield from still_picture(arm, _PICTURES)
         if picture is not None:
             looked_for.take(picture)
         if not looked_for.things:
-            raise Failure("NOT_SEEN", f"it is not seen at its goal; {looked_for.others}")
+            raise Failure("NOT_SEEN", f"it was not detected at its goal; {looked_for.others}")
         error, sigma = min(
             (float(np.linalg.norm(one.position - goal.position)), one.best.sigma_m)
             for one in looked_for.things

@@ -29,7 +29,7 @@ class ReachToPose(Skill):
         exactly_one_of = ("to", "offset", "posture")
 
         to: ToolPose | None = port(
-            None, "tool pose in the world; keeps the present orientation if only xyz"
+            None, "tool pose in the world; by default with its current orientation"
         )
         offset: Offset | None = port(None, "step from the current tool pose")
         posture: PostureName | None = port(None, "named posture of the robot, such as home")
@@ -37,9 +37,9 @@ class ReachToPose(Skill):
             "nearest",
             "which configuration: the nearest, or the one farthest from singularities",
         )
-        patience: Duration = port(5.0, "longest wait for another arm that is in the way", le=600)
+        patience: Duration = port(5.0, "longest wait for another arm that blocks the path", le=600)
         give_way: bool = port(
-            False, "move out of the way while waiting for another arm, instead of waiting in place"
+            False, "move aside while waiting for another arm, instead of waiting in place"
         )
         speed: Speed = port(0.5, "fraction of the arm's limits")
         planner: Planner = port(

@@ -48,7 +48,7 @@ class Regrasp(Skill):
         arm = self.arm
         name = self.ports.object or next(iter(arm.gripper.held), None)
         if name is None:
-            raise Failure("NOT_HELD", f"{arm.name} holds nothing in its gripper")
+            raise Failure("NOT_HELD", f"{arm.name} has nothing in its gripper")
         refuse_too_frail(arm, repr(name), self.ports.most_force)
         wanted = yield from self._place(name)
         taking = Taking(arm, self.ports, wanted, False, self.metrics)
@@ -70,7 +70,7 @@ class Regrasp(Skill):
             arm.gripper.let_go(name)
             raise Failure(
                 "NOT_GRASPED",
-                f"{name!r} is {1e3 * error:.1f} mm from where it was to be in the hand",
+                f"{name!r} is {1e3 * error:.1f} mm from its intended pose in the gripper",
                 held_error_m=error,
             )
 

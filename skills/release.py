@@ -15,7 +15,7 @@ class Release(Skill):
         speed: GripSpeed | None = port(
             None, "speed of the opening; by default the largest", unit="m/s", gt=0, le=2
         )
-        settle: Duration = port(0.1, "how long it has to stay open before it succeeds", le=10)
+        settle: Duration = port(0.1, "time for which it must stay open before it succeeds", le=10)
 
     failures = {
         "INVALID_TARGET": "a value is beyond the gripper's range",

@@ -38,7 +38,7 @@ class RotateTool(PathSkill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Build the path from the present tool pose, follow it, measure the error."""
+        """Build the path from the current tool pose, follow it, measure the error."""
         tool = self.arm.commanded_tool_pose
         ports = self.ports
         axis = self._axis()

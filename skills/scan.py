@@ -47,7 +47,7 @@ class Scan(Skill):
         count: int = port(..., "Number of objects detected")
 
     failures = {
-        "NO_CAMERA": "the arm has no camera of its own",
+        "NO_CAMERA": "the arm has no camera that moves with it",
         "INVALID_TARGET": "the object has no color that can be detected, or no size is given",
         "NOT_SEEN": "too few objects of this color and shape are in the area",
         "OUT_OF_REACH": "no viewpoint above the area can be reached",
@@ -107,11 +107,11 @@ class Scan(Skill):
     def _refuse(self, viewpoints: int, seen: SightedThings) -> None:
         found = len(seen.things)
         if not viewpoints:
-            raise Failure("OUT_OF_REACH", "no place above the area can be reached")
+            raise Failure("OUT_OF_REACH", "no viewpoint above the area is reachable")
         raise Failure(
             "NOT_SEEN",
-            f"{found} of {self.ports.least} things of this color and shape from {viewpoints} "
-            f"places; in the last picture {seen.others}",
+            f"{found} of {self.ports.least} objects of this color and shape from {viewpoints} "
+            f"places; in the last image {seen.others}",
             found=found,
             places=viewpoints,
             beyond_share=seen.beyond,

@@ -23,12 +23,12 @@ class Spawn(Skill):
         @model_validator(mode="after")
         def _arm_has_a_declared_pose(self) -> Self:
             if self.arm is not None and self.at is not None:
-                raise ValueError("an arm comes where its base is declared: leave out at")
+                raise ValueError("an arm is placed at its declared base: omit at")
             return self
 
     brings_in = ("object", "arm")
     failures = {
-        "NOT_SPAWNED": "it is in the world already, or something occupies its pose",
+        "NOT_SPAWNED": "it is already in the world, or something occupies its pose",
     }
     example = "spawn: {object: cube}"
     ports: Ports
@@ -46,4 +46,4 @@ class Spawn(Skill):
             raise Failure("NOT_SPAWNED", str(error)) from error
         yield
         if ports.object not in world.objects and ports.arm not in world.arms:
-            raise Failure("NOT_SPAWNED", "it is not in the world a tick after it was placed")
+            raise Failure("NOT_SPAWNED", "it is not in the world a tick after it was spawned")

@@ -98,12 +98,12 @@ class Track(Skill):
         )
 
     failures = {
-        "NO_CAMERA": "the arm has no camera of its own, or it does not face the plane",
+        "NO_CAMERA": "the arm has no camera that moves with it, or it does not face the plane",
         "NOT_SEEN": "the target did not come into view in time",
         "LOST": "the target was out of view, or not recognized, for longer than lost_timeout",
         "NOT_FOLLOWING": "the target was farther from the image center than max_error",
         "UNREACHABLE": "the target stayed beyond `reach`",
-        "IN_COLLISION": "on its further path, what the arm holds would touch something",
+        "IN_COLLISION": "the held object would touch something on its further path",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -186,5 +186,5 @@ class Track(Skill):
         if unseen > self.ports.lost_timeout:
             reason = f"the target was last seen {unseen:.1f} s ago"
             if tracking.refused:
-                reason += f"; something of its color in view is not it: {tracking.refused}"
+                reason += f"; an object of its color in view is not the target: {tracking.refused}"
             raise Failure("LOST", reason, unseen_s=unseen)

@@ -29,7 +29,8 @@ class Transport(Skill):
             None, "object to carry; by default the one that the arm holds"
         )
         to: CarriedPose = port(
-            ..., "goal pose of the object in the world; keeps the present orientation if only xyz"
+            ...,
+            "goal pose of the object in the world; by default with its current orientation",
         )
         speed: Speed = port(0.5, "fraction of the arm's limits")
         planner: Planner = port(
@@ -87,7 +88,7 @@ class Transport(Skill):
         """
         held = self.arm.held
         if len(held) != 1:
-            which = f"{', '.join(held)}: name one" if held else "nothing that it could carry"
+            which = f"{', '.join(held)}: name one" if held else "nothing to carry"
             raise Failure("NOT_ATTACHED", f"{self.arm.name} holds {which}", held=len(held))
         return held[0]
 
@@ -99,7 +100,7 @@ class Transport(Skill):
 
     def _verify(self, name: str, goal: Pose) -> None:
         if name not in self.arm.held:
-            raise Failure("NOT_ATTACHED", f"object {name!r} was lost on the way")
+            raise Failure("NOT_ATTACHED", f"object {name!r} was lost on the path")
         held = self.arm.world.attachments.find(self.arm.name, name)
         spec = self.arm.world.objects[name]
         true = self.arm.world.object_pose(name)

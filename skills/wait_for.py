@@ -17,7 +17,7 @@ class WaitFor(Skill):
         wait: Duration = port(60.0, "longest wait", gt=0)
 
     failures = {
-        "NO_CAMERA": "the arm has no camera of its own",
+        "NO_CAMERA": "the arm has no camera that moves with it",
         "INVALID_TARGET": "the object has no color that can be detected, or no size is given",
         "NOT_SEEN": "too few objects came into view in time",
     }
@@ -43,8 +43,8 @@ class WaitFor(Skill):
             if confirmed < ports.confirm and self.time - began > ports.wait:
                 raise Failure(
                     "NOT_SEEN",
-                    f"{most} of {ports.least} things came into view within {ports.wait:.1f} s; "
-                    f"in the last picture {seen.others}",
+                    f"{most} of {ports.least} objects came into view within {ports.wait:.1f} s; "
+                    f"in the last image {seen.others}",
                     found=most,
                     beyond_share=seen.beyond,
                     waited_s=self.time - began,

@@ -1,6 +1,6 @@
 """An arm as skills drive it: state, motions, motion plans, and moving among other arms.
 
-`SharedArm` exists once an arm and holds what all leaves of its tree share. Each leaf gets an `Arm`
+`SharedArm` exists once per arm and holds what all leaves of its tree share. Each leaf gets an `Arm`
 of its own, which needs the lease to move. `MoveTo` adds what other arms make necessary: waiting,
 yielding and replanning.
 """
@@ -122,7 +122,7 @@ class Arm(ArmState):
 
     Only the leaf that holds the lease moves the arm; a motion takes the lease, and ``release``
     stops what this leaf has begun. Configurations are of shape (dof,) in rad, poses are those of
-    the tool frame in the world, and ``speed`` is the share of the joint limits, above 0 to 1.
+    the tool frame in the world, and ``speed`` is the fraction of the joint limits, above 0 to 1.
     ``ignore`` holds names of objects that may be touched.
 
     Args:
@@ -156,7 +156,7 @@ class Arm(ArmState):
         return self._gripper
 
     def attach(self, name: str, seen: Pose | None = None) -> None:
-        """Weld an object to the tool at its present pose; repeated calls change nothing.
+        """Weld an object to the tool at its current pose; repeated calls change nothing.
 
         Args:
             name: Name of the object.
@@ -225,7 +225,7 @@ class Arm(ArmState):
     # Motions
 
     def follow(self, trajectory: Trajectory, ignore: frozenset[str] = _NOTHING) -> Iterator[float]:
-        """Execute a motion; yields its progress once a tick until the arm stands at its end.
+        """Execute a motion; yields its progress once per tick until the arm is at rest at its end.
 
         Args:
             trajectory: Motion that begins at the last set-point.
@@ -325,7 +325,7 @@ class Arm(ArmState):
         )
 
     def settle(self) -> Iterator[float]:
-        """Wait until the arm stands on its last set-point; yields once a tick.
+        """Wait until the arm has settled at its last set-point; yields once per tick.
 
         Raises:
             Failure: ``TRACKING_ERROR`` when it does not get there within `SETTLE_S`.
@@ -373,7 +373,7 @@ class Arm(ArmState):
                 return
 
     def halt(self, *, give_way: bool = False) -> Iterator[None]:
-        """Brake with bounded jerk; yields once a tick until the arm stands still.
+        """Brake with bounded jerk; yields once per tick until the arm is at rest.
 
         An arm that is pressed against something is at rest as well, wherever its set-point is. A
         compliant one presses no harder, however long it stands.
@@ -403,9 +403,9 @@ class Arm(ArmState):
     # Motion plans; none of these moves the arm
 
     def think(self) -> Iterator[None]:
-        """Wait for rest and for the simulated planning time; then plan in the present world.
+        """Wait for rest and for the simulated planning time; then plan in the current world.
 
-        The motion of an earlier leaf is braked first: plans start where the arm stands.
+        The motion of an earlier leaf is braked first: plans start at the current configuration.
 
         Raises:
             Failure: ``BUSY`` when another leaf moves the arm; ``TRACKING_ERROR`` when it does not
@@ -424,12 +424,12 @@ class Arm(ArmState):
     ) -> Generator[None, None, Trajectory]:
         """Plan a collision-free motion to one of several configurations, straight where possible.
 
-        Yields once a tick. The plan is made in the world at the start, takes `PLANNING_S`, and is
+        Yields once per tick. The plan is made in the world at the start, takes `PLANNING_S`, and is
         checked against the world at its end; if that has changed too much, the arm replans once.
 
         Args:
             goals: Configurations, each of shape (dof,), rad, the preferred one first.
-            speed: Share of the limits, above 0 to 1.
+            speed: Fraction of the limits, above 0 to 1.
             ignore: Names of the objects that may be touched.
             planner: Planner that searches where the straight path to the preferred goal is blocked.
 
@@ -499,7 +499,7 @@ class Arm(ArmState):
         """Configurations, of shape (n, dof), rad, along a straight line of the tool.
 
         The branch is chosen for the line, see `Kinematics.follow`: the arm has to move to the first
-        configuration before. For a line from the present pose use `line_on`.
+        configuration before. For a line from the current pose use `line_on`.
 
         Raises:
             Failure: ``UNREACHABLE``, ``PATH_BROKEN`` or ``SINGULAR``.
@@ -562,7 +562,7 @@ class Arm(ArmState):
         return self.within_efforts(motion)
 
     def within_efforts(self, motion: Trajectory) -> Trajectory:
-        """Slow a motion to what joint efforts and grip allow with the present load.
+        """Slow a motion to what joint efforts and grip allow with the current load.
 
         Raises:
             Failure: ``OVERLOADED`` if the joints' efforts do not suffice at any speed.
@@ -579,9 +579,9 @@ class Arm(ArmState):
         return np.array([self.kinematics.matrix(q)[:3, 3] for q in trajectory.q])
 
     def checker(self, ignore: frozenset[str] = _NOTHING) -> CollisionChecker:
-        """Collision checker of configurations in the present world.
+        """Collision checker of configurations in the current world.
 
-        It keeps `PLANNING_MARGIN_M` from other arms, or the present distance from an arm that is
+        It keeps `PLANNING_MARGIN_M` from other arms, or the current distance from an arm that is
         nearer already.
         """
         margins = dict.fromkeys(self.world.arms, PLANNING_MARGIN_M)
@@ -643,11 +643,11 @@ class Arm(ArmState):
         patience: float = WAIT_S,
         planner: Planner = DEFAULT_PLANNER,
     ) -> Iterator[float | None]:
-        """Plan to one of several goals and execute the plan, waiting for other arms; once a tick.
+        """Plan to one of several goals and execute the plan, waiting for other arms; once per tick.
 
         Args:
             goals: Configurations, each of shape (dof,), rad, the preferred one first.
-            speed: Share of the limits, above 0 to 1.
+            speed: Fraction of the limits, above 0 to 1.
             ignore: Names of the objects that may be touched.
             give_way: Whether the arm moves out of the way while it waits for another one.
             patience: Simulated seconds after which it no longer waits or replans.
@@ -665,7 +665,7 @@ class Arm(ArmState):
 
 
 Planning: TypeAlias = Callable[[], Generator[None, None, Trajectory]]
-"""Plans a motion from where the arm stands, in the present world; yields once a tick."""
+"""Plans a motion from the current configuration, in the current world; yields once per tick."""
 
 _Found = TypeVar("_Found")
 
@@ -677,7 +677,7 @@ class MoveTo:
     Attributes:
         arm: Arm of the leaf.
         backoff: Time that the arm waits before it tries again.
-        speed: Share of the limits, above 0 to 1.
+        speed: Fraction of the limits, above 0 to 1.
         ignore: Names of the objects that may be touched.
         search: Planner that searches where the straight path is blocked.
         give_way: Whether the arm moves out of the way while it waits, so that two arms do not wait
@@ -694,7 +694,7 @@ class MoveTo:
     wait_s: float = WAIT_S
 
     def go(self, goals: Sequence[Vector]) -> Iterator[float | None]:
-        """Plan and execute a motion to one of several goals; yields once a tick.
+        """Plan and execute a motion to one of several goals; yields once per tick.
 
         Args:
             goals: Configurations, each of shape (dof,), rad, the preferred one first.
@@ -705,7 +705,7 @@ class MoveTo:
         return self.along(lambda: self.arm.plan(goals, self.speed, self.ignore, self.search))
 
     def straight(self, end: Pose, *, known_free: bool = False) -> Iterator[float | None]:
-        """Move the tool straight to a pose in the world, as `along`; yields once a tick.
+        """Move the tool straight to a pose in the world, as `along`; yields once per tick.
 
         Args:
             end: Pose of the tool.
@@ -726,7 +726,7 @@ class MoveTo:
         return self.along(planned)
 
     def until_free(self, rows: Matrix, *, known_free: bool = False) -> Iterator[float | None]:
-        """Wait until no other arm blocks a path; yields once a tick.
+        """Wait until no other arm blocks a path; yields once per tick.
 
         Args:
             rows: Configurations along the path, of shape (n, dof), rad.
@@ -739,10 +739,10 @@ class MoveTo:
         return self._when_clear(lambda: self._checked(rows, known_free), until)
 
     def along(self, planning: Planning) -> Iterator[float | None]:
-        """Plan and execute the plan to its end; yields once a tick.
+        """Plan and execute the plan to its end; yields once per tick.
 
-        Where another arm is at the goal or in the way, the arm waits for that to change. When
-        something moves into the path during the motion, it stops and replans from where it stands:
+        If another arm is at the goal or in the path, the arm waits for that to change. If something
+        moves into the path during the motion, it stops and replans from its current configuration:
         once at least, and again within ``wait_s``.
 
         Args:

@@ -29,8 +29,8 @@ _SLID_M: Final = 0.003  # change of the opening: another part of the object is b
 _SLID_STEPS: Final = 3.0
 _GIVES_M: Final = 0.0015  # decrease of the opening just before the object is lost
 _GIVES_STEPS: Final = 1.5
-_LEAKS: Final = 0.9  # share of the largest vacuum so far, below which the cup leaks
-_SEALS: Final = 0.5  # share of the commanded vacuum, below which the cup does not seal
+_LEAKS: Final = 0.9  # fraction of the largest vacuum so far, below which the cup leaks
+_SEALS: Final = 0.5  # fraction of the commanded vacuum, below which the cup does not seal
 
 # Rest, opening and contact
 _REST_MPS: Final = 0.003  # speed of fingers at rest; encoder noise is allowed for in addition:
@@ -39,8 +39,8 @@ _OPEN_M: Final = 1e-3  # tolerance of the opening, in addition to an encoder ste
 _NO_VACUUM: Final = 0.01
 _TIMEOUT_S: Final = 1.0  # in addition to twice the nominal time to open
 _DECIDED_S: Final = 1.0  # in which fingers open or build up force
-_FELT: Final = 0.1  # share of the least commandable force; the fingers' own friction is less
-_PRESSING: Final = 0.8  # share of the commanded force
+_FELT: Final = 0.1  # fraction of the least commandable force; the fingers' own friction is less
+_PRESSING: Final = 0.8  # fraction of the commanded force
 
 # Identification of the object
 _AWAY_M: Final = 0.015  # largest distance of pads or cup from the object that they hold
@@ -87,7 +87,7 @@ class ArmGripper:
 
     @property
     def vacuum(self) -> float:
-        """Measured share of the full vacuum of a cup, from 0 to 1; 0 for fingers."""
+        """Measured fraction of the full vacuum of a cup, from 0 to 1; 0 for fingers."""
         return self._hardware.vacuum
 
     @property
@@ -97,7 +97,7 @@ class ArmGripper:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the fingers stand still; always true for a cup."""
+        """Whether the fingers are at rest; always true for a cup."""
         return abs(self.speed) < max(_REST_MPS, _REST_STEPS * self.page.resolution / SPEED_S)
 
     @property
@@ -109,7 +109,7 @@ class ArmGripper:
     def holding(self) -> bool:
         """Whether it holds something, by its sensors.
 
-        Fingers hold when they press with the commanded force, stand still and are not closed. A cup
+        Fingers hold when they press with the commanded force, are at rest and are not closed. A cup
         holds when it is commanded to suck and has built up the commanded force.
         """
         presses = self.force >= _PRESSING * self.commanded.force
@@ -123,7 +123,7 @@ class ArmGripper:
         return is_lost(self.page, self.width, self.vacuum, self.commanded.force)
 
     def until_decided(self) -> Iterator[None]:
-        """Wait until the sensors confirm or refute what it is believed to hold; once a tick.
+        """Wait until the sensors confirm or refute what it is believed to hold; once per tick.
 
         A leaf that was halted may have left the fingers in motion, and after a command to press
         harder they do not count as holding until the force has built up.
@@ -169,9 +169,9 @@ class ArmGripper:
         )
 
     def until_open(self, settle: float = 0.0) -> Iterator[float]:
-        """Wait until the fingers stand at the commanded opening, or a cup's vacuum is gone.
+        """Wait until the fingers are at the commanded opening, or a cup's vacuum is gone.
 
-        Yields the progress once a tick.
+        Yields the progress once per tick.
 
         Args:
             settle: Simulated seconds for which it has to stay open.
@@ -230,7 +230,7 @@ class ArmGripper:
                 closing direction.
 
         Returns:
-            A sentence; None where it can be this object.
+            A sentence; None if it can be this object.
         """
         declared = self._world.objects[name]
         solid = solid_of(declared.shape, declared.size)
@@ -347,7 +347,7 @@ def gives(page: Gripper, shrunk: float) -> bool:
 
 
 def leaks(vacuum: float, most: float) -> bool:
-    """Whether a cup leaks: its vacuum and the largest vacuum so far, as shares of the full one."""
+    """Whether a cup leaks, by its vacuum and the largest one so far, as fractions of a full one."""
     return vacuum < _LEAKS * most
 
 
@@ -357,7 +357,7 @@ def is_lost(page: Gripper, width: float, vacuum: float, force: float) -> bool:
     Args:
         page: Description of the gripper.
         width: Measured opening, m.
-        vacuum: Measured share of the full vacuum.
+        vacuum: Measured fraction of the full vacuum.
         force: Commanded force, N.
     """
     if page.fingers:

@@ -123,7 +123,7 @@ def grip_speed_scale(motion: Trajectory, world: World, arm: str) -> float:
 
 
 def grip_force_for(world: World, held: Attachment, load: NominalLoad, shake: float) -> float:
-    """Force in N that holds an estimated load in the tool's present orientation, with `IN_HAND`.
+    """Force in N that holds an estimated load in the tool's current orientation, with `IN_HAND`.
 
     Args:
         world: World that the arm is in.
@@ -132,7 +132,7 @@ def grip_force_for(world: World, held: Attachment, load: NominalLoad, shake: flo
         shake: Acceleration that the grip has to bear in any direction, m/s².
 
     Returns:
-        Force of each pad, or of a cup; 0 where the mass is unknown, infinite where no force holds.
+        Force of each pad, or of a cup; 0 if the mass is unknown, infinite where no force holds.
     """
     if load.mass is None:
         return 0.0
@@ -152,7 +152,7 @@ def min_grip_force(page: Gripper, friction: float, load: NominalLoad) -> float:
     Args:
         page: Description of the gripper.
         friction: Coefficient of friction.
-        load: Load; the force is 0 where its mass is unknown.
+        load: Load; the force is 0 if its mass is unknown.
     """
     weight = -_GRAVITY[2] * (load.mass or 0.0)
     share = 2.0 * friction if page.fingers else 1.0  # two pads bear by friction, a cup by suction
@@ -249,7 +249,7 @@ def jaw_measures(page: Gripper, friction: float) -> JawMeasures:
     width, thickness, length = finger.pad.size
     corners = [_corners(in_tool @ one.pose, one) for one in (finger.pad, *finger.part.collision)]
     points = np.vstack([one for one in corners if one is not None])
-    # More than the pad's own eight corners: the finger has a shape that is no mesh.
+    # More than the pad's own eight corners: the finger has a shape that is not a mesh.
     outside = float(np.abs(points[:, 1]).max()) if len(points) > 8 else thickness + _THICK_M
     return JawMeasures(
         least_opening=0.0,

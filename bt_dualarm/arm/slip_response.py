@@ -24,19 +24,19 @@ FIRMER: Final = 3.0
 _PAUSE_S: Final = 0.05  # between two responses
 _LIFT_S: Final = 0.3  # of motion after a grasp, in which the load is transferred to the pads
 _SURE: Final = 2.0  # standard deviations by which an estimated mass has to exceed a payload
-_PRESSES: Final = 0.3  # share of the commanded force; less is friction of the drive
+_PRESSES: Final = 0.3  # fraction of the commanded force; less is friction of the drive
 _NO_VACUUM: Final = 0.01
 _SHAKE: Final = 8.0  # m/s² that the grip on an estimated load has to bear, as that of `grasp`
 
 NEAR_SLIDING: Final = 0.9
-"""Share of a pad's friction cone beyond which a slip is imminent. Planned motions use no more than
+"""Fraction of a pad's friction cone beyond which a slip is imminent. Planned motions use at most
 1 / 1.2 of it, see `payload.IN_HAND`."""
 
 _DEVIATIONS: Final = 3.0  # standard deviations of a pad's noise that are allowed for
-_EASED: Final = 0.4  # share of the commanded force, below which something pulls a pad open
+_EASED: Final = 0.4  # fraction of the commanded force, below which something pulls a pad open
 _READINGS: Final = 3  # last readings of a pad that count,
 _CONFIRMED: Final = 2  # and how many of them have to show a slip: a loosened object bounces
-_OF_A_COLLISION: Final = 0.65  # share of the collision thresholds; fast carrying reaches 0.54
+_OF_A_COLLISION: Final = 0.65  # fraction of the collision thresholds; fast carrying reaches 0.54
 
 
 class SlipResponse:
@@ -111,7 +111,7 @@ class SlipResponse:
             )
 
     def look(self) -> None:
-        """Evaluate the sensors and respond; to be called once a control period."""
+        """Evaluate the sensors and respond; to be called once per control period."""
         self._check_payload()
         hardware = self._world.grippers.get(self._name)
         if hardware is None:
@@ -207,7 +207,7 @@ class SlipResponse:
             self._ask(hardware, needed)
 
     def _detach_released(self, held: Attachment, hardware: GripperHardware) -> None:
-        """Detach an object that the opened fingers no longer touch, whoever opened them.
+        """Detach an object that the opened fingers no longer touch, by whatever cause.
 
         They are wider open than around the object and no longer press; a cup has no vacuum.
         """

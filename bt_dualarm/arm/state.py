@@ -127,7 +127,7 @@ class Lease:
 
     Args:
         arm: Name of the arm.
-        at_rest: Whether the arm stands still; then another leaf may take the lease over.
+        at_rest: Whether the arm is at rest; then another leaf may take the lease over.
     """
 
     def __init__(self, arm: str, at_rest: Callable[[], bool]) -> None:
@@ -257,7 +257,7 @@ class Backoff:
 
     Attributes:
         rng: Random generator, also for other choices of an arm that waits.
-        seconds: Simulated seconds of the present wait.
+        seconds: Simulated seconds of the current wait.
     """
 
     def __init__(self, arm: str, seed: int) -> None:

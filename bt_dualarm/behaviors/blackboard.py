@@ -79,7 +79,7 @@ class BoundPorts:
         self._known = None if dynamic else validated(model, ports)
 
     def now(self) -> PortModel:
-        """Returns the ports with the present values of the blackboard.
+        """Returns the ports with the current values of the blackboard.
 
         Raises:
             Failure: ``NO_VALUE``: a key has no value, or one that its port does not allow.

@@ -49,7 +49,7 @@ def build_tree(
     on_event: Callable[[StatusChange], None],
     on_trace: OnTraceEvent | None = None,
 ) -> ArmTree:
-    """Builds one arm's tree with a blackboard of its own.
+    """Builds one arm's tree with its own blackboard.
 
     Args:
         arm: Name of the arm.
@@ -112,7 +112,7 @@ class ArmTree:
             self._root = self._reload(self._root, spec)
 
     def view(self) -> NodeView:
-        """Returns the present state of all nodes."""
+        """Returns the current state of all nodes."""
         return _view(self._root)
 
 
@@ -138,7 +138,7 @@ class TreeReload:
 
     Args:
         builder: Builder of new nodes.
-        spec: Definition of the present tree.
+        spec: Definition of the current tree.
     """
 
     def __init__(self, builder: _Builder, spec: NodeSpec) -> None:
@@ -149,7 +149,7 @@ class TreeReload:
         """Returns the root of the changed tree.
 
         Args:
-            root: Root of the present tree.
+            root: Root of the current tree.
             now: Checked definition of the changed tree.
         """
         was = self._spec

@@ -79,7 +79,7 @@ class Sequence(ChildSwap, composites.Sequence):
 
     @classmethod
     def of(cls, parts: NodeParts) -> Self:
-        """Returns a sequence with or without memory, as its ports say."""
+        """Returns a sequence with or without memory, according to its ports."""
         return cls(parts.name, _memory(parts), parts.children)
 
 
@@ -96,7 +96,7 @@ class Selector(ChildSwap, composites.Selector):
 
     @classmethod
     def of(cls, parts: NodeParts) -> Self:
-        """Returns a selector with or without memory, as its ports say."""
+        """Returns a selector with or without memory, according to its ports."""
         return cls(parts.name, _memory(parts), parts.children)
 
     def initialise(self) -> None:
@@ -284,7 +284,7 @@ class Switch(Node):
             raise Failure("NO_CASE", f"no case for '{case}' and no default")
 
     def swap_children(self, children: Children, slots: tuple[str, ...], became: Became) -> bool:
-        """Continue with the chosen child; False where it is gone."""
+        """Continue with the chosen child; False if it is gone."""
         super().swap_children(children, slots, became)
         self._by_case = dict(zip(slots, self.children, strict=True))
         self._chosen = became.get(self._chosen) if self._chosen else None

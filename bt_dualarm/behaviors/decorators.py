@@ -33,7 +33,7 @@ _CHILD: Final = (Slot("child"),)
 _Count: TypeAlias = Annotated[int, Field(ge=1, le=1_000_000)]
 
 _ROUNDING: Final = 1e-6
-"""Tolerance as a share of a period: times are sums of time steps."""
+"""Tolerance as a fraction of a period: times are sums of time steps."""
 
 
 def _unless(needed: Literal["fail", "succeed"]) -> NoEffectRule:
@@ -97,7 +97,7 @@ class Retry(Node):
         self._resume = None
         child = self.children[0]
         if child.status is Status.FAILURE:
-            child.stop(Status.INVALID)  # else a failure in its first tick is no status change
+            child.stop(Status.INVALID)  # else a failure in its first tick is not a status change
         yield from child.tick()
         if child.status is not Status.FAILURE:
             return child.status
@@ -198,7 +198,7 @@ class Delay(Node):
         self._due = self.time + self.ports.seconds
 
     def tick_children(self) -> Ticks:
-        """Tick the child once the time is over."""
+        """Tick the child once the time has elapsed."""
         if not reached(self.time, self._due):
             return Status.RUNNING
         yield from self.children[0].tick()

@@ -44,7 +44,7 @@ class SkillRun:
 
     Raises:
         RuntimeError: The skill has raised StopIteration before its first step.
-        TypeError: Its ``run`` is no generator.
+        TypeError: Its ``run`` is not a generator.
 
     Attributes:
         progress: Last progress from 0 to 1 that it yielded or set; None if it reports none.
@@ -173,10 +173,10 @@ _ENDS_PROGRAM: Final = (SystemExit, KeyboardInterrupt, GeneratorExit)
 
 
 class HeldArm(Protocol):
-    """Interface of the arm that a leaf uses itself, besides its skill."""
+    """Interface of the arm that the leaf itself uses, in addition to its skill."""
 
     def enter(self, *, anew: bool) -> None:
-        """Mark this thread as the one that ticks or halts the leaf; ``anew`` starts a new run."""
+        """Mark this thread as the one that ticks or halts the leaf; ``anew``: a new run begins."""
 
     def trouble(self) -> BaseException | None:
         """Returns the fault of a motion that the leaf has started, None if there is none.
@@ -415,7 +415,7 @@ class Wait(LanguageLeaf):
     ports: Ports
 
     def run(self) -> Iterator[None]:
-        """Wait until the time is over."""
+        """Wait until the time has elapsed."""
         began = self.time
         while not reached(self.time, began + self.ports.seconds):
             self.progress = (self.time - began) / self.ports.seconds

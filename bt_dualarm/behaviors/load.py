@@ -39,14 +39,14 @@ class Loaded:
     """A loaded tree file with its problems.
 
     Attributes:
-        file: The file, None where it has errors, or subtrees only.
+        file: The file, None if it has errors, or subtrees only.
         problems: Every error in the file's order; if there is none, every warning, as some
             warnings only follow from errors.
         name: Name of the file in messages.
         sound: Part of a file with errors that is valid by itself, so that names in it that refer
             to other files can be checked, too.
         left_out: Paths of the fields that are not in ``sound`` because they have errors.
-        source: Source of the file, None where it cannot be read.
+        source: Source of the file, None if it cannot be read.
     """
 
     file: TreeFile | None
@@ -181,7 +181,7 @@ class _Loading:
             self.problems.append(source.problem(("bt_dualarm",), message, f"available: {FORMAT}"))
 
     def _trees(self, arms: ParseContext) -> dict[str, NodeSpec]:
-        """Returns the tree of each arm that has one; a stand-in where it cannot be parsed."""
+        """Returns the tree of each arm that has one; a stand-in if it cannot be parsed."""
         trees = {}
         for arm, body in arms.data.items() if isinstance(arms.data, dict) else ():
             if isinstance(body, dict) and "tree" in body:

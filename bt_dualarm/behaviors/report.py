@@ -17,7 +17,7 @@ class BoundedLog(Generic[_Item]):
     """A log with bounded memory, which keeps the first and the last items.
 
     Args:
-        each: Number of items kept from the beginning, and as many from the end.
+        each: Number of items kept from the start, and as many from the end.
 
     Attributes:
         left_out: Number of items between them that were dropped.

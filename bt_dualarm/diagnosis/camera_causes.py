@@ -24,7 +24,7 @@ _LATE_S: Final = 0.5
 """Latency in s from which no arm can follow a moving target."""
 
 _HIGH_DROP: Final = 0.5
-"""Share of lost frames that impairs tracking."""
+"""Fraction of lost frames that impairs tracking."""
 
 
 def camera_causes(e: Evidence) -> Iterator[Cause]:
@@ -55,10 +55,10 @@ _SIZE_TOLERANCE: Final = 0.2
 """Deviation from which a size counts as different, relative to the longest side."""
 
 _BACKGROUND_SHARE: Final = 0.15
-"""Share of an image from which a region beyond its edge may be the background."""
+"""Fraction of an image from which a region beyond its edge may be the background."""
 
 _SEEN_SHARE: Final = 0.7
-"""Share of frames with the target from which visibility was not the cause."""
+"""Fraction of frames with the target from which visibility was not the cause."""
 
 _FOLLOWED_S: Final = 2.0
 """Seconds before the end whose frames count for that share."""
@@ -67,7 +67,7 @@ _FOLLOWED_LOOKS: Final = 40
 """Number of times between which speeds are measured."""
 
 _HIGH_SHARE: Final = 0.5
-"""Share of a limit from which a larger share would hardly make the arm faster."""
+"""Fraction of a limit from which a larger one would hardly make the arm faster."""
 
 _LOOKING_AROUND: Final = frozenset({"scan", "locate"})
 """Leaves that turn the camera themselves, so that occlusion matters more than the field of view."""
@@ -99,7 +99,7 @@ def sight_causes(e: Evidence) -> Iterator[Cause]:
 
 
 def _seen_share(e: Evidence) -> float:
-    """Share of the frames before the end in which the target was found."""
+    """Fraction of the frames before the end in which the target was found."""
     looks = e.notes("look", since=max(e.began, e.ended - _FOLLOWED_S), until=e.ended)
     return sum(bool(look["pixel"]) for look in looks) / max(len(looks), 1)
 

@@ -77,7 +77,7 @@ def _own_reason(e: Evidence) -> Cause:
 
 
 _RECENT_S = 1.0
-"""Seconds for which a failure before the requested time is reported besides the running leaves."""
+"""Seconds for which a failure before the requested time is reported with the running leaves."""
 
 
 @dataclass(frozen=True)

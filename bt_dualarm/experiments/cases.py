@@ -42,7 +42,8 @@ GAINS: Final[Mapping[CurveName, Mapping[float, tuple[float, float]]]] = {
 
 A gain is the ratio of the commanded step to the error in the image; it exceeds one, because the arm
 completes only a part of a step before the next image. Values are from
-``benchmarks/proportional_gain.py``; a change of 25 % costs a few percent. The curve drawn by hand has the others' gain at full speed.
+``benchmarks/proportional_gain.py``; a change of 25 % costs a few percent. The
+curve drawn by hand has the others' gain at full speed.
 """
 
 JERK: Final = 0.4

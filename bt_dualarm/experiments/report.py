@@ -1,4 +1,4 @@
-"""The report of the experiments: HTML, Markdown, terminal table, pictures."""
+"""The report of the experiments: HTML, Markdown, terminal table, images."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ has the values that YAML can express; relative paths in text and data start from
 """
 
 Skills: TypeAlias = Iterable[type[Skill] | str | os.PathLike[str]]
-"""Additional skills besides the shipped ones: classes, or folders as for ``--skills``."""
+"""Skills in addition to the shipped ones: classes, or folders as for ``--skills``."""
 
 
 def run(

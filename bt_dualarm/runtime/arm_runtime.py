@@ -56,7 +56,7 @@ class Controller(Protocol):
 
     @property
     def at_rest(self) -> bool:
-        """Whether no motion is commanded any more and the arm stands still."""
+        """Whether no motion is commanded any more and the arm is at rest."""
 
     @property
     def setpoint(self) -> SetPoint:
@@ -160,7 +160,7 @@ class RunView(Protocol):
 
 
 class Observer(Protocol):
-    """Observer of a run, such as a display; one that raises is dropped, and the run goes on."""
+    """Observer of a run, such as a display; one that raises is dropped, and the run continues."""
 
     def on_event(self, change: StatusChange) -> None:
         """React to a status change of a node."""
@@ -254,7 +254,7 @@ class ArmRuntime:
 
     @property
     def at_rest(self) -> bool:
-        """Whether no motion is commanded and the arm stands still."""
+        """Whether no motion is commanded and the arm is at rest."""
         return self._controller.at_rest
 
     @property
@@ -375,7 +375,7 @@ def halted(node: NodeView, time: float) -> NodeView:
 
 
 MOST_LIVES = 50
-"""Stays whose results are kept from the beginning of a run, and as many of the latest."""
+"""Stays whose results are kept from the start of a run, and as many of the latest."""
 
 
 class ArmLifecycles:
@@ -399,7 +399,7 @@ class ArmLifecycles:
         self._latest: ArmRuntime | None = None
 
     def begin(self, arm: ArmRuntime) -> None:
-        """Begin the next stay; the one before is over."""
+        """Begin the next stay; the previous one has ended."""
         if self._latest is not None:
             over = self._latest.result()
             self._over.add(over)
@@ -477,7 +477,7 @@ class Arms:
 
     @property
     def at_rest(self) -> bool:
-        """Whether every arm in the world stands still."""
+        """Whether every arm in the world is at rest."""
         return all(arm.at_rest for arm in self.present)
 
     def follow(self, step: int, ticked_from: int) -> None:

@@ -187,7 +187,7 @@ def assemble(
 
     Raises:
         CatalogError: A robot or scene is unknown or broken.
-        RendererError: The renderer asked for cannot work here.
+        RendererError: The requested renderer does not work here.
         WorldError: The parts do not compile to one world, or two of them overlap.
     """
     seed = file.world.seed if seed is None else seed

@@ -18,9 +18,9 @@ def exact(seconds: float | Fraction) -> Fraction:
 class Periodic:
     """Schedule that is due at the first step at or after each multiple of a period.
 
-    Deadlines are computed from exact fractions, so they do not drift: a period that is no multiple
-    of the step gives alternating gaps (60 Hz at 2 ms: 8 and 9 steps) with the exact mean. A period
-    below one step is due at every step.
+    Deadlines are computed from exact fractions, so they do not drift: a period that is not a
+    multiple of the step gives alternating gaps (60 Hz at 2 ms: 8 and 9 steps) with the exact
+    mean. A period below one step is due at every step.
 
     Args:
         period: Seconds between two deadlines.

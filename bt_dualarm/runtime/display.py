@@ -324,7 +324,7 @@ class Caption:
 
 
 def suited_mode(console: Console, wish: Mode | None) -> Mode:
-    """The wished mode, or ``log`` if the terminal cannot redraw lines; ``live`` by default."""
+    """The requested mode, or ``log`` if the terminal cannot redraw lines; ``live`` by default."""
     can_redraw = console.is_terminal and not console.is_dumb_terminal
     if wish in (None, "live"):
         return "live" if can_redraw else "log"

@@ -278,7 +278,7 @@ def _carried(node: NodeSpec, kinds: Mapping[str, NodeType]) -> Iterator[tuple[st
 
 
 def missing_markers(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Problem]:
-    """Yields a warning for every marker that a leaf looks for and no declared object bears.
+    """Yields a warning for every marker that a leaf looks for and no declared object has.
 
     Args:
         file: File without errors.

@@ -187,7 +187,7 @@ class FramedGripper(Protocol):
 
     @property
     def vacuum(self) -> float:
-        """Measured share of the full vacuum, for a cup."""
+        """Measured fraction of the full vacuum, for a cup."""
 
     @property
     def commanded(self) -> Command:

@@ -25,7 +25,7 @@ def html_table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]
 
 
 def metrics_text(metrics: Mapping[str, object]) -> str:
-    """Names and values of the first metrics, to four digits, and how many there are besides."""
+    """Names and values of the first metrics, to four digits, and how many more there are."""
     parts = [
         f"{name} = {value:.4g}" if isinstance(value, float) else f"{name} = {value}"
         for name, value in metrics.items()

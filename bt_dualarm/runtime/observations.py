@@ -329,7 +329,7 @@ class FrameLog:
     Attributes:
         arm: Name of the camera's arm.
         trace: Trace events to add to, None if nothing is recorded.
-        pictures: File that stores the images, None if they are not stored.
+        images: File that stores the images, None if they are not stored.
         known: Frames of an earlier run by their stamp; they are rendered again only for a question
             without a recorded answer.
         taken: Number of frames recalled instead of rendered.

@@ -119,7 +119,7 @@ class HoldingWorld(Protocol):
 
 
 MOST_HOLDINGS = 1000
-"""Attachments kept from the beginning of a run, and as many of the latest."""
+"""Attachments kept from the start of a run, and as many of the latest."""
 
 
 @dataclass
@@ -171,7 +171,7 @@ class _Lift:
 class Holdings:
     """Log of attachments, updated after each tick, because only skills attach.
 
-    Its memory is bounded: of many attachments it keeps the first and the last ones.
+    Its memory is bounded: it keeps the first and the last attachments.
 
     Args:
         world: World with the current attachments.
@@ -372,7 +372,7 @@ class RunResult:
         sim_time_s: Simulated seconds, including the time to stop the arms.
         wall_time_s: Wall-clock seconds of the same.
         arms: Result of each arm, by its name, in the order of the file.
-        at_rest: Whether every arm stood still at the end.
+        at_rest: Whether every arm was at rest at the end.
         error: Sentence on the error that ended the run, else empty.
         name: Name of the tree file.
         seed: Seed of all random numbers.

@@ -71,7 +71,7 @@ def compile_kernels() -> None:
 
 @dataclass(frozen=True)
 class OpenRecord:
-    """Writers of a record while the run goes on.
+    """Writers of a record during the run.
 
     Attributes:
         folder: Folder of the record.
@@ -117,7 +117,7 @@ class Prepared:
 
     @property
     def renderer(self) -> str | None:
-        """``gl``, ``ray``, or None where no arm has a camera."""
+        """``gl``, ``ray``, or None if no arm has a camera."""
         return None if self.assembly.renderer is None else self.assembly.renderer.name
 
     @contextmanager
@@ -172,7 +172,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
 
     Raises:
         CatalogError: A robot or scene is unknown or broken.
-        RendererError: The renderer asked for cannot work here.
+        RendererError: The requested renderer does not work here.
         WorldError: The parts do not compile to one world, or two of them overlap.
         RecordError: The folder of the record cannot be used.
     """

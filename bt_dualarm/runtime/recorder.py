@@ -351,7 +351,7 @@ def _locked(path: Path) -> int:
 
 
 def _arms_of_earlier_run(summary: Path) -> list[str] | None:
-    """Names of the arms in the summary of a run; None if the file is no such summary."""
+    """Names of the arms in the summary of a run; None if the file is not such a summary."""
     try:
         content = parsed(read_regular(summary, _MOST_SUMMARY_BYTES), ReadBudget())
         return [*map(str, content["arms"])] if content.keys() >= _SUMMARY_KEYS else None

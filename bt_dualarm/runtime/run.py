@@ -153,7 +153,7 @@ class Run:
 
     Raises:
         CatalogError: A robot or scene is unknown or broken.
-        RendererError: The renderer asked for cannot work here.
+        RendererError: The requested renderer does not work here.
         WorldError: The parts do not compile to one world, or two of them overlap.
         RecordError: The folder of the record cannot be used.
     """
@@ -197,7 +197,7 @@ class Run:
 
     @property
     def done(self) -> bool:
-        """Whether the run is over: all trees ended and all arms at rest, or an error."""
+        """Whether the run has ended: all trees ended and all arms at rest, or an error."""
         return self._result is not None
 
     @property
@@ -233,7 +233,7 @@ class Run:
 
     @property
     def renderer(self) -> str | None:
-        """``gl``, ``ray``, or None where no arm has a camera."""
+        """``gl``, ``ray``, or None if no arm has a camera."""
         return self._parts.renderer
 
     @property
@@ -251,7 +251,7 @@ class Run:
             seconds: Simulated seconds, above 0.
 
         Raises:
-            RunError: The run is over or closed, or ``seconds`` is no number above 0.
+            RunError: The run has ended or is closed, or ``seconds`` is not a number above 0.
         """
         checked_seconds(seconds, "step")
         if self._result is not None:
@@ -262,7 +262,7 @@ class Run:
         self._requested_s = requested
 
     def finish(self) -> RunResult:
-        """Run to the end and return the result; a run that is over is not changed."""
+        """Run to the end and return the result; a run that has ended is not changed."""
         if self._result is None:
             self._advance(math.inf)
         return self.result
@@ -343,7 +343,7 @@ class Run:
         return f"<Run {self.name} {'over' if self.done else 'at'} {self.time:.3f} s: {arms}>"
 
     def _repr_html_(self) -> str:
-        """Table for notebooks: arms and nodes as they stand now; the result of a run that is over.
+        """Table for notebooks: the state of arms and nodes, or the result of a run that has ended.
 
         A row for each node, indented as in the tree.
         """

@@ -36,7 +36,7 @@ class Limit:
 
 @dataclass
 class Conditions:
-    """Settings and services of a run besides its world and arms.
+    """Settings and services of a run in addition to its world and arms.
 
     Attributes:
         limit: Simulated time at which the run ends at the latest.
@@ -103,7 +103,7 @@ class Runner:
         """Make physics steps up to a total number of steps, or to the end of the run.
 
         Args:
-            until: Number of steps since the beginning of the run.
+            until: Number of steps since the start of the run.
         """
         began = self._conditions.clock()
         while not self._has_ended() and self._step < until:
@@ -126,7 +126,7 @@ class Runner:
         return self._made_result()
 
     def _has_ended(self) -> bool:
-        """Whether the run is over; starts the shutdown when a reason to end has appeared."""
+        """Whether the run has ended; starts the shutdown when a reason to end has appeared."""
         if self._ending is None:
             ending = self._reason_to_end()
             if ending is None:

@@ -210,7 +210,7 @@ class Sample:
 class Tracks:
     """World positions of tools and objects at 100 Hz of simulated time, thinned for plots.
 
-    Its memory is bounded: of a long run it keeps every second sample, every fourth, and so on.
+    Its memory is bounded: in a long run it keeps every second sample, then every fourth, and so on.
 
     Args:
         world: The world, in which arms and objects may appear and disappear.
@@ -242,7 +242,7 @@ class Tracks:
             self._bind()
         data = self._world.data
         points = np.concatenate([data.site_xpos[self._sites], data.xpos[self._bodies]])
-        # After a step, MuJoCo's Cartesian positions are those of the beginning of the step.
+        # After a step, MuJoCo's Cartesian positions are those of the start of the step.
         sample = Sample(self._world.time - self._world.timestep, self._names, points)
         self._keep(sample)
         return sample

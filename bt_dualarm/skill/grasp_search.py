@@ -70,7 +70,7 @@ class TakingPorts(PortModel):
         """Assumed mass, kg.
 
         Args:
-            told: Declared mass, kg; None where the arm may not use it.
+            told: Declared mass, kg; None if the arm may not use it.
         """
         return self.mass or told or UNKNOWN_KG
 
@@ -298,7 +298,7 @@ def _solid_of_geom(kind: int, size: np.ndarray) -> Solid | None:
 
 
 def _rotation_cost(tool: Pose, here: Pose) -> float:
-    """Rotation of the tool as a share of half a turn, plus a penalty for approaches from below."""
+    """Rotation of the tool as a fraction of 180°, plus a penalty for approaches from below."""
     upward = max(0.0, float(tool.rotation_matrix[2, 2]))
     return tool.angle(here) / math.pi + upward
 
@@ -380,7 +380,7 @@ class GraspApproach:
 
         Args:
             arm: Arm that stands somewhere on it.
-            speed: Share of its limits, above 0 to 1.
+            speed: Fraction of its limits, above 0 to 1.
         """
         out = self.ranked.tool @ Pose.from_rpy((0.0, 0.0, -self.standoff))
         rows = arm.line_on(out)
@@ -399,14 +399,14 @@ def first_approach(
     speed: float,
     seen: Pose | None = None,
 ) -> Generator[None, None, GraspApproach]:
-    """Plan the approach of the first of several grasps that has one; yields once a tick.
+    """Plan the approach of the first of several grasps that has one; yields once per tick.
 
     Args:
         arm: Arm with its gripper open.
         order: Grasps, the best first.
         wanted: Specification of the grasp.
         standoff: Length of the straight part, m.
-        speed: Share of the arm's limits up to the standoff, above 0 to 1.
+        speed: Fraction of the arm's limits up to the standoff, above 0 to 1.
         seen: Estimated pose of the object in the world; the plan then ignores its true pose.
 
     Raises:

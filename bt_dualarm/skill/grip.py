@@ -40,7 +40,7 @@ class Grip:
         self._widths: deque[tuple[float, float]] = deque()
 
     def look(self) -> None:
-        """Check the hold by the gripper's sensors; to be called once a tick.
+        """Check the hold by the gripper's sensors; to be called once per tick.
 
         Raises:
             Failure: ``SLIPPED`` if the opening has changed, ``DROPPED`` if nothing is between the
@@ -80,7 +80,7 @@ class Grip:
         return min(force_n, gripper.commanded.force * friction / _FIRM)
 
     def judge(self, slip: Failure) -> Iterator[None]:
-        """Stop, and decide between slip and loss once the fingers stand still; always raises.
+        """Stop, and decide between slip and loss once the fingers are at rest; always raises.
 
         Args:
             slip: Failure that `look` has raised.
@@ -145,7 +145,7 @@ class TouchSense:
         self.most = 0.0
 
     def force(self, *, stands: bool = False) -> float:
-        """Present contact force, N; to be called once a tick.
+        """Present contact force, N; to be called once per tick.
 
         Args:
             stands: Whether the tool has stopped: the zero is kept while it stands, since a contact
@@ -167,8 +167,8 @@ class TouchSense:
     def _against(self) -> float:
         """Force against the motion, N, that explains the external joint torques.
 
-        With ``alone`` it is a weighted least-squares fit of this one force, with torques as shares
-        of the joints' efforts. A full wrench is not observable near a singularity: there friction
+        With ``alone`` it is a weighted least-squares fit of this one force, with torques relative
+        to the joints' efforts. A full wrench is not observable near a singularity: there friction
         of joints that hardly move the tool appeared as 100 N.
         """
         arm = self._arm
@@ -186,7 +186,7 @@ _HELD_S: Final = 1.0  # in which fingers come to rest
 def held_through(
     arm: Arm, going: Iterator[float | None]
 ) -> Generator[float | None, None, dict[str, Number]]:
-    """Execute a motion and monitor the held object; yields the progress once a tick.
+    """Execute a motion and monitor the held object; yields the progress once per tick.
 
     Args:
         arm: Arm that moves.
@@ -229,7 +229,7 @@ def _monitored(going: Iterator[float | None], grip: Grip) -> Iterator[float | No
 
 
 def _at_rest(arm: Arm, grip: Grip, name: str) -> Iterator[float]:
-    """Wait until the fingers stand still and press."""
+    """Wait until the fingers are at rest and press."""
     began = arm.time
     while not arm.gripper.holding:
         yield 1.0
@@ -262,7 +262,7 @@ class HeldClear:
         self._next = -np.inf
 
     def look(self) -> None:
-        """Check if a check is due; to be called once a tick.
+        """Check if a check is due; to be called once per tick.
 
         Raises:
             Failure: ``IN_COLLISION`` with what would collide.
@@ -294,7 +294,7 @@ def make_room(arm: Arm, speed: float) -> Iterator[float | None]:
 
     Args:
         arm: Arm whose gripper has to open.
-        speed: Share of its limits, above 0 to 1.
+        speed: Fraction of its limits, above 0 to 1.
 
     Raises:
         Failure: ``IN_COLLISION`` with what is beside the fingers, if no retreat helps; as motions.

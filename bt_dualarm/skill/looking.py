@@ -117,7 +117,7 @@ def own_camera(arm: Arm) -> GuardedCamera:
 
 
 def still_picture(arm: Arm, count: int) -> Generator[None, None, Frame | None]:
-    """Average images taken from where the arm stands; yields once a tick.
+    """Average images taken from the current pose; yields once per tick.
 
     Args:
         arm: Arm at rest, with a camera of its own.
@@ -165,7 +165,7 @@ class Side:
         across: Rotation about the point, about the image's horizontal axis, degrees.
         along: The same about the image's vertical axis.
         roll: Rotation about the line of sight, degrees.
-        share: Distance as a share of the nominal one.
+        share: Distance as a fraction of the nominal one.
     """
 
     across: float = 0.0
@@ -215,12 +215,12 @@ SIDES: Final = (
 def go_to_camera(
     arm: Arm, camera: Pose, speed: float, ignore: frozenset[str] = frozenset()
 ) -> Generator[float | None, None, bool]:
-    """Move the wrist camera to a pose in the world; yields once a tick.
+    """Move the wrist camera to a pose in the world; yields once per tick.
 
     Args:
         arm: Arm with a wrist camera.
         camera: Pose of the camera (x right, y down, z forward).
-        speed: Share of the limits, above 0 to 1.
+        speed: Fraction of the limits, above 0 to 1.
         ignore: Names of objects that may be touched.
 
     Returns:
@@ -268,7 +268,7 @@ _LEANS: Final = (
     (0.0, 0.0),
     *((share, around) for share in (0.5, 1.0) for around in np.radians(np.arange(0, 360, 60))),
 )
-"""Shares of the angle ``lean``, and the direction of leaning, rad."""
+"""Fractions of the angle ``lean``, and the direction of leaning, rad."""
 
 
 def _gaze(point: Vector, distance: float, sight: Vector, side: Vector, roll: float) -> Pose:
@@ -291,7 +291,7 @@ def look_at(
     Args:
         arm: Arm with a wrist camera.
         cameras: Poses of the camera in the world, the preferred one first.
-        speed: Share of the limits, above 0 to 1.
+        speed: Fraction of the limits, above 0 to 1.
         ignore: Names of objects that may be touched.
 
     Returns:
@@ -328,9 +328,9 @@ class MarkViews:
         self._color = ColorFilter(color)
 
     def look(self) -> Generator[None, None, MarkView | None]:
-        """View the mark from where the arm stands; None where it is not fully in view.
+        """View the mark from the current pose; None if it is not fully in view.
 
-        Yields once a tick.
+        Yields once per tick.
         """
         began = self._arm.time
         found = list[tuple[Frame, Detection]]()
@@ -391,7 +391,7 @@ class Standing:
 
     @property
     def other_size(self) -> float | None:
-        """Ratio of its size to the declared one; None where that may be 1."""
+        """Ratio of its size to the declared one; None if that may be 1."""
         room = SIZE_SIGMAS * self.sigma
         if (
             self.ratio > 1.0
@@ -408,7 +408,7 @@ class Standing:
 def standing_of(
     world: World, seen: SightedThings, thing: SightedThing, height: float | None
 ) -> Standing | None:
-    """How a detected object stands on its support; None where no support is known.
+    """How a detected object stands on its support; None if no support is known.
 
     An object scaled about the camera looks the same. Its size ratio is therefore the distance of
     the support over that of its lower side at the declared size, both along the line of sight

@@ -60,7 +60,7 @@ class PathDeviation:
 
     Args:
         arm: Arm that moves.
-        source: Motion at its beginning, as it is executed.
+        source: Motion at its start, as it is executed.
         record: Recorder of ``planned`` and ``executed`` tool positions.
 
     Attributes:
@@ -144,7 +144,7 @@ TOLERANCE_M = 0.005
 
 _SAME_BRANCH = 1.0  # rad within which the start is tried to be reached by a straight tool motion
 _SAME_POSTURE = 0.05  # rad by which a redundant arm may move at the end of that motion
-_ENTRY_SHARE = 0.1  # share of the displayed progress for the motion to the start
+_ENTRY_SHARE = 0.1  # fraction of the displayed progress for the motion to the start
 _EXIT_SHARE = 0.1  # the same for the motion from the path to another end
 _AT_GOAL = 1e-6  # m or rad within which no motion is needed
 
@@ -159,12 +159,12 @@ def follow_curve(
 ) -> Generator[float | None, None, dict[str, Number]]:
     """Move to the start of a path, then along it from rest to rest: all of it or nothing.
 
-    Yields the progress, once a tick.
+    Yields the progress, once per tick.
 
     Args:
         arm: Arm that moves.
         path: Path of its tool, in the world.
-        speed: Share of its limits, above 0 to 1.
+        speed: Fraction of its limits, above 0 to 1.
         record: Recorder of ``planned`` and ``executed`` tool positions.
         tolerance: Largest distance of the tool from its planned position, m.
         end: Pose in the world to which the tool moves on in a straight line; None to stay.
@@ -231,7 +231,7 @@ class _Plan:
 
     @property
     def share(self) -> float:
-        """Share of the displayed progress for the path itself."""
+        """Fraction of the displayed progress for the path itself."""
         return 1.0 - _ENTRY_SHARE - (0.0 if self.exit is None else _EXIT_SHARE)
 
 
@@ -242,7 +242,7 @@ def _is_at(pose: Pose, goal: Pose) -> bool:
 def _monitored(
     arm: Arm, source: TrajectorySource, deviation: PathDeviation, tolerance: float
 ) -> Iterator[float]:
-    """Progress of a motion along a path, once a tick, until the arm stands at its end.
+    """Progress of a motion along a path, once per tick, until the arm is at rest at its end.
 
     Raises:
         Failure: ``TRACKING_ERROR`` as soon as the tool is beyond the tolerance; as `Arm.follow`.
@@ -304,7 +304,7 @@ def _straight(
         arm: Arm that moves.
         q: Start configuration, of shape (dof,), rad.
         end: Last pose of the tool, in the world.
-        speed: Share of its limits.
+        speed: Fraction of its limits.
         last: Exact end configuration, of shape (dof,), rad; None for any.
 
     Returns:

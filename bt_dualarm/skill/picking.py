@@ -24,7 +24,7 @@ _CLOSING_S: Final = 1.5  # in which the fingers have to press
 _REACHED_M: Final = 0.1  # largest distance of the tool from the center of an undeclared object
 _PRESSED_M: Final = 0.006  # by which a cup is pressed beyond the estimated face
 _PRESSED_N: Final = 12.0  # contact force of a cup that seals
-_PRESSING: Final = 0.01  # share of the limits for pressing a cup on
+_PRESSING: Final = 0.01  # fraction of the limits for pressing a cup on
 _EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one with something else
 _EDGE_S: Final = 0.3  # at the start of the motion, while joints break away: no contact is detected
 
@@ -74,8 +74,8 @@ class Taking:
     def through(self, order: Sequence[RankedGrasp]) -> Generator[float | None, None, RankedGrasp]:
         """Execute the first feasible of these grasps, best first: approach, close, lift, verify.
 
-        Yields the progress once a tick; returns the executed grasp. Where another arm is in the way
-        the arm waits and replans, as `MoveTo.along`.
+        Yields the progress once per tick; returns the executed grasp. If another arm is in the
+        path, the arm waits and replans, as `MoveTo.along`.
 
         Raises:
             Failure: ``GRIPPER_FULL``; ``OUT_OF_REACH``, before any motion unless another arm is the

@@ -28,16 +28,16 @@ TOUCHDOWN_M_S: Final = 0.002
 """Highest speed at contact, m/s: with an effective mass of 6 to 8 kg at the tool it makes 7 N in
 the first 2 ms."""
 
-# A tool has stopped if, over a time window, it covers less than a share of its set-point's distance
-# while the set-point is faster than a share of its highest speed.
+# A tool has stopped if, over a time window, it covers less than a fraction of its set-point's
+# distance while the set-point is faster than a fraction of its highest speed.
 _COMPARED_S: Final = 0.08
 _LONG_S: Final = 0.13
 _VERY_LONG_S: Final = (
     0.5  # by then joints have broken away, however uneven the set-point's speed is
 )
-_STEADY: Final = 0.75  # share of the highest speed, which varies along the path
+_STEADY: Final = 0.75  # fraction of the highest speed, which varies along the path
 _SLOW: Final = 0.3  # the same for the longest window
-_STOPPED: Final = 0.35  # share of the distance; a joint that sticks briefly leaves more
+_STOPPED: Final = 0.35  # fraction of the distance; a joint that sticks briefly leaves more
 _LONG_STOPPED: Final = 0.2
 
 
@@ -58,13 +58,13 @@ def guarded_descent(
     Args:
         arm: Arm that moves.
         end: Pose of the tool in the world at the end.
-        speed: Share of its limits, above 0 to 1, and no more than `TOUCHDOWN_M_S`.
+        speed: Fraction of its limits, above 0 to 1, and no more than `TOUCHDOWN_M_S`.
         force: Contact force that ends the motion, N.
-        look: Check that is called once a tick, and may raise.
+        look: Check that is called once per tick, and may raise.
         lightly: Whether a stop of 0.13 s counts as contact, however small the force is.
 
     Returns:
-        Whether there was contact, and the largest force until the arm stood still, N.
+        Whether there was contact, and the largest force until the arm was at rest, N.
     """
     along = _direction(arm.commanded_tool_pose, end)
     timed, top = _timed(arm, arm.line_on(end), speed)
@@ -125,7 +125,7 @@ class _Lag:
         self.is_steady = self.has_stopped = self.stands = False
 
     def look(self) -> None:
-        """Take a sample; to be called once a tick."""
+        """Take a sample; to be called once per tick."""
         arm = self._arm
         past = self._past
         meant = float(arm.commanded_tool_pose.position @ self._along)
@@ -141,7 +141,7 @@ class _Lag:
         )
 
     def _share(self, seconds: float, least_m_s: float) -> tuple[bool, float]:
-        """Whether the set-point was that fast for that long; the tool's share of its distance."""
+        """Whether the set-point is fast enough; fraction of its distance covered by the tool."""
         now, meant_now, here = self._past[-1]
         ago = [one for one in self._past if now - one[0] >= seconds]
         if not ago:
@@ -193,7 +193,7 @@ class LeftStanding:
         return self._name in self._arm.world.objects
 
     def look(self) -> None:
-        """Take a sample; to be called once a tick."""
+        """Take a sample; to be called once per tick."""
         if not self.is_there:
             self.rests = False
             return
@@ -208,7 +208,7 @@ class LeftStanding:
         )
 
     def until_rest(self, longest: float) -> Iterator[float]:
-        """Wait until it rests or is gone, or ``longest`` seconds have passed; once a tick."""
+        """Wait until it rests or is gone, or ``longest`` seconds have passed; once per tick."""
         until = self._arm.time + max(longest, REST_S)
         while self.is_there and not self.rests and self._arm.time <= until:
             yield 1.0
@@ -308,7 +308,7 @@ def came_along(
     that hangs elsewhere on the hand is not detected.
 
     The gripper is left in its final state. If the placed object still reaches between the pads,
-    nothing is tested. Yields once a tick.
+    nothing is tested. Yields once per tick.
 
     Args:
         arm: Arm whose gripper has released the object.
@@ -361,13 +361,13 @@ _ROOM_M: Final = 0.01  # least opening on each side of the object at the release
 _FREE_M: Final = 0.006  # height above the goal down to which the path must be free
 _LOWEST_M: Final = 0.008  # least height above the goal at which the descent begins
 _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
-_LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # shares of the height that are tried if it is not free
+_LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height that are tried if it is not free
 _TURN: Final = np.radians(15.0)  # step of the rotations that are tried for a round object
 _UPRIGHT: Final = np.cos(np.radians(5.0))  # cosine of an axis about which rotations keep pads level
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
 _FALSE: Final = 3  # descents until a contact beyond that height counts
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
-_LOWERING: Final = 0.3  # share of the speed below the approach height
+_LOWERING: Final = 0.3  # fraction of the speed below the approach height
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
 _TRIES: Final = 12  # blocked branches after which the search for free ones ends
 
@@ -466,7 +466,7 @@ class SettingDown:
     def through(self, goal: Pose) -> Generator[float | None, None, Pose]:
         """Move above a pose, lower the object until contact, open, retreat.
 
-        Yields the progress once a tick; returns the estimated pose in the world at the release.
+        Yields the progress once per tick; returns the estimated pose in the world at the release.
 
         Args:
             goal: Pose of the object in the world.
@@ -497,7 +497,7 @@ class SettingDown:
     def stays_at(self, goal: Pose, within_m: float | None = None) -> Iterator[float]:
         """Wait until the released object rests, and check its true pose, as a referee.
 
-        Yields the progress once a tick.
+        Yields the progress once per tick.
 
         Args:
             goal: Pose of the object in the world.
@@ -514,7 +514,7 @@ class SettingDown:
         self._left.refuse_unless_at(goal, within, self._ports.angle_tolerance)
 
     def _refuse_unsupported(self, goal: Pose) -> None:
-        """Check that it would stand at the goal, by the shapes that plans use."""
+        """Check that it would rest at the goal, by the shapes that plans use."""
         ports = self._ports
         name = self._name
         found = support_below(self._arm.world, name, goal, ports.tolerance, ports.search)
@@ -573,9 +573,9 @@ class SettingDown:
         return descent.tool
 
     def _descent(self, goal: Pose, move: MoveTo) -> Generator[None, None, _Descent]:
-        """Descent to a goal: as asked for, from a lower height, or with a round object rotated.
+        """Descent to a goal: as requested, from a lower height, or with a round object rotated.
 
-        The one asked for is preferred, then the smallest rotation, then the largest height. Yields
+        The one requested is preferred, then the smallest rotation, then the largest height. Yields
         once for each branch that is checked.
 
         Args:
@@ -583,7 +583,7 @@ class SettingDown:
             move: Motion above the goal.
 
         Raises:
-            Failure: That of the descent asked for, see `_branches_down`, if there is no other, or
+            Failure: That of the descent requested, see `_branches_down`, if there is no other, or
                 if another arm is in the way, which may leave.
         """
         height = self._ports.height
@@ -630,7 +630,7 @@ class SettingDown:
     def _branches_down(self, tool: Pose, height: float) -> Generator[None, None, list[Matrix]]:
         """Straight descent to a pose of the tool, in branches that allow search and retreat.
 
-        The arm and the held object are free of collisions down to `_FREE_M`, and the arm alone on
+        The arm and the held object are collision-free down to `_FREE_M`, and the arm alone on
         the retreat. Yields once for each branch that is checked.
 
         Args:

@@ -59,7 +59,7 @@ class TrackingScore:
         self._summed = 0  # kept samples that are in the sums already
 
     def sample(self, tracking: PlaneTracking) -> None:
-        """Take one sample, once a tick; the clock starts with the first lock."""
+        """Take one sample, once per tick; the clock starts with the first lock."""
         world = self._arm.world
         if self._from is None:
             if not tracking.in_view:
@@ -194,7 +194,7 @@ def _points(numbers: array[float]) -> Matrix:
 
 
 def lag(leader: Matrix, follower: Matrix, period: float) -> float:
-    """Delay of the follower, s, by the shift of least difference; 0 where nothing moves.
+    """Delay of the follower, s, by the shift of least difference; 0 if nothing moves.
 
     The mean difference over the overlap is used, since plain cross-correlation would favor small
     shifts, which overlap more.
@@ -340,7 +340,7 @@ class PathSums:
         return rms, float(np.linalg.norm(self._outermost - self._errors.mean, axis=1).max())
 
     def lag(self, still: float) -> float:
-        """Delay of the tool, s; 0 where the target moves no farther than `still`, m."""
+        """Delay of the tool, s; 0 if the target moves no farther than `still`, m."""
         if float((self._high - self._low).max()) < still:
             return 0.0
         return least_at(self._lags.variance.sum(axis=1), self._period)

@@ -58,7 +58,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "OVERRUN": "the skill's code did not return in time and was interrupted",
     "EXCEPTION": "the skill has a bug: see the traceback in the log",
 }
-"""Codes that any skill may fail with; a skill declares only those of its own."""
+"""Codes that any skill may fail with; a skill declares only its own."""
 
 
 _LONGEST: Final = 60  # characters of a value that a message shows
@@ -78,7 +78,7 @@ def nowhere(name: str, time: npt.ArrayLike, values: npt.ArrayLike) -> None:
 
 @dataclass(frozen=True)
 class SkillContext:
-    """Environment of a skill, besides its ports.
+    """Environment of a skill, in addition to its ports.
 
     Attributes:
         name: Path of the leaf in its tree.
@@ -114,7 +114,7 @@ class Skill:
         needs: Modules that are slow to import; they are imported before the run.
         needs_camera: Whether it works only with a camera that moves with the arm.
         needs_gripper: Whether it works only with an arm that has a gripper.
-        progress: Progress from 0 to 1, for the display; None where it is unknown.
+        progress: Progress from 0 to 1, for the display; None if it is unknown.
         metrics: Measured numbers by name, for the summary of the run.
     """
 
@@ -196,10 +196,10 @@ def unit_vector(direction: tuple[float, float, float]) -> Vector:
 
 
 def progress_of(skill: Skill, value: object) -> float | None:
-    """Progress from 0 to 1 that a skill has yielded; None where it yields nothing.
+    """Progress from 0 to 1 that a skill has yielded; None if it yields nothing.
 
     Raises:
-        SkillError: The value is no progress.
+        SkillError: The value is not a number from 0 to 1.
     """
     if value is None:
         return None
@@ -337,7 +337,7 @@ class Samples:
             values: A number or a point of shape (3,); or of shape (n,), (n, 1) or (n, 3).
 
         Raises:
-            SkillError: Their shapes do not match, or they are no finite numbers.
+            SkillError: Their shapes do not match, or the values are not finite.
         """
         if not isinstance(name, str) or not _NAME.fullmatch(name):
             raise SkillError(

@@ -111,7 +111,7 @@ class Spiral:
 _WINDOW_S = 1.0  # of the mean error: two periods of an arm's slowest oscillation
 _ARRIVED_S = 0.5  # within the bound after which the tool has arrived and does not just pass
 _FEWEST = 3  # sightings of a mean
-_NEARER = 0.9  # share of the least error so far, below which the error has decreased
+_NEARER = 0.9  # fraction of the least error so far, below which the error has decreased
 
 
 class FollowingError:
@@ -334,7 +334,7 @@ class TrackingReference:
         return self._tracker.age(time) - self._stale_after
 
     def _predicted(self, time: float) -> PlaneTarget:
-        """Predictive control: present state of the target by the filter."""
+        """Predictive control: current state of the target by the filter."""
         view = self._view
         return PlaneTarget(*self._tracker.predict_in(view.axes, view.ahead(), time))
 
@@ -394,7 +394,7 @@ class PlaneTracking:
         arm: Arm with a wrist camera that looks along the plane's normal.
         color: Color of the target.
         plane: Plane in which the tool moves.
-        speed: Share of the arm's limits.
+        speed: Fraction of the arm's limits.
         distance: Depth of the target in front of the camera, m.
         target_size: Edge of a cubic target with a face parallel to the plane, m: the depth is then
             measured, and the visible flanks are corrected for.
@@ -493,7 +493,7 @@ class PlaneTracking:
 
     @property
     def target(self) -> Vector:
-        """Estimated present position of the target in the world, of shape (3,), m."""
+        """Estimated current position of the target in the world, of shape (3,), m."""
         return self._tracker.predict(self._arm.time).position
 
     @property
@@ -522,7 +522,7 @@ class PlaneTracking:
         self._arm.stream(servo)
 
     def watch(self) -> None:
-        """Evaluate new sightings: rest of the target, and tracking error; to be called once a tick.
+        """Evaluate new sightings: rest of the target and tracking error; called once per tick.
 
         Raises:
             Failure: ``NOT_FOLLOWING``; ``IN_COLLISION``, see `HeldClear`.

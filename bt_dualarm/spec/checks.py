@@ -78,7 +78,7 @@ def check_tree(
         root: Root of the tree.
         node_types: Node types by name, of the language and of the skills.
         declared: Names that ports may refer to.
-        complete: Whether ``node_types`` has all skills; if not, unknown names are no problem.
+        complete: Whether ``node_types`` has all skills; if not, unknown names are not reported.
     """
     # A subtree that is used often has many nodes with the same problems: each is checked once.
     checked: dict[tuple[int, DataPath], tuple[str, Mapping[str, Data], int]] = {}
@@ -152,7 +152,7 @@ def _inner_references(data: Data, path: DataPath = ()) -> Iterator[tuple[DataPat
 
 
 def _at(data: Data, path: DataPath) -> Data:
-    """Returns the data at a path; None where a part of it is missing."""
+    """Returns the data at a path; None if a part of it is missing."""
     for part in path:
         try:
             data = data[part]

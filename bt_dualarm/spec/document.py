@@ -51,7 +51,7 @@ class CollisionSpec(Value):
 
 
 MOST_UNDER_WAY_MB: Final = 100.0
-"""Largest size in MB of a camera's pictures that are taken and not delivered yet."""
+"""Largest size in MB of a camera's images that are taken and not delivered yet."""
 
 _MB_A_PIXEL: Final = 3e-6
 _Pixels: TypeAlias = Annotated[int, Field(ge=16, le=1920)]
@@ -250,7 +250,7 @@ class ObjectSpec(Value):
 
 
 class LimitShares(Value):
-    """Shares of the robot's limits that an arm may use."""
+    """Fractions of the robot's limits that an arm may use."""
 
     velocity: Speed = port(1.0, "Fraction of the joint velocity limits")
     acceleration: Speed = port(1.0, "Fraction of the joint acceleration limits")

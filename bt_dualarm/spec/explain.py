@@ -321,7 +321,7 @@ class _Explainer:
                 yield Finding(path, f"'{path[-1]}' cannot be a name", _NAME_RULE, at_key=True)
             elif not is_unknown(details["input"]):
                 values.append(details)
-        # Errors in its parts show which member of the union was meant: the others' are no use.
+        # Errors in its parts show which member of the union was meant; the others are omitted.
         if values and not deeper and len(values) == len(found):
             yield self._value(path, values)
 

@@ -29,7 +29,7 @@ class Slot:
         name: Name in the file.
         required: Whether the child must be given.
         after: Result of the child in the first slot that leads to this one, success (True) or
-            failure (False); None where that does not matter.
+            failure (False); None if that does not matter.
     """
 
     name: str
@@ -88,7 +88,7 @@ class NodeType:
 
     @cached_property
     def fields_besides_ports(self) -> frozenset[str]:
-        """Fields of a node that are no ports: its name, outputs and children."""
+        """Fields of a node that are not ports: its name, outputs and children."""
         return self.no_data_fields | self.outputs.model_fields.keys()
 
     @cached_property
@@ -224,7 +224,7 @@ class LanguageNode(NodeType):
     Attributes:
         outcomes: Outcomes of a node.
         advances_on: Whether a child that succeeds (True) or one that fails (False) is followed by
-            the next; None where children do not follow each other.
+            the next; None if children do not follow each other.
         revisits: Whether a node may tick a child after one that comes later in the file.
         problems: Problems of a node beyond the types of its ports.
         no_effect: Why a node has no effect.

@@ -183,7 +183,7 @@ def _given(name: str, spec: ParamSpec, value: object) -> tuple[Data, list[str]]:
 
 
 def _parsed(text: str) -> Data:
-    """Returns a value from the command line, read as YAML; text where it is no YAML."""
+    """Returns a value from the command line, read as YAML; text if it is not YAML."""
     try:
         return read_text(text).data
     except SpecError:

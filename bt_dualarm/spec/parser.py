@@ -275,7 +275,7 @@ class Libraries:
     def _file(
         self, source: Source, entry: DataPath, path: str, stack: tuple[FilePath, ...]
     ) -> dict[str, SubtreeSpec]:
-        """Returns the library of an included file; empty where it cannot be used."""
+        """Returns the library of an included file; empty if it cannot be used."""
         shown = FilePath(source.file).parent / path
         try:
             resolved = shown.resolve()

@@ -116,7 +116,7 @@ def containers_in(annotation: object) -> Iterator[object]:
 
 
 def fixed_length(annotation: object) -> int:
-    """Returns the number of items of a list of this type, 0 where that is not fixed."""
+    """Returns the number of items of a list of this type, 0 if that is not fixed."""
     for container in containers_in(annotation):
         items = get_args(container)
         if get_origin(container) is tuple and items[-1] is not ...:
@@ -262,7 +262,7 @@ def is_unknown(value: Data) -> bool:
 
 
 def reference_of(value: Data) -> str | None:
-    """Returns the key that a port's value refers to, None if it is no reference."""
+    """Returns the key that a port's value refers to, None if it is not a reference."""
     match = REFERENCE.fullmatch(value) if isinstance(value, str) else None
     return match[1] if match else None
 
@@ -327,12 +327,12 @@ def validated(model: type[PortModel], ports: Mapping[str, Data]) -> PortModel:
     Raises:
         pydantic.ValidationError: Ports are invalid; has an entry for each error.
     """
-    # Strict JSON has the types of YAML: lists become tuples, but "1" is no number.
+    # Strict JSON has the types of YAML: lists become tuples, but "1" is not a number.
     return model.model_validate_json(json.dumps(ports))
 
 
 def validate_literals(model: type[PortModel], ports: Mapping[str, Data]) -> None:
-    """Validates the ports that are no references.
+    """Validates the ports that are not references.
 
     Raises:
         pydantic.ValidationError: As `validated`.
@@ -446,7 +446,7 @@ def list_of(text: str) -> str:
 def mapping_of(given: Data, model: type[BaseModel]) -> str:
     """Returns a hint with the mapping whose required field is a bare list, ``[0.4, 0, 0.5]``.
 
-    Empty where the list is not one of numbers, or has another length.
+    Empty if the list is not one of numbers, or has another length.
     """
     if not isinstance(given, (list, tuple)) or not all(_is_number(item) for item in given):
         return ""

@@ -1,4 +1,4 @@
-"""Problems in files: location, message, hint; and names with suggestions for misspelt ones."""
+"""Problems in files: location, message, hint; and names with suggestions for misspelled ones."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ class DriveErrors(Value):
 
 
 class CameraErrors(Value):
-    """Errors of a camera against its calibration, and noise and blur of its pictures."""
+    """Errors of a camera against its calibration, and noise and blur of its images."""
 
     position: Meters = port(_NONE, "Offset of the camera along each of its axes", unit="m")
     rotation: Degrees = port(_NONE, "Rotation of the camera about each of its axes", unit="deg")
@@ -172,7 +172,7 @@ def resolved(
 
     Args:
         world: Model mismatch of the world.
-        arm: Model mismatch of the arm, None where it has none of its own.
+        arm: Model mismatch of the arm, None if it has none of its own.
         sets: Sets by name.
     """
     base = sets["ideal"]

@@ -93,7 +93,7 @@ Angle: TypeAlias = Annotated[
 """Radians; in YAML degrees, at most ten turns: ``90``, or text with a unit: ``"1.57 rad"``."""
 
 Speed: TypeAlias = Annotated[float, Field(ge=0.001, le=1.0)]
-"""Share of the arm's limits of velocity, acceleration and jerk; 1.0 is the arm's maximum."""
+"""Fraction of the arm's limits of velocity, acceleration and jerk; 1.0 is the arm's maximum."""
 
 
 class Value(BaseModel):
@@ -238,7 +238,7 @@ def _below(limit: float, unit: str = "") -> Callable[[Uncertainty], Uncertainty]
 
 
 Share: TypeAlias = Annotated[Uncertainty, AfterValidator(_below(0.9))]
-"""Uncertainty as a share of the value: 0.05 is 5 %. Below 1, so that the value keeps its sign."""
+"""Relative uncertainty: 0.05 is 5 %. Below 1, so that the value keeps its sign."""
 
 Bend: TypeAlias = Annotated[Uncertainty, AfterValidator(_below(0.3))]
 """Uncertainty of a coefficient of radial distortion."""
@@ -249,7 +249,7 @@ Seconds: TypeAlias = Annotated[Uncertainty, AfterValidator(_below(0.1, "s"))]
 
 
 class Offset(PortModel):
-    """Offset from the present pose of the tool."""
+    """Offset from the current pose of the tool."""
 
     xyz: Vector3 = port((0.0, 0.0, 0.0), "Distance along x, y, z", unit="m")
     rpy: Vector3 = port((0.0, 0.0, 0.0), "Roll, pitch, yaw", unit="deg")

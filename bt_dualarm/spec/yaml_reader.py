@@ -66,7 +66,7 @@ class Source:
         return "\n".join(self.lines)
 
     def get(self, path: DataPath) -> Data:
-        """Returns the value at ``path``, None where there is none."""
+        """Returns the value at ``path``, None if there is none."""
         data = self.data
         for part in path:
             if isinstance(part, int):
@@ -155,7 +155,7 @@ def plain_value(text: str) -> bool | int | float | str | None:
     """Returns the value of an unquoted scalar.
 
     Raises:
-        ScalarError: YAML readers disagree on it, or it is no finite number of sensible size.
+        ScalarError: YAML readers disagree on it, or it is not a finite number of sensible size.
     """
     if text in ("", "~", "null", "Null", "NULL"):
         return None

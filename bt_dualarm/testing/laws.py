@@ -99,7 +99,7 @@ class Performance(IdleObserver):
 
     Attributes:
         world: World of the run.
-        arm: Result of the arm, once the run is over.
+        arm: Result of the arm, once the run has ended.
     """
 
     world: World

@@ -122,7 +122,7 @@ def test_no_arm_is_spawned_inside_another(stage: Stage) -> None:
 
 def test_a_place_for_an_arm_is_refused_not_ignored(stage: Stage) -> None:
     """An arm comes where its base is declared."""
-    with pytest.raises(SpecError, match="leave out at"):
+    with pytest.raises(SpecError, match="omit at"):
         run(stage, "[{spawn: {arm: arm2, at: {xyz: [3, 0, 0]}}}]")
     late = "[{set: {key: name, value: arm2}}, {spawn: {arm: '{name}', at: {xyz: [3, 0, 0]}}}]"
     leaf = run(stage, late).leaf("spawn")

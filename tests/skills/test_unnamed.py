@@ -70,7 +70,7 @@ def test_what_is_told_is_refused_before_moving() -> None:
 
 
 def test_what_is_held_has_to_be_clear() -> None:
-    assert failure(CARRY) == ("NOT_ATTACHED", "arm1 holds nothing that it could carry")
+    assert failure(CARRY) == ("NOT_ATTACHED", "arm1 holds nothing to carry")
     assert failure(PUT) == ("NOT_HELD", "arm1 does not hold anything")
 
 
