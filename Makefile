@@ -1,12 +1,12 @@
-# Two commands do everything on a fresh machine: `make demo` and `make test`.
-# They need Python 3.11 or newer, bash and make; `make help` lists the rest.
+# On a fresh machine, `make demo` and `make test` are enough.
+# They need Python 3.11 or newer, bash and make; `make help` lists the other targets.
 
 SHELL := bash
 .SHELLFLAGS := -o pipefail -c
 .DEFAULT_GOAL := help
 
-# The first of these that is Python 3.11, 3.12 or 3.13 (OMPL has no wheel for 3.14 yet);
-# or name another: make demo PYTHON=/path/to/python
+# The first of these that is Python 3.11, 3.12 or 3.13 (OMPL has no wheel for 3.14 yet).
+# To use another one: make demo PYTHON=/path/to/python
 PYTHON ?= $(shell for name in python3 python3.11 python3.12 python3.13 python; do \
 	"$$name" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null \
 	&& echo "$$name" && break; done)
@@ -15,12 +15,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-# The lock has the hashes of the wheels for one kind of machine; elsewhere the same versions do.
+# The lock has hashes of wheels for one platform; other platforms use the same versions without hashes.
 LOCKED := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),\
 	--require-hashes --no-deps --requirement requirements.lock,\
 	--constraint constraints.txt --editable '.[dev]')
 
-# As many test processes as cores, but never more than eight: each of them loads every robot.
+# One test process per core, but at most eight: each of them loads every robot.
 WORKERS ?= logical
 
 .PHONY: help setup demo test matrix fuzz lint format check docs docs-html constraints clean
@@ -30,22 +30,22 @@ help: ## List the targets
 
 setup: $(STAMP) ## Create .venv and install the project with its tools (done once)
 
-demo: $(STAMP) ## Run the main job: two arms pick, carry and track
+demo: $(STAMP) ## Run the demo: two arms pick, carry and track
 	@$(BIN)/bt-run trees/pick_and_track.yaml
-	@echo "Now yours: source $(VENV)/bin/activate, then bt-run --list"
+	@echo "Next: source $(VENV)/bin/activate, then bt-run --list"
 
 test: $(STAMP) ## Run the whole test suite
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet
 
 matrix: export BT_DUALARM_MATRIX := all
-matrix: $(STAMP) ## Test whole families of like cases, as everything that can be done with every kind of file: an hour of CPU
+matrix: $(STAMP) ## Test whole families of similar cases, such as every operation on every kind of file: an hour of CPU
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
 		$$(grep --recursive --files-with-matches --include='test_*.py' tests.families tests)
 
 fuzz: export BT_DUALARM_FUZZ_FILES ?= 200000
 fuzz: export BT_DUALARM_FUZZ_TIMES ?= 40
 fuzz: export BT_DUALARM_FUZZ_SEED ?= $(shell date +%s)
-fuzz: $(STAMP) ## Mutate 40 times as many trees, robots and meshes as the tests do, and others
+fuzz: $(STAMP) ## Test 40 times as many mutated trees, robots and meshes as make test, with other seeds
 	@echo "BT_DUALARM_FUZZ_SEED=$$BT_DUALARM_FUZZ_SEED repeats this run"
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
 		tests/fuzz tests/spec/test_fuzz.py
@@ -60,22 +60,22 @@ format: $(STAMP) ## Format the code and apply the safe fixes
 	@$(BIN)/ruff check --fix
 	@$(BIN)/ruff format
 
-check: lint test ## What every commit passes: lint, then test
+check: lint test ## Lint, then test: run it before every commit
 
-docs: $(STAMP) ## Renew what the pages in docs/ take from the code
+docs: $(STAMP) ## Regenerate the parts of docs/ that come from the code
 	@$(BIN)/python docs/reference.py
 	@$(BIN)/python docs/robots.py
 	@$(BIN)/python docs/grippers.py
 	@$(BIN)/python docs/limits.py
 	@$(BIN)/python docs/members.py
 
-docs-html: $(STAMP) ## Build the documentation as a site, site/index.html; a broken link fails it
+docs-html: $(STAMP) ## Build the documentation as a site, site/index.html; broken links are errors
 	@$(BIN)/python -m pip install --quiet --constraint constraints.txt \
 		--no-build-isolation --editable '.[docs]'
 	@$(BIN)/python -m sphinx -q -W --keep-going -b html -d build/doctrees docs site
 	@echo "Open site/index.html"
 
-constraints: ## Resolve the ranges of pyproject.toml anew: constraints.txt, requirements.lock
+constraints: ## Resolve the version ranges of pyproject.toml again: constraints.txt, requirements.lock
 	@scratch=$$(mktemp -d) && trap 'rm -rf "$$scratch"' EXIT \
 		&& $(PYTHON) -m venv "$$scratch" \
 		&& "$$scratch/bin/python" -m pip install --quiet '.[dev]' \
@@ -84,15 +84,15 @@ constraints: ## Resolve the ranges of pyproject.toml anew: constraints.txt, requ
 		&& cp "$$scratch/constraints.txt" constraints.txt \
 		&& "$$scratch/bin/python" docs/lock.py
 
-clean: ## Remove everything that make made
+clean: ## Remove everything that make has created
 	@rm -rf $(VENV) build dist out site .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# A dot a package, so that a slow connection does not look like a hang.
+# One dot per package, so that a slow connection does not look like a hang.
 $(STAMP): pyproject.toml requirements.lock
 	@test -n "$(PYTHON)" || { \
-		echo "No Python 3.11 or newer found. Name one: make PYTHON=/path/to/python" >&2; exit 1; }
-	@echo "Setting up $(VENV) with $(PYTHON): once, a minute or two, by your connection"
+		echo "No Python 3.11 or newer found. Specify one: make PYTHON=/path/to/python" >&2; exit 1; }
+	@echo "Setting up $(VENV) with $(PYTHON): once, one to two minutes, depending on your connection"
 	@$(PYTHON) -m venv $(VENV) || { \
 		echo "Could not create $(VENV); on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install \
@@ -102,7 +102,7 @@ $(STAMP): pyproject.toml requirements.lock
 		|| { cat $(VENV)/install.log >&2; exit 1; }
 	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet \
 		--no-deps --no-build-isolation --editable .
-	@echo "Compiling what has to be fast: one to three minutes on two cores"
+	@echo "Compiling numerical kernels: one to three minutes on two cores"
 	@$(BIN)/python -c 'import logging; logging.basicConfig(level="INFO", format="%(message)s"); \
 		from bt_dualarm.runtime.prepared import compile_kernels; compile_kernels()'
 	@touch $(STAMP)

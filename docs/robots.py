@@ -21,7 +21,7 @@ _HEAD: Final = """\
 
 Values of `robot`, `posture`, `mount` and `scene` in a tree file. Generated from the catalog by
 `make docs`. `bt-skills robots` and `bt-skills ur5` print the same in a terminal, and
-`bt-skills z1.yaml` prints a description of your own ([how to write one](own_robot.md)).
+`bt-skills z1.yaml` prints your own description ([how to write one](own_robot.md)).
 """
 
 _ROBOTS: Final = """\

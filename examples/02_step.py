@@ -1,4 +1,4 @@
-"""Advance a run in steps, look at it in between, and stop it early.
+"""Advance a run in steps, inspect it in between, and stop it early.
 
 Prints::
 

@@ -1,4 +1,4 @@
-"""Run one tree with several values of a parameter and compare what was measured.
+"""Run one tree with several values of a parameter and compare the measurements.
 
 Prints::
 

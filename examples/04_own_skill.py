@@ -1,7 +1,7 @@
 """Write a skill: trace a square with rounded corners, and use it as a leaf.
 
-`PathSkill` follows a path of the tool: all of it, or nothing. The base class `Skill` asks only for
-a generator `run`, in which every `yield` ends a tick; see `07_blackboard_and_outputs.py`.
+`PathSkill` follows a tool path completely or not at all. The base class `Skill` requires only a
+generator `run`, in which every `yield` ends a tick; see `07_blackboard_and_outputs.py`.
 
 Prints::
 

@@ -1,4 +1,4 @@
-"""Describe a robot of your own and run it: a URDF, and a YAML file beside it with the rest.
+"""Describe and run your own robot: a URDF, and a YAML file beside it with the rest.
 
 The URDF has kinematics, inertia, and limits. This one is generated; yours comes from the
 manufacturer, and `bt-robot my_arm.urdf --base LINK --tool LINK` writes the YAML file.

@@ -1,4 +1,4 @@
-"""Describe a gripper of your own and grasp with it: one YAML file, which goes on any robot.
+"""Describe your own gripper and grasp with it: one YAML file, which fits any robot.
 
 Usage: python 06_own_gripper.py [FOLDER]
 

@@ -1,4 +1,4 @@
-"""Pass values from leaf to leaf: a skill's output, the blackboard, and a decision on it.
+"""Pass values between leaves: a skill's output, the blackboard, and a branch that reads it.
 
 Prints::
 
@@ -10,7 +10,7 @@ import bt_dualarm as bt
 
 
 class MeasureHeight(bt.Skill):
-    """Write how high the tool is, by the arm's encoders, once the arm stands still."""
+    """Write the height of the tool, by the encoders, once the arm is at rest."""
 
     class Ports(bt.PortModel):
         longest: bt.Duration = bt.port(1.0, "how long to wait for rest at most", gt=0, le=60)
@@ -32,8 +32,8 @@ class MeasureHeight(bt.Skill):
         self.output("height", float(self.arm.tool_pose.position[2]))
 
 
-# `height: "{height}"` at an output says which key of the blackboard it is written to; at a port it
-# reads that key. The check refuses a key that nothing can have written before it is read.
+# `height: "{height}"` at an output names the blackboard key to write; at a port it reads that key.
+# The check rejects a key that cannot have been written before it is read.
 TREE = """
 bt_dualarm: 1
 world: {scene: empty}

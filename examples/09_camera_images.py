@@ -1,4 +1,4 @@
-"""Save pictures of an arm's camera: a skill that takes one, wherever the arm stands.
+"""Save images of an arm's camera, with a skill that takes one at the current pose.
 
 Usage: python 09_camera_images.py [FOLDER]
 
@@ -41,7 +41,7 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 
 
 class Photograph(bt.Skill):
-    """Save the picture that the arm's own camera takes from where the arm stands."""
+    """Save an image of the arm's camera from the current pose."""
 
     class Ports(bt.PortModel):
         file: str = bt.port(..., "name of the file to write")

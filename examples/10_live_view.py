@@ -1,4 +1,4 @@
-"""Watch a run while it goes on: the tree with its statuses, in a terminal, in real time.
+"""Watch a run in a terminal in real time: the tree with its statuses.
 
 For the scene in 3-D, cameras, signals, and breakpoints in a browser: ``bt-run motions --view``.
 
@@ -33,9 +33,9 @@ arms:
 """
 
 MARKS = {"RUNNING": ">", "SUCCESS": "+", "FAILURE": "x", "INVALID": "."}
-CLEAR = "\x1b[H\x1b[J" if sys.stdout.isatty() else ""  # draw over what was drawn before
+CLEAR = "\x1b[H\x1b[J" if sys.stdout.isatty() else ""  # redraw in place
 
-# With `real_time` a step returns no earlier than its simulated time has passed on the clock.
+# With `real_time` a step takes at least its simulated time on the wall clock.
 with bt.open(TREE, real_time=True) as run:
     arm = run.arms["arm1"]
     while not run.done:

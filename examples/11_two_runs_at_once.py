@@ -1,4 +1,4 @@
-"""Hold two runs open at once and compare them while they go on: a model robot and a real one.
+"""Step two runs in parallel and compare them: an ideal robot and one in `lab`.
 
 Prints::
 
@@ -15,8 +15,8 @@ import contextlib
 import bt_dualarm as bt
 
 with contextlib.ExitStack() as stack:
-    # `ideal` is the model that controllers believe in; `lab` draws friction, masses, drives and
-    # encoders of a well-kept robot from the seed.
+    # `ideal` is the nominal model of the controllers; `lab` samples friction, masses, drives and
+    # encoders of a well-maintained robot with the seed.
     ideal, real = (
         stack.enter_context(bt.open("circle", params={"turns": 1}, reality=reality, seed=5))
         for reality in ("ideal", "lab")

@@ -1,4 +1,4 @@
-"""Read why a tree failed: the result's codes and numbers, then the story that `bt-why` tells.
+"""Read why a tree failed: the result's codes and numbers, then the diagnosis of `bt-why`.
 
 Usage: python 12_why_it_failed.py [FOLDER]
 
@@ -45,7 +45,7 @@ for leaf in result.arms["arm1"].leaves.values():
     if leaf.status == "FAILURE":
         print("  numbers:", ", ".join(f"{k} = {v:.3f}" for k, v in leaf.metrics.items()))
 
-# From a record `bt-why` looks for causes in what the leaf knew and in what truly happened.
+# `bt-why` derives causes from the record: from what the leaf knew and what truly happened.
 program = Path(sys.executable).with_name("bt-why")
 story = subprocess.run([program, folder / "record"], capture_output=True, text=True, check=True)
 print(story.stdout)

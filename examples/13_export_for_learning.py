@@ -1,4 +1,4 @@
-"""Turn runs into a data set for imitation learning, in LeRobot's format, and look into it.
+"""Turn runs into a data set for imitation learning, in LeRobot's format, and inspect it.
 
 Needs the extra ``export`` (``pip install 'bt_dualarm[export]'``), which brings pyarrow.
 
@@ -28,7 +28,7 @@ import bt_dualarm as bt
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 
-# A run with its record is one demonstration; the seed draws another robot for each.
+# A run with its record is one demonstration; the seed samples another robot for each.
 records = [folder / f"run_{seed}" for seed in (1, 2)]
 for seed, record in enumerate(records, start=1):
     bt.run("circle", params={"turns": 1, "speed": 1.0}, seed=seed, record=record)
@@ -51,7 +51,7 @@ print(f"{info['total_frames']} frames")
 for name, feature in info["features"].items():
     print(f"  {name:24} {feature['dtype']} {feature['shape']}")
 
-# Statistics to normalize by come with it; frames are in Parquet files below `data/data`.
+# It includes statistics for normalization; frames are in Parquet files below `data/data`.
 stats = json.loads((folder / "data" / "meta" / "stats.json").read_text())["action"]
 for name, mean, std in zip(
     info["features"]["action"]["names"], stats["mean"], stats["std"], strict=True

@@ -35,7 +35,7 @@ for problem in problems:
 # Problems are data, too: for an editor, or a service that takes trees from others.
 print([problem.hint for problem in problems if problem.hint])
 
-# Running it raises before anything has moved, with the same problems.
+# Running it raises an error with the same problems before anything moves.
 try:
     bt.run(TREE)
 except bt.SpecError as error:

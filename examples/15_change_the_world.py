@@ -1,4 +1,4 @@
-"""Reach into a running world, as a hand could, and see how the tree deals with it.
+"""Change the world during a run, as a person could, and see how the tree reacts.
 
 Prints::
 
@@ -44,7 +44,7 @@ with bt.open(TREE) as run:
     result = run.finish()
     print(f"{result.outcome}: arm1 holds {', '.join(run.arms['arm1'].holds)}")
 
-# A leaf that is retried has several runs, all of which are kept.
+# A retried leaf has several runs; the result has all of them.
 for attempt in result.arms["arm1"].runs:
     if attempt.skill != "wait":
         why = f" {attempt.code}: {attempt.reason}" if attempt.code else ""

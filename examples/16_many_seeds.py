@@ -1,4 +1,4 @@
-"""Ask how robust a tree is: run it with many seeds, each of which draws another robot.
+"""Test how robust a tree is: run it with many seeds, each of which samples another robot.
 
 Prints::
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import bt_dualarm as bt
 
-Node = dict[str, Any]  # Any: what YAML could say
+Node = dict[str, Any]  # Any: values that YAML can express
 
 
 def polygon(corners: int, radius: float) -> Node:
-    """Sequence of straight lines of the tool around a regular polygon; radius in m."""
+    """Sequence of straight tool motions along a regular polygon; radius in m."""
     angles = [2 * pi * i / corners for i in range(corners + 1)]
     points = [(radius * cos(angle), radius * sin(angle)) for angle in angles]
     steps = [[0.0, b[0] - a[0], b[1] - a[1]] for a, b in pairwise(points)]
@@ -26,7 +26,7 @@ def polygon(corners: int, radius: float) -> Node:
 
 
 def arm(side: float, corners: int) -> Node:
-    """UR5 that stands so far to the side, in m, and draws."""
+    """Arm specification of a UR5 at a sideways offset in m that draws a polygon."""
     base = {"xyz": [0.0, side, 0.4]}
     return {"robot": "ur5", "base": base, "tree": polygon(corners, radius=0.08)}
 

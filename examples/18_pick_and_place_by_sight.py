@@ -1,4 +1,4 @@
-"""Find a cube by the wrist camera, grasp it, and place it: its pose is nowhere in the tree.
+"""Find a cube with the wrist camera, grasp it, and place it; the tree does not contain its pose.
 
 Prints::
 
@@ -14,7 +14,7 @@ Prints::
 import bt_dualarm as bt
 
 # `locate` writes what it has seen to the key `cube`, which `grasp` reads. `score` compares with
-# the true pose for the metrics; no skill moves by it. The seed moves the cube within `noise`.
+# the true pose for the metrics; no motion depends on it. The seed moves the cube within `noise`.
 TREE = """
 bt_dualarm: 1
 name: by_sight
@@ -45,7 +45,7 @@ leaves = bt.run(TREE).arms["arm1"].leaves
 for leaf in leaves.values():
     print(f"{leaf.skill}: {leaf.status} after {leaf.ended_s:.1f} s {leaf.reason}".rstrip())
 
-# A leaf that never ran is not there: its name would raise an error that lists those that did.
+# A leaf that never ran is missing: its name raises an error that lists those that ran.
 locate, grasp, place = (leaves[f"sequence/{name}"].metrics for name in ("locate", "grasp", "place"))
 print(f"located from {locate['views']} views, {1000 * locate['located_error_m']:.1f} mm off")
 print(f"held by {grasp['grip_force_n']:.0f} N at a width of {1000 * grasp['width_m']:.1f} mm")

@@ -71,7 +71,7 @@ class ApproachAndAttach(Skill):
         "GRIPPER_FULL": "the gripper of the arm holds something else",
         "NOT_THERE": "the object is not in the world, or was removed meanwhile",
         "OUT_OF_REACH": "no approach of the object is both reachable and collision-free",
-        "PROXIMITY_NOT_REACHED": "the tool did not come near enough, or did not touch the object",
+        "PROXIMITY_NOT_REACHED": "the tool did not come close enough, or did not touch the object",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }

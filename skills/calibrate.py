@@ -75,7 +75,7 @@ _VIEWPOINTS = (
 
 
 class Calibrate(Skill):
-    """View a still mark, best a ball, from several sides, and correct the camera's mount by it."""
+    """View a stationary mark, preferably a sphere, from several sides; correct the camera mount."""
 
     class Ports(PortModel):
         color: Color = port("yellow", "color of the mark: a name or HSV ranges")

@@ -17,13 +17,13 @@ class Circle(PathSkill):
         start: Literal["around", "from"] = port(
             "around", "around: the tool is at the center at the start; from: it is on the circle"
         )
-        waypoints: int = port(20, "points on a turn through which the path passes", ge=4, le=1000)
+        waypoints: int = port(20, "number of waypoints per turn", ge=4, le=1000)
         turns: float = port(1.0, "number of turns; less than 1 is an arc", ge=0.01, le=100)
         begin: Angle = port(
             0.0, "angle of the first point, from the plane's first axis", ge=-360, le=360
         )
         direction: Literal["counterclockwise", "clockwise"] = port(
-            "counterclockwise", "as seen against the plane's normal"
+            "counterclockwise", "direction of rotation, viewed against the plane's normal"
         )
         tilt: Angle = port(
             0.0,

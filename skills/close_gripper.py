@@ -20,7 +20,7 @@ from bt_dualarm import (
 
 
 class CloseGripper(Skill):
-    """Close the fingers on what is between them, or suck it, and hold it."""
+    """Close the fingers, or apply the vacuum of a cup, and hold the object."""
 
     class Ports(PortModel):
         width: GripWidth = port(
@@ -36,7 +36,7 @@ class CloseGripper(Skill):
             None, "object between the fingers; the arm then assumes that it moves with the tool"
         )
         at: PoseSpec | None = port(None, "estimated pose of that object; by default its true pose")
-        empty: bool = port(False, "whether it also succeeds with nothing between the fingers")
+        empty: bool = port(False, "whether to succeed even if nothing is between the fingers")
         settle: Duration = port(0.2, "time for which the hold must last before it succeeds", le=10)
 
     failures = {

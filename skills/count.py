@@ -8,7 +8,7 @@ from bt_dualarm import Failure, PortModel, SightPorts, Skill, port, standing_of,
 
 
 class Count(Skill):
-    """Count the objects of a kind that are fully in the wrist camera's view, possibly none."""
+    """Count the objects of one kind that are fully in the wrist camera's view."""
 
     class Ports(SightPorts):
         frames: int = port(4, "images that are averaged", ge=1, le=100)

@@ -26,9 +26,7 @@ class Lissajous(PathSkill):
         start: Literal["around", "from"] = port(
             "around", "around: the tool is at the center at the start; from: it is on the curve"
         )
-        waypoints: int = port(
-            40, "points on the curve through which the path passes", ge=4, le=1000
-        )
+        waypoints: int = port(40, "number of waypoints on the curve", ge=4, le=1000)
         repeats: float = port(
             1.0, "number of passes of the whole curve; less than 1 is a part of it", ge=0.01, le=100
         )

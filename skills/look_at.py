@@ -33,7 +33,9 @@ class LookAt(Skill):
             0.4, "distance of the camera from the point", unit="m", ge=0.05, le=5
         )
         direction: Vector3 = port((0.0, 0.0, -1.0), "line of sight, world axes")
-        lean: Angle = port(30, "largest angle between line of sight and direction", ge=0, le=90)
+        lean: Angle = port(
+            30, "largest angle between the line of sight and `direction`", ge=0, le=90
+        )
         speed: Speed = port(0.5, "fraction of the arm's limits")
 
     failures = {

@@ -35,7 +35,7 @@ class ReachToPose(Skill):
         posture: PostureName | None = port(None, "named posture of the robot, such as home")
         prefer: Literal["nearest", "conditioned"] = port(
             "nearest",
-            "which configuration: the nearest, or the one farthest from singularities",
+            "choice of the configuration: nearest, or farthest from singularities",
         )
         patience: Duration = port(5.0, "longest wait for another arm that blocks the path", le=600)
         give_way: bool = port(
@@ -53,7 +53,7 @@ class ReachToPose(Skill):
     failures = {
         "INVALID_TARGET": "no such posture, or a target outside the workspace",
         "UNREACHABLE": "no configuration of the arm puts the tool there",
-        "IN_COLLISION": "the arm would touch something there",
+        "IN_COLLISION": "the arm would be in collision at the target",
         "NO_PLAN": "no collision-free path was found",
         "NOT_REACHED": "the tool ended farther away than the tolerance",
         "TRACKING_ERROR": "the arm was blocked or could not follow",

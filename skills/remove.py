@@ -8,7 +8,7 @@ from bt_dualarm import ArmName, Failure, ObjectName, PortModel, Skill, WorldErro
 
 
 class Remove(Skill):
-    """Remove an object or another arm from the running world; what that arm held falls."""
+    """Remove an object or another arm from the running world; objects that the arm held fall."""
 
     class Ports(PortModel):
         exactly_one_of = ("object", "arm")

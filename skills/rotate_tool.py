@@ -21,7 +21,7 @@ from bt_dualarm import (
 
 
 class RotateTool(PathSkill):
-    """Rotate the tool about an axis of its own or of the world, through a point fixed to it."""
+    """Rotate the tool about an axis of the tool or the world, through a point on the tool."""
 
     class Ports(PortModel):
         angle: Angle = port(..., "angle of rotation, right-handed about the axis", ge=-720, le=720)

@@ -37,13 +37,15 @@ class Scan(Skill):
         width: float = port(0.5, "extent of the area along x", unit="m", ge=0, le=5)
         depth: float = port(0.4, "extent of the area along y", unit="m", ge=0, le=5)
         distance: float = port(0.45, "distance of the camera from the area", unit="m", ge=0.1, le=5)
-        lean: Angle = port(30, "largest angle between line of sight and vertical", ge=0, le=90)
+        lean: Angle = port(
+            30, "largest angle between the line of sight and the vertical", ge=0, le=90
+        )
         least: int = port(1, "number of objects at which the search ends", ge=1, le=100)
         frames: int = port(4, "images that are averaged at each viewpoint", ge=1, le=100)
         speed: Speed = port(0.5, "fraction of the arm's limits")
 
     class Outputs(PortModel):
-        pose: PoseSpec = port(..., "Rough pose of the object detected first")
+        pose: PoseSpec = port(..., "Rough pose of the first detected object")
         count: int = port(..., "Number of objects detected")
 
     failures = {

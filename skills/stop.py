@@ -1,4 +1,4 @@
-"""Stop the arm, whichever leaf moves it."""
+"""Stop the arm, regardless of which leaf moves it."""
 
 from __future__ import annotations
 

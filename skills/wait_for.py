@@ -8,11 +8,11 @@ from bt_dualarm import Duration, Failure, SightPorts, Skill, own_camera, port, s
 
 
 class WaitFor(Skill):
-    """Wait, without moving, until enough objects of a kind are in the wrist camera's view."""
+    """Wait, without moving, until enough objects of one kind are in the wrist camera's view."""
 
     class Ports(SightPorts):
-        least: int = port(1, "number of objects that have to be in view", ge=1, le=100)
-        confirm: int = port(3, "successive images that have to show them", ge=1, le=100)
+        least: int = port(1, "number of objects that must be in view", ge=1, le=100)
+        confirm: int = port(3, "number of successive images that must show them", ge=1, le=100)
         every: Duration = port(0.1, "time between two images", le=60)
         wait: Duration = port(60.0, "longest wait", gt=0)
 

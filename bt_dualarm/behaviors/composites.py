@@ -71,7 +71,7 @@ class Sequence(ChildSwap, composites.Sequence):
 
     node_type = _in_order(
         "sequence",
-        "Children one after the other until one fails",
+        "Runs its children in sequence until one fails",
         "sequence: [{wait: 1}, {log: a second is over}]",
         {"ReactiveSequence": "memory: false", "SequenceWithMemory": ""},
         advances_on=True,
@@ -88,7 +88,7 @@ class Selector(ChildSwap, composites.Selector):
 
     node_type = _in_order(
         "selector",
-        "Children one after the other until one succeeds",
+        "Runs its children in sequence until one succeeds",
         "selector: [{compare: {value: 1, to: 2}}, {log: they differ}]",
         {"Fallback": "", "ReactiveFallback": "memory: false"},
         advances_on=False,
@@ -208,7 +208,7 @@ class Parallel(Node):
 
     node_type = LanguageNode(
         "parallel",
-        "All children at once",
+        "Runs all children concurrently",
         Ports,
         many=True,
         fixed=frozenset({"policy", "on_failure"}),
@@ -252,11 +252,11 @@ class Switch(Node):
     class Ports(PortModel):
         """Ports of switch."""
 
-        value: str | int | bool = port(..., "What to compare with the names of the cases")
+        value: str | int | bool = port(..., "Value to compare with the names of the cases")
 
     node_type = LanguageNode(
         "switch",
-        "The child whose case equals a value",
+        "Runs the child whose case equals a value",
         Ports,
         cases=True,
         slots=(Slot("default", required=False),),
@@ -308,7 +308,7 @@ class If(Node):
 
     node_type = LanguageNode(
         "if",
-        "One of two children, by a condition evaluated once at the start",
+        "Runs one of two children, by a condition evaluated once at the start",
         slots=(
             Slot("condition"),
             Slot("then", after=True),
@@ -358,7 +358,7 @@ class While(Node):
 
     node_type = LanguageNode(
         "while",
-        "Starts its child again and again as long as a condition holds",
+        "Repeats its child as long as a condition holds",
         slots=_CONDITION_AND_CHILD,
         example="while: {condition: {compare: {value: 1, to: 2}}, child: {wait: 1}}",
         outcomes=_while_outcomes,

@@ -64,17 +64,17 @@ class Decorator(ReportingNode, decorators.Decorator):
 
 
 class Retry(Node):
-    """Starts its child again when it fails. py_trees' has no pause between attempts."""
+    """Repeats its child until it succeeds. py_trees' has no pause between attempts."""
 
     class Ports(PortModel):
         """Ports of retry."""
 
-        times: _Count = port(..., "Attempts in all")
+        times: _Count = port(..., "Total number of attempts")
         delay: Duration = port(0.0, "Pause between two attempts", le=3600.0)
 
     node_type = LanguageNode(
         "retry",
-        "Starts its child again when it fails",
+        "Repeats its child until it succeeds",
         Ports,
         slots=_CHILD,
         example="retry: {times: 3, delay: 0.5, child: {compare: {value: 1, to: 2}}}",
@@ -115,16 +115,16 @@ def _repeat_outcomes(node: NodeSpec, children: ChildOutcomes) -> Outcomes:
 
 
 class Repeat(Node):
-    """Starts its child again when it succeeds. py_trees' cannot take its count from a key."""
+    """Repeats its child while it succeeds. py_trees' cannot take its count from a key."""
 
     class Ports(PortModel):
         """Ports of repeat."""
 
-        times: _Count | Literal["forever"] = port(..., "Successes in a row, or forever")
+        times: _Count | Literal["forever"] = port(..., "Number of successes, or `forever`")
 
     node_type = LanguageNode(
         "repeat",
-        "Starts its child again when it succeeds",
+        "Repeats its child while it succeeds",
         Ports,
         slots=_CHILD,
         example="repeat: {times: 3, child: {wait: 1}}",
@@ -206,18 +206,18 @@ class Delay(Node):
 
 
 class Rate(Node):
-    """Ticks its child less often; between those ticks it keeps running."""
+    """Ticks its child at a lower rate; between those ticks it keeps running."""
 
     class Ports(PortModel):
         """Ports of rate."""
 
         hz: float = port(
-            ..., "Ticks of the child per simulated second at most", unit="Hz", ge=0.001, le=1000
+            ..., "Largest number of child ticks per simulated second", unit="Hz", ge=0.001, le=1000
         )
 
     node_type = LanguageNode(
         "rate",
-        "Ticks its child less often",
+        "Ticks its child at a lower rate",
         Ports,
         slots=_CHILD,
         example="rate: {hz: 2, child: {wait: 5}}",
@@ -249,7 +249,7 @@ class Inverter(Decorator, decorators.Inverter):
 
     node_type = LanguageNode(
         "inverter",
-        "Inverts success and failure",
+        "Inverts the result of its child",
         slots=_CHILD,
         example="inverter: {child: {compare: {value: 1, to: 2}}}",
         outcomes=lambda _, children: Outcomes(children[0].fails, children[0].succeeds),
@@ -302,11 +302,11 @@ class RunOnce(Decorator, decorators.OneShot):
 
 
 class OnHalt(Node):
-    """Ticks a cleanup once when its child is halted; a halt cannot wait for a longer one."""
+    """Ticks a cleanup node once when its child is halted; a halt cannot wait for a longer one."""
 
     node_type = LanguageNode(
         "on_halt",
-        "Ticks a cleanup once when its child is halted",
+        "Ticks a cleanup node once when its child is halted",
         slots=(Slot("child"), Slot("cleanup")),
         example="on_halt: {child: {wait: 5}, cleanup: {log: interrupted}}",
         outcomes=as_child,
@@ -337,7 +337,7 @@ class Subtree(Node):
 
     node_type = LanguageNode(
         "subtree",
-        "A subtree by name, with values for its parameters",
+        "Runs a subtree by name, with values for its parameters",
         Ports,
         uses="use",
         example="subtree: {use: pause, params: {time: 2}}",
