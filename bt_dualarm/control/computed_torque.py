@@ -1,4 +1,9 @@
-"""Computed-torque control of one arm: observers, compliance, force limit, and the control law."""
+"""Computed-torque control of one arm.
+
+- `ComputedTorque` commands the torques for a set-point, once per control period.
+- `StateObserver` and `MomentumObserver` estimate joint motion and external torques.
+- `Compliance` makes the arm soft on contact, `ForceLimit` monitors the contact force.
+"""
 
 from __future__ import annotations
 
@@ -47,6 +52,209 @@ from bt_dualarm.sim.arm_models import NominalArm, NominalLoad
 from bt_dualarm.sim.kernel_columns import DRIVES
 from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.limits import SetPoint, SetPointLimiter, limit_rows
+
+BREAKAWAY_S: Final = 0.35
+"""Seconds after the start in which joints break away and friction settles: the arm stays stiff."""
+
+_COMPENSATION_S: Final = 0.5
+"""Averaging time with which a compliant arm compensates disturbances, s."""
+
+_BANDWIDTH: Final = 30.0
+"""Bandwidth of a compliant arm, rad/s: softer, friction causes path errors; stiffer, it bounces."""
+
+# Indices in `law_array`, in which gravity takes three elements.
+_BANDWIDTH_AT: Final = 2 + ControlLaw._fields.index("bandwidth")
+
+_COMPENSATION_AT: Final = 2 + ControlLaw._fields.index("compensation_share")
+
+_SINGULAR = 0.02
+"""Singular values below this share of the largest are treated as zero: in such directions joint
+torques hardly depend on the wrench. The largest is at least 1, as every joint rotates the tool."""
+
+
+class ComputedTorque:
+    """Computed-torque controller of one arm.
+
+    The torque is ``M(q) (a + 2w(v - v̂) + w²(q - q̂) - d) + bias + friction``, within the effort
+    limits (computed torque, Siciliano et al., Robotics, 8.5.2), where q̂, v̂ and the disturbance d
+    are estimates of `StateObserver`. M and bias are those of the nominal arm with its payload;
+    friction is that of the robot description at the commanded velocity. Limit check, observers and
+    control law run in one compiled call (`control_kernels.command_set_point`).
+
+    Args:
+        world: World that contains the arm.
+        arm: Name of the arm.
+        period: Seconds for which a torque is held.
+
+    Attributes:
+        saturated: Number of periods in which torques were scaled down to the effort limits.
+        observer: State observer of the joints.
+        touch: Momentum observer.
+        compliance: Compliance of the arm.
+        top_speed: Velocity limits of the joints, of shape (dof,), rad/s.
+        telemetry: Speed share, position error and contact torque, see `kernel_rows`.
+        collision_detector: Collision detector, or None if disabled.
+        collision_detected: Whether it detected a collision at the last command.
+    """
+
+    def __init__(self, world: World, arm: str, period: float) -> None:
+        from bt_dualarm.control.control_kernels import command_set_point, law_array
+
+        self._follow = command_set_point
+        self.saturated = 0
+        self._name = arm
+        self._hardware = world.hardware[arm]
+        self._nominal = world.nominal[arm]
+        law = control_law(period, world.timestep, self._nominal.model.opt.gravity.copy())
+        self._law = law_array(law)
+        self.compliance = Compliance(self._law, period)
+        # The declared limits of an arm may be a share of its robot's. Exceeding only that share
+        # damages nothing, so that measured speeds are compared with the robot's own limits.
+        self.top_speed = (
+            world.robots[arm].limits.velocity / world.declared_arms[arm].limits.velocity
+        )
+        self._joints = joint_constants(self._nominal, self.top_speed)
+        dof = len(self._hardware.q)
+        self._state = np.zeros((STATE, dof))
+        self._inertias = np.zeros((2, dof, dof))
+        state = self._state  # views of rows: looking one up costs as much as filling it
+        state[SENT_Q] = self._hardware.q
+        self._desired = state[DESIRED_Q], state[DESIRED_V], state[DESIRED_A]
+        self._speed = state[MEASURED_V]
+        self._torque = state[TORQUE]
+        self.telemetry = np.zeros(TELEMETRY)
+        self._disturbance_torque = state[DISTURBANCE_TORQUE]
+        self._limits = limit_rows(world.robots[arm].limits)
+        self._drives = self._hardware.drives
+        self.observer = StateObserver(law, state, self._hardware.q)
+        self.touch = MomentumObserver(state, self._inertias[0])
+        collision = world.declared_arms[arm].collision
+        friction = self._nominal.friction
+        self.collision_detector = (
+            CollisionDetector(friction, collision.threshold) if collision.stop else None
+        )
+        self.collision_detected = False
+        self._payload_estimator = (
+            PayloadEstimator(self._nominal, period) if self._nominal.estimates_payload else None
+        )
+        self._set_loads(self._nominal.loads, grace=False)
+
+    @property
+    def mean_velocity(self) -> Vector:
+        """Joint velocities without noise: commanded plus filtered error, of shape (dof,), rad/s."""
+        mean_velocity: Vector = self._state[SENT_V] + self._state[MEAN_V_ERROR]
+        return mean_velocity
+
+    def command(self, sent: SetPoint, time: float) -> SetPoint:
+        """Command the torques for a set-point that is known to keep the limits; return it.
+
+        Raises:
+            DivergenceError: A torque is not a number.
+        """
+        return self._command(sent, None, time)
+
+    def send(self, desired: SetPoint, limiter: SetPointLimiter, time: float) -> SetPoint:
+        """Command the torques for a set-point, limited first if it breaks the limits.
+
+        Args:
+            desired: Set-point that may break the limits.
+            limiter: Limiter that has passed all previous set-points.
+            time: Simulated time, s.
+
+        Returns:
+            The set-point that was sent.
+
+        Raises:
+            DivergenceError: A torque is not a number.
+        """
+        if self._payload_estimator is None:
+            return self._command(desired, limiter, time)
+        # The payload estimator needs the final set-point before the kernel call.
+        return self._command(limiter.bend(desired), None, time)
+
+    def _command(self, sent: SetPoint, limiter: SetPointLimiter | None, time: float) -> SetPoint:
+        """Command a set-point; without a limiter it is known to keep the limits."""
+        if self._held is not self._nominal.loads:
+            self._set_loads(self._nominal.loads, grace=True)
+        hardware = self._hardware
+        q, v, a = self._desired
+        # The kernel updates the observer, unless the payload estimator needs its estimate before.
+        reads = self.observer.store(hardware.q)
+        if self._payload_estimator is not None:
+            reads = self._update_payload(self._payload_estimator, sent, reads=reads)
+        q[:] = sent.q
+        v[:] = sent.v
+        a[:] = sent.a
+        self._speed[:] = hardware.v
+        self.compliance.advance()
+        flags = (
+            READ_ENCODERS * reads
+            | NEW_MODEL * self.touch.is_new
+            | WITHIN_LIMITS * (limiter is None)
+        )
+        outcome = self._call(flags)
+        # The kernel has changed nothing yet: limit the set-point and call it again.
+        if outcome == OUTSIDE_LIMITS and limiter is not None:
+            sent = limiter.bent(sent)
+            q[:] = sent.q
+            v[:] = sent.v
+            a[:] = sent.a
+            outcome = self._call(flags | WITHIN_LIMITS)
+        self.touch.is_new = False
+        if outcome == NOT_FINITE:
+            reason = f"the torques of {self._name} are no numbers"
+            raise DivergenceError(f"the simulation diverged at {time:.3f} s: {reason}")
+        self.saturated += outcome == SATURATED
+        if self.collision_detector is not None:
+            self.collision_detected = self.collision_detector.update(
+                self._inertias[0], sent, self._disturbance_torque
+            )
+        hardware.note_command(self._torque.copy())
+        return sent
+
+    def _call(self, flags: int) -> int:
+        return self._follow(
+            self._law,
+            self._limits,
+            self._links,
+            self._joints,
+            self._inertias,
+            self._drives,
+            flags,
+            self._state,
+            self.telemetry,
+        )
+
+    def _update_payload(self, estimator: PayloadEstimator, sent: SetPoint, *, reads: bool) -> bool:
+        """Update the payload estimate, and switch to a new model without a jump of the torques.
+
+        Args:
+            estimator: Payload estimator.
+            sent: Current set-point.
+            reads: Whether the encoder reading has not been used yet.
+
+        Returns:
+            Whether the encoder reading has not been used yet: False.
+        """
+        observer = self.observer
+        if reads:
+            observer.update()
+        if estimator.update(observer.q, observer.v, sent, self._hardware.commanded):
+            self._set_loads(self._nominal.loads, grace=False)
+            self._dynamics.update(observer.q, observer.v)
+            # The last torques stay, but produce another acceleration in the new model.
+            driving = self._state[NET_TORQUE] - self._dynamics.bias
+            observer.change_model(self._dynamics.accelerations(driving))
+        return False
+
+    def _set_loads(self, loads: tuple[NominalLoad, ...], *, grace: bool) -> None:
+        """Use the dynamics with these loads; ``grace`` as in `CollisionDetector.reset`."""
+        self._held = loads
+        self._dynamics = ArmDynamics(self._nominal, loads)
+        self._links = links_of(self._dynamics.model)
+        self.touch.reset()
+        if self.collision_detector is not None:
+            self.collision_detector.reset(grace=grace)
 
 
 class StateObserver:
@@ -185,20 +393,6 @@ class MomentumObserver:
         self._torque[:] = 0.0
 
 
-BREAKAWAY_S: Final = 0.35
-"""Seconds after the start in which joints break away and friction settles: the arm stays stiff."""
-
-_COMPENSATION_S: Final = 0.5
-"""Averaging time with which a compliant arm compensates disturbances, s."""
-
-_BANDWIDTH: Final = 30.0
-"""Bandwidth of a compliant arm, rad/s: softer, friction causes path errors; stiffer, it bounces."""
-
-# Indices in `law_array`, in which gravity takes three elements.
-_BANDWIDTH_AT: Final = 2 + ControlLaw._fields.index("bandwidth")
-_COMPENSATION_AT: Final = 2 + ControlLaw._fields.index("compensation_share")
-
-
 class Compliance:
     """Makes an arm respond to contact like a spring of 5 to 10 N/mm at the tool.
 
@@ -266,210 +460,6 @@ class Compliance:
             self._numbers[_COMPENSATION_AT] = self._period / average_s
 
 
-class ComputedTorque:
-    """Computed-torque controller of one arm.
-
-    The torque is ``M(q) (a + 2w(v - v̂) + w²(q - q̂) - d) + bias + friction``, within the effort
-    limits (computed torque, Siciliano et al., Robotics, 8.5.2), where q̂, v̂ and the disturbance d
-    are estimates of `StateObserver`. M and bias are those of the nominal arm with its payload;
-    friction is that of the robot description at the commanded velocity. Limit check, observers and
-    control law run in one compiled call (`control_kernels.command_set_point`).
-
-    Args:
-        world: World that contains the arm.
-        arm: Name of the arm.
-        period: Seconds for which a torque is held.
-
-    Attributes:
-        saturated: Number of periods in which torques were scaled down to the effort limits.
-        observer: State observer of the joints.
-        touch: Momentum observer.
-        compliance: Compliance of the arm.
-        top_speed: Velocity limits of the joints, of shape (dof,), rad/s.
-        telemetry: Speed share, position error and contact torque, see `kernel_rows`.
-        collision_detector: Collision detector, or None if disabled.
-        collision_detected: Whether it detected a collision at the last command.
-    """
-
-    def __init__(self, world: World, arm: str, period: float) -> None:
-        from bt_dualarm.control.control_kernels import command_set_point, law_array
-
-        self._follow = command_set_point
-        self.saturated = 0
-        self._name = arm
-        self._hardware = world.hardware[arm]
-        self._nominal = world.nominal[arm]
-        law = control_law(period, world.timestep, self._nominal.model.opt.gravity.copy())
-        self._law = law_array(law)
-        self.compliance = Compliance(self._law, period)
-        # The declared limits of an arm may be a share of its robot's. Exceeding only that share
-        # damages nothing, so that measured speeds are compared with the robot's own limits.
-        self.top_speed = (
-            world.robots[arm].limits.velocity / world.declared_arms[arm].limits.velocity
-        )
-        self._joints = joint_constants(self._nominal, self.top_speed)
-        dof = len(self._hardware.q)
-        self._state = np.zeros((STATE, dof))
-        self._inertias = np.zeros((2, dof, dof))
-        state = self._state  # views of rows: looking one up costs as much as filling it
-        state[SENT_Q] = self._hardware.q
-        self._desired = state[DESIRED_Q], state[DESIRED_V], state[DESIRED_A]
-        self._speed = state[MEASURED_V]
-        self._torque = state[TORQUE]
-        self.telemetry = np.zeros(TELEMETRY)
-        self._disturbance_torque = state[DISTURBANCE_TORQUE]
-        self._limits = limit_rows(world.robots[arm].limits)
-        self._drives = self._hardware.drives
-        self.observer = StateObserver(law, state, self._hardware.q)
-        self.touch = MomentumObserver(state, self._inertias[0])
-        collision = world.declared_arms[arm].collision
-        friction = self._nominal.friction
-        self.collision_detector = (
-            CollisionDetector(friction, collision.threshold) if collision.stop else None
-        )
-        self.collision_detected = False
-        self._payload_estimator = (
-            PayloadEstimator(self._nominal, period) if self._nominal.estimates_payload else None
-        )
-        self._set_loads(self._nominal.loads, grace=False)
-
-    @property
-    def mean_velocity(self) -> Vector:
-        """Joint velocities without noise: commanded plus filtered error, of shape (dof,), rad/s."""
-        mean_velocity: Vector = self._state[SENT_V] + self._state[MEAN_V_ERROR]
-        return mean_velocity
-
-    def command(self, sent: SetPoint, time: float) -> SetPoint:
-        """Command the torques for a set-point that is known to keep the limits; return it.
-
-        Raises:
-            DivergenceError: A torque is not a number.
-        """
-        return self._command(sent, None, time)
-
-    def send(self, desired: SetPoint, limiter: SetPointLimiter, time: float) -> SetPoint:
-        """Command the torques for a set-point, limited first if it breaks the limits.
-
-        Args:
-            desired: Set-point that may break the limits.
-            limiter: Limiter that has passed all previous set-points.
-            time: Simulated time, s.
-
-        Returns:
-            The set-point that was sent.
-
-        Raises:
-            DivergenceError: A torque is not a number.
-        """
-        if self._payload_estimator is None:
-            return self._command(desired, limiter, time)
-        # The payload estimator needs the final set-point before the kernel call.
-        return self._command(limiter.bend(desired), None, time)
-
-    def _command(self, sent: SetPoint, limiter: SetPointLimiter | None, time: float) -> SetPoint:
-        """Command a set-point; without a limiter it is known to keep the limits."""
-        if self._held is not self._nominal.loads:
-            self._set_loads(self._nominal.loads, grace=True)
-        hardware = self._hardware
-        (q, v, a) = self._desired
-        reads = self.observer.store(hardware.q)
-        if self._payload_estimator is not None:
-            reads = self._update_payload(self._payload_estimator, sent, reads=reads)
-        q[:] = sent.q
-        v[:] = sent.v
-        a[:] = sent.a
-        self._speed[:] = hardware.v
-        self.compliance.advance()
-        flags = (
-            READ_ENCODERS * reads
-            | NEW_MODEL * self.touch.is_new
-            | WITHIN_LIMITS * (limiter is None)
-        )
-        outcome = self._call(flags)
-        if outcome == OUTSIDE_LIMITS and limiter is not None:
-            sent = limiter.bent(sent)
-            q[:] = sent.q
-            v[:] = sent.v
-            a[:] = sent.a
-            outcome = self._call(flags | WITHIN_LIMITS)
-        self.touch.is_new = False
-        if outcome == NOT_FINITE:
-            reason = f"the torques of {self._name} are no numbers"
-            raise DivergenceError(f"the simulation diverged at {time:.3f} s: {reason}")
-        self.saturated += outcome == SATURATED
-        if self.collision_detector is not None:
-            self.collision_detected = self.collision_detector.update(
-                self._inertias[0], sent, self._disturbance_torque
-            )
-        hardware.note_command(self._torque.copy())
-        return sent
-
-    def _call(self, flags: int) -> int:
-        return self._follow(
-            self._law,
-            self._limits,
-            self._links,
-            self._joints,
-            self._inertias,
-            self._drives,
-            flags,
-            self._state,
-            self.telemetry,
-        )
-
-    def _update_payload(self, estimator: PayloadEstimator, sent: SetPoint, *, reads: bool) -> bool:
-        """Update the payload estimate, and switch to a new model without a jump of the torques.
-
-        Args:
-            estimator: Payload estimator.
-            sent: Current set-point.
-            reads: Whether the encoder reading has not been used yet.
-
-        Returns:
-            Whether the encoder reading has not been used yet: False.
-        """
-        observer = self.observer
-        if reads:
-            observer.update()
-        if estimator.update(observer.q, observer.v, sent, self._hardware.commanded):
-            self._set_loads(self._nominal.loads, grace=False)
-            self._dynamics.update(observer.q, observer.v)
-            driving = self._state[NET_TORQUE] - self._dynamics.bias
-            observer.change_model(self._dynamics.accelerations(driving))
-        return False
-
-    def _set_loads(self, loads: tuple[NominalLoad, ...], *, grace: bool) -> None:
-        """Use the dynamics with these loads; ``grace`` as in `CollisionDetector.reset`."""
-        self._held = loads
-        self._dynamics = ArmDynamics(self._nominal, loads)
-        self._links = links_of(self._dynamics.model)
-        self.touch.reset()
-        if self.collision_detector is not None:
-            self.collision_detector.reset(grace=grace)
-
-
-_SINGULAR = 0.02
-"""Singular values below this share of the largest are treated as zero: in such directions joint
-torques hardly depend on the wrench. The largest is at least 1, as every joint rotates the tool."""
-
-
-def tool_wrench(nominal: NominalArm, q: Vector, torque: Vector) -> Vector:
-    """Wrench on the tool that explains external joint torques best (least squares).
-
-    Args:
-        nominal: Nominal model of the arm.
-        q: Joint positions, of shape (dof,), rad.
-        torque: External torques, of shape (dof,), N m.
-
-    Returns:
-        Force in N, then moment in N m about the tool, in the world, of shape (6,).
-    """
-    jacobian = nominal.tool_jacobian_at(q)
-    inverse = np.asarray(np.linalg.pinv(jacobian.T, rcond=_SINGULAR), dtype=np.float64)
-    wrench: Vector = inverse @ torque
-    return wrench
-
-
 class ForceLimit:
     """Monitors the contact force of an arm against its limit.
 
@@ -511,16 +501,34 @@ class ForceLimit:
             self._contacts = OutsideContacts(self._world, self._arm)
         touching = self._contacts.deepest()
         if touching is None:
+            # Without contact, external torques are model errors: the new baseline.
             self._touch.set_baseline()
             self._reported = False
             return None
         wrench = tool_wrench(self._nominal, self._hardware.q, contact_torque)
         force_n = float(np.linalg.norm(wrench[:3]))
-        telemetry = self._reported
+        was_reported = self._reported
         self._reported = force_n > self._limit_n
-        if telemetry or not self._reported:
+        if was_reported or not self._reported:
             return None
         return ForceLimitFailure(*touching, force_n, self._limit_n)
+
+
+def tool_wrench(nominal: NominalArm, q: Vector, torque: Vector) -> Vector:
+    """Wrench on the tool that explains external joint torques best (least squares).
+
+    Args:
+        nominal: Nominal model of the arm.
+        q: Joint positions, of shape (dof,), rad.
+        torque: External torques, of shape (dof,), N m.
+
+    Returns:
+        Force in N, then moment in N m about the tool, in the world, of shape (6,).
+    """
+    jacobian = nominal.tool_jacobian_at(q)
+    inverse = np.asarray(np.linalg.pinv(jacobian.T, rcond=_SINGULAR), dtype=np.float64)
+    wrench: Vector = inverse @ torque
+    return wrench
 
 
 def warm_up_control() -> None:

@@ -1,4 +1,4 @@
-"""Compiled control law, observers and collision detection of one control period.
+"""Kernels of one control period: control law, observers and collision detection.
 
 `command_set_point` is the entry point of the control law, `detect_collision` that of collision
 detection. Array layouts are in `kernel_rows`.
@@ -78,36 +78,107 @@ from bt_dualarm.kinematics.chain_kernels import equations_of_motion, multiply, s
 from bt_dualarm.sim.device_kernels import take_torques
 from bt_dualarm.trajectory.limit_kernels import keeps_limits
 
-# The law crosses into compiled code as an array and becomes a tuple again there: passing a tuple of
-# 16 elements costs three times as much as all that is computed with it.
-
-
-def law_array(law: ControlLaw) -> Vector:
-    """Control law as an array of shape (18,): gravity, then the other parameters in order."""
-    return np.concatenate((law.gravity, law[1:]))
+_PERIOD = 3
+"""Index of the period in `law_array`, after three elements of gravity."""
 
 
 @kernel
-def law_from(numbers: Vector) -> ControlLaw:
-    """Control law from its array; the inverse of `law_array`."""
-    return ControlLaw(
-        numbers[:3],
-        numbers[3],
-        numbers[4],
-        numbers[5],
-        numbers[6],
-        numbers[7],
-        numbers[8],
-        numbers[9],
-        numbers[10],
-        numbers[11],
-        numbers[12],
-        numbers[13],
-        numbers[14],
-        numbers[15],
-        numbers[16],
-        numbers[17],
-    )
+def command_set_point(
+    numbers: Vector,
+    limits: Matrix,
+    links: Matrix,
+    joints: Matrix,
+    inertias: Matrix,
+    drives: Matrix,
+    flags: int,
+    state: Matrix,
+    telemetry: Vector,
+) -> int:
+    """Compute and command the torques for the desired set-point, if it keeps the limits.
+
+    Args:
+        numbers: Control law, see `law_array`.
+        limits: Joint limits, of shape (LIMITS, dof).
+        links: Links of the arm with its payload, see `chain_kernel_arrays`.
+        joints: Joint constants, of shape (CONSTANTS, dof).
+        inertias: Current and previous inertia matrices, of shape (2, dof, dof), kg m².
+        drives: Drives of the joints, see `sim.kernel_columns`.
+        flags: Bits: `READ_ENCODERS`, `NEW_MODEL`, `WITHIN_LIMITS`.
+        state: Controller state with the desired and the previous set-point.
+        telemetry: Output of shape (TELEMETRY,).
+
+    Returns:
+        `OUTSIDE_LIMITS` if the set-point breaks a limit: nothing has changed then. Else the outcome
+        of `compute_torques`.
+    """
+    last = state[SENT_Q : SENT_Q + 3]
+    desired = state[DESIRED_Q : DESIRED_Q + 3]
+    if not (flags & WITHIN_LIMITS or keeps_limits(limits, numbers[_PERIOD], last, desired)):
+        return OUTSIDE_LIMITS
+    for row in range(3):
+        for i in range(state.shape[1]):
+            last[row, i] = desired[row, i]
+    reads = flags & READ_ENCODERS != 0
+    is_new = flags & NEW_MODEL != 0
+    outcome = compute_torques(numbers, links, joints, inertias, reads, is_new, state, telemetry)
+    square = 0.0
+    for i in range(state.shape[1]):
+        square += (state[EXTERNAL_TORQUE, i] - state[BASELINE_TORQUE, i]) ** 2
+    telemetry[CONTACT_SQUARE] = square
+    if outcome != NOT_FINITE:
+        take_torques(state[TORQUE], drives)
+    return outcome
+
+
+@kernel
+def compute_torques(
+    numbers: Vector,
+    links: Matrix,
+    joints: Matrix,
+    inertias: Matrix,
+    reads: bool,
+    is_new: bool,
+    state: Matrix,
+    telemetry: Vector,
+) -> int:
+    """Update the observers; write torques for the set-point, and the acceleration they produce.
+
+    Args:
+        numbers: Control law, see `law_array`.
+        links: Links of the arm with its payload, see `chain_kernel_arrays`.
+        joints: Joint constants, of shape (CONSTANTS, dof).
+        inertias: Current and previous inertia matrices, of shape (2, dof, dof), kg m².
+        reads: Whether the state observer still has to use the encoder reading.
+        is_new: Whether the model changed since the previous period.
+        state: Controller state, of shape (STATE, dof).
+        telemetry: Output of shape (TELEMETRY,).
+
+    Returns:
+        `COMMANDED`, `SATURATED` or `NOT_FINITE`.
+    """
+    if reads:
+        observe(numbers, state)
+    law = law_from(numbers)
+    report_tracking(joints, state, telemetry)
+    dof = state.shape[1]
+    inertia = inertias[0]
+    bias = np.empty(dof)
+    equations_of_motion(links, law.gravity, state[Q], state[V], inertia, bias)
+    observe_external_torque(law, inertia, inertias[1], is_new, state)
+    state[BIAS] = bias
+    multiply(inertia, state[DISTURBANCE], state[DISTURBANCE_TORQUE])
+    desired = np.empty(dof)
+    driving = np.empty(dof)
+    friction = np.empty(dof)
+    _desired_motion(law, joints, state, desired, friction)
+    multiply(inertia, desired, driving)
+    outcome = _sum_torques(law, joints, driving, friction, bias, state)
+    if outcome == NOT_FINITE:
+        return outcome
+    if outcome == SATURATED:
+        _keep_within_effort(law, joints, inertia, bias, state)
+    _predict_acceleration(inertia, friction, state)
+    return outcome
 
 
 @kernel
@@ -176,91 +247,6 @@ def observe_external_torque(
 
 
 @kernel
-def compute_torques(
-    numbers: Vector,
-    links: Matrix,
-    joints: Matrix,
-    inertias: Matrix,
-    reads: bool,
-    is_new: bool,
-    state: Matrix,
-    telemetry: Vector,
-) -> int:
-    """Update the observers; write torques for the set-point, and the acceleration they produce.
-
-    Args:
-        numbers: Control law, see `law_array`.
-        links: Links of the arm with its payload, see `chain_kernel_arrays`.
-        joints: Joint constants, of shape (CONSTANTS, dof).
-        inertias: Current and previous inertia matrices, of shape (2, dof, dof), kg m².
-        reads: Whether the state observer still has to use the encoder reading.
-        is_new: Whether the model changed since the previous period.
-        state: Controller state, of shape (STATE, dof).
-        telemetry: Output of shape (TELEMETRY,).
-
-    Returns:
-        `COMMANDED`, `SATURATED` or `NOT_FINITE`.
-    """
-    if reads:
-        observe(numbers, state)
-    law = law_from(numbers)
-    report_tracking(joints, state, telemetry)
-    dof = state.shape[1]
-    inertia = inertias[0]
-    bias = np.empty(dof)
-    equations_of_motion(links, law.gravity, state[Q], state[V], inertia, bias)
-    observe_external_torque(law, inertia, inertias[1], is_new, state)
-    state[BIAS] = bias
-    multiply(inertia, state[DISTURBANCE], state[DISTURBANCE_TORQUE])
-    desired = np.empty(dof)
-    driving = np.empty(dof)
-    friction = np.empty(dof)
-    _desired_motion(law, joints, state, desired, friction)
-    multiply(inertia, desired, driving)
-    outcome = _sum_torques(law, joints, driving, friction, bias, state)
-    if outcome == NOT_FINITE:
-        return outcome
-    if outcome == SATURATED:
-        _keep_within_effort(law, joints, inertia, bias, state)
-    _predict_acceleration(inertia, friction, state)
-    return outcome
-
-
-@kernel
-def _predict_acceleration(inertia: Matrix, friction: Vector, state: Matrix) -> None:
-    """Write the net torques, and the accelerations that they produce in the model."""
-    accelerating = np.empty(len(friction))
-    for i in range(len(friction)):
-        state[NET_TORQUE, i] = state[TORQUE, i] - friction[i]
-        accelerating[i] = state[NET_TORQUE, i] - state[BIAS, i]
-        state[MODEL_A_BEFORE, i] = state[MODEL_A, i]
-    solve(inertia, accelerating, state[MODEL_A])
-
-
-@kernel
-def _sum_torques(
-    law: ControlLaw, joints: Matrix, driving: Vector, friction: Vector, bias: Vector, state: Matrix
-) -> int:
-    """Write the motor torques, and add friction and compensation to the bias; return the outcome.
-
-    Afterwards the bias is what is needed to continue without acceleration.
-    """
-    outcome = COMMANDED
-    for i in range(len(bias)):
-        most = law.compensation_limit * joints[LIMIT, i]
-        against = min(max(-state[DISTURBANCE_TORQUE, i], -most), most)
-        state[COMPENSATION, i] = (
-            law.compensation_share * against
-            + (1.0 - law.compensation_share) * state[COMPENSATION, i]
-        )
-        bias[i] += friction[i] + state[COMPENSATION, i]
-        state[TORQUE, i] = bias[i] + driving[i]
-        if not abs(state[TORQUE, i]) <= joints[LIMIT, i]:  # true for NaN as well
-            outcome = max(outcome, SATURATED if math.isfinite(state[TORQUE, i]) else NOT_FINITE)
-    return outcome
-
-
-@kernel
 def _desired_motion(
     law: ControlLaw, joints: Matrix, state: Matrix, desired: Vector, friction: Vector
 ) -> None:
@@ -318,6 +304,30 @@ def _friction(law: ControlLaw, joints: Matrix, v: float, i: int) -> float:
 
 
 @kernel
+def _sum_torques(
+    law: ControlLaw, joints: Matrix, driving: Vector, friction: Vector, bias: Vector, state: Matrix
+) -> int:
+    """Write the motor torques, and add friction and compensation to the bias; return the outcome.
+
+    Afterwards the bias is what is needed to continue without acceleration.
+    """
+    outcome = COMMANDED
+    for i in range(len(bias)):
+        # A limited, low-pass filtered torque against the disturbance; at a share of 1, unfiltered.
+        most = law.compensation_limit * joints[LIMIT, i]
+        against = min(max(-state[DISTURBANCE_TORQUE, i], -most), most)
+        state[COMPENSATION, i] = (
+            law.compensation_share * against
+            + (1.0 - law.compensation_share) * state[COMPENSATION, i]
+        )
+        bias[i] += friction[i] + state[COMPENSATION, i]
+        state[TORQUE, i] = bias[i] + driving[i]
+        if not abs(state[TORQUE, i]) <= joints[LIMIT, i]:  # true for NaN as well
+            outcome = max(outcome, SATURATED if math.isfinite(state[TORQUE, i]) else NOT_FINITE)
+    return outcome
+
+
+@kernel
 def _keep_within_effort(
     law: ControlLaw, joints: Matrix, inertia: Matrix, rest: Vector, state: Matrix
 ) -> None:
@@ -335,73 +345,34 @@ def _keep_within_effort(
         state: Controller state; its `TORQUE` is changed.
     """
     dof = len(rest)
-    compute_torques = np.empty(dof)
+    driving = np.empty(dof)
     held = True
     for i in range(dof):
-        compute_torques[i] = state[TORQUE, i] - rest[i]
+        driving[i] = state[TORQUE, i] - rest[i]
         held = held and abs(rest[i]) <= joints[LIMIT, i]
     if not held:
-        multiply(inertia, -2.0 * law.bandwidth * state[MEASURED_V], compute_torques)
+        multiply(inertia, -2.0 * law.bandwidth * state[MEASURED_V], driving)
         rest[:] = 0.0
+    # One share for all joints keeps the direction of the acceleration.
     share = 1.0
     for i in range(dof):
         limit = joints[LIMIT, i]
-        room = limit - rest[i] if compute_torques[i] > 0.0 else limit + rest[i]
-        share = min(share, room / max(abs(compute_torques[i]), 1e-9))
+        room = limit - rest[i] if driving[i] > 0.0 else limit + rest[i]
+        share = min(share, room / max(abs(driving[i]), 1e-9))
     for i in range(dof):
         limit = joints[LIMIT, i]
-        state[TORQUE, i] = min(max(rest[i] + share * compute_torques[i], -limit), limit)
-
-
-_PERIOD = 3  # index of the period in `law_array`
+        state[TORQUE, i] = min(max(rest[i] + share * driving[i], -limit), limit)
 
 
 @kernel
-def command_set_point(
-    numbers: Vector,
-    limits: Matrix,
-    links: Matrix,
-    joints: Matrix,
-    inertias: Matrix,
-    drives: Matrix,
-    flags: int,
-    state: Matrix,
-    telemetry: Vector,
-) -> int:
-    """Compute and command the torques for the desired set-point, if it keeps the limits.
-
-    Args:
-        numbers: Control law, see `law_array`.
-        limits: Joint limits, of shape (LIMITS, dof).
-        links: Links of the arm with its payload, see `chain_kernel_arrays`.
-        joints: Joint constants, of shape (CONSTANTS, dof).
-        inertias: Current and previous inertia matrices, of shape (2, dof, dof), kg m².
-        drives: Drives of the joints, see `sim.kernel_columns`.
-        flags: Bits: `READ_ENCODERS`, `NEW_MODEL`, `WITHIN_LIMITS`.
-        state: Controller state with the desired and the previous set-point.
-        telemetry: Output of shape (TELEMETRY,).
-
-    Returns:
-        `OUTSIDE_LIMITS` if the set-point breaks a limit: nothing has changed then. Else the outcome
-        of `compute_torques`.
-    """
-    last = state[SENT_Q : SENT_Q + 3]
-    desired = state[DESIRED_Q : DESIRED_Q + 3]
-    if not (flags & WITHIN_LIMITS or keeps_limits(limits, numbers[_PERIOD], last, desired)):
-        return OUTSIDE_LIMITS
-    for row in range(3):
-        for i in range(state.shape[1]):
-            last[row, i] = desired[row, i]
-    reads = flags & READ_ENCODERS != 0
-    is_new = flags & NEW_MODEL != 0
-    outcome = compute_torques(numbers, links, joints, inertias, reads, is_new, state, telemetry)
-    square = 0.0
-    for i in range(state.shape[1]):
-        square += (state[EXTERNAL_TORQUE, i] - state[BASELINE_TORQUE, i]) ** 2
-    telemetry[CONTACT_SQUARE] = square
-    if outcome != NOT_FINITE:
-        take_torques(state[TORQUE], drives)
-    return outcome
+def _predict_acceleration(inertia: Matrix, friction: Vector, state: Matrix) -> None:
+    """Write the net torques, and the accelerations that they produce in the model."""
+    accelerating = np.empty(len(friction))
+    for i in range(len(friction)):
+        state[NET_TORQUE, i] = state[TORQUE, i] - friction[i]
+        accelerating[i] = state[NET_TORQUE, i] - state[BIAS, i]
+        state[MODEL_A_BEFORE, i] = state[MODEL_A, i]
+    solve(inertia, accelerating, state[MODEL_A])
 
 
 @kernel
@@ -460,19 +431,20 @@ def _shift_history(
     i: int,
 ) -> None:
     """Append a joint's torques of this period to both histories; the oldest ones drop out."""
-    asked = 0.0
+    commanded = 0.0
     for j in range(len(a)):
-        asked += inertia[i, j] * a[j]
+        commanded += inertia[i, j] * a[j]
     if is_first:
         torques[:, i] = torque
         changes[:, i] = 0.0
-        joints[INERTIAL_TORQUE, i] = asked
+        joints[INERTIAL_TORQUE, i] = commanded
     for row in range(len(torques) - 1, 0, -1):
         torques[row, i] = torques[row - 1, i]
     for row in range(len(changes) - 1, 0, -1):
         changes[row, i] = changes[row - 1, i]
-    torques[0, i], changes[0, i] = torque, abs(asked - joints[INERTIAL_TORQUE, i])
-    joints[INERTIAL_TORQUE, i] = asked
+    torques[0, i] = torque
+    changes[0, i] = abs(commanded - joints[INERTIAL_TORQUE, i])
+    joints[INERTIAL_TORQUE, i] = commanded
 
 
 @kernel
@@ -485,17 +457,21 @@ def _exceeds_threshold(
     for row in range(len(changes)):
         allowed += changes[row, i]
     allowed *= MODEL_ERROR
+    # A joint that reversed within the span may have changed the sign of its dry friction.
     turns = joints[SINCE_REVERSAL, i] < REVERSAL_PERIODS
     if turns:
         allowed += joints[REVERSAL_TORQUE, i]
     for j in range(len(inertia)):
         square += inertia[i, j] * inertia[i, j]
+    # Independent noise of all joints' accelerations adds up by squares.
     lever = math.sqrt(square)
     deviation = lever * math.sqrt(joints[VARIANCE, i])
     joints[THRESHOLD, i] = factor * (allowed + DEVIATIONS * deviation)
     size = abs(joints[CHANGE, i])
+    # Only noise is learned: no reversal, and no commanded change that would drown it.
     if learns and not turns and allowed <= deviation:
         _update_variance(size / lever, joints, i)
+    # Written so that NaN counts as a collision.
     return not size <= joints[THRESHOLD, i]
 
 
@@ -507,3 +483,35 @@ def _update_variance(size: float, joints: Matrix, i: int) -> None:
     joints[SAMPLES, i] = min(joints[SAMPLES, i] + 1.0, MAX_SAMPLES)
     variance += (square - variance) / joints[SAMPLES, i]
     joints[VARIANCE, i] = max(variance, MIN_DEVIATION * MIN_DEVIATION)
+
+
+def law_array(law: ControlLaw) -> Vector:
+    """Control law as an array of shape (18,): gravity, then the other parameters in order.
+
+    The law crosses into compiled code as an array and becomes a tuple again there: passing a tuple
+    of 16 elements costs three times as much as all that is computed with it.
+    """
+    return np.concatenate((law.gravity, law[1:]))
+
+
+@kernel
+def law_from(numbers: Vector) -> ControlLaw:
+    """Control law from its array; the inverse of `law_array`."""
+    return ControlLaw(
+        numbers[:3],
+        numbers[3],
+        numbers[4],
+        numbers[5],
+        numbers[6],
+        numbers[7],
+        numbers[8],
+        numbers[9],
+        numbers[10],
+        numbers[11],
+        numbers[12],
+        numbers[13],
+        numbers[14],
+        numbers[15],
+        numbers[16],
+        numbers[17],
+    )

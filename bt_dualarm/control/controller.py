@@ -31,61 +31,6 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 _AFFECTED: Final = 0.5
 """Share of its threshold at which a joint counts as affected by a detected collision."""
 
-
-def tracking_failure(robot: Robot, error: Vector) -> Failure:
-    """Failure for a joint too far from its set-point; errors of shape (dof,), rad."""
-    joint = int(np.argmax(np.abs(error)))
-    worst = float(np.abs(error[joint]))
-    return Failure(
-        "TRACKING_ERROR",
-        f"joint {robot.joints[joint]} is {np.degrees(worst):.1f}° behind its set-point: "
-        "the arm is blocked or its torque does not suffice",
-        joint_error_rad=worst,
-    )
-
-
-def overspeed_failure(robot: Robot, shares: Vector) -> Failure:
-    """Failure for a joint that is too fast; speeds as shares of their limits, of shape (dof,)."""
-    joint = int(np.argmax(shares))
-    share = float(shares[joint])
-    return Failure(
-        "TRACKING_ERROR",
-        f"joint {robot.joints[joint]} was {share:.2f} times as fast as the robot allows: "
-        "the arm was pushed or its torque does not suffice",
-        joint_speed_share=share,
-    )
-
-
-def collision_failure(robot: Robot, detector: CollisionDetector, jacobian: Matrix) -> HitFailure:
-    """Failure for a detected collision.
-
-    A contact force affects the joints between the base and the contact, not those beyond: the last
-    affected joint bounds the contact location. The force is the one at the tool that explains the
-    torques best; nearer to the base it would have to be larger.
-
-    Args:
-        robot: Robot that collided.
-        detector: Detector with torque changes above their thresholds.
-        jacobian: Linear Jacobian of the tool, of shape (3, dof).
-    """
-    shares = np.abs(detector.change) / detector.threshold
-    joint = int(np.argmax(shares))
-    last = int(np.flatnonzero(shares > _AFFECTED)[-1])
-    force = float(np.linalg.norm(np.linalg.pinv(jacobian.T) @ detector.change))
-    torque = float(abs(detector.change[joint]))
-    threshold = float(detector.threshold[joint])
-    return HitFailure(
-        f"joint {robot.joints[joint]} felt {torque:.1f} N m that nothing explains, {threshold:.1f} "
-        f"are usual at most: the arm was hit, at {robot.joints[last]} or beyond, "
-        f"by {force:.0f} N if at the tool",
-        joint=robot.joints[joint],
-        beyond=robot.joints[last],
-        torque_nm=torque,
-        threshold_nm=threshold,
-        force_n=force,
-    )
-
-
 CONTACTS = (TouchFailure, ForceLimitFailure, HitFailure)
 """Failures after which an arm retreats, instead of only stopping."""
 
@@ -95,40 +40,6 @@ BACK_OFF_S = 0.1
 RECOIL_RAD = 0.02
 """Least retreat of the joint that moves farthest after too much force, rad. With less, only the
 set-point returns: the observer compensates the contact force, and the arm keeps pressing."""
-
-
-def retreat_target(
-    motion: SetPointSource,
-    refusal: Failure,
-    q: Vector,
-    v: Vector,
-    is_free: Callable[[Vector], bool],
-) -> Vector:
-    """Configuration on the path already traveled to which an arm retreats, of shape (dof,), rad.
-
-    Args:
-        motion: Motion that is being followed.
-        refusal: Failure that causes the retreat.
-        q: Joint positions, of shape (dof,), rad.
-        v: Velocities of the last set-point, of shape (dof,), rad/s; a stream is retraced along
-            them, as its past is not stored.
-        is_free: Collision check of a configuration of shape (dof,), rad. After too much force an
-            arm retreats until it is free: no plan could start earlier.
-    """
-    if not isinstance(motion, TrajectorySource):
-        return q - BACK_OFF_S * v
-    presses = isinstance(refusal, ForceLimitFailure)
-    least = RECOIL_RAD if presses else 0.0
-    now = motion.parameter.s
-    ago = BACK_OFF_S
-    current = motion.configuration(now)
-    while True:
-        target = motion.configuration(max(now - ago, 0.0))
-        enough = float(np.abs(target - current).max()) >= least
-        if ago >= now or (enough and (not presses or is_free(target))):
-            return target
-        ago *= 2.0
-
 
 MAX_POSITION_ERROR = 0.1
 """Joint position error at which a motion fails, rad: the arm is blocked, or lacks torque."""
@@ -367,6 +278,7 @@ class JointController:
 
     def _retreat(self, q: Vector) -> None:
         """Brake, then move the set-point to ``q``, of shape (dof,), rad, to relieve the contact."""
+        # Brake first: the motion back is planned from rest.
         limits = self._robot.limits
         sent = self.setpoint
         target = np.clip(q, limits.lower, limits.upper)
@@ -381,3 +293,90 @@ class JointController:
         if self._motion.done:
             self._motion = None
             self._hold = self.setpoint
+
+
+def retreat_target(
+    motion: SetPointSource,
+    refusal: Failure,
+    q: Vector,
+    v: Vector,
+    is_free: Callable[[Vector], bool],
+) -> Vector:
+    """Configuration on the path already traveled to which an arm retreats, of shape (dof,), rad.
+
+    Args:
+        motion: Motion that is being followed.
+        refusal: Failure that causes the retreat.
+        q: Joint positions, of shape (dof,), rad.
+        v: Velocities of the last set-point, of shape (dof,), rad/s; a stream is retraced along
+            them, as its past is not stored.
+        is_free: Collision check of a configuration of shape (dof,), rad. After too much force an
+            arm retreats until it is free: no plan could start earlier.
+    """
+    if not isinstance(motion, TrajectorySource):
+        return q - BACK_OFF_S * v
+    presses = isinstance(refusal, ForceLimitFailure)
+    least = RECOIL_RAD if presses else 0.0
+    now = motion.parameter.s
+    ago = BACK_OFF_S
+    current = motion.configuration(now)
+    while True:
+        target = motion.configuration(max(now - ago, 0.0))
+        enough = float(np.abs(target - current).max()) >= least
+        if ago >= now or (enough and (not presses or is_free(target))):
+            return target
+        ago *= 2.0
+
+
+def tracking_failure(robot: Robot, error: Vector) -> Failure:
+    """Failure for a joint too far from its set-point; errors of shape (dof,), rad."""
+    joint = int(np.argmax(np.abs(error)))
+    worst = float(np.abs(error[joint]))
+    return Failure(
+        "TRACKING_ERROR",
+        f"joint {robot.joints[joint]} is {np.degrees(worst):.1f}° behind its set-point: "
+        "the arm is blocked or its torque does not suffice",
+        joint_error_rad=worst,
+    )
+
+
+def overspeed_failure(robot: Robot, shares: Vector) -> Failure:
+    """Failure for a joint that is too fast; speeds as shares of their limits, of shape (dof,)."""
+    joint = int(np.argmax(shares))
+    share = float(shares[joint])
+    return Failure(
+        "TRACKING_ERROR",
+        f"joint {robot.joints[joint]} was {share:.2f} times as fast as the robot allows: "
+        "the arm was pushed or its torque does not suffice",
+        joint_speed_share=share,
+    )
+
+
+def collision_failure(robot: Robot, detector: CollisionDetector, jacobian: Matrix) -> HitFailure:
+    """Failure for a detected collision.
+
+    A contact force affects the joints between the base and the contact, not those beyond: the last
+    affected joint bounds the contact location. The force is the one at the tool that explains the
+    torques best; nearer to the base it would have to be larger.
+
+    Args:
+        robot: Robot that collided.
+        detector: Detector with torque changes above their thresholds.
+        jacobian: Linear Jacobian of the tool, of shape (3, dof).
+    """
+    shares = np.abs(detector.change) / detector.threshold
+    joint = int(np.argmax(shares))
+    last = int(np.flatnonzero(shares > _AFFECTED)[-1])
+    force = float(np.linalg.norm(np.linalg.pinv(jacobian.T) @ detector.change))
+    torque = float(abs(detector.change[joint]))
+    threshold = float(detector.threshold[joint])
+    return HitFailure(
+        f"joint {robot.joints[joint]} felt {torque:.1f} N m that nothing explains, {threshold:.1f} "
+        f"are usual at most: the arm was hit, at {robot.joints[last]} or beyond, "
+        f"by {force:.0f} N if at the tool",
+        joint=robot.joints[joint],
+        beyond=robot.joints[last],
+        torque_nm=torque,
+        threshold_nm=threshold,
+        force_n=force,
+    )

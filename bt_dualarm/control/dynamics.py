@@ -61,6 +61,23 @@ _FRICTION_SPEED: Final = 0.02
 """Velocity over which dry friction is smoothed where a joint reverses, rad/s: near standstill, the
 sign of the actual velocity is not known any better."""
 
+EFFORT_SHARE = 0.95
+"""Share of a joint's effort limit that a motion may use; the rest is left to feedback."""
+
+SLOWEST = 0.1
+"""Least time scale to which a payload may slow a motion: slower, the arm can barely hold it."""
+
+_SAMPLE_S = 0.024
+"""Time between two samples of a motion, s: half of that in which a joint reaches its full
+acceleration."""
+
+_MAX_SAMPLES = 500
+"""Maximum number of samples of a motion."""
+
+_Body: TypeAlias = tuple[float, Matrix, Pose]
+"""Mass in kg; inertia about the center of mass, of shape (3, 3), kg m²; pose of the center of mass
+and the axes of the inertia, in a link."""
+
 
 def control_law(period: float, timestep: float, gravity: Vector) -> ControlLaw:
     """Parameters of the control law.
@@ -209,11 +226,6 @@ class ArmDynamics:
         return total
 
 
-_Body: TypeAlias = tuple[float, Matrix, Pose]
-"""Mass in kg; inertia about the center of mass, of shape (3, 3), kg m²; pose of the center of mass
-and the axes of the inertia, in a link."""
-
-
 def _load(model: mujoco.MjModel, link: int, loads: Iterable[_Body]) -> None:
     """Add the payload to a link: combined mass, center of mass and inertia."""
     own = Pose(model.body_ipos[link].copy(), model.body_iquat[link].copy())
@@ -237,16 +249,6 @@ def _inertia_about(point: Vector, mass: float, inertia: Matrix, pose: Pose) -> M
     return own + mass * (float(offset @ offset) * np.eye(3) - np.outer(offset, offset))
 
 
-EFFORT_SHARE = 0.95
-"""Share of a joint's effort limit that a motion may use; the rest is left to feedback."""
-
-SLOWEST = 0.1
-"""Least time scale to which a payload may slow a motion: slower, the arm can barely hold it."""
-
-_SAMPLE_S = 0.024  # between samples: half of the time in which a joint reaches its acceleration
-_MAX_SAMPLES = 500
-
-
 def within_efforts(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> Trajectory:
     """The same motion, slowed down until the effort limits suffice.
 
@@ -266,6 +268,7 @@ def within_efforts(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> T
     count = min(int(motion.duration / _SAMPLE_S) + 2, _MAX_SAMPLES)
     index = np.unique(np.linspace(0, len(motion) - 1, count).round().astype(int))
     samples = motion.rows(index)
+    # Gravity alone is independent of the time scale: no slowdown helps against it.
     rest = np.array([dynamics.at_rest(q) for q in samples[0]])
     refuse_overload(rest, robot)
     total = np.array([dynamics.moving(*sample) for sample in zip(*samples, strict=True)])

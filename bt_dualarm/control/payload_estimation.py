@@ -1,4 +1,9 @@
-"""Mass and center of a held object, estimated from the motors' torques."""
+"""Payload estimation: mass and center of a held object from the motor torques.
+
+- `PayloadEstimator` collects measurements while an arm moves, and reports masses.
+- `TorqueRegressor` makes torques linear in the inertial parameters.
+- `ParameterEstimate` is the Bayesian linear regression.
+"""
 
 from __future__ import annotations
 
@@ -15,199 +20,12 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.sim.arm_models import NominalArm, NominalLoad
 from bt_dualarm.trajectory.limits import SetPoint
 
-
-class ParameterEstimate:
-    """Bayesian linear regression in information form; parameters can be added and removed.
-
-    Each parameter is scaled by its prior standard deviation: its prior is normal with mean 0 and
-    deviation 1.
-
-    Args:
-        count: Initial number of parameters.
-    """
-
-    def __init__(self, count: int) -> None:
-        self._information = np.eye(count)
-        self._vector = np.zeros(count)
-
-    def measure(self, columns: Matrix, values: Vector, weights: Vector) -> None:
-        """Add measurements ``values = columns @ parameters + noise``.
-
-        Args:
-            columns: Regressor, of shape (n, count).
-            values: Measured values, of shape (n,).
-            weights: Inverse variance of each, of shape (n,).
-        """
-        weighted = columns.T * weights
-        self._information += weighted @ columns
-        self._vector += weighted @ values
-
-    def add(self, count: int) -> None:
-        """Append parameters with their prior."""
-        old = self._information
-        size = len(self._vector) + count
-        self._information = np.eye(size)
-        self._information[: len(old), : len(old)] = old
-        self._vector = np.concatenate((self._vector, np.zeros(count)))
-
-    def drop(self, first: int, count: int) -> None:
-        """Marginalize parameters: what they imply about the others is kept (Schur complement)."""
-        gone = np.zeros(len(self._vector), dtype=bool)
-        gone[first : first + count] = True
-        shared = self._information[np.ix_(~gone, gone)]
-        gain = np.linalg.solve(self._information[np.ix_(gone, gone)], shared.T).T
-        self._vector = self._vector[~gone] - gain @ self._vector[gone]
-        self._information = self._information[np.ix_(~gone, ~gone)] - gain @ shared.T
-
-    def marginal(self, first: int, count: int) -> tuple[Vector, Matrix]:
-        """Mean and covariance of ``count`` parameters, of shapes (count,) and (count, count)."""
-        part = slice(first, first + count)
-        # One solution for both: information @ mean = vector, information @ covariance = identity.
-        identity = np.eye(len(self._vector))[:, part]
-        columns = np.column_stack((self._vector, identity))
-        found = np.asarray(np.linalg.solve(self._information, columns)[part], dtype=np.float64)
-        return found[:, 0], found[:, 1:]
-
-
 INERTIAL = 10
 """Inertial parameters of a rigid body: mass, first moment of mass (3), inertia about the origin of
 its frame (6)."""
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Rows and columns of the six inertia elements."""
-
-
-class TorqueRegressor:
-    """Regressor of an arm's inverse dynamics: torques are linear in the inertial parameters.
-
-    See Khalil and Dombre, Modeling, Identification and Control of Robots, 9.4. Bodies that are
-    rigidly connected count as one link, in the frame of the one with the joint.
-
-    Args:
-        nominal: Nominal model of the arm.
-
-    Attributes:
-        links: Inertial parameters of the links by the robot description, of shape (dof, 10).
-        tool_link: Pose of the tool's body in the frame of the last link.
-    """
-
-    def __init__(self, nominal: NominalArm) -> None:
-        self._model = model = nominal.model
-        self._data = data = mujoco.MjData(model)
-        self._bodies = model.jnt_bodyid.tolist()
-        mujoco.mj_kinematics(model, data)
-        self.links = np.zeros((model.nv, INERTIAL))
-        for body, row in self._rigid_parts():
-            mass = float(model.body_mass[body])
-            inertia = model.body_inertia[body]
-            own = Pose(model.body_ipos[body], model.body_iquat[body])
-            self.links[row] += inertial_parameters(mass, inertia, self._in_link(row, body) @ own)
-        self.tool_link = self._in_link(model.nv - 1, nominal.tool_body)
-
-    def __call__(self, q: Vector, v: Vector, a: Vector) -> npt.NDArray[np.float64]:
-        """Regressor at a state, of shape (dof, links, 10), SI units.
-
-        The sum over links and parameters of regressor times parameter is the torque of each joint.
-
-        Args:
-            q: Joint positions, of shape (dof,), rad.
-            v: Joint velocities, of shape (dof,), rad/s.
-            a: Joint accelerations, of shape (dof,), rad/s².
-        """
-        model = self._model
-        data = self._data
-        dof = self._model.nv
-        data.qpos[:] = q
-        data.qvel[:] = v
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
-        jacobian, change = np.zeros((2, dof, 6, dof))
-        for row, body in enumerate(self._bodies):
-            mujoco.mj_jacBody(model, data, jacobian[row, :3], jacobian[row, 3:], body)
-            point = data.xpos[body]
-            mujoco.mj_jacDot(model, data, change[row, :3], change[row, 3:], point, body)
-        axes = data.xmat[self._bodies].reshape(dof, 3, 3)
-        acceleration = (jacobian @ a + change @ v).reshape(dof, 2, 3) @ axes
-        linear = acceleration[:, 0] - model.opt.gravity @ axes
-        turning = acceleration[:, 1]
-        spinning = (jacobian[:, 3:] @ v)[:, None] @ axes
-        wrench = _wrenches(linear, turning, spinning[:, 0])
-        in_world = axes[:, None] @ wrench.reshape(dof, 2, 3, INERTIAL)
-        columns: npt.NDArray[np.float64] = np.einsum(
-            "bij,bik->jbk", jacobian, in_world.reshape(dof, 6, INERTIAL)
-        )
-        return columns
-
-    def _rigid_parts(self) -> Iterator[tuple[int, int]]:
-        """Pairs of a moving body and the index of the link that it belongs to."""
-        for body, root in enumerate(self._model.body_weldid.tolist()):
-            if root in self._bodies:
-                yield body, self._bodies.index(root)
-
-    def _in_link(self, row: int, body: int) -> Pose:
-        """Pose of a body in the frame of the link that it belongs to."""
-        data = self._data
-        link = self._bodies[row]
-        frame = Pose(data.xpos[link].copy(), data.xquat[link].copy())
-        return frame.inverse @ Pose(data.xpos[body].copy(), data.xquat[body].copy())
-
-
-def inertial_parameters(mass: float, moments: Vector, pose: Pose) -> Vector:
-    """Inertial parameters of a body in a frame, of shape (10,).
-
-    Args:
-        mass: Mass, kg.
-        moments: Principal moments of inertia about its center of mass, of shape (3,), kg m².
-        pose: Pose of its center of mass and principal axes in the frame.
-    """
-    rotation = pose.rotation_matrix
-    center = pose.position
-    inertia = rotation @ np.diag(moments) @ rotation.T
-    inertia += mass * (float(center @ center) * np.eye(3) - np.outer(center, center))
-    return np.array([mass, *(mass * center), *(inertia[i, j] for i, j in _PAIRS)])
-
-
-def _wrenches(linear: Matrix, turning: Matrix, spinning: Matrix) -> npt.NDArray[np.float64]:
-    """Wrenches per unit of each inertial parameter: the Newton-Euler equations in link frames.
-
-    ``f = m a + w' x c + w x (w x c)`` and ``n = c x a + I w' + w x (I w)`` with c the first moment.
-
-    Args:
-        linear: Accelerations of the link origins less gravity, of shape (n, 3), m/s².
-        turning: Angular accelerations w', likewise, rad/s².
-        spinning: Angular velocities w, likewise, rad/s.
-
-    Returns:
-        Forces and moments about the link origins, in link axes, of shape (n, 6, 10).
-    """
-    wrench = np.zeros((len(linear), 6, INERTIAL))
-    wrench[:, :3, 0] = linear
-    spin = _cross(spinning)
-    wrench[:, :3, 1:4] = _cross(turning) + spin @ spin
-    wrench[:, 3:, 1:4] = -_cross(linear)
-    wrench[:, 3:, 4:] = _inertia_times(turning) + spin @ _inertia_times(spinning)
-    return wrench
-
-
-def _cross(vectors: Matrix) -> npt.NDArray[np.float64]:
-    """Cross-product matrices, of shape (n, 3, 3), of vectors of shape (n, 3)."""
-    matrices = np.zeros((len(vectors), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        matrices[:, k, j] = vectors[:, i]
-        matrices[:, j, k] = -vectors[:, i]
-    return matrices
-
-
-def _inertia_times(vectors: Matrix) -> npt.NDArray[np.float64]:
-    """Matrices, of shape (n, 3, 6), whose product with the inertia elements is I times a vector."""
-    matrices = np.zeros((len(vectors), 3, len(_PAIRS)))
-    for column, (i, j) in enumerate(_PAIRS):
-        matrices[:, i, column] = vectors[:, j]
-        if i != j:
-            matrices[:, j, column] = vectors[:, i]
-    return matrices
-
 
 # Prior standard deviations of the model parameters.
 
@@ -249,18 +67,29 @@ _MOVING: Final = 0.02
 
 # Windows: means over a few periods.
 
-_WINDOW: Final = 5  # periods
-_MIDDLE: Final = 3  # the state at the start of this period stands for the window
-_SETTLING: Final = 5  # windows after a grasp that are skipped
-_REPORT_EVERY: Final = 5  # windows between reports
+_WINDOW: Final = 5
+"""Number of periods in a window."""
 
-# A mass is reported if its deviation is below either of the first two; and again if it changed by
-# that many deviations, or if its deviation shrank to that share.
+_MIDDLE: Final = 3
+"""Period at whose start the state stands for the whole window."""
+
+_SETTLING: Final = 5
+"""Number of windows after a grasp that are skipped."""
+
+_REPORT_EVERY: Final = 5
+"""Number of windows between two reports."""
 
 _KNOWN_SHARE: Final = 0.3
+"""Relative deviation below which a mass is reported."""
+
 _KNOWN_KG: Final = 0.05
+"""Absolute deviation below which a mass is reported, kg."""
+
 _CHANGED: Final = 0.5
+"""Change, in deviations, after which a mass is reported again."""
+
 _IMPROVED: Final = 0.7
+"""Share to which the deviation must shrink for a mass to be reported again."""
 
 
 class PayloadEstimator:
@@ -461,3 +290,190 @@ def _doubts(link: Vector) -> Matrix:
     columns[1:4, 1:4] = CENTER_DOUBT_M * mass * np.eye(3)
     columns[4:, 4:] = LINK_DOUBT * spread * np.eye(INERTIAL - 4)
     return columns
+
+
+class TorqueRegressor:
+    """Regressor of an arm's inverse dynamics: torques are linear in the inertial parameters.
+
+    See Khalil and Dombre, Modeling, Identification and Control of Robots, 9.4. Bodies that are
+    rigidly connected count as one link, in the frame of the one with the joint.
+
+    Args:
+        nominal: Nominal model of the arm.
+
+    Attributes:
+        links: Inertial parameters of the links by the robot description, of shape (dof, 10).
+        tool_link: Pose of the tool's body in the frame of the last link.
+    """
+
+    def __init__(self, nominal: NominalArm) -> None:
+        self._model = model = nominal.model
+        self._data = data = mujoco.MjData(model)
+        self._bodies = model.jnt_bodyid.tolist()
+        mujoco.mj_kinematics(model, data)
+        self.links = np.zeros((model.nv, INERTIAL))
+        for body, row in self._rigid_parts():
+            mass = float(model.body_mass[body])
+            inertia = model.body_inertia[body]
+            own = Pose(model.body_ipos[body], model.body_iquat[body])
+            self.links[row] += inertial_parameters(mass, inertia, self._in_link(row, body) @ own)
+        self.tool_link = self._in_link(model.nv - 1, nominal.tool_body)
+
+    def __call__(self, q: Vector, v: Vector, a: Vector) -> npt.NDArray[np.float64]:
+        """Regressor at a state, of shape (dof, links, 10), SI units.
+
+        The sum over links and parameters of regressor times parameter is the torque of each joint.
+
+        Args:
+            q: Joint positions, of shape (dof,), rad.
+            v: Joint velocities, of shape (dof,), rad/s.
+            a: Joint accelerations, of shape (dof,), rad/s².
+        """
+        model = self._model
+        data = self._data
+        dof = self._model.nv
+        data.qpos[:] = q
+        data.qvel[:] = v
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        jacobian, change = np.zeros((2, dof, 6, dof))
+        for row, body in enumerate(self._bodies):
+            mujoco.mj_jacBody(model, data, jacobian[row, :3], jacobian[row, 3:], body)
+            point = data.xpos[body]
+            mujoco.mj_jacDot(model, data, change[row, :3], change[row, 3:], point, body)
+        axes = data.xmat[self._bodies].reshape(dof, 3, 3)
+        acceleration = (jacobian @ a + change @ v).reshape(dof, 2, 3) @ axes
+        linear = acceleration[:, 0] - model.opt.gravity @ axes
+        turning = acceleration[:, 1]
+        spinning = (jacobian[:, 3:] @ v)[:, None] @ axes
+        # Newton-Euler in link frames, where the inertial parameters are constant.
+        wrench = _wrenches(linear, turning, spinning[:, 0])
+        in_world = axes[:, None] @ wrench.reshape(dof, 2, 3, INERTIAL)
+        # Virtual work: a wrench on a link acts on the joints by the link's transposed Jacobian.
+        columns: npt.NDArray[np.float64] = np.einsum(
+            "bij,bik->jbk", jacobian, in_world.reshape(dof, 6, INERTIAL)
+        )
+        return columns
+
+    def _rigid_parts(self) -> Iterator[tuple[int, int]]:
+        """Pairs of a moving body and the index of the link that it belongs to."""
+        for body, root in enumerate(self._model.body_weldid.tolist()):
+            if root in self._bodies:
+                yield body, self._bodies.index(root)
+
+    def _in_link(self, row: int, body: int) -> Pose:
+        """Pose of a body in the frame of the link that it belongs to."""
+        data = self._data
+        link = self._bodies[row]
+        frame = Pose(data.xpos[link].copy(), data.xquat[link].copy())
+        return frame.inverse @ Pose(data.xpos[body].copy(), data.xquat[body].copy())
+
+
+def inertial_parameters(mass: float, moments: Vector, pose: Pose) -> Vector:
+    """Inertial parameters of a body in a frame, of shape (10,).
+
+    Args:
+        mass: Mass, kg.
+        moments: Principal moments of inertia about its center of mass, of shape (3,), kg m².
+        pose: Pose of its center of mass and principal axes in the frame.
+    """
+    rotation = pose.rotation_matrix
+    center = pose.position
+    inertia = rotation @ np.diag(moments) @ rotation.T
+    inertia += mass * (float(center @ center) * np.eye(3) - np.outer(center, center))
+    return np.array([mass, *(mass * center), *(inertia[i, j] for i, j in _PAIRS)])
+
+
+def _wrenches(linear: Matrix, turning: Matrix, spinning: Matrix) -> npt.NDArray[np.float64]:
+    """Wrenches per unit of each inertial parameter: the Newton-Euler equations in link frames.
+
+    ``f = m a + w' x c + w x (w x c)`` and ``n = c x a + I w' + w x (I w)`` with c the first moment.
+
+    Args:
+        linear: Accelerations of the link origins less gravity, of shape (n, 3), m/s².
+        turning: Angular accelerations w', likewise, rad/s².
+        spinning: Angular velocities w, likewise, rad/s.
+
+    Returns:
+        Forces and moments about the link origins, in link axes, of shape (n, 6, 10).
+    """
+    wrench = np.zeros((len(linear), 6, INERTIAL))
+    wrench[:, :3, 0] = linear
+    spin = _cross(spinning)
+    wrench[:, :3, 1:4] = _cross(turning) + spin @ spin
+    wrench[:, 3:, 1:4] = -_cross(linear)
+    wrench[:, 3:, 4:] = _inertia_times(turning) + spin @ _inertia_times(spinning)
+    return wrench
+
+
+def _cross(vectors: Matrix) -> npt.NDArray[np.float64]:
+    """Cross-product matrices, of shape (n, 3, 3), of vectors of shape (n, 3)."""
+    matrices = np.zeros((len(vectors), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrices[:, k, j] = vectors[:, i]
+        matrices[:, j, k] = -vectors[:, i]
+    return matrices
+
+
+def _inertia_times(vectors: Matrix) -> npt.NDArray[np.float64]:
+    """Matrices, of shape (n, 3, 6), whose product with the inertia elements is I times a vector."""
+    matrices = np.zeros((len(vectors), 3, len(_PAIRS)))
+    for column, (i, j) in enumerate(_PAIRS):
+        matrices[:, i, column] = vectors[:, j]
+        if i != j:
+            matrices[:, j, column] = vectors[:, i]
+    return matrices
+
+
+class ParameterEstimate:
+    """Bayesian linear regression in information form; parameters can be added and removed.
+
+    Each parameter is scaled by its prior standard deviation: its prior is normal with mean 0 and
+    deviation 1.
+
+    Args:
+        count: Initial number of parameters.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._information = np.eye(count)
+        self._vector = np.zeros(count)
+
+    def measure(self, columns: Matrix, values: Vector, weights: Vector) -> None:
+        """Add measurements ``values = columns @ parameters + noise``.
+
+        Args:
+            columns: Regressor, of shape (n, count).
+            values: Measured values, of shape (n,).
+            weights: Inverse variance of each, of shape (n,).
+        """
+        weighted = columns.T * weights
+        self._information += weighted @ columns
+        self._vector += weighted @ values
+
+    def add(self, count: int) -> None:
+        """Append parameters with their prior."""
+        old = self._information
+        size = len(self._vector) + count
+        self._information = np.eye(size)
+        self._information[: len(old), : len(old)] = old
+        self._vector = np.concatenate((self._vector, np.zeros(count)))
+
+    def drop(self, first: int, count: int) -> None:
+        """Marginalize parameters: what they imply about the others is kept (Schur complement)."""
+        gone = np.zeros(len(self._vector), dtype=bool)
+        gone[first : first + count] = True
+        shared = self._information[np.ix_(~gone, gone)]
+        gain = np.linalg.solve(self._information[np.ix_(gone, gone)], shared.T).T
+        self._vector = self._vector[~gone] - gain @ self._vector[gone]
+        self._information = self._information[np.ix_(~gone, ~gone)] - gain @ shared.T
+
+    def marginal(self, first: int, count: int) -> tuple[Vector, Matrix]:
+        """Mean and covariance of ``count`` parameters, of shapes (count,) and (count, count)."""
+        part = slice(first, first + count)
+        # One solution for both: information @ mean = vector, information @ covariance = identity.
+        identity = np.eye(len(self._vector))[:, part]
+        columns = np.column_stack((self._vector, identity))
+        found = np.asarray(np.linalg.solve(self._information, columns)[part], dtype=np.float64)
+        return found[:, 0], found[:, 1:]

@@ -129,9 +129,9 @@ class PlanarServo:
         if target is not None:
             goal[0], goal[1], goal[2] = target
         found = np.empty((3, len(now.q)))
-        wanted = self.time_scale, target is not None, goal
+        desired = self.time_scale, target is not None, goal
         outcome = self._servo_step(
-            *self._parameters, *wanted, *self._arm, self._work, self._seen, found
+            *self._parameters, *desired, *self._arm, self._work, self._seen, found
         )
         if outcome == TOO_LATE:  # after this acceleration a joint could not stop: brake fully
             q, v, a = self._brake.to_rest(np.array(self._sent))
@@ -180,7 +180,9 @@ def _chain(kinematics: Kinematics, start: Vector) -> tuple[Matrix, Matrix]:
     links = links_from_jacobian(tool, kinematics.jacobian(zero))
     origin = kinematics.matrix(start)
     frames = np.zeros((3, 12))
-    frames[:2, :9], frames[:2, 9:] = origin[:3, :3].ravel(), origin[:3, 3]
+    frames[:2, :9] = origin[:3, :3].ravel()
+    frames[:2, 9:] = origin[:3, 3]
+    # Relative to the last joint, whose position with all joints at zero is the sum of the steps.
     frames[2, :9] = tool[:3, :3].ravel()
     frames[2, 9:] = tool[:3, 3] - links[:, STEP : STEP + 3].sum(axis=0)
     return links, frames

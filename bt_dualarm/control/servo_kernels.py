@@ -1,4 +1,4 @@
-"""Compiled planar visual servoing within the joint limits. `servo_step` is the entry point.
+"""Kernels of planar visual servoing within the joint limits. `servo_step` is the entry point.
 
 Three nested loops, each of which asks no more of the next than that one can still undo (cascade
 control, Siciliano et al., Robotics, 8.3; the profiles are those of rest-to-rest motion, Biagiotti
@@ -61,94 +61,132 @@ from bt_dualarm.kinematics.chain_kernel_arrays import (
 from bt_dualarm.kinematics.chain_kernels import solve_rows, tool_pose_and_jacobian
 from bt_dualarm.trajectory.limit_kernels import can_stop
 
-# Shares of the limits used for planning; the rest is left to feedback.
-_STOP_ACCELERATION = 0.5  # of the acceleration limit, for stopping before a position limit
-_TOP_SHARE = 0.95  # of the velocity limit
-_BRAKE_ACCELERATION = 0.5  # of the plane acceleration, for braking before the target
-_BRAKE_JERK = 0.35  # of the plane jerk, likewise
-_FADE_JERK = 0.5  # of the plane jerk, for letting an acceleration fade
+# Shares of the limits that are used for planning; the rest is left to feedback.
 
-_BRAKING_SHARE = 0.3  # share per period by which the acceleration approaches the braking one
+_STOP_ACCELERATION = 0.5
+"""Share of the acceleration limit for stopping before a position limit."""
 
+_TOP_SHARE = 0.95
+"""Share of the velocity limit."""
 
-@kernel
-def stoppable_share(work: Matrix, velocity: Vector) -> float:
-    """Largest share of a plane velocity from which each joint can stop before its limit."""
-    share = math.inf
-    for i in range(work.shape[1]):
-        turning = work[PLANE_RATES, i] * velocity[0] + work[PLANE_RATES + 1, i] * velocity[1]
-        q = work[NOW_Q, i]
-        room = work[UPPER, i] - q if turning > 0.0 else q - work[LOWER, i]
-        # v² = 2 a d
-        braking = math.sqrt(2.0 * _STOP_ACCELERATION * work[MAX_ACCELERATION, i] * max(room, 0.0))
-        most = min(braking, _TOP_SHARE * work[MAX_VELOCITY, i])
-        share = min(share, most / max(abs(turning), 1e-9))
-    return share
+_BRAKE_ACCELERATION = 0.5
+"""Share of the plane acceleration for braking before the target."""
+
+_BRAKE_JERK = 0.35
+"""Share of the plane jerk for braking before the target."""
+
+_FADE_JERK = 0.5
+"""Share of the plane jerk for letting an acceleration fade."""
+
+_BRAKING_SHARE = 0.3
+"""Share per period by which the acceleration approaches the braking one, without a target."""
 
 
 @kernel
-def limit_acceleration(
-    work: Matrix, now: Vector, wanted: Vector, share: float, period: float, a: Vector
-) -> None:
-    """Write joint accelerations that hold plane and orientation, then move within the limits.
-
-    Holding comes first: only the part of the plane motion that the remaining acceleration and jerk
-    of every joint allow is added to it.
+def servo_step(
+    period: float,
+    bandwidth: float,
+    slack: float,
+    time_scale: float,
+    has_target: bool,
+    target: Matrix,
+    links: Matrix,
+    frames: Matrix,
+    plane: Matrix,
+    work: Matrix,
+    seen: Vector,
+    result: Matrix,
+) -> int:
+    """Compute the acceleration of this set-point; integrate to the next and observe the tool there.
 
     Args:
-        work: Servo state.
-        now: Current acceleration in the plane, of shape (2,), m/s².
-        wanted: Desired acceleration in the plane, likewise.
-        share: Share of the step from one to the other that this period takes.
         period: Seconds between set-points.
-        a: Output: joint accelerations, of shape (dof,), rad/s².
+        bandwidth: Upper bound of the following bandwidth, rad/s.
+        slack: Jump of the target that may use all of the jerk, m.
+        time_scale: Share of the desired velocity that the guard allows.
+        has_target: Whether there is a target; if not, the tool comes to rest.
+        target: Position, velocity and acceleration in the plane, of shape (3, 2).
+        links: As in `observe_tool`.
+        frames: As in `observe_tool`.
+        plane: As in `observe_tool`.
+        work: Servo state after `observe_tool`.
+        seen: Tool motion after `observe_tool`.
+        result: Output: acceleration, next position, next velocity, of shape (3, dof).
+
+    Returns:
+        `HELD`, `LOST`, or `TOO_LATE`; after the last the tool has not been observed.
     """
-    dof = len(a)
-    step_a = np.empty(dof)
-    low = np.empty(dof)
-    high = np.empty(dof)
-    for i in range(dof):
-        high[i] = work[MAX_ACCELERATION, i]
-        low[i] = -high[i]
-        step_a[i] = work[PLANE_RATES, i] * wanted[0] + work[PLANE_RATES + 1, i] * wanted[1]
-    step = share * (wanted * _feasible_share(work[HOLD_A], step_a, low, high) - now)
-    for i in range(dof):
-        change = work[MAX_JERK, i] * period
-        low[i], high[i] = work[NOW_A, i] - change, work[NOW_A, i] + change
-        step_a[i] = work[PLANE_RATES, i] * step[0] + work[PLANE_RATES + 1, i] * step[1]
-        a[i] = work[HOLD_A, i] + work[PLANE_RATES, i] * now[0] + work[PLANE_RATES + 1, i] * now[1]
-    a += _feasible_share(a, step_a, low, high) * step_a
-    # Where holding alone breaks a limit, all joints are scaled alike: first to the acceleration
-    # limits, then to the jerk limits.
-    most = 1.0
-    for i in range(dof):
-        most = max(most, abs(a[i]) / work[MAX_ACCELERATION, i])
-    a /= most
-    most = 1.0
-    for i in range(dof):
-        most = max(most, abs(a[i] - work[NOW_A, i]) / (work[MAX_JERK, i] * period))
-    for i in range(dof):
-        a[i] = work[NOW_A, i] + (a[i] - work[NOW_A, i]) / most
+    desired = np.empty(2)
+    share = _BRAKING_SHARE
+    if has_target:
+        share = _follow_target(period, bandwidth, slack, time_scale, target, work, seen, desired)
+    else:
+        slowing = -seen[VELOCITY : VELOCITY + 2]
+        desired[:] = fading_acceleration(slowing, 2.0 * BRAKING_BANDWIDTH, seen[PLANE_LIMITS + 1])
+    limit_acceleration(
+        work, seen[ACCELERATION : ACCELERATION + 2], desired, share, period, result[0]
+    )
+    if not _integrate(work, period, result):
+        return TOO_LATE
+    work[NOW_A] = result[0]
+    work[NOW_Q] = result[1]
+    work[NOW_V] = result[2]
+    return HELD if observe_tool(links, frames, plane, period, work, seen) else LOST
 
 
 @kernel
-def _feasible_share(start: Vector, step_a: Vector, low: Vector, high: Vector) -> float:
-    """Largest share in [0, 1] of a step of shape (dof,) with which all joints stay in bounds."""
-    share = 1.0
-    for i in range(len(step_a)):
-        room = high[i] - start[i] if step_a[i] > 0.0 else start[i] - low[i]
-        share = min(share, room / max(abs(step_a[i]), 1e-9))
-    return max(share, 0.0)
+def _follow_target(
+    period: float,
+    bandwidth: float,
+    slack: float,
+    time_scale: float,
+    target: Matrix,
+    work: Matrix,
+    seen: Vector,
+    desired: Vector,
+) -> float:
+    """Write the acceleration, of shape (2,), that follows the target; return its share ``f``."""
+    reach = PlaneLimits(seen[PLANE_LIMITS], seen[PLANE_LIMITS + 1])
+    gains = following_gains(bandwidth, slack, reach.jerk, period)
+    away = target[0] - seen[DISPLACEMENT : DISPLACEMENT + 2]
+    goal = target[1] + closing_velocity(away, gains, reach)
+    passed = min(time_scale, stoppable_share(work, goal))
+    # The guard's time scale and the position limits slow down the desired velocity alike.
+    lack = passed * goal - seen[VELOCITY : VELOCITY + 2]
+    desired[:] = fading_acceleration(lack, gains.b, reach.jerk)
+    if passed == 1.0:  # slowed down, the tool does not follow the target's acceleration
+        desired += target[2]
+    return gains.f
 
 
 @kernel
-def jerk_bandwidth(jerk: float, error: float) -> float:
-    """Bandwidth in rad/s at which a position error in m uses all of the jerk in m/s³.
+def _integrate(work: Matrix, dt: float, result: Matrix) -> bool:
+    """Write positions and velocities one period later; return whether all joints can stop."""
+    feasible = True
+    for i in range(work.shape[1]):
+        q = work[NOW_Q, i]
+        v = work[NOW_V, i]
+        a = result[0, i]
+        feasible = feasible and can_stop(work, i, q, v, a)
+        # Constant acceleration over the period, so that all three stay consistent.
+        result[1, i] = q + v * dt + 0.5 * a * dt * dt
+        result[2, i] = v + a * dt
+    return feasible
 
-    A system with three poles at ``w`` responds to a step ``e`` with a jerk of ``w³·e``.
+
+@kernel
+def following_gains(bandwidth: float, error: float, jerk: float, period: float) -> Gains:
+    """Gains for following a target, as fast as the jerk allows.
+
+    Args:
+        bandwidth: Upper bound of the bandwidth, rad/s; two poles are at it or below.
+        error: Jump of the target that may use all of the jerk, m.
+        jerk: Jerk limit in the plane, m/s³.
+        period: Seconds between set-points.
     """
-    bandwidth: float = np.cbrt(jerk / error)
-    return bandwidth
+    w = min(bandwidth, jerk_bandwidth(jerk, error))
+    # The third pole p is as fast as the jerk allows: w² p e = jerk.
+    return pole_gains((w, w, max(w, jerk / (error * w * w))), period)
 
 
 @kernel
@@ -174,18 +212,25 @@ def pole_gains(poles: tuple[float, float, float], period: float) -> Gains:
 
 
 @kernel
-def following_gains(bandwidth: float, error: float, jerk: float, period: float) -> Gains:
-    """Gains for following a target, as fast as the jerk allows.
+def jerk_bandwidth(jerk: float, error: float) -> float:
+    """Bandwidth in rad/s at which a position error in m uses all of the jerk in m/s³.
 
-    Args:
-        bandwidth: Upper bound of the bandwidth, rad/s; two poles are at it or below.
-        error: Jump of the target that may use all of the jerk, m.
-        jerk: Jerk limit in the plane, m/s³.
-        period: Seconds between set-points.
+    A system with three poles at ``w`` responds to a step ``e`` with a jerk of ``w³·e``.
     """
-    w = min(bandwidth, jerk_bandwidth(jerk, error))
-    # The third pole p is as fast as the jerk allows: w² p e = jerk.
-    return pole_gains((w, w, max(w, jerk / (error * w * w))), period)
+    bandwidth: float = np.cbrt(jerk / error)
+    return bandwidth
+
+
+@kernel
+def closing_velocity(away: Vector, gains: Gains, reach: PlaneLimits) -> Vector:
+    """Velocity toward a target at an offset ``away`` in m, of shape (2,), m/s."""
+    distance = math.hypot(away[0], away[1])
+    if distance == 0.0:
+        return np.zeros(2)
+    planned = PlaneLimits(_BRAKE_ACCELERATION * reach.acceleration, _BRAKE_JERK * reach.jerk)
+    speed = min(gains.c * distance, braking_speed(distance, planned))
+    closing: Vector = away * (speed / distance)
+    return closing
 
 
 @kernel
@@ -204,18 +249,6 @@ def braking_speed(distance: float, reach: PlaneLimits) -> float:
 
 
 @kernel
-def closing_velocity(away: Vector, gains: Gains, reach: PlaneLimits) -> Vector:
-    """Velocity toward a target at an offset ``away`` in m, of shape (2,), m/s."""
-    distance = math.hypot(away[0], away[1])
-    if distance == 0.0:
-        return np.zeros(2)
-    planned = PlaneLimits(_BRAKE_ACCELERATION * reach.acceleration, _BRAKE_JERK * reach.jerk)
-    speed = min(gains.c * distance, braking_speed(distance, planned))
-    closing: Vector = away * (speed / distance)
-    return closing
-
-
-@kernel
 def fading_acceleration(lack: Vector, gain: float, jerk: float) -> Vector:
     """Acceleration in m/s² for a velocity error in m/s, both of shape (2,).
 
@@ -227,6 +260,79 @@ def fading_acceleration(lack: Vector, gain: float, jerk: float) -> Vector:
         return np.zeros(2)
     acceleration: Vector = lack * min(gain, math.sqrt(2.0 * _FADE_JERK * jerk / size))
     return acceleration
+
+
+@kernel
+def stoppable_share(work: Matrix, velocity: Vector) -> float:
+    """Largest share of a plane velocity from which each joint can stop before its limit."""
+    share = math.inf
+    for i in range(work.shape[1]):
+        turning = work[PLANE_RATES, i] * velocity[0] + work[PLANE_RATES + 1, i] * velocity[1]
+        q = work[NOW_Q, i]
+        room = work[UPPER, i] - q if turning > 0.0 else q - work[LOWER, i]
+        # v² = 2 a d
+        braking = math.sqrt(2.0 * _STOP_ACCELERATION * work[MAX_ACCELERATION, i] * max(room, 0.0))
+        most = min(braking, _TOP_SHARE * work[MAX_VELOCITY, i])
+        share = min(share, most / max(abs(turning), 1e-9))
+    return share
+
+
+@kernel
+def limit_acceleration(
+    work: Matrix, now: Vector, desired: Vector, share: float, period: float, a: Vector
+) -> None:
+    """Write joint accelerations that hold plane and orientation, then move within the limits.
+
+    Holding comes first: only the part of the plane motion that the remaining acceleration and jerk
+    of every joint allow is added to it.
+
+    Args:
+        work: Servo state.
+        now: Current acceleration in the plane, of shape (2,), m/s².
+        desired: Desired acceleration in the plane, likewise.
+        share: Share of the step from one to the other that this period takes.
+        period: Seconds between set-points.
+        a: Output: joint accelerations, of shape (dof,), rad/s².
+    """
+    dof = len(a)
+    step_a = np.empty(dof)
+    low = np.empty(dof)
+    high = np.empty(dof)
+    # First by the acceleration limits, from holding alone; then by the jerk limits, from what
+    # holding and the current plane motion need now.
+    for i in range(dof):
+        high[i] = work[MAX_ACCELERATION, i]
+        low[i] = -high[i]
+        step_a[i] = work[PLANE_RATES, i] * desired[0] + work[PLANE_RATES + 1, i] * desired[1]
+    step = share * (desired * _feasible_share(work[HOLD_A], step_a, low, high) - now)
+    for i in range(dof):
+        change = work[MAX_JERK, i] * period
+        low[i] = work[NOW_A, i] - change
+        high[i] = work[NOW_A, i] + change
+        step_a[i] = work[PLANE_RATES, i] * step[0] + work[PLANE_RATES + 1, i] * step[1]
+        a[i] = work[HOLD_A, i] + work[PLANE_RATES, i] * now[0] + work[PLANE_RATES + 1, i] * now[1]
+    a += _feasible_share(a, step_a, low, high) * step_a
+    # Where holding alone breaks a limit, all joints are scaled alike: first to the acceleration
+    # limits, then to the jerk limits.
+    most = 1.0
+    for i in range(dof):
+        most = max(most, abs(a[i]) / work[MAX_ACCELERATION, i])
+    a /= most
+    most = 1.0
+    for i in range(dof):
+        most = max(most, abs(a[i] - work[NOW_A, i]) / (work[MAX_JERK, i] * period))
+    for i in range(dof):
+        a[i] = work[NOW_A, i] + (a[i] - work[NOW_A, i]) / most
+
+
+@kernel
+def _feasible_share(start: Vector, step_a: Vector, low: Vector, high: Vector) -> float:
+    """Largest share in [0, 1] of a step of shape (dof,) with which all joints stay in bounds."""
+    share = 1.0
+    for i in range(len(step_a)):
+        room = high[i] - start[i] if step_a[i] > 0.0 else start[i] - low[i]
+        share = min(share, room / max(abs(step_a[i]), 1e-9))
+    return max(share, 0.0)
 
 
 @kernel
@@ -306,12 +412,12 @@ def _hold_plane(
     """
     w = HOLD_BANDWIDTH
     dof = work.shape[1]
-    off = 0.0
+    error = 0.0
     speed = 0.0
     for axis in range(3):
-        off += plane[2, axis] * (frames[0, 9 + axis] - frames[1, 9 + axis])
+        error += plane[2, axis] * (frames[0, 9 + axis] - frames[1, 9 + axis])
         speed += plane[2, axis] * twist[axis]
-    seen[PLANE_ERROR] = off
+    seen[PLANE_ERROR] = error
     rest = np.zeros(dof)
     if dof > 6:
         for i in range(dof):
@@ -320,7 +426,7 @@ def _hold_plane(
     work[HOLD_A] = rest
     for row in range(6):
         if row < 3:
-            wanted = (w * w * off - 2.0 * w * speed) * plane[2, row]
+            desired = (w * w * error - 2.0 * w * speed) * plane[2, row]
         else:
             # Orientation error: half the skew part of R_start R_nowᵀ, an axis times sin(angle).
             one = (row - 2) % 3
@@ -330,12 +436,12 @@ def _hold_plane(
                 skew += frames[0, 3 * two + along] * frames[1, 3 * one + along]
                 skew -= frames[0, 3 * one + along] * frames[1, 3 * two + along]
             seen[ANGLE_ERROR + row - 3] = 0.5 * skew
-            wanted = 0.5 * w * w * skew - 2.0 * w * twist[row]
-        wanted -= change[row]
+            desired = 0.5 * w * w * skew - 2.0 * w * twist[row]
+        desired -= change[row]
         for i in range(dof):
-            wanted -= work[JACOBIAN + row, i] * rest[i]
+            desired -= work[JACOBIAN + row, i] * rest[i]
         for i in range(dof):
-            work[HOLD_A, i] += work[INVERSE + row, i] * wanted
+            work[HOLD_A, i] += work[INVERSE + row, i] * desired
 
 
 @kernel
@@ -350,91 +456,3 @@ def _plane_limits(plane: Matrix, work: Matrix, seen: Vector) -> None:
         per_unit = max(math.hypot(work[PLANE_RATES, i], work[PLANE_RATES + 1, i]), 1e-6)
         seen[PLANE_LIMITS] = min(seen[PLANE_LIMITS], work[MAX_ACCELERATION, i] / per_unit)
         seen[PLANE_LIMITS + 1] = min(seen[PLANE_LIMITS + 1], work[MAX_JERK, i] / per_unit)
-
-
-@kernel
-def servo_step(
-    period: float,
-    bandwidth: float,
-    slack: float,
-    time_scale: float,
-    has_target: bool,
-    target: Matrix,
-    links: Matrix,
-    frames: Matrix,
-    plane: Matrix,
-    work: Matrix,
-    seen: Vector,
-    result: Matrix,
-) -> int:
-    """Compute the acceleration of this set-point; integrate to the next and observe the tool there.
-
-    Args:
-        period: Seconds between set-points.
-        bandwidth: Upper bound of the following bandwidth, rad/s.
-        slack: Jump of the target that may use all of the jerk, m.
-        time_scale: Share of the desired velocity that the guard allows.
-        has_target: Whether there is a target; if not, the tool comes to rest.
-        target: Position, velocity and acceleration in the plane, of shape (3, 2).
-        links: As in `observe_tool`.
-        frames: As in `observe_tool`.
-        plane: As in `observe_tool`.
-        work: Servo state after `observe_tool`.
-        seen: Tool motion after `observe_tool`.
-        result: Output: acceleration, next position, next velocity, of shape (3, dof).
-
-    Returns:
-        `HELD`, `LOST`, or `TOO_LATE`; after the last the tool has not been observed.
-    """
-    wanted = np.empty(2)
-    share = _BRAKING_SHARE
-    if has_target:
-        share = _follow_target(period, bandwidth, slack, time_scale, target, work, seen, wanted)
-    else:
-        slowing = -seen[VELOCITY : VELOCITY + 2]
-        wanted[:] = fading_acceleration(slowing, 2.0 * BRAKING_BANDWIDTH, seen[PLANE_LIMITS + 1])
-    limit_acceleration(
-        work, seen[ACCELERATION : ACCELERATION + 2], wanted, share, period, result[0]
-    )
-    if not _integrate(work, period, result):
-        return TOO_LATE
-    work[NOW_A], work[NOW_Q], work[NOW_V] = result[0], result[1], result[2]
-    return HELD if observe_tool(links, frames, plane, period, work, seen) else LOST
-
-
-@kernel
-def _follow_target(
-    period: float,
-    bandwidth: float,
-    slack: float,
-    time_scale: float,
-    target: Matrix,
-    work: Matrix,
-    seen: Vector,
-    wanted: Vector,
-) -> float:
-    """Write the acceleration, of shape (2,), that follows the target; return its share ``f``."""
-    reach = PlaneLimits(seen[PLANE_LIMITS], seen[PLANE_LIMITS + 1])
-    gains = following_gains(bandwidth, slack, reach.jerk, period)
-    away = target[0] - seen[DISPLACEMENT : DISPLACEMENT + 2]
-    goal = target[1] + closing_velocity(away, gains, reach)
-    passed = min(time_scale, stoppable_share(work, goal))
-    lack = passed * goal - seen[VELOCITY : VELOCITY + 2]
-    wanted[:] = fading_acceleration(lack, gains.b, reach.jerk)
-    if passed == 1.0:  # slowed down, the tool does not follow the target's acceleration
-        wanted += target[2]
-    return gains.f
-
-
-@kernel
-def _integrate(work: Matrix, dt: float, result: Matrix) -> bool:
-    """Write positions and velocities one period later; return whether all joints can stop."""
-    feasible = True
-    for i in range(work.shape[1]):
-        q = work[NOW_Q, i]
-        v = work[NOW_V, i]
-        a = result[0, i]
-        feasible = feasible and can_stop(work, i, q, v, a)
-        result[1, i] = q + v * dt + 0.5 * a * dt * dt
-        result[2, i] = v + a * dt
-    return feasible

@@ -34,6 +34,438 @@ from bt_dualarm.trajectory.point_to_point import stop
 from bt_dualarm.trajectory.sources import ScaledPiece, StreamSource, TrajectorySource, sampled_at
 from bt_dualarm.trajectory.trajectory import Trajectory
 
+CLEAR_M = 0.03
+"""Separation that an arm keeps from others, m; less if its motion began nearer to them."""
+
+FLOOR_M = 0.012
+"""Separation below which an arm comes no nearer at all, m. A motion that begins between this and
+`CLEAR_M` may come nearer by `NEARER_M`."""
+
+NEARER_M = 0.0005
+"""Approach that a motion may add where arms are already too near, m: control tolerance."""
+
+SLOW = ((0.05, 1.0), (0.025, 0.6), (0.0, 0.3))
+"""Pairs of spare distance beyond the required separation in m, and the time scale from there on."""
+
+NEAR = "another arm is near"
+"""Reason for slowing down because of another arm."""
+
+LOOK_S = 0.02
+"""Time between two checks near another arm, s."""
+
+PIECE_S = 0.1
+"""Time between two checks where no other arm is near, s."""
+
+RESUME_S = 0.3
+"""Time ahead that must be clear before a stopped arm continues, s: hysteresis against a restart
+that ends in the next stop."""
+
+RESUME_M = 0.01
+"""Additional separation required for that, m."""
+
+MONITOR_PERIOD_S = 0.2
+"""Simulated time between two checks of the motion ahead, s."""
+
+AHEAD_S = 2.0
+"""Planned time that a check looks ahead, s."""
+
+_WAITS = (25, 10, 5, 3, 2, 1)
+"""Numbers of set-points of a stream that may pass unchecked where no other arm is near, tried in
+turn."""
+
+_POSTURE_EVERY = 5
+"""Checks of the surroundings per check of the posture, which changes slowly."""
+
+_MOVED = 2e-3
+"""Displacement above which something counts as moved, rad or m."""
+
+_RESTING = 0.05
+"""Joint speed above which an arm counts as moving, rad/s: it will be elsewhere, and the guard keeps
+it away meanwhile."""
+
+_STEP = 0.015
+"""Displacement between checked configurations, m: with 5 mm of the arm's own thickness, too little
+to miss a wall of 10 mm."""
+
+
+class ArmGuard:
+    """Checks the motions of one arm before they are executed.
+
+    Args:
+        world: World that contains the arm.
+        name: Name of the arm.
+        period: Seconds between set-points.
+        reservations: Reservations of all arms of the world.
+
+    Attributes:
+        report: Statistics and actions so far.
+    """
+
+    def __init__(self, world: World, name: str, period: float, reservations: Reservations) -> None:
+        self.report = GuardReport()
+        self._world = world
+        self._name = name
+        self._period = period
+        self._reservations = reservations
+        self._limits = world.robots[name].limits
+        self._waits = [count * period for count in _WAITS]
+        self._motion: SetPointSource | None = None
+        self._trajectory: TrajectoryGuard | None = None
+        self._next_look = -np.inf
+        self._next_check = -np.inf
+        self._free_until = -np.inf
+        self._looks = 0
+        self._scale = 1.0
+        self._reason = ""
+        self._generation = -1
+
+    @property
+    def neighbors(self) -> tuple[str, ...]:
+        """Names of the arms that this one can ever come near."""
+        self._refresh()
+        return self._check.others
+
+    def look(self, motion: SetPointSource, sent: SetPoint, time: float) -> Failure | None:
+        """Let the motion continue, slow it down or hold it; return a failure that ends it.
+
+        The times at which posture and surroundings are checked depend on the motion alone, not on
+        the distance to other arms.
+
+        Args:
+            motion: Motion that is being followed.
+            sent: The last set-point.
+            time: Simulated time of the next one, s.
+        """
+        self._refresh()
+        if motion is not self._motion:
+            self._begin(motion, sent, time)
+        if time >= self._next_look:
+            contact = self.touch()
+            if contact is not None:
+                return contact
+            self._look_around(motion, time)
+        if self._trajectory is None or time < self._next_check:
+            return None
+        wait, refusal = self._trajectory.advance(sent, self._scale, self._reason, time)
+        self._next_check = time + wait - 1e-9  # against rounding of the time
+        return refusal
+
+    def touch(self) -> Failure | None:
+        """Failure if a link is in contact with something now, else None."""
+        self._refresh()
+        contact = self._touch.unwanted()
+        return None if contact is None else self.report.given_up(contact)
+
+    def is_free(self, time: float) -> bool:
+        """Whether set-points of a stream need no check at a simulated time in s."""
+        return time < self._free_until
+
+    def permits(self, motion: StreamSource, desired: SetPoint, time: float) -> Failure | None:
+        """Check a set-point of a stream; return the failure that ends the stream, if any.
+
+        Args:
+            motion: Stream; its braking trajectory from the set-point on is updated.
+            desired: Set-point, within the joint limits.
+            time: Simulated time of the set-point, s.
+        """
+        if self.is_free(time):
+            return None
+        free = self._rule.reserve_free_motion(desired, time, self._waits)
+        self._free_until = time + free - 1e-9
+        if free > 0.0:
+            motion.braking = None
+            return None
+        braking = stop(desired.q, desired.v, desired.a, self._limits, self._period)
+        gap = self._rule.admits(braking.q, time)
+        self._rule.see(desired, time)
+        if gap is not None:
+            return self.report.given_up(Failure("IN_COLLISION", reason_of(gap)))
+        motion.braking = braking
+        return None
+
+    def stop(
+        self, motion: SetPointSource | None, candidates: Sequence[Trajectory], time: float
+    ) -> Trajectory:
+        """Braking trajectory for an arm that must stop now: the first clear one, and reserve it.
+
+        If none is clear, the one reserved before is taken, or the last candidate.
+
+        Args:
+            motion: Motion that is being followed.
+            candidates: Trajectories from the last set-point on, the preferred one first; the last
+                one brakes all joints as hard as their limits allow.
+            time: Simulated time of the next set-point, s.
+        """
+        self._refresh()
+        keep = dict.fromkeys(self._check.others, CLEAR_M)
+        if motion is not None and motion is self._motion:
+            keep = self._rule.clear
+        for braking in candidates:
+            if self._check.reserve_trajectory(braking.to_come, time, keep).clear:
+                return braking
+        # The reserved trajectory was clear when it was checked, and is still reserved.
+        reserved = None if motion is None else motion.braking
+        braking = candidates[-1] if reserved is None else reserved
+        self._check.reserve_regardless(braking.to_come, time)
+        return braking
+
+    def rests(self, q: Vector, time: float) -> None:
+        """Reserve that the arm rests at ``q``, of shape (dof,), rad."""
+        self._refresh()
+        self._check.reserve_rest(q, time)
+
+    def _begin(self, motion: SetPointSource, sent: SetPoint, time: float) -> None:
+        self._motion = motion
+        self._next_look = -np.inf
+        self._next_check = -np.inf
+        self._free_until = -np.inf
+        self._looks = 0
+        self._rule = SeparationRule(self._check, self.report, sent, time)
+        self._surroundings.begin()
+        self._trajectory = None
+        if isinstance(motion, TrajectorySource):
+            self._trajectory = TrajectoryGuard(motion, self._rule, self._limits, self.report)
+
+    def _look_around(self, motion: SetPointSource, time: float) -> None:
+        """Check posture and surroundings, and apply the time scale that they allow."""
+        # The smaller time scale, with its reason.
+        self._scale, self._reason = min(self._posture_scale(motion), self._surroundings_scale())
+        self._next_look = time + 2.0 * LOOK_S - 1e-9
+        if isinstance(motion, StreamSource):
+            self._next_look = time + LOOK_S - 1e-9
+            self._scale_stream(motion, self._scale, self._reason)
+        elif isinstance(motion, TrajectorySource) and motion.goal_scale != self._scale:
+            self._next_check = time
+
+    def _scale_stream(self, motion: StreamSource, scale: float, reason: str) -> None:
+        if self._rule.time_scale < scale:
+            scale = self._rule.time_scale
+            reason = NEAR
+        if motion.change_scale(scale) and scale < 1.0:
+            self.report.slow(reason)
+
+    def _posture_scale(self, motion: SetPointSource) -> tuple[float, str]:
+        """Time scale that the posture allows, and the reason if it is less than 1."""
+        self._looks += 1
+        if self._looks % _POSTURE_EVERY == 1:
+            report = self.report
+            posture = self._posture
+            posture.look()
+            report.nearest_limit_rad = min(report.nearest_limit_rad, posture.room)
+            report.worst_condition = max(report.worst_condition, posture.condition)
+        if isinstance(motion, TrajectorySource) and not motion.along_path:
+            return 1.0, ""
+        return self._posture.time_scale
+
+    def _surroundings_scale(self) -> tuple[float, str]:
+        """Time scale that scene and objects allow, and the reason if it is less than 1."""
+        scale = self._surroundings.time_scale
+        self.report.nearest_body_m = min(self.report.nearest_body_m, self._surroundings.nearest)
+        return scale
+
+    def _refresh(self) -> None:
+        """Rebuild everything that refers to the compiled world, if it was recompiled."""
+        world = self._world
+        if self._generation == world.generation:
+            return
+        self._generation = world.generation
+        self._motion = None
+        self._check = FailSafeCheck(world, self._name, self._period, self._reservations)
+        self._touch = LinkContacts(world, self._name)
+        self._posture = Posture(world, self._name)
+        self._surroundings = Clearance(world, self._name)
+
+
+class TrajectoryGuard:
+    """Guards one trajectory: reserves it piece by piece, slows it down, holds and resumes it.
+
+    Args:
+        motion: Motion to guard, at any point.
+        rule: Separation rule of the motion.
+        limits: Joint limits of the arm.
+        report: Report that counts slowdowns and stops.
+    """
+
+    def __init__(
+        self,
+        motion: TrajectorySource,
+        rule: SeparationRule,
+        limits: JointLimits,
+        report: GuardReport,
+    ) -> None:
+        self._motion = motion
+        self._rule = rule
+        self._limits = limits
+        self._report = report
+        self._period = motion.trajectory.dt
+
+    def advance(
+        self, sent: SetPoint, scale: float, reason: str, time: float
+    ) -> tuple[float, Failure | None]:
+        """Reserve the next piece of the motion; if that is not clear, bring it to rest.
+
+        Args:
+            sent: The last set-point.
+            scale: Time scale that the arm's posture and surroundings allow.
+            reason: Reason for that time scale, if it is less than 1.
+            time: Simulated time of the next set-point, s.
+
+        Returns:
+            Time until the next call, s; and the failure that ends the motion, if any.
+        """
+        # Cheapest first: where no other arm can be met, no braking trajectory is needed.
+        free = self._rule.reserve_free_motion(sent, time, (PIECE_S, 0.5 * PIECE_S, LOOK_S))
+        if free > 0.0 and self._change_to(scale, reason):
+            return free, None
+        self._rule.see(sent, time)
+        wait = PIECE_S if self._rule.time_scale == 1.0 else LOOK_S
+        if self._rule.time_scale < scale:
+            scale = self._rule.time_scale
+            reason = NEAR
+        refusal = self._take_next_piece(wait, scale, reason, time)
+        if refusal is None:
+            return wait, None
+        return LOOK_S, self._hold(sent, refusal, time)
+
+    def _change_to(self, scale: float, reason: str) -> bool:
+        """Change to a time scale without a reserved stop; return whether that is possible."""
+        motion = self._motion
+        if motion.braking is None and (motion.goal_scale == scale or motion.changing):
+            return True
+        before = motion.goal_scale
+        if not motion.change_scale(scale, self._limits):
+            return motion.braking is None
+        self._note_scale(before, scale, reason)
+        return True
+
+    def _take_next_piece(self, wait: float, scale: float, reason: str, time: float) -> str | None:
+        """Reserve the next piece of the motion and a stop after it; else return the reason."""
+        motion = self._motion
+        held = motion.held_since is not None
+        count = round((RESUME_S if held else wait) / self._period)
+        ahead = motion.to_rest_after(count, scale, self._limits)
+        leaves_path = ahead is None
+        # To rest on the path, so that the motion can be resumed; else each joint as fast as it can.
+        if ahead is None:
+            ahead = motion.to_brake_after(count, self._limits)
+        if ahead is None:  # the time scale is changing, and cannot change back
+            return motion.held_up or "it is slowing down"
+        gap = self._rule.admits(ahead.motion.to_come, time, RESUME_M if held else 0.0)
+        if gap is not None:
+            return reason_of(gap)
+        before = motion.goal_scale
+        motion.take(ahead, leaves_path=leaves_path)
+        self._note_scale(before, scale, reason)
+        return None
+
+    def _hold(self, sent: SetPoint, reason: str, time: float) -> Failure | None:
+        """Bring the motion to rest on its path; return a failure if that is not possible."""
+        motion = self._motion
+        if motion.leaves_path or (motion.braking is None and not self._stops(sent, time)):
+            failure = BlockedFailure("IN_COLLISION", reason, progress=motion.progress)
+            return self._report.given_up(failure)
+        if motion.held_since is None:
+            self._report.stop(reason)
+            motion.held_since = time
+        motion.goal_scale = 0.0
+        motion.held_up = reason
+        return None
+
+    def _stops(self, sent: SetPoint, time: float) -> bool:
+        """Reserve a stop on the path for a motion without a reservation; return whether it can."""
+        motion = self._motion
+        if sent.v.any() or sent.a.any():
+            ahead = motion.to_rest_after(0, 0.0, self._limits)
+        else:
+            still = np.array(((motion.parameter.s, 0.0, 0.0),))
+            ahead = ScaledPiece(still, sampled_at(motion.trajectory, still), 0.0)
+        if ahead is None or self._rule.admits(ahead.motion.to_come, time) is not None:
+            return False
+        motion.take(ahead)
+        return True
+
+    def _note_scale(self, before: float, scale: float, reason: str) -> None:
+        self._motion.held_since = None
+        self._motion.held_up = ""
+        if scale < before:
+            self._report.slow(reason)
+
+
+class SeparationRule:
+    """Required separation of one motion from the other arms, and the time scale it allows.
+
+    Args:
+        check: Fail-safe check of the arm.
+        report: Report of its guard.
+        sent: Set-point where the motion begins.
+        time: Simulated time of that set-point, s.
+
+    Attributes:
+        clear: Separation to keep in m, by other arm.
+        time_scale: Time scale that the last reserved trajectory allows.
+    """
+
+    def __init__(
+        self, check: FailSafeCheck, report: GuardReport, sent: SetPoint, time: float
+    ) -> None:
+        self._check = check
+        self._report = report
+        self.time_scale = 1.0
+        self.clear = {
+            name: clearance(gap.meters, CLEAR_M)
+            for name, gap in check.present(sent.q, time).items()
+        }
+
+    def reserve_free_motion(self, sent: SetPoint, time: float, waits: Sequence[float]) -> float:
+        """Time for which the arm may move freely, then stop, without coming near any other arm.
+
+        That region is reserved. 0 if even the shortest time is too long.
+
+        Args:
+            sent: Current set-point.
+            time: Simulated time of the next one, s.
+            waits: Candidate times in s, the longest first.
+        """
+        free = self._check.reserve_region(sent, time, self.clear, waits)
+        if free > 0.0:
+            self.time_scale = 1.0
+        return free
+
+    def admits(self, rows: Matrix, time: float, more: float = 0.0) -> Gap | None:
+        """Reserve a trajectory if it is clear; else return the gap that is too small.
+
+        Args:
+            rows: Positions from ``time`` on, to rest, of shape (n, dof), rad.
+            time: Simulated time, s.
+            more: Additional separation to keep, m.
+        """
+        keep = {name: meters + more for name, meters in self.clear.items()}
+        verdict = self._check.reserve_trajectory(rows, time, keep)
+        if not verdict.clear:
+            return verdict.gap
+        beyond = verdict.spare + more
+        self.time_scale = next(scale for least, scale in SLOW if beyond >= least)
+        return None
+
+    def see(self, sent: SetPoint, time: float) -> None:
+        """Add the current distances to the report."""
+        for gap in self._check.present(sent.q, time).values():
+            self._report.nearest_arm_m = min(self._report.nearest_arm_m, gap.meters)
+
+
+def clearance(present: float, desired: float) -> float:
+    """Separation to keep in m, for an arm that may already be nearer than desired."""
+    # Between the floor and the desired separation, a motion may begin, but hardly come nearer.
+    return min(desired, max(present - NEARER_M, min(present, FLOOR_M)))
+
+
+def reason_of(gap: Gap) -> str:
+    """Reason for which an arm must stop, as a clause."""
+    near = f"{1e3 * max(gap.meters, 0.0):.0f} mm"
+    if not gap.first:
+        return f"another arm would come to within {near}"
+    return f"{gap.first} would come to within {near} of {gap.second}"
+
 
 @dataclass
 class GuardReport:
@@ -82,429 +514,6 @@ class GuardReport:
         return failure
 
 
-CLEAR_M = 0.03
-"""Separation that an arm keeps from others, m; less if its motion began nearer to them."""
-
-FLOOR_M = 0.012
-"""Separation below which an arm comes no nearer at all, m. A motion that begins between this and
-`CLEAR_M` may come nearer by `NEARER_M`."""
-
-NEARER_M = 0.0005
-"""Approach that a motion may add where arms are already too near, m: control tolerance."""
-
-SLOW = ((0.05, 1.0), (0.025, 0.6), (0.0, 0.3))
-"""Pairs of spare distance beyond the required separation in m, and the time scale from there on."""
-
-NEAR = "another arm is near"
-"""Reason for slowing down because of another arm."""
-
-
-class SeparationRule:
-    """Required separation of one motion from the other arms, and the time scale it allows.
-
-    Args:
-        check: Fail-safe check of the arm.
-        report: Report of its guard.
-        sent: Set-point where the motion begins.
-        time: Simulated time of that set-point, s.
-
-    Attributes:
-        clear: Separation to keep in m, by other arm.
-        time_scale: Time scale that the last reserved trajectory allows.
-    """
-
-    def __init__(
-        self, check: FailSafeCheck, report: GuardReport, sent: SetPoint, time: float
-    ) -> None:
-        self._check = check
-        self._report = report
-        self.time_scale = 1.0
-        self.clear = {
-            name: clearance(gap.meters, CLEAR_M)
-            for name, gap in check.present(sent.q, time).items()
-        }
-
-    def leave_alone(self, sent: SetPoint, time: float, waits: Sequence[float]) -> float:
-        """Time for which the arm may move freely, then stop, without coming near any other arm.
-
-        That region is reserved. 0 if even the shortest time is too long.
-
-        Args:
-            sent: Current set-point.
-            time: Simulated time of the next one, s.
-            waits: Candidate times in s, the longest first.
-        """
-        free = self._check.reserve_region(sent, time, self.clear, waits)
-        if free > 0.0:
-            self.time_scale = 1.0
-        return free
-
-    def admits(self, rows: Matrix, time: float, more: float = 0.0) -> Gap | None:
-        """Reserve a trajectory if it is clear; else return the gap that is too small.
-
-        Args:
-            rows: Positions from ``time`` on, to rest, of shape (n, dof), rad.
-            time: Simulated time, s.
-            more: Additional separation to keep, m.
-        """
-        keep = {name: meters + more for name, meters in self.clear.items()}
-        verdict = self._check.reserve_trajectory(rows, time, keep)
-        if not verdict.clear:
-            return verdict.gap
-        beyond = verdict.spare + more
-        self.time_scale = next(scale for least, scale in SLOW if beyond >= least)
-        return None
-
-    def see(self, sent: SetPoint, time: float) -> None:
-        """Add the current distances to the report."""
-        for gap in self._check.present(sent.q, time).values():
-            self._report.nearest_arm_m = min(self._report.nearest_arm_m, gap.meters)
-
-
-def reason_of(gap: Gap) -> str:
-    """Reason for which an arm must stop, as a clause."""
-    near = f"{1e3 * max(gap.meters, 0.0):.0f} mm"
-    if not gap.first:
-        return f"another arm would come to within {near}"
-    return f"{gap.first} would come to within {near} of {gap.second}"
-
-
-def clearance(present: float, wanted: float) -> float:
-    """Separation to keep in m, for an arm that may already be nearer than wanted."""
-    return min(wanted, max(present - NEARER_M, min(present, FLOOR_M)))
-
-
-LOOK_S = 0.02
-"""Time between two checks near another arm, s."""
-
-PIECE_S = 0.1
-"""Time between two checks where no other arm is near, s."""
-
-RESUME_S = 0.3
-"""Time ahead that must be clear before a stopped arm continues, s: hysteresis against a restart
-that ends in the next stop."""
-
-RESUME_M = 0.01
-"""Additional separation required for that, m."""
-
-
-class TrajectoryGuard:
-    """Guards one trajectory: reserves it piece by piece, slows it down, holds and resumes it.
-
-    Args:
-        motion: Motion to guard, at any point.
-        rule: Separation rule of the motion.
-        limits: Joint limits of the arm.
-        report: Report that counts slowdowns and stops.
-    """
-
-    def __init__(
-        self,
-        motion: TrajectorySource,
-        rule: SeparationRule,
-        limits: JointLimits,
-        report: GuardReport,
-    ) -> None:
-        self._motion = motion
-        self._rule = rule
-        self._limits = limits
-        self._report = report
-        self._period = motion.trajectory.dt
-
-    def go_on(
-        self, sent: SetPoint, scale: float, reason: str, time: float
-    ) -> tuple[float, Failure | None]:
-        """Reserve the next piece of the motion; if that is not clear, bring it to rest.
-
-        Args:
-            sent: The last set-point.
-            scale: Time scale that the arm's posture and surroundings allow.
-            reason: Reason for that time scale, if it is less than 1.
-            time: Simulated time of the next set-point, s.
-
-        Returns:
-            Time until the next call, s; and the failure that ends the motion, if any.
-        """
-        free = self._rule.leave_alone(sent, time, (PIECE_S, 0.5 * PIECE_S, LOOK_S))
-        if free > 0.0 and self._change_to(scale, reason):
-            return free, None
-        self._rule.see(sent, time)
-        wait = PIECE_S if self._rule.time_scale == 1.0 else LOOK_S
-        if self._rule.time_scale < scale:
-            scale = self._rule.time_scale
-            reason = NEAR
-        refusal = self._take_next_piece(wait, scale, reason, time)
-        if refusal is None:
-            return wait, None
-        return LOOK_S, self._hold(sent, refusal, time)
-
-    def _change_to(self, scale: float, reason: str) -> bool:
-        """Change to a time scale without a reserved stop; return whether that is possible."""
-        motion = self._motion
-        if motion.braking is None and (motion.goal_scale == scale or motion.changing):
-            return True
-        before = motion.goal_scale
-        if not motion.change_scale(scale, self._limits):
-            return motion.braking is None
-        self._went_on(before, scale, reason)
-        return True
-
-    def _take_next_piece(self, wait: float, scale: float, reason: str, time: float) -> str | None:
-        """Reserve the next piece of the motion and a stop after it; else return the reason."""
-        motion = self._motion
-        held = motion.held_since is not None
-        count = round((RESUME_S if held else wait) / self._period)
-        ahead = motion.to_rest_after(count, scale, self._limits)
-        leaves_path = ahead is None
-        if ahead is None:
-            ahead = motion.to_brake_after(count, self._limits)
-        if ahead is None:  # the time scale is changing, and cannot change back
-            return motion.held_up or "it is slowing down"
-        gap = self._rule.admits(ahead.motion.to_come, time, RESUME_M if held else 0.0)
-        if gap is not None:
-            return reason_of(gap)
-        before = motion.goal_scale
-        motion.take(ahead, leaves_path=leaves_path)
-        self._went_on(before, scale, reason)
-        return None
-
-    def _hold(self, sent: SetPoint, reason: str, time: float) -> Failure | None:
-        """Bring the motion to rest on its path; return a failure if that is not possible."""
-        motion = self._motion
-        if motion.leaves_path or (motion.braking is None and not self._stops(sent, time)):
-            failure = BlockedFailure("IN_COLLISION", reason, progress=motion.progress)
-            return self._report.given_up(failure)
-        if motion.held_since is None:
-            self._report.stop(reason)
-            motion.held_since = time
-        motion.goal_scale = 0.0
-        motion.held_up = reason
-        return None
-
-    def _stops(self, sent: SetPoint, time: float) -> bool:
-        """Reserve a stop on the path for a motion without a reservation; return whether it can."""
-        motion = self._motion
-        if sent.v.any() or sent.a.any():
-            ahead = motion.to_rest_after(0, 0.0, self._limits)
-        else:
-            still = np.array(((motion.parameter.s, 0.0, 0.0),))
-            ahead = ScaledPiece(still, sampled_at(motion.trajectory, still), 0.0)
-        if ahead is None or self._rule.admits(ahead.motion.to_come, time) is not None:
-            return False
-        motion.take(ahead)
-        return True
-
-    def _went_on(self, before: float, scale: float, reason: str) -> None:
-        self._motion.held_since = None
-        self._motion.held_up = ""
-        if scale < before:
-            self._report.slow(reason)
-
-
-_WAITS = (25, 10, 5, 3, 2, 1)  # set-points of a stream that pass unchecked, where there is room
-_POSTURE_EVERY = 5  # checks of the surroundings per check of the posture, which changes slowly
-
-
-class ArmGuard:
-    """Checks the motions of one arm before they are executed.
-
-    Args:
-        world: World that contains the arm.
-        name: Name of the arm.
-        period: Seconds between set-points.
-        reservations: Reservations of all arms of the world.
-
-    Attributes:
-        report: Statistics and actions so far.
-    """
-
-    def __init__(self, world: World, name: str, period: float, reservations: Reservations) -> None:
-        self.report = GuardReport()
-        self._world = world
-        self._name = name
-        self._period = period
-        self._reservations = reservations
-        self._limits = world.robots[name].limits
-        self._waits = [count * period for count in _WAITS]
-        self._motion: SetPointSource | None = None
-        self._trajectory: TrajectoryGuard | None = None
-        self._next_look = self._next_check = self._free_until = -np.inf
-        self._looks = 0
-        self._scale = 1.0
-        self._reason = ""
-        self._generation = -1
-
-    @property
-    def neighbors(self) -> tuple[str, ...]:
-        """Names of the arms that this one can ever come near."""
-        self._refresh()
-        return self._check.others
-
-    def look(self, motion: SetPointSource, sent: SetPoint, time: float) -> Failure | None:
-        """Let the motion continue, slow it down or hold it; return a failure that ends it.
-
-        The times at which posture and surroundings are checked depend on the motion alone, not on
-        the distance to other arms.
-
-        Args:
-            motion: Motion that is being followed.
-            sent: The last set-point.
-            time: Simulated time of the next one, s.
-        """
-        self._refresh()
-        if motion is not self._motion:
-            self._begin(motion, sent, time)
-        if time >= self._next_look:
-            contact = self.touch()
-            if contact is not None:
-                return contact
-            self._look_around(motion, time)
-        if self._trajectory is None or time < self._next_check:
-            return None
-        wait, refusal = self._trajectory.go_on(sent, self._scale, self._reason, time)
-        self._next_check = time + wait - 1e-9
-        return refusal
-
-    def touch(self) -> Failure | None:
-        """Failure if a link is in contact with something now, else None."""
-        self._refresh()
-        contact = self._touch.unwanted()
-        return None if contact is None else self.report.given_up(contact)
-
-    def is_free(self, time: float) -> bool:
-        """Whether set-points of a stream need no check at a simulated time in s."""
-        return time < self._free_until
-
-    def permits(self, motion: StreamSource, wanted: SetPoint, time: float) -> Failure | None:
-        """Check a set-point of a stream; return the failure that ends the stream, if any.
-
-        Args:
-            motion: Stream; its braking trajectory from the set-point on is updated.
-            wanted: Set-point, within the joint limits.
-            time: Simulated time of the set-point, s.
-        """
-        if self.is_free(time):
-            return None
-        free = self._rule.leave_alone(wanted, time, self._waits)
-        self._free_until = time + free - 1e-9
-        if free > 0.0:
-            motion.braking = None
-            return None
-        braking = stop(wanted.q, wanted.v, wanted.a, self._limits, self._period)
-        gap = self._rule.admits(braking.q, time)
-        self._rule.see(wanted, time)
-        if gap is not None:
-            return self.report.given_up(Failure("IN_COLLISION", reason_of(gap)))
-        motion.braking = braking
-        return None
-
-    def stop(
-        self, motion: SetPointSource | None, candidates: Sequence[Trajectory], time: float
-    ) -> Trajectory:
-        """Braking trajectory for an arm that must stop now: the first clear one, and reserve it.
-
-        If none is clear, the one reserved before is taken, or the last candidate.
-
-        Args:
-            motion: Motion that is being followed.
-            candidates: Trajectories from the last set-point on, the preferred one first; the last
-                one brakes all joints as hard as their limits allow.
-            time: Simulated time of the next set-point, s.
-        """
-        self._refresh()
-        keep = dict.fromkeys(self._check.others, CLEAR_M)
-        if motion is not None and motion is self._motion:
-            keep = self._rule.clear
-        for braking in candidates:
-            if self._check.reserve_trajectory(braking.to_come, time, keep).clear:
-                return braking
-        reserved = None if motion is None else motion.braking
-        braking = candidates[-1] if reserved is None else reserved
-        self._check.reserve_regardless(braking.to_come, time)
-        return braking
-
-    def rests(self, q: Vector, time: float) -> None:
-        """Reserve that the arm rests at ``q``, of shape (dof,), rad."""
-        self._refresh()
-        self._check.reserve_rest(q, time)
-
-    def _begin(self, motion: SetPointSource, sent: SetPoint, time: float) -> None:
-        self._motion = motion
-        self._next_look = self._next_check = self._free_until = -np.inf
-        self._looks = 0
-        self._rule = SeparationRule(self._check, self.report, sent, time)
-        self._surroundings.begin()
-        self._trajectory = None
-        if isinstance(motion, TrajectorySource):
-            self._trajectory = TrajectoryGuard(motion, self._rule, self._limits, self.report)
-
-    def _look_around(self, motion: SetPointSource, time: float) -> None:
-        """Check posture and surroundings, and apply the time scale that they allow."""
-        self._scale, self._reason = min(self._posture_scale(motion), self._surroundings_scale())
-        self._next_look = time + 2.0 * LOOK_S - 1e-9
-        if isinstance(motion, StreamSource):
-            self._next_look = time + LOOK_S - 1e-9
-            self._scale_stream(motion, self._scale, self._reason)
-        elif isinstance(motion, TrajectorySource) and motion.goal_scale != self._scale:
-            self._next_check = time
-
-    def _scale_stream(self, motion: StreamSource, scale: float, reason: str) -> None:
-        if self._rule.time_scale < scale:
-            scale = self._rule.time_scale
-            reason = NEAR
-        if motion.change_scale(scale) and scale < 1.0:
-            self.report.slow(reason)
-
-    def _posture_scale(self, motion: SetPointSource) -> tuple[float, str]:
-        """Time scale that the posture allows, and the reason if it is less than 1."""
-        self._looks += 1
-        if self._looks % _POSTURE_EVERY == 1:
-            report = self.report
-            posture = self._posture
-            posture.look()
-            report.nearest_limit_rad = min(report.nearest_limit_rad, posture.room)
-            report.worst_condition = max(report.worst_condition, posture.condition)
-        if isinstance(motion, TrajectorySource) and not motion.along_path:
-            return 1.0, ""
-        return self._posture.time_scale
-
-    def _surroundings_scale(self) -> tuple[float, str]:
-        """Time scale that scene and objects allow, and the reason if it is less than 1."""
-        scale = self._surroundings.time_scale
-        self.report.nearest_body_m = min(self.report.nearest_body_m, self._surroundings.nearest)
-        return scale
-
-    def _refresh(self) -> None:
-        """Rebuild everything that refers to the compiled world, if it was recompiled."""
-        world = self._world
-        if self._generation == world.generation:
-            return
-        self._generation = world.generation
-        self._motion = None
-        self._check = FailSafeCheck(world, self._name, self._period, self._reservations)
-        self._touch = LinkContacts(world, self._name)
-        self._posture = Posture(world, self._name)
-        self._surroundings = Clearance(world, self._name)
-
-
-MONITOR_PERIOD_S = 0.2
-"""Simulated time between two checks of the motion ahead, s."""
-
-AHEAD_S = 2.0
-"""Planned time that a check looks ahead, s."""
-
-_MOVED = 2e-3
-"""Displacement above which something counts as moved, rad or m."""
-
-_RESTING = 0.05
-"""Joint speed above which an arm counts as moving, rad/s: it will be elsewhere, and the guard keeps
-it away meanwhile."""
-
-_STEP = 0.015
-"""Displacement between checked configurations, m: with 5 mm of the arm's own thickness, too little
-to miss a wall of 10 mm."""
-
-
 class PlanMonitor:
     """Checks the rest of a motion for collisions when something else in the world has moved.
 
@@ -540,12 +549,12 @@ class PlanMonitor:
         if time < self._next or self._motion.done:
             return
         self._next = time + MONITOR_PERIOD_S
-        if self._sees_a_move():
+        if self._has_seen_motion():
             self._checked = self._row()
         if self._checked < len(self._motion.trajectory):
             self._look_ahead()
 
-    def _sees_a_move(self) -> bool:
+    def _has_seen_motion(self) -> bool:
         """Whether something was added or has moved since the last time; remembers what."""
         now = self._others()
         moved = {name for name, position in now.items() if not self._is_at(position, name)}
@@ -588,6 +597,7 @@ class PlanMonitor:
         world = self._world
         motion = self._motion.trajectory
         rows = motion.piece(first, end).q
+        # From where the arm is now: its spheres, and the largest turn of each joint on that part.
         turns = np.abs(rows - world.hardware[self._arm].q).max(axis=0)
         if self._bounded is not world.model:  # recompiled
             self._bounds = BoundingSpheres(world, self._arm)
@@ -605,7 +615,7 @@ class PlanMonitor:
             geoms = [world.object_geom(name)]
         else:
             held = world.attachments.attached_to(name)
-            geoms = [*arm.geom_ids, *(world.object_geom(one) for one in held)]
+            geoms = [*arm.geom_ids, *(world.object_geom(payload) for payload in held)]
         spheres: Matrix = np.empty((len(geoms), 4))
         spheres[:, :3] = world.sensed.geom_xpos[geoms]
         spheres[:, 3] = world.model.geom_rbound[geoms]
@@ -629,7 +639,7 @@ class PlanMonitor:
     def _is_moving(self, body: str) -> bool:
         """Whether a link of an arm, or an object that an arm holds, is moving."""
         world = self._world
-        holders = {one.arm for one in world.attachments if one.object == body}
+        holders = {attached.arm for attached in world.attachments if attached.object == body}
         arms = (world.hardware.get(name) for name in holders or {body.partition("/")[0]})
         return any(arm is not None and np.abs(arm.v).max() > _RESTING for arm in arms)
 
@@ -652,7 +662,7 @@ class PlanMonitor:
     def _failure(self, contact: Contact) -> BlockedFailure:
         return BlockedFailure(
             "IN_COLLISION",
-            f"{contact.second} has come into the way of {contact.first}",
+            f"{contact.second} now blocks the path of {contact.first}",
             first=contact.first,
             second=contact.second,
             progress=self._motion.progress,

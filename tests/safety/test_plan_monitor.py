@@ -70,7 +70,7 @@ def test_what_stood_there_when_the_motion_was_planned_is_no_matter() -> None:
     scene.world.remove_object("wall")
     scene.pass_by(2 * MONITOR_PERIOD_S)
     scene.world.spawn_object("wall")
-    with pytest.raises(Failure, match="wall has come into the way"):
+    with pytest.raises(Failure, match="wall now blocks the path"):
         scene.pass_by(2 * MONITOR_PERIOD_S)
 
 
@@ -79,7 +79,7 @@ def test_a_thin_wall_that_comes_into_the_way_is_seen_within_a_look() -> None:
     scene.pass_by(0.5)
     scene.world.spawn_object("wall")
     before = scene.time
-    with pytest.raises(Failure, match="wall has come into the way of arm1/") as caught:
+    with pytest.raises(Failure, match="wall now blocks the path of arm1/") as caught:
         scene.pass_by(5.0)
     assert caught.value.code == "IN_COLLISION"
     assert caught.value.numbers["second"] == "wall"
@@ -96,7 +96,7 @@ def test_what_comes_into_the_far_end_of_the_way_is_seen_before_the_arm_is_there(
     scene.pass_by(1.0)  # the end is farther ahead than a look goes
     left = scene.motion.trajectory.duration - scene.time
     assert left > AHEAD_S + 1.0
-    with pytest.raises(Failure, match="cube has come into the way"):
+    with pytest.raises(Failure, match="cube now blocks the path"):
         scene.pass_by(left)
     assert scene.motion.trajectory.duration - scene.time > 0.5
 
@@ -122,7 +122,7 @@ def test_an_arm_that_is_held_up_looks_no_farther_and_goes_on() -> None:
         scene.watch.look(scene.time)
     assert not scene.motion.done
     scene.world.spawn_object("wall")
-    with pytest.raises(Failure, match="wall has come into the way"):
+    with pytest.raises(Failure, match="wall now blocks the path"):
         scene.pass_by(2 * MONITOR_PERIOD_S)
 
 
@@ -138,7 +138,7 @@ def test_an_arm_that_creeps_sees_what_stands_at_the_end_of_its_way(speed: float)
     goal = Kinematics(body.robot, body.base).forward(0.8 * RIGHT).position
     scene.pass_by(0.3)
     scene.put("cube", (float(goal[0]), float(goal[1]), float(goal[2])))
-    with pytest.raises(Failure, match="cube has come into the way"):
+    with pytest.raises(Failure, match="cube now blocks the path"):
         scene.pass_by(scene.motion.trajectory.duration)
 
 
@@ -155,7 +155,7 @@ def test_what_a_moving_arm_holds_moves_with_it() -> None:
     scene.pass_by(0.5)
     other.data.qvel[other.dof_ids[0]] = 0.0
     scene.world.sense()
-    with pytest.raises(Failure, match="cube has come into the way"):
+    with pytest.raises(Failure, match="cube now blocks the path"):
         scene.pass_by(0.5)
 
 

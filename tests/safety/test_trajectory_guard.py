@@ -39,7 +39,7 @@ def test_a_motion_is_as_fast_as_planned_soon_after_nothing_slows_it(
         due = 0.0
         for step in range(round(seconds / whole.dt)):
             if step * whole.dt >= due:
-                wait, refusal = guard.go_on(sent, scale, "a test", step * whole.dt)
+                wait, refusal = guard.advance(sent, scale, "a test", step * whole.dt)
                 assert refusal is None
                 due = step * whole.dt + wait
             sent = motion.next(0.0)
