@@ -98,8 +98,8 @@ class CollisionChecker:
         held = {world.object_geom(name) for name in world.attachments.attached_to(arm)}
         self.moving = scratch.marks(body.geom_ids | held)
         ignored = {world.object_geom(name) for name in ignore if name in world.objects}
-        asked = scratch.solid & ~scratch.marks(ignored)
-        scratch.compare(asked & self.moving, asked)
+        checked = scratch.solid & ~scratch.marks(ignored)
+        scratch.compare(checked & self.moving, checked)
         least = np.full(scratch.model.ngeom, -TOUCH)
         for name, other in world.arms.items():
             if name != arm:
@@ -247,9 +247,9 @@ class LinkContacts:
     def __init__(self, world: World, arm: str) -> None:
         self._world = world
         body = world.arms[arm]
-        self._mine = np.zeros(world.model.ngeom, dtype=bool)
-        self._mine[list(body.geom_ids)] = True
-        self._links = self._mine.copy()
+        self._own = np.zeros(world.model.ngeom, dtype=bool)
+        self._own[list(body.geom_ids)] = True
+        self._links = self._own.copy()
         self._links[list(body.tool_geom_ids)] = False
 
     def unwanted(self) -> TouchFailure | None:
@@ -261,7 +261,7 @@ class LinkContacts:
         geoms = data.contact.geom
         # Exactly one geom of the pair is a link, and the other is not the arm's own tool.
         links = self._links[geoms]
-        candidates = np.flatnonzero((links[:, 0] != links[:, 1]) & ~self._mine[geoms].all(axis=1))
+        candidates = np.flatnonzero((links[:, 0] != links[:, 1]) & ~self._own[geoms].all(axis=1))
         for i in candidates.tolist():
             depth = -float(data.contact.dist[i])
             if depth > TOUCH:
@@ -288,10 +288,10 @@ class OutsideContacts:
     def __init__(self, world: World, arm: str) -> None:
         self._world = world
         self._arm = arm
-        self._mine = np.zeros(world.model.ngeom, dtype=bool)
-        self._mine[list(world.arms[arm].geom_ids)] = True
+        self._own = np.zeros(world.model.ngeom, dtype=bool)
+        self._own[list(world.arms[arm].geom_ids)] = True
         for name in world.attachments.attached_to(arm):
-            self._mine[world.object_geom(name)] = True
+            self._own[world.object_geom(name)] = True
 
     def deepest(self) -> tuple[str, str] | None:
         """Names of both bodies of the deepest contact, own one first; None without contact."""
@@ -300,11 +300,11 @@ class OutsideContacts:
             return None
         geoms = data.contact.geom
         depths = -data.contact.dist
-        mine = self._mine[geoms]
-        outside = np.flatnonzero((mine[:, 0] != mine[:, 1]) & (depths > 0.0))
+        own = self._own[geoms]
+        outside = np.flatnonzero((own[:, 0] != own[:, 1]) & (depths > 0.0))
         # Deepest first: the first one that is not with the arm's own pedestal counts.
         for i in outside[np.argsort(-depths[outside])].tolist():
-            pair = sorted(geoms[i].tolist(), key=lambda geom: not self._mine[geom])
+            pair = sorted(geoms[i].tolist(), key=lambda geom: not self._own[geom])
             first, second = (name_of_geom(self._world.model, geom) for geom in pair)
             if second.partition("/")[0] != self._arm:  # the arm's pedestal has its name
                 return first, second

@@ -77,7 +77,7 @@ class Support:
 
 
 def support_below(
-    world: World, thing: str, pose: Pose, above: float, below: float
+    world: World, name: str, pose: Pose, above: float, below: float
 ) -> Support | None:
     """Support of an object at a pose, by the sensed state of the world.
 
@@ -89,7 +89,7 @@ def support_below(
 
     Args:
         world: World in its current state; never changed.
-        thing: Name of the object; its current pose does not count.
+        name: Name of the object; its current pose does not count.
         pose: Pose of the object in the world.
         above: Distance above the pose from which it is lowered, m.
         below: Distance below the pose to which it is lowered, m.
@@ -98,8 +98,8 @@ def support_below(
         The support; None if there is none within these distances.
     """
     drop = np.array((0.0, 0.0, above))
-    lower = _lower_side(world, thing, pose)
-    rays = _Rays(world, thing, lower)
+    lower = _lower_side(world, name, pose)
+    rays = _Rays(world, name, lower)
     hits = [rays.down(point + drop) for point in lower]
     gaps = np.array([hit.length for hit in hits]) - above
     nearest = float(gaps.min())
@@ -120,8 +120,8 @@ def support_below(
     slope = max((hit.slope for hit in bearing), default=0.0)
     coefficients = [float(world.model.geom_friction[hit.geom, 0]) for hit in bearing]
     # MuJoCo combines the friction of two geoms by their maximum.
-    friction = max(world.objects[thing].friction, min(coefficients, default=0.0))
-    spec = world.objects[thing]
+    friction = max(world.objects[name].friction, min(coefficients, default=0.0))
+    spec = world.objects[name]
     axis = pose.rotation_matrix[:, 2]
     if spec.shape == "box" or (spec.shape == "cylinder" and abs(axis[2]) > _UPRIGHT):
         return Support(nearest, tilt, slope, friction, rolls=False)
@@ -188,11 +188,11 @@ class _Rays:
 
     Args:
         world: World in its current state.
-        thing: Name of the object, which is left out.
+        name: Name of the object, which is left out.
         lower: Points near which the rays start, of shape (n, 3), m.
     """
 
-    def __init__(self, world: World, thing: str, lower: Matrix) -> None:
+    def __init__(self, world: World, name: str, lower: Matrix) -> None:
         model = world.model
         sensed = world.sensed
         self._world = world
@@ -202,7 +202,7 @@ class _Rays:
         aside = np.linalg.norm(sensed.geom_xpos[:, :2] - middle, axis=1)
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         near = plane | (aside <= wide + model.geom_rbound)
-        left_out = {world.object_geom(thing)} | _arm_geoms(world)
+        left_out = {world.object_geom(name)} | _arm_geoms(world)
         solid = near & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
         self._geoms = [geom for geom in np.flatnonzero(solid).tolist() if geom not in left_out]
 
@@ -289,10 +289,10 @@ class _LowerHull:
         return found
 
 
-def _lower_side(world: World, thing: str, pose: Pose) -> Matrix:
+def _lower_side(world: World, name: str, pose: Pose) -> Matrix:
     """Points on the lower side of an object at a pose, of shape (n, 3), in the world, m."""
-    spec = world.objects[thing]
-    geom = world.object_geom(thing)
+    spec = world.objects[name]
+    geom = world.object_geom(name)
     turn = pose.rotation_matrix
     half = half_extents(spec.shape, spec.size, turn) - (_INSET, _INSET, 0.0)
     shares = np.linspace(-1.0, 1.0, _RAYS)

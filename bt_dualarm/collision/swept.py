@@ -146,10 +146,10 @@ def _pairs(checker: CollisionChecker) -> tuple[Numbers, Numbers]:
     and child, and whose bits match.
     """
     model = checker.model
-    asked = np.flatnonzero((model.geom_conaffinity != 0) | (model.geom_contype != 0))
-    types = model.geom_contype[asked]
-    affinities = model.geom_conaffinity[asked]
-    bodies = model.geom_bodyid[asked]
+    checked = np.flatnonzero((model.geom_conaffinity != 0) | (model.geom_contype != 0))
+    types = model.geom_contype[checked]
+    affinities = model.geom_conaffinity[checked]
+    bodies = model.geom_bodyid[checked]
     welds = model.body_weldid[bodies]
     above = model.body_weldid[model.body_parentid[welds]]
     kept = (types[:, None] & affinities) != 0
@@ -162,9 +162,9 @@ def _pairs(checker: CollisionChecker) -> tuple[Numbers, Numbers]:
     signatures = (bodies[:, None].astype(np.int64) << 16) + bodies
     excluded = np.isin(signatures, model.exclude_signature)
     kept &= ~(excluded | excluded.T)
-    kept &= np.isfinite(checker.least[np.ix_(asked, asked)])
+    kept &= np.isfinite(checker.least[np.ix_(checked, checked)])
     first, second = np.nonzero(np.triu(kept, 1))
-    return asked[first], asked[second]
+    return checked[first], checked[second]
 
 
 def _shapes(checker: CollisionChecker, geoms: Numbers, joints: Joints) -> ConvexShapes:

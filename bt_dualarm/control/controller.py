@@ -371,9 +371,9 @@ def collision_failure(robot: Robot, detector: CollisionDetector, jacobian: Matri
     torque = float(abs(detector.change[joint]))
     threshold = float(detector.threshold[joint])
     return HitFailure(
-        f"joint {robot.joints[joint]} felt {torque:.1f} N m that nothing explains, {threshold:.1f} "
-        f"are usual at most: the arm was hit, at {robot.joints[last]} or beyond, "
-        f"by {force:.0f} N if at the tool",
+        f"joint {robot.joints[joint]} felt {torque:.1f} N m that its model does not explain, above "
+        f"the threshold of {threshold:.1f} N m: a collision at {robot.joints[last]} or beyond, "
+        f"of {force:.0f} N if at the tool",
         joint=robot.joints[joint],
         beyond=robot.joints[last],
         torque_nm=torque,

@@ -306,8 +306,8 @@ def _overload(robot: Robot, joint: int, torque: float) -> Failure:
     effort = float(robot.limits.effort[joint])
     return Failure(
         "OVERLOADED",
-        f"joint {robot.joints[joint]} would have to bear {torque:.3g} N m at rest, "
-        f"and has {effort:.3g} N m",
+        f"joint {robot.joints[joint]} would need {torque:.3g} N m to hold the arm at rest; "
+        f"its limit is {effort:.3g} N m",
         joint=robot.joints[joint],
         torque_nm=torque,
         effort_nm=effort,

@@ -321,8 +321,8 @@ def rounded(corners: Matrix, radii: Vector, is_free: Callable[[Matrix], bool]) -
     begin = corners[0]
     for i in range(1, len(corners) - 1):
         cut = _cut(corners[i - 1], corners[i], corners[i + 1], radii, is_free)
-        enter = corners[i] if cut is None else cut[0]
-        pieces[-1].append(interpolated(begin, enter, radii, _SPACING))
+        end = corners[i] if cut is None else cut[0]
+        pieces[-1].append(interpolated(begin, end, radii, _SPACING))
         if cut is None:
             pieces.append([])
             begin = corners[i]

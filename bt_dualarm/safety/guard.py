@@ -602,10 +602,10 @@ class PlanMonitor:
         if self._bounded is not world.model:  # recompiled
             self._bounds = BoundingSpheres(world, self._arm)
             self._bounded = world.model
-        mine = self._bounds.spheres()
-        reach = self._bounds.reach(self._bounds.levers(mine), turns) + _STEP
+        own = self._bounds.spheres()
+        reach = self._bounds.reach(self._bounds.levers(own), turns) + _STEP
         there = self._moved & (world.arms.keys() | world.objects.keys())
-        return [name for name in there if apart(mine, self._spheres(name)) < reach]
+        return [name for name in there if apart(own, self._spheres(name)) < reach]
 
     def _spheres(self, name: str) -> Matrix:
         """Bounding spheres of an object, or of an arm and its payload, of shape (n, 4), m."""

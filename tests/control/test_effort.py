@@ -83,7 +83,7 @@ def test_without_a_load_nothing_is_slowed(name: str) -> None:
 def test_what_a_joint_cannot_bear_is_refused_with_the_joint() -> None:
     robot = load_robot("panda")
     dynamics = loaded("panda", 3.0, (0.6, 0.0, 0.0))
-    with pytest.raises(Failure, match="would have to bear") as refusal:
+    with pytest.raises(Failure, match="N m to hold the arm at rest") as refusal:
         within_efforts(Trajectory.rest(robot.postures["home"], 0.004), robot, dynamics)
     assert refusal.value.code == "OVERLOADED"
     assert refusal.value.numbers["effort_nm"] == 12.0
