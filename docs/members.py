@@ -80,7 +80,7 @@ PAGES: Final[Mapping[str, Callable[[], str]]] = {
 
 
 def renewed(page: str) -> str:
-    """A page with the tables as they ought to be."""
+    """The page with regenerated tables."""
     text = (DOCS / page).read_text(encoding="utf-8")
     return _PLACE.sub(lambda _: "\n" + PAGES[page](), text)
 

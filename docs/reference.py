@@ -15,7 +15,7 @@ PAGE: Final = Path(__file__).with_suffix(".md")
 
 
 def shipped_reference() -> str:
-    """The page for what is shipped here, whatever else is installed on this machine."""
+    """The reference of the shipped skills, whatever else is installed on this machine."""
     kinds = Registry.load().kinds
     shipped = {n: k for n, k in kinds.items() if Path(k.origin).parent == share_dir("skills")}
     return reference_page(LANGUAGE, shipped, STANDARD_FAILURES)

@@ -44,7 +44,7 @@ class CloseGripper(Skill):
         "INVALID_TARGET": "a value is beyond the gripper's range, or the object is fixed",
         "NOT_THERE": "the object is not in the world",
         "NOT_CLOSED": "the fingers did not come to rest",
-        "GRIPPER_FULL": "the gripper holds another object than the one named",
+        "GRIPPER_FULL": "the gripper holds an object other than the named one",
         "WRONG_OBJECT": "the named object is elsewhere, or not as wide as what is held",
     }
     example = "close_gripper: {force: 40}"

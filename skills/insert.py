@@ -130,7 +130,7 @@ class Insert(Skill):
             raise Failure(
                 "NOT_INSERTED",
                 f"{name!r} is {1e3 * beside:.1f} mm beside and {1e3 * error[2]:.1f} mm above its "
-                f"place in the hole, turned by {np.degrees(turned):.1f}°",
+                f"goal, rotated by {np.degrees(turned):.1f}°",
                 beside_m=beside,
                 height_off_m=float(error[2]),
                 turned_rad=turned,
@@ -245,7 +245,7 @@ class Insert(Skill):
 
 
 def _spiral(radius: float, pitch: float) -> Iterator[Vector]:
-    """Offsets of the search, of shape (2,), m: outwards in a spiral, then again between those.
+    """Offsets of the search, of shape (2,), m: outward in a spiral, then again between those.
 
     The second pass helps where friction kept the peg off a position in the first. The offsets form
     a sunflower spiral, which has uniform density (Vogel, Math. Biosci. 1979).

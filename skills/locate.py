@@ -68,7 +68,7 @@ class Locate(Skill):
         "INVALID_TARGET": "the object has no color that can be detected, or no size is given",
         "NOT_SEEN": "nothing of this color and shape is in the image",
         "WRONG_SIZE": "the object with this color and shape is larger or smaller",
-        "INACCURATE": "the estimate is less accurate than asked for, or the object moved",
+        "INACCURATE": "the estimate is less accurate than requested, or the object moved",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }

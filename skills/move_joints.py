@@ -16,7 +16,7 @@ class MoveJoints(Skill):
         exactly_one_of = ("to", "by")
 
         to: JointAngles | None = port(
-            None, "angles of all joints, base to tip, or {joint: angle} of some", unit="deg"
+            None, "angles of all joints, base to tip, or {joint: angle} for some", unit="deg"
         )
         by: JointAngles | None = port(
             None, "angles relative to the current ones, likewise", unit="deg"

@@ -36,7 +36,7 @@ class Regrasp(Skill):
         "NOT_HELD": "the gripper holds nothing, and no object is named",
         **SettingDown.failures,
         **Taking.failures,
-        "OUT_OF_REACH": "no other grasp is free, as asked for, and reachable",
+        "OUT_OF_REACH": "no other grasp is collision-free, as requested, and reachable",
     }
     example = "regrasp: {object: cube}"
     needs = ("scipy.interpolate", "scipy.spatial", "bt_dualarm.skill.preload_grasping")

@@ -59,7 +59,7 @@ SETTLED_RAD = 5e-4
 """Largest joint error at which a motion counts as executed."""
 
 PLANNING_S = 0.1
-"""Simulated seconds that planning takes, however long the computation takes: runs repeat."""
+"""Simulated seconds that planning takes, independent of the computing time, so that runs repeat."""
 
 PLANNING_MARGIN_M = 0.045
 """Distance in meters that plans keep from other arms: more than the guard keeps."""
@@ -293,7 +293,7 @@ class Arm(ArmState):
 
         Raises:
             Failure: Among others ``INTERRUPTED``, when something else has stopped it, and
-                ``DROPPED``, when the gripper has lost what it held.
+                ``DROPPED``, when the gripper has lost the object.
         """
         if self.controller.fault is not None:
             raise self.controller.fault
@@ -319,7 +319,7 @@ class Arm(ArmState):
         self._shared.patience.renew()
         raise BlockedFailure(
             "TIMED_OUT",
-            f"held up: {motion.held_up}",
+            f"blocked: {motion.held_up}",
             progress=motion.progress,
             waited_s=waited_s,
         )
@@ -376,7 +376,7 @@ class Arm(ArmState):
         """Brake with bounded jerk; yields once per tick until the arm is at rest.
 
         An arm that is pressed against something is at rest as well, wherever its set-point is. A
-        compliant one presses no harder, however long it stands.
+        compliant one does not increase its force over time.
 
         Args:
             give_way: Whether to become compliant at once, since the arm has just touched something.

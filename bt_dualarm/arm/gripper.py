@@ -119,11 +119,11 @@ class ArmGripper:
 
     @property
     def is_lost(self) -> bool:
-        """Whether what it held is lost, by its sensors: the fingers have shut, or the cup leaks."""
+        """Whether the held object is lost: by the sensors, fingers have shut or the cup leaks."""
         return is_lost(self.page, self.width, self.vacuum, self.commanded.force)
 
     def until_decided(self) -> Iterator[None]:
-        """Wait until the sensors confirm or refute what it is believed to hold; once per tick.
+        """Wait until the sensors confirm or refute the believed hold; once per tick.
 
         A leaf that was halted may have left the fingers in motion, and after a command to press
         harder they do not count as holding until the force has built up.
@@ -315,12 +315,12 @@ class ArmGripper:
         return Failure("GRIPPER_FULL", sentence, width_m=self.width, force_n=self.force)
 
     def forget_lost(self) -> None:
-        """Detach what is lost by the sensors: the fingers have shut, or the cup leaks."""
+        """Detach a lost object: by the sensors, fingers have shut or the cup leaks."""
         if self.is_lost:
             self.forget_released()
 
     def forget_released(self) -> None:
-        """Detach what it was to release, unless the sensors still show something in the gripper."""
+        """Detach the released object, unless the sensors still show something in the gripper."""
         felt = self.page.fingers and self.force > _FELT * self.page.force.least
         if self.is_lost or not (self.holding or felt):
             for name in self.held:

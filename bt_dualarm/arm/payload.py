@@ -57,7 +57,7 @@ class PayloadCheck:
         self.grip_pace = 1.0
 
     def within_efforts(self, motion: Trajectory) -> Trajectory:
-        """Slow a motion to what the joints' efforts and the grip allow; itself if it need not.
+        """Slow a motion to what the joints' efforts and the grip allow, if necessary.
 
         Raises:
             Failure: ``OVERLOADED`` if the joints' efforts do not suffice at any speed.
@@ -102,7 +102,7 @@ class PayloadCheck:
 
 
 def grip_speed_scale(motion: Trajectory, world: World, arm: str) -> float:
-    """Largest uniform time scale of a motion, up to 1, at which friction holds what is gripped.
+    """Largest uniform time scale of a motion, up to 1, at which friction holds the object.
 
     The grip has to bear mass times (gravity minus acceleration of the load's center), where the
     acceleration grows with the square of the scale; see `pinching_forces` and `suction_forces` for

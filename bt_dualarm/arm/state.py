@@ -27,8 +27,8 @@ class ArmState:
     """Measured and commanded state of an arm; all poses are of the tool frame, in the world.
 
     Args:
-        world: World that the arm is in, to measure and to place objects. The pose of what a camera
-            is meant to find must not be taken from it.
+        world: World of the arm, for measurements and objects. Do not read the pose of an object
+            that a camera has to find.
         name: Name of the arm in the tree file.
         controller: Controller that follows the motions of the skills.
         kinematics: Kinematics of the arm on its base.

@@ -308,7 +308,7 @@ def show_gripper(name: str, *, as_json: bool) -> None:
     print_parts(
         f"[bold]{escape(gripper.name)}[/bold]  {escape(gripper.title)}\n",
         *(_fingers(gripper) if gripper.fingers else _cup(gripper)),
-        f"payload: {gripper.payload:g} kg, or what the robot has left",
+        f"payload: {gripper.payload:g} kg, or the robot's remaining payload",
         f"mass: {gripper.mass:.3g} kg",
         f"tool: {_tool(gripper)}",
     )

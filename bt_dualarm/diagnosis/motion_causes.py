@@ -54,7 +54,7 @@ def _pressed(e: Evidence) -> Iterator[Cause]:
     second = e.numbers.get("second", "something")
     wanted = e.ports.get("force")
     if limit < _DEFAULT_LIMIT_N:
-        asked = f"; the leaf itself asks for {wanted} N" if wanted is not None else ""
+        asked = f"; the leaf itself requests {wanted} N" if wanted is not None else ""
         sentence = (
             f"the force limit of {e.arm} is {limit:g} N, and it pressed on {second} with "
             f"{float(e.numbers.get('force_n', 0.0)):.0f} N{asked}"

@@ -417,7 +417,8 @@ _REDRAWN_HZ: Final = 2.0
 class Forecast:
     """Remaining time, from the fraction of the work that is done.
 
-    Runs cost as much as they simulate, and a curve at half the speed takes twice as long.
+    The cost of a run is proportional to its simulated time, and a curve at half the speed takes
+    twice as long.
 
     Args:
         runs: Cell of each run, in any order.

@@ -157,7 +157,7 @@ class StateLog(IdleObserver):
             self._q, self._v, self._ctrl = self._ring
 
     def write_last(self, file: BinaryIO) -> None:
-        """Write the last states, as far as they have the size of the last one, as a NumPy archive.
+        """Write those last states that have the size of the final one, as a NumPy archive.
 
         Arrays: ``time`` in s, and ``qpos``, ``qvel``, ``ctrl`` in MuJoCo's order, one row per step.
         """

@@ -22,7 +22,7 @@ from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.spec.reality import REALITY_NAMES, Reality, RealitySpec
 
 
-class NoSuchTree(DualArmError):  # noqa: N818 - it reads as what it says
+class NoSuchTree(DualArmError):  # noqa: N818 - it reads as a sentence
     """Neither a file nor a shipped tree has this name; the message suggests the nearest one."""
 
 

@@ -308,7 +308,7 @@ def _straight(
         last: Exact end configuration, of shape (dof,), rad; None for any.
 
     Returns:
-        The motion; None if the line ends in another posture than ``last``.
+        The motion; None if the line ends in a posture other than that of ``last``.
     """
     rows = arm.line_after(q, end)
     if last is not None:

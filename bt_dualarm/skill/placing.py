@@ -521,7 +521,7 @@ class SettingDown:
         if found is None:
             return  # no support is declared: contact has to show it
         if found.rolls:
-            why = "would roll away: what is below it is not level"
+            why = "would roll away: the support is not level"
         elif found.tilt > ports.angle_tolerance:
             why = (
                 f"would tip by {np.degrees(found.tilt):.0f}°: its center of mass is not "
