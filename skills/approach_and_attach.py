@@ -43,7 +43,7 @@ class Approach:
 
 
 class ApproachAndAttach(Skill):
-    """Approach an object, touch it, and attach it to the tool where it is."""
+    """Approach an object, touch it, and attach it to the tool at its current pose."""
 
     class Ports(PortModel):
         object: ObjectName = port(..., "object to attach")

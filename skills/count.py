@@ -22,7 +22,7 @@ class Count(Skill):
         others: bool = port(
             False,
             "whether objects of another shape or size may be in view, which are not counted; they "
-            "must neither touch nor occlude one that is",
+            "must neither touch nor occlude counted ones",
         )
         stacked: bool = port(
             True,
@@ -93,6 +93,6 @@ class Count(Skill):
                     "AMBIGUOUS",
                     f"{found} certain; in doubt: {'; '.join(doubts)}. Use another viewpoint, "
                     "move them apart, give the `height` of their support, or set `others: true` if "
-                    "the doubtful ones are not to be counted",
+                    "the doubtful ones should not be counted",
                 )
         self.output("count", found)

@@ -166,7 +166,7 @@ class Locate(Skill):
         seen = self._seen
         raise Failure(
             "NOT_SEEN",
-            f"nothing of this color and shape in {self.ports.frames} pictures; {seen.others}",
+            f"nothing of this color and shape in {self.ports.frames} images; {seen.others}",
             frames=self.ports.frames,
             unlike=seen.unlike,
             beyond_share=seen.beyond,

@@ -18,9 +18,7 @@ class MoveJoints(Skill):
         to: JointAngles | None = port(
             None, "angles of all joints, base to tip, or {joint: angle} for some", unit="deg"
         )
-        by: JointAngles | None = port(
-            None, "angles relative to the current ones, likewise", unit="deg"
-        )
+        by: JointAngles | None = port(None, "the same, relative to the current angles", unit="deg")
         speed: Speed = port(0.5, "fraction of the arm's limits")
 
     failures = {

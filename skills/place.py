@@ -47,7 +47,7 @@ class Place(Skill):
         "NOT_HELD": "the gripper does not hold the object",
         **SettingDown.failures,
         "NO_CAMERA": "`look` is set, but the arm has no camera that moves with it",
-        "INVALID_TARGET": "`look` is set, and the object has no color that can be detected",
+        "INVALID_TARGET": "`look` is set, but the object has no color that can be detected",
         "NOT_SEEN": "the camera does not detect the object at its goal",
     }
     example = "place: {object: cube, at: {xyz: [0.35, -0.45, 0.425]}}"

@@ -289,7 +289,7 @@ class Arm(ArmState):
         return PlanMonitor(self.world, self.name, motion, ignore)
 
     def check(self) -> None:
-        """Raise what went wrong with the motion since it began.
+        """Raise the error of the running motion, if there is one.
 
         Raises:
             Failure: Among others ``INTERRUPTED``, when something else has stopped it, and

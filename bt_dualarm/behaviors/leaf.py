@@ -169,7 +169,7 @@ def _close_all() -> None:
 _log = logging.getLogger(__name__)
 
 _ENDS_PROGRAM: Final = (SystemExit, KeyboardInterrupt, GeneratorExit)
-"""Exceptions that end programs and generators, which no skill has a use for."""
+"""Exceptions that end programs and generators; skills have no use for them."""
 
 
 class HeldArm(Protocol):

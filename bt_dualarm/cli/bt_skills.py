@@ -329,7 +329,7 @@ def _pads(gripper: Gripper) -> str:
     felt = gripper.tactile
     if felt is None:
         return "do not feel"
-    return f"measure the force on them {felt.rate:g} times a second, within {felt.noise:g} N"
+    return f"measure the force on them {felt.rate:g} times per second, within {felt.noise:g} N"
 
 
 def _cup(gripper: Gripper) -> tuple[str, ...]:

@@ -226,9 +226,9 @@ def other_arm(e: Evidence, other: str) -> Cause:
     doing = [leaf.path for leaf in root.leaves_at(e.ended, "RUNNING")]
     state = root.status_at(e.ended)
     if doing:
-        what = f"{other} was there, at {doing[0]!r}"
+        what = f"{other} was there, running {doing[0]!r}"
     else:
-        what = f"{other} stands there; its tree has ended ({state})"
+        what = f"{other} is there; its tree has ended ({state})"
     remedy = f"let {other} leave, or let {e.arm} wait for it before {e.leaf.path!r}"
     leaf = doing[0] if doing else ""
     return e.cause("OTHER_ARM", f"{e.arm} was blocked by {other}: {what}", remedy, leaf=leaf)

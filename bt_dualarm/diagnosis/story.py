@@ -262,7 +262,7 @@ def _lines(story: Story) -> Iterator[str]:
         yield f"    {'  ' * depth}{name}{kind} {link['status']}"
     yield from _values("ports", story.ports)
     for key in story.keys:
-        writer = "nobody" if key["leaf"] is None else f"{key['leaf']} at {key['time_s']:.2f} s"
+        writer = "no leaf" if key["leaf"] is None else f"{key['leaf']} at {key['time_s']:.2f} s"
         yield f"  key {key['key']} = {_short(key['value'])}, written by {writer}"
     yield from _values("numbers", dict([*story.numbers.items()][:_MOST_NUMBERS]))
     if story.before:

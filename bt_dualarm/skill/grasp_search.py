@@ -154,7 +154,7 @@ class WantedGrasp:
     @property
     def label(self) -> str:
         """The object in messages."""
-        return repr(self.name) if self.edges is None else "what lies there"
+        return repr(self.name) if self.edges is None else "the object at this pose"
 
     def solid(self, world: World) -> Solid:
         """Shape of the object."""

@@ -253,7 +253,7 @@ def _monitored(
         if distance > tolerance:
             raise Failure(
                 "TRACKING_ERROR",
-                f"the tool is {1e3 * distance:.1f} mm from where it was planned to be",
+                f"the tool is {1e3 * distance:.1f} mm from its planned position",
                 path_error_m=distance,
                 progress=source.progress,
             )

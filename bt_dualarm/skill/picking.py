@@ -46,7 +46,7 @@ class Taking:
     failures: Final[Mapping[str, str]] = {
         "GRIPPER_FULL": "the gripper holds something else, or something is attached to the tool",
         "INVALID_TARGET": "the object is fixed or withstands less than the gripper's least force, "
-        "or the approach has no length",
+        "or the approach is a zero vector",
         "NOT_THERE": "the object is not in the world",
         "TOO_WIDE": "the fingers do not open that far",
         "TOO_HEAVY": "no grasp of this gripper bears its weight",

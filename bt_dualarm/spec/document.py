@@ -75,8 +75,8 @@ class CameraSpec(Value):
     drop: float = port(0.0, "Fraction of lost frames", ge=0.0, le=0.9)
     noise: float = port(
         0.0,
-        "Standard deviation along x and y of an unmeasured shake: each picture is shifted as a "
-        "whole against where the camera is taken to look",
+        "Standard deviation along x and y of an unmeasured camera shake, which shifts each image "
+        "as a whole",
         unit="px",
         ge=0.0,
         le=20.0,
@@ -93,7 +93,7 @@ class CameraSpec(Value):
             if latency * fps * picture_mb > MOST_UNDER_WAY_MB:
                 allowed = math.floor(1e3 * MOST_UNDER_WAY_MB / picture_mb / fps)
                 raise ValueError(
-                    f"{latency:g} s at {fps:g} Hz keep {latency * fps:.0f} pictures of "
+                    f"{latency:g} s at {fps:g} Hz keep {latency * fps:.0f} images of "
                     f"{width} x {height} px in transit, {latency * fps * picture_mb:.0f} MB; at "
                     f"most {MOST_UNDER_WAY_MB:g} MB: here {allowed} ms"
                 )
@@ -179,8 +179,8 @@ class WorldSpec(Value):
     timestep: float = port(0.002, "Physics time step", unit="s", ge=1e-4, le=0.004)
     renderer: Literal["auto", "gl", "ray"] = port(
         "ray",
-        "Renderer of the cameras' pictures; by rays they are the same on every machine, `auto` "
-        "takes OpenGL where it works",
+        "Camera renderer; `ray` gives the same images on every machine, `auto` uses OpenGL if "
+        "available",
     )
     time_limit: Duration = port(
         600.0, "Simulated time after which the run ends as failed", ge=0.001, le=86400.0
@@ -277,8 +277,8 @@ class ArmSpec(Value):
     )
     locked: Annotated[dict[str, _Locked], Field(max_length=200)] = port(
         {},
-        "Where joints of the robot's description that are none of the arm's stand, by name: meters "
-        "of a sliding one, degrees of a turning one; by default as in the description. "
+        "Positions of the description's locked joints by name, in meters (prismatic) or degrees "
+        "(revolute); by default as in the description. "
         "`{panda_finger_joint1: 0.04}` opens a Panda's stock fingers; the other finger follows",
     )
     base: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its base in the world")
@@ -289,7 +289,7 @@ class ArmSpec(Value):
     reality: Reality | None = port(None, "Model mismatch of this arm; by default the world's")
     force_limit: float = port(
         280.0,
-        "Largest contact force, as far as the arm can sense it; a motion that exceeds it fails",
+        "Largest sensed contact force; a motion that exceeds it fails",
         unit="N",
         ge=10.0,
         le=5000.0,

@@ -49,7 +49,7 @@ class NodeType:
         slots: Children that have a name of their own.
         many: Whether it takes a list of children.
         cases: Whether it takes a mapping of children, ``cases``.
-        fixed: Ports that must be written out; no key of the blackboard can give them.
+        fixed: Ports that need a literal value and cannot come from the blackboard.
         shorthand: Port that a bare value stands for: ``wait: 2``.
         uses: Port that names a subtree, whose tree becomes the node's child; empty if none does.
         brings_in: Ports that name what the node spawns.

@@ -41,8 +41,8 @@ class LinkErrors(Value):
     center: Meters = port(_NONE, "Offset of a link's center of mass along each axis", unit="m")
     rotor: bool = port(
         False,
-        "Whether joints have the inertia of their motors' rotors behind the gear, which URDFs "
-        "leave out; known as well as other inertia",
+        "Whether joints have the reflected inertia of their motors, which URDFs leave out; with "
+        "the relative error of other inertia",
     )
 
 
@@ -74,8 +74,7 @@ class EncoderErrors(Value):
     )
     window: Duration = port(
         0.0,
-        "Time over which two readings are differenced to a velocity; 0 for the exact velocity, "
-        "which no encoder knows",
+        "Time between the two readings whose difference gives a velocity; 0: exact velocity",
         le=0.1,
     )
     cutoff: float = port(

@@ -221,7 +221,7 @@ class Uncertainty(Value):
         return drawn
 
     def draw_one(self, rng: np.random.Generator) -> float:
-        """Returns one sample; faster than `draw`, for values that change with each picture."""
+        """Returns one sample; faster than `draw`, for values that change with each image."""
         share = rng.uniform(-1.0, 1.0)
         bell = rng.normal(0.0, 1.0)
         return self.uniform * share + self.normal * min(max(bell, -_TAIL), _TAIL)
@@ -323,7 +323,7 @@ SIZES: Final[Mapping[ShapeName, tuple[str, ...]]] = {
 """Names of the numbers in the size of each shape."""
 
 SIZE_IN_WORDS: Final = (
-    "Edges of a box; radius and length of a cylinder, or of a capsule between its two half balls; "
+    "Edge lengths of a box; radius and length of a cylinder, or of a capsule without its end caps; "
     "radius of a sphere"
 )
 """Description of these numbers, which are in meters."""

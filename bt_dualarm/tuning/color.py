@@ -403,7 +403,7 @@ def choose(ports: Sequence[ColorPort], arm: str, line: int | None = None) -> Col
     places = "\n".join(f"  {one.node.location}  {one.node.name}" for one in ports)
     if not fitting:
         raise NoColorPortError(f"no leaf in line {line} looks for a color; these do:\n{places}")
-    raise NoColorPortError(f"{len(fitting)} leaves look for a color; say --line N:\n{places}")
+    raise NoColorPortError(f"{len(fitting)} leaves look for a color; give --line N:\n{places}")
 
 
 # Color ranges from selected pixels.

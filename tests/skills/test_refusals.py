@@ -143,7 +143,7 @@ CASES = {
     "knocked": Case(
         "TRACKING_ERROR",
         "move_linear: {offset: {xyz: [0, 0.1, 0]}}",
-        " mm from where it was planned to be",
+        " mm from its planned position",
         {"path_error_m": (0.005, 0.1), "progress": SHARE},
         deeds=knocks(HAND, 0.4),
         moves=True,
