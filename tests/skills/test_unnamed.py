@@ -62,9 +62,9 @@ def test_what_is_not_as_wide_as_it_was_told_is_something_else() -> None:
 
 def test_what_is_told_is_refused_before_moving() -> None:
     wide = failure({"grasp": {"at": AT, "width": 0.09}})
-    assert wide == ("TOO_WIDE", "what lies there is 90 mm wide; the fingers open to 85 mm")
+    assert wide == ("TOO_WIDE", "the object at this pose is 90 mm wide; the fingers open to 85 mm")
     heavy = failure({"grasp": {"at": AT, "width": 0.05, "mass": 8.0}})
-    assert heavy == ("TOO_HEAVY", "what lies there weighs 8 kg; robotiq_2f85 may hold 5 kg")
+    assert heavy == ("TOO_HEAVY", "the object at this pose weighs 8 kg; robotiq_2f85 may hold 5 kg")
     frail = failure({"grasp": {"at": AT, "width": 0.05, "most_force": 5.0}})
     assert frail[0] == "INVALID_TARGET"
 
