@@ -43,8 +43,9 @@ function rowOf(arm, node, index, hands) {
   since.textContent = node.status === "INVALID" && !node.halted ? "" : lasts;
   bar.hidden = node.progress === null || node.status !== "RUNNING";
   bar.firstChild.style.width = 100 * (node.progress || 0) + "%";
-  reason.hidden = !node.reason;
-  reason.textContent = node.reason;
+  reason.hidden = !node.reason && !node.waiting;
+  reason.textContent = node.reason || node.waiting;
+  reason.className = "reason" + (node.reason ? "" : " waiting");
   return row;
 }
 function gripperText({ name, opening_m: opening, force_n: force, holds }) {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import TypeAlias, cast
 
@@ -12,6 +12,8 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from bt_dualarm.behaviors.blackboard import Blackboard, BoundPorts, Outputs
+from bt_dualarm.behaviors.composites import Guard, While
+from bt_dualarm.behaviors.decorators import Timeout
 from bt_dualarm.behaviors.language import LEAF_CLASSES, PARENT_CLASSES
 from bt_dualarm.behaviors.leaf import Leaf
 from bt_dualarm.behaviors.node import (
@@ -31,6 +33,7 @@ from bt_dualarm.behaviors.report import (
     StatusChange,
     StatusName,
 )
+from bt_dualarm.skill.cell import ActiveNode, CellAccess
 from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.ports import PortModel, reference_of, written_keys
@@ -48,6 +51,7 @@ def build_tree(
     clock: Callable[[], float],
     on_event: Callable[[StatusChange], None],
     on_trace: OnTraceEvent | None = None,
+    cell: CellAccess | None = None,
 ) -> ArmTree:
     """Builds one arm's tree with its own blackboard.
 
@@ -59,10 +63,13 @@ def build_tree(
         clock: Simulated time in seconds.
         on_event: Receiver of every status change.
         on_trace: Receiver of ports and keys, None if they are not recorded.
+        cell: What the trees of the file share; nothing by default.
     """
-    builder = _Builder(skills, make_context, StatusReporter(arm, clock, on_event), on_trace)
+    cell = cell or CellAccess.alone()
+    reporter = StatusReporter(arm, clock, on_event)
+    builder = _Builder(skills, make_context, reporter, on_trace, cell)
     reloading = TreeReload(builder, root)
-    return ArmTree(builder.node(root, root.name), builder.reports, reloading.reload)
+    return ArmTree(builder.node(root, root.name), builder.reports, reloading.reload, cell)
 
 
 class ArmTree:
@@ -72,6 +79,7 @@ class ArmTree:
         root: Root with attached nodes.
         leaves: Reports that the leaves fill.
         reload: Function from the root and a changed definition to the root of the changed tree.
+        cell: What the trees of the file share.
 
     Attributes:
         leaves: Report of each run of a leaf, in the order of their starts.
@@ -82,7 +90,9 @@ class ArmTree:
         root: TreeNode,
         leaves: LeafReports,
         reload: Callable[[TreeNode, NodeSpec], TreeNode],
+        cell: CellAccess,
     ) -> None:
+        self._cell = cell
         self._root = root
         self._reload = reload
         self.leaves = leaves
@@ -113,19 +123,43 @@ class ArmTree:
 
     def view(self) -> NodeView:
         """Returns the current state of all nodes."""
-        return _view(self._root)
+        return _view(self._root, self._cell)
+
+    def active(self) -> Iterator[ActiveNode]:
+        """Yields the running nodes without running children."""
+        waiting: list[tuple[TreeNode, bool]] = [(self._root, False)]
+        while waiting:
+            node, may_be_halted = waiting.pop()
+            if node.status is not Status.RUNNING:
+                continue
+            running = [child for child in node.children if child.status is Status.RUNNING]
+            if not running:
+                yield ActiveNode(node.path, may_be_halted)
+                continue
+            may_be_halted = may_be_halted or _may_halt(node)
+            waiting += [(cast("TreeNode", child), may_be_halted) for child in running]
 
 
-def _view(node: TreeNode) -> NodeView:
+def _may_halt(node: TreeNode) -> bool:
+    """Returns whether a node halts running children by itself; of a parallel that is not counted.
+
+    The other children of a parallel are active nodes of the same arm, which count by themselves.
+    """
+    return isinstance(node, (Timeout, Guard, While)) or getattr(node, "memory", True) is False
+
+
+def _view(node: TreeNode, cell: CellAccess) -> NodeView:
+    is_running = node.status is Status.RUNNING
     return NodeView(
         node.name,
         node.kind,
         NAMES[node.status],
         node.since,
-        tuple(_view(cast("TreeNode", child)) for child in node.children),
+        tuple(_view(cast("TreeNode", child), cell) for child in node.children),
         node.progress if isinstance(node, Leaf) else None,
         f"{node.code}: {node.reason}" if node.status is Status.FAILURE and node.code else "",
         node.halted,
+        cell.shared.waiting(cell.arm, node.path) if is_running else "",
     )
 
 
@@ -206,7 +240,9 @@ class _Builder:
         make_context: Callable[[str], SkillContext],
         reporter: StatusReporter,
         on_trace: OnTraceEvent | None,
+        cell: CellAccess,
     ) -> None:
+        self._cell = cell
         self._skills = {**skills, **LEAF_CLASSES}
         self._make_context = make_context
         self._reporter = reporter
@@ -222,7 +258,7 @@ class _Builder:
         )
         node: TreeNode
         if children:
-            parts = NodeParts(spec.name, children, spec.slots, self.bound(spec))
+            parts = NodeParts(spec.name, children, spec.slots, self.bound(spec), self._cell)
             node = PARENT_CLASSES[spec.kind].of(parts)
             for child in children:
                 detach_parent(child)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import yaml
 
 from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.spec.cell import AWAIT, CLAIM, MEET, SIGNAL, claimed
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.node_types import NodeSpec, NodeType
 
@@ -24,6 +25,7 @@ COLORS: Final[Mapping[str, str]] = {
 
 _MOST_LETTERS = 46
 _EDGE = "#777777"
+_WAITS = "#b45f06"
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Item:
         title: Name, with the kind where it differs.
         detail: Ports with their values.
         family: A key of `COLORS`.
+        waits_for: Numbers of the nodes of other arms that it may wait for.
     """
 
     number: int
@@ -43,6 +46,7 @@ class Item:
     title: str
     detail: str
     family: str
+    waits_for: tuple[int, ...] = ()
 
 
 def items(file: TreeFile, kinds: Mapping[str, NodeType]) -> list[Item]:
@@ -53,10 +57,46 @@ def items(file: TreeFile, kinds: Mapping[str, NodeType]) -> list[Item]:
         kinds: Node types of the skills by name.
     """
     found: list[Item] = []
+    shared: dict[str, list[_Use]] = {}
     for name, arm in file.arms.items():
         found.append(Item(len(found), -1, name, arm.robot, "arm"))
+        root = len(found)
         _add(found, arm.tree, found[-1].number, {**kinds, **LANGUAGE})
+        for number, node in enumerate(arm.tree.walk(), root):
+            for subject in _shared_by(node):
+                shared.setdefault(subject, []).append(_Use(number, name, node.kind))
+    for uses in shared.values():
+        for use in uses:
+            if use.kind != SIGNAL:
+                others = [other.number for other in uses if _waits(use, other)]
+                item = found[use.number]
+                found[use.number] = replace(item, waits_for=(*item.waits_for, *others))
     return found
+
+
+@dataclass(frozen=True)
+class _Use:
+    """A node that uses something of the cell."""
+
+    number: int
+    arm: str
+    kind: str
+
+
+def _shared_by(node: NodeSpec) -> list[str]:
+    """Returns what a node uses of the cell: signals, rendezvous, claimed zones and objects."""
+    if node.kind in (SIGNAL, AWAIT):
+        return [f"signal {node.ports.get('signal')}"]
+    if node.kind == MEET:
+        return [f"rendezvous {node.ports.get('at')}"]
+    return claimed(node.ports) if node.kind == CLAIM else []
+
+
+def _waits(use: _Use, other: _Use) -> bool:
+    """Returns whether one use may wait for another: a value, a partner, or a release."""
+    if use.kind == AWAIT:
+        return other.kind == SIGNAL
+    return use.arm != other.arm
 
 
 def _add(found: list[Item], node: NodeSpec, parent: int, kinds: Mapping[str, NodeType]) -> None:
@@ -96,6 +136,11 @@ def dot(drawn: list[Item]) -> str:
         color = COLORS[item.family]
         lines.append(f'  n{item.number} [label={label}, fillcolor="{color}"];')
     lines += [f"  n{item.parent} -> n{item.number};" for item in drawn if item.parent >= 0]
+    lines += [
+        f'  n{item.number} -> n{other} [style=dashed, constraint=false, color="{_WAITS}"];'
+        for item in drawn
+        for other in item.waits_for
+    ]
     return "\n".join([*lines, "}", ""])
 
 
@@ -106,6 +151,7 @@ def mermaid(drawn: list[Item]) -> str:
         label = "<br>".join(_escaped(text) for text in (item.title, item.detail) if text)
         lines.append(f'  n{item.number}("{label}"):::{item.family}')
     lines += [f"  n{item.parent} --> n{item.number}" for item in drawn if item.parent >= 0]
+    lines += [f"  n{item.number} -.-> n{other}" for item in drawn for other in item.waits_for]
     lines += [
         f"  classDef {family} fill:{color},stroke:{_EDGE}" for family, color in COLORS.items()
     ]

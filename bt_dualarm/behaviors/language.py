@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Final
 
 from bt_dualarm.behaviors.composites import Guard, If, Parallel, Selector, Sequence, Switch, While
+from bt_dualarm.behaviors.coordination import Await, Claim, Meet, Signal
 from bt_dualarm.behaviors.decorators import (
     Delay,
     ForceFailure,
@@ -46,9 +47,20 @@ _PARENTS: Final[tuple[type[ReportingNode], ...]] = (
     ForceFailure,
     RunOnce,
     OnHalt,
+    Claim,
     Subtree,
 )
-_LEAVES: Final[tuple[type[LanguageLeaf], ...]] = (Wait, Set, Compare, Log, Fail, Succeed)
+_LEAVES: Final[tuple[type[LanguageLeaf], ...]] = (
+    Wait,
+    Set,
+    Compare,
+    Log,
+    Fail,
+    Succeed,
+    Signal,
+    Await,
+    Meet,
+)
 
 PARENT_CLASSES: Final[Mapping[str, type[ReportingNode]]] = MappingProxyType(
     {parent.node_type.name: parent for parent in _PARENTS}

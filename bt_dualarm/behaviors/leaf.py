@@ -486,18 +486,7 @@ class Compare(LanguageLeaf):
         value = self.ports.value
         relation = self.ports.relation
         to = self.ports.to
-        if relation in _ORDER and not (_is_number(value) and _is_number(to)):
-            raise Failure(
-                "NOT_COMPARABLE",
-                f"{in_words(value)} and {in_words(to)} cannot be ordered; only numbers can",
-            )
-        if relation == "near":
-            holds = near(value, to, self.ports.tolerance)
-        elif relation in _ORDER:
-            holds = _ORDER[relation](value, to)
-        else:
-            holds = same(value, to) == (relation == "equal")
-        if not holds:
+        if not compared(value, relation, to, self.ports.tolerance):
             raise Failure("FALSE", f"{in_words(value)} {_NOT[relation]} {in_words(to)}")
         yield from ()
 
@@ -585,6 +574,30 @@ _ORDER: Final[Mapping[str, Callable[[float, float], bool]]] = {
     "greater": lambda a, b: a > b,
     "greater_or_equal": lambda a, b: a >= b,
 }
+
+
+def compared(value: Data, relation: str, to: Data, tolerance: float) -> bool:
+    """Returns whether a comparison holds.
+
+    Args:
+        value: Left side.
+        relation: ``equal``, ``less``, ``near``, …
+        to: Right side.
+        tolerance: Largest difference of two numbers that are near.
+
+    Raises:
+        Failure: ``NOT_COMPARABLE``: values that are no numbers have no order and no distance.
+    """
+    if relation == "near":
+        return near(value, to, tolerance)
+    if relation not in _ORDER:
+        return same(value, to) == (relation == "equal")
+    if not (_is_number(value) and _is_number(to)):
+        raise Failure(
+            "NOT_COMPARABLE",
+            f"{in_words(value)} and {in_words(to)} cannot be ordered; only numbers can",
+        )
+    return _ORDER[relation](value, to)
 
 
 def same(a: Data, b: Data) -> bool:

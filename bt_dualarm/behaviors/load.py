@@ -163,6 +163,8 @@ class _Loading:
         for root in trees.values():
             examination.tree(root)
         file = self._model(source, values, trees)
+        if file is not None:
+            examination.cell(file, source)
         self.problems += examination.problems
         if not errors(self.problems):
             own = [subtree for subtree in library.values() if subtree.source is source]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Final, Protocol, Self, TypeAlias, cast
 
 from py_trees.behaviour import Behaviour
@@ -12,6 +12,7 @@ from py_trees.common import Status
 from bt_dualarm.behaviors.blackboard import BoundPorts
 from bt_dualarm.behaviors.report import StatusChange, StatusName
 from bt_dualarm.core.errors import Number
+from bt_dualarm.skill.cell import CellAccess
 from bt_dualarm.spec.node_types import LanguageNode
 from bt_dualarm.spec.ports import PortModel, port
 
@@ -75,12 +76,14 @@ class NodeParts:
         children: Children, at least one, in the order of the file.
         slots: Role of each child: ``child``, ``condition``, a case, …
         ports: Ports, bound to the arm's blackboard.
+        cell: What the trees of the file share.
     """
 
     name: str
     children: tuple[Behaviour, ...]
     slots: tuple[str, ...]
     ports: BoundPorts
+    cell: CellAccess = field(default_factory=CellAccess.alone)
 
 
 NAMES: Final[Mapping[Status, StatusName]] = {

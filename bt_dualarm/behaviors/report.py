@@ -102,6 +102,7 @@ class NodeView:
         progress: Progress from 0 to 1 of a running leaf that reports it, else None.
         reason: ``CODE: sentence`` of a failed leaf, else empty.
         halted: Whether INVALID means that it was halted, rather than that it never ran.
+        waiting: Sentence on the other arms that a running node waits for, else empty.
     """
 
     name: str
@@ -112,6 +113,7 @@ class NodeView:
     progress: float | None = None
     reason: str = ""
     halted: bool = False
+    waiting: str = ""
 
 
 @dataclass(frozen=True)

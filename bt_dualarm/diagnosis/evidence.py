@@ -13,6 +13,7 @@ import numpy as np
 from bt_dualarm.replay.record import Facts, Record
 from bt_dualarm.replay.scene import Scene
 from bt_dualarm.replay.timeline import Change, Timeline, TimelineNode
+from bt_dualarm.spec.cell import CLAIM
 from bt_dualarm.spec.ports import REFERENCE
 
 
@@ -72,14 +73,21 @@ def waiting(timeline: Timeline) -> list[RootCause]:
                 leaf = running[0] if running else next(n for n in root.walk() if not n.children)
                 found.append(RootCause(chain_of(root, leaf), None, at=removal[1].time))
             continue
-        for leaf in (node for node in root.walk() if not node.children):
+        for leaf in filter(_is_at_work, root.walk()):
             last = leaf.changes[-1] if leaf.changes else None
-            if last is not None and (last.new == "RUNNING" or last.code == "HALTED"):
+            was_halted = last is not None and (last.code == "HALTED" or _was_halted(last))
+            if last is not None and (last.new == "RUNNING" or was_halted):
                 end = None if last.new == "RUNNING" else last
                 found.append(RootCause(chain_of(root, leaf), end))
             elif last is not None and last.new == "FAILURE" and last.index == _latest(root):
                 found.append(RootCause(chain_of(root, leaf), last))
     return found
+
+
+def _is_at_work(node: TimelineNode) -> bool:
+    """Whether a node is a leaf, or waits without any of its children having begun."""
+    begun = any(child.changes for child in node.children)
+    return not node.children or (node.kind == CLAIM and bool(node.changes) and not begun)
 
 
 def _latest(root: TimelineNode) -> int:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from bt_dualarm.diagnosis.camera_causes import camera_causes, sight_causes
+from bt_dualarm.diagnosis.coordination_causes import coordination_causes
 from bt_dualarm.diagnosis.evidence import (
     Cause,
     Evidence,
@@ -25,6 +26,7 @@ from bt_dualarm.replay.timeline import Timeline, TimelineNode
 from bt_dualarm.spec.ports import escaped
 
 _RULES: Final[tuple[Callable[[Evidence], Iterator[Cause]], ...]] = (
+    coordination_causes,
     blackboard_causes,
     world_causes,
     grip_causes,
@@ -203,7 +205,7 @@ def _of_node(timeline: Timeline, node: TimelineNode) -> RootCause:
 
 def _story_of(e: Evidence) -> Story:
     end = e.root_cause.end
-    status = "RUNNING" if end is None else "HALTED" if end.code == "HALTED" else end.new
+    status = "RUNNING" if end is None else "HALTED" if end.new == "INVALID" else end.new
     return Story(
         arm=e.arm,
         leaf=e.leaf.path,

@@ -213,6 +213,13 @@ class _Wrote(_Note):
     value: Any
 
 
+class _Waits(_Note):
+    leaf: _Location
+    target: _Text
+    others: Annotated[list[Name], Field(max_length=16)]
+    since: _Time
+
+
 class _Frame(_Note):
     stamp: _Stamp
     region: Region
@@ -283,6 +290,7 @@ _NOTES: Final[Mapping[str, TypeAdapter[Any]]] = {
     for kind, fields in (
         ("ports", _Began),
         ("wrote", _Wrote),
+        ("waits", _Waits),
         ("frame", _Frame),
         ("found", _Found),
         ("look", _Look),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -16,6 +16,7 @@ from bt_dualarm.core.errors import RAISED_BY_SKILLS, Number
 from bt_dualarm.core.share import weakly
 from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.outcome import STRICT, ArmLife, ArmResult, Leniency, Outcome, SlowTicks
+from bt_dualarm.skill.cell import ActiveNode, Cell
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.trajectory.limits import SetPoint
 
@@ -127,6 +128,9 @@ class Tree(Protocol):
 
     def view(self) -> NodeView:
         """Current state for displays."""
+
+    def active(self) -> Iterable[ActiveNode]:
+        """Yields the running nodes without running children."""
 
 
 @dataclass(frozen=True)
@@ -327,6 +331,10 @@ class ArmRuntime:
         if not self._is_ticking:
             self.halt(Outcome.REMOVED, time)
 
+    def active(self) -> Iterable[ActiveNode]:
+        """Yields the running nodes of the tree without running children."""
+        return self._tree.active()
+
     def stop(self) -> None:
         """Begin a jerk-limited stop."""
         self._controller.stop()
@@ -364,6 +372,11 @@ class ArmRuntime:
             _log.exception("%s: the %s raised an exception at %.3f s", self.name, what, time)
             self._controller.stop()
             self.halt(Outcome.FAILURE, time)
+
+
+def ended_as(outcome: Outcome, time: float) -> str:
+    """Clause on the end of an arm's tree: ``has ended with FAILURE at 1.20 s``."""
+    return f"has ended with {outcome.value} at {time:.2f} s"
 
 
 def halted(node: NodeView, time: float) -> NodeView:
@@ -445,6 +458,7 @@ class Arms:
         equip: Makes the parts of an arm once it is in the world.
         world: World of the arms.
         leniency: Exceptions that the file grants, by the arm's name; none by default.
+        cell: What the trees of the arms share; None if they share nothing.
     """
 
     def __init__(
@@ -453,7 +467,9 @@ class Arms:
         equip: Callable[[str], ArmParts],
         world: SteppedWorld,
         leniency: Mapping[str, Leniency] = MappingProxyType({}),
+        cell: Cell | None = None,
     ) -> None:
+        self._cell = cell
         self._declared = declared
         self._equip = equip
         self._world = world
@@ -500,6 +516,8 @@ class Arms:
                     ticked_from=ticked_from,
                 )
                 self._lifecycles[name].begin(present[name])
+                if self._cell is not None:
+                    self._cell.arm_back(name)
         self.present = tuple(present[name] for name in self._declared if name in present)
 
     def _remove(self, name: str) -> None:
@@ -511,6 +529,8 @@ class Arms:
         self.present = tuple(arm for arm in self.present if arm.name != name)
         for arm in leaving:
             arm.leave(self._world.time)
+            if self._cell is not None:
+                self._cell.arm_gone(name, f"was removed at {self._world.time:.2f} s")
 
     def due(self, step: int, time: float) -> bool:
         """Whether a camera or a tree of any arm is due; cheap, called at every step."""
@@ -539,8 +559,14 @@ class Arms:
     def tick(self, step: int, time: float) -> bool:
         """Tick every tree that is due; returns whether there was one."""
         ticked = False
+        cell = self._cell
         for arm in self.present:
-            ticked = arm.tick(step, time) or ticked
+            if arm.tick(step, time):
+                ticked = True
+                if cell is not None and arm.outcome is not None:
+                    cell.arm_gone(arm.name, ended_as(arm.outcome, time))
+        if ticked and cell is not None:
+            cell.commit({arm.name: arm for arm in self.present if arm.outcome is None})
         return ticked
 
     def control(self, step: int, time: float) -> None:

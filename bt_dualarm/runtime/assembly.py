@@ -30,6 +30,7 @@ from bt_dualarm.sim.contact_monitor import Contacts
 from bt_dualarm.sim.gl_renderer import choose_renderer
 from bt_dualarm.sim.renderer import Renderer, RendererKind
 from bt_dualarm.sim.world import World
+from bt_dualarm.skill.cell import Cell, CellAccess
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.document import TreeFile
@@ -91,6 +92,7 @@ class _ArmFactory:
     trace: TraceEvents | None
     frame_logs: Mapping[str, FrameLog]
     trees: Mapping[str, NodeSpec]
+    cell: Cell
 
     def clock(self) -> float:
         return self.world.time
@@ -110,14 +112,16 @@ class _ArmFactory:
         arm = SharedArm(
             self.world, name, controller, camera, self.seed, self.planning, self.contacts
         )
+        access = CellAccess(self.cell, name)
         tree = build_tree(
             name,
             self.trees[name],
             self.registry.skills,
-            lambda path: self._context(arm, path),
+            lambda path: self._context(arm, path, access),
             self.clock,
             self.on_event,
             None if self.trace is None else self.trace.of_tree,
+            access,
         )
         robot = name_of_robot(spec.robot, self.world.robots[name])
         mounted = (
@@ -130,7 +134,7 @@ class _ArmFactory:
         """Random generator that depends on the seed and its owner, not on the order of use."""
         return np.random.default_rng([self.seed, zlib.crc32(owner.encode())])
 
-    def _context(self, arm: SharedArm, path: str) -> SkillContext:
+    def _context(self, arm: SharedArm, path: str, cell: CellAccess) -> SkillContext:
         return SkillContext(
             name=path,
             arm=Arm(arm, path),
@@ -138,6 +142,7 @@ class _ArmFactory:
             rng=self._rng(f"{arm.name}:{path}"),
             log=logging.getLogger(f"bt_dualarm.skills.{arm.name}"),
             record=partial(self.series.add, arm.name, path),
+            cell=cell,
         )
 
 
@@ -204,12 +209,20 @@ def assemble(
     contacts = Contacts(world)
     trees = {name: arm.tree for name, arm in file.arms.items()}
     frame_logs = {name: FrameLog(name, trace) for name in file.arms}
+    cell = Cell(file.cell, file.arms, lambda: world.time)
+    if trace is not None:
+        cell.on_wait = trace.of_wait
+
+    def noted(change: StatusChange) -> None:
+        cell.note_change()
+        on_event(change)
+
     factory = _ArmFactory(
         file,
         world,
         registry,
         opened,
-        on_event,
+        noted,
         series,
         planning,
         contacts,
@@ -218,6 +231,7 @@ def assemble(
         trace,
         frame_logs,
         trees,
+        cell,
     )
     declared = {
         name: name_of_robot(arm.robot, world.robots[name]) for name, arm in file.arms.items()
@@ -225,7 +239,7 @@ def assemble(
     leniency = {
         name: Leniency(arm.removable, arm.last_life_counts) for name, arm in file.arms.items()
     }
-    arms = Arms(declared, factory.equip, world, leniency)
+    arms = Arms(declared, factory.equip, world, leniency, cell)
     return Assembly(
         world, arms, opened, message, series, planning, contacts, seed, frame_logs, trees
     )

@@ -98,10 +98,12 @@ def _lines(row: _Row, time: float, width: int, symbols: Symbols) -> list[Text]:
     right = _state(node, time, width, symbols)
     if node.name != node.kind and left.cell_len + len(node.kind) + right.cell_len + 4 <= width:
         left.append(f" ({node.kind})", style="dim")
-    beside = cell_len(node.reason) + 3 <= width - left.cell_len - right.cell_len
-    if node.reason and beside:
-        left.append(f"  {node.reason}", style="red")
-    below = _wrapped(node.reason, row.below, width) if node.reason and not beside else []
+    said = node.reason or node.waiting
+    style = "red" if node.reason else "yellow"
+    beside = cell_len(said) + 3 <= width - left.cell_len - right.cell_len
+    if said and beside:
+        left.append(f"  {said}", style=style)
+    below = _wrapped(said, row.below, width, style) if said and not beside else []
     return [_aligned(left, right, width, symbols), *below]
 
 
@@ -114,12 +116,12 @@ def _aligned(left: Text, right: Text, width: int, symbols: Symbols) -> Text:
     return left.append_text(right)
 
 
-def _wrapped(reason: str, below: str, width: int) -> list[Text]:
-    """Lines of the reason, behind the guides of the tree."""
+def _wrapped(said: str, below: str, width: int, style: str) -> list[Text]:
+    """Lines of the reason of a failure or a wait, behind the guides of the tree."""
     room = max(8, width - cell_len(below))
     return [
-        Text(below, style="dim", no_wrap=True).append(line, style="red not dim")
-        for line in textwrap.wrap(reason, room)
+        Text(below, style="dim", no_wrap=True).append(line, style=f"{style} not dim")
+        for line in textwrap.wrap(said, room)
     ]
 
 

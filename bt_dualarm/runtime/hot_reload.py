@@ -77,6 +77,8 @@ def _changes_besides_trees(before: TreeFile, now: TreeFile) -> Iterator[str]:
         yield "world"
     if before.objects != now.objects:
         yield "objects"
+    if before.cell != now.cell:
+        yield "cell"
     if [*before.arms] != [*now.arms]:
         yield "arms"
         return

@@ -24,6 +24,7 @@ from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.report import json_ready
 from bt_dualarm.sim.frame import Frame, FrameFinding, JsonList
 from bt_dualarm.sim.renderer import Region
+from bt_dualarm.skill.cell import Wait
 
 _log = logging.getLogger(__name__)
 
@@ -229,6 +230,18 @@ class TraceEvents:
             )
         else:
             self._add_fields("ports", note.arm, note.time, leaf=note.path, ports=note.ports)
+
+    def of_wait(self, wait: Wait) -> None:
+        """Add an event of a node that waits for other arms."""
+        self._add_fields(
+            "waits",
+            wait.arm,
+            self.clock(),
+            leaf=wait.path,
+            target=wait.target,
+            others=list(wait.others),
+            since=wait.since,
+        )
 
     def of_frame(self, arm: str, frame: Frame, crc: int | None = None) -> None:
         """Add a captured frame: its region, stride and a checksum of its pixels.

@@ -13,7 +13,7 @@ import math
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, TypeGuard
 
@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from bt_dualarm.core.errors import Failure, Number, SkillError
 from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.skill.cell import CellAccess
 from bt_dualarm.spec.node_types import NoPorts
 from bt_dualarm.spec.ports import PortModel
 
@@ -87,6 +88,7 @@ class SkillContext:
         rng: Generator of random numbers, the only source of them; seeded by the run and the leaf.
         log: Logger of the arm's skills.
         record: Function that records samples over time.
+        cell: What the trees of the file share.
     """
 
     name: str
@@ -95,6 +97,7 @@ class SkillContext:
     rng: np.random.Generator
     log: logging.Logger
     record: Record = nowhere
+    cell: CellAccess = field(default_factory=CellAccess.alone)
 
 
 class Skill:

@@ -10,6 +10,7 @@ from functools import lru_cache
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
+from bt_dualarm.spec.cell import CATEGORIES, CellCheck
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.node_types import (
@@ -49,7 +50,7 @@ from bt_dualarm.spec.yaml_reader import Data, DataPath, Json, Source
 
 @dataclass(frozen=True)
 class Declared:
-    """Names that the tree file declares, by category: ``object`` and ``arm``."""
+    """Names that the tree file declares, by category, such as ``object``."""
 
     names: Mapping[str, frozenset[str]]
 
@@ -59,8 +60,11 @@ class Declared:
 
 
 def declared_names(source: Source) -> Declared:
-    """Returns the names of objects and arms to which the ports of a file's nodes may refer."""
+    """Returns the names to which the ports of a file's nodes may refer."""
+    cell = source.get(("cell",))
     sections = {"object": source.get(("objects",)), "arm": source.get(("arms",))}
+    for category, section in CATEGORIES.items():
+        sections[category] = cell.get(section) if isinstance(cell, dict) else None
     return Declared(
         {
             category: frozenset(items) if isinstance(items, dict) else frozenset()
@@ -171,13 +175,16 @@ def _unknown_name(
     node: NodeSpec, port: str, field: FieldInfo, value: Data, declared: Declared
 ) -> Iterator[Problem]:
     refers = refers_of(field)
-    if refers is None or not isinstance(value, str) or reference_of(value) is not None:
+    if refers is None:
         return
     names = declared.of(refers.to)
-    if value not in names:
-        what = " or ".join(refers.to)
-        hint = suggestion(value, names, what)
-        yield node.port_problem((port,), f"{node.kind}: there is no {what} '{value}'", hint)
+    several = isinstance(value, list)
+    for index, name in enumerate(value if several else [value]):
+        if isinstance(name, str) and reference_of(name) is None and name not in names:
+            what = " or ".join(refers.to)
+            hint = suggestion(name, names, what)
+            path = (port, index) if several else (port,)
+            yield node.port_problem(path, f"{node.kind}: there is no {what} '{name}'", hint)
 
 
 def refers_of(field: FieldInfo) -> Refers | None:
@@ -577,8 +584,17 @@ class Examination:
             flow.follow(root)
             self.problems += flow.problems
 
+    def cell(self, file: TreeFile, source: Source) -> None:
+        """Check what the trees share."""
+        self.problems += self._cell(file, source).problems()
+
+    def _cell(self, file: TreeFile, source: Source) -> CellCheck:
+        trees = {name: arm.tree for name, arm in file.arms.items()}
+        return CellCheck(source, file.cell, frozenset(file.objects), trees, self._node_types)
+
     def warnings(self, file: TreeFile, source: Source) -> Iterator[Problem]:
         """Returns warnings of everything in a correct file that can hardly be intended."""
+        yield from self._cell(file, source).warnings()
         for arm in file.arms.values():
             yield from outcome_warnings(arm.tree, self._node_types)
         yield from absent(file, source, self._node_types)

@@ -24,6 +24,7 @@ from pydantic import (
     model_validator,
 )
 
+from bt_dualarm.spec.cell import CellSpec
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.ports import one_line, port
 from bt_dualarm.spec.problems import Name, written_as
@@ -322,6 +323,7 @@ class TreeContent(Value):
         description: One-line description.
         world: World and its clock.
         objects: Objects in the world by name.
+        cell: What the trees share.
         arms: Arms with their trees by name.
     """
 
@@ -329,6 +331,7 @@ class TreeContent(Value):
     description: Annotated[str, Field(max_length=500)] = ""
     world: WorldSpec = WorldSpec()
     objects: Annotated[dict[Name, ObjectSpec], Field(default_factory=dict, max_length=200)]
+    cell: CellSpec = CellSpec()
     arms: Annotated[dict[Name, ArmSpec], Field(min_length=1, max_length=16)]
 
     @model_validator(mode="after")

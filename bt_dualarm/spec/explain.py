@@ -114,7 +114,8 @@ def _special(metadata: Iterable[object]) -> str:
         if isinstance(item, Unit):
             return _QUANTITIES.get(item.yaml, "quantity")
         if isinstance(item, Refers):
-            return f"name of an {' or '.join(item.to)}"
+            article = "an" if item.to[0][0] in "aeiou" else "a"
+            return f"name of {article} {' or '.join(item.to)}"
         if isinstance(item, WrittenKey):
             return "name of a key"
         if isinstance(item, Template):

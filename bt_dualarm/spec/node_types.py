@@ -246,6 +246,7 @@ RESERVED_NAMES: Final = frozenset(
         "retry", "repeat", "timeout", "delay", "rate", "inverter", "force_success",
         "force_failure", "run_once", "on_halt", "subtree",
         "wait", "set", "compare", "log", "fail", "succeed",
+        "signal", "await", "meet", "claim",
     }
 )  # fmt: skip
 """Names of the language's node types. No skill may have one of them: the registry of skills, which

@@ -12,6 +12,7 @@ from typing import Final, get_args
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from bt_dualarm.spec.cell import CellSpec, SignalSpec, ZoneSpec
 from bt_dualarm.spec.document import (
     ArmSpec,
     CameraSpec,
@@ -180,6 +181,8 @@ def _children_of(node_type: NodeType) -> dict[str, str]:
 
 
 _NESTED: Final[tuple[type[BaseModel], ...]] = (
+    SignalSpec,
+    ZoneSpec,
     NoiseSpec,
     LimitShares,
     CameraSpec,
@@ -195,6 +198,7 @@ _FILE_MODELS: Final[tuple[type[BaseModel], ...]] = (
     ParamSpec,
     WorldSpec,
     ObjectSpec,
+    CellSpec,
     ArmSpec,
     *_NESTED,
 )
@@ -470,6 +474,7 @@ def _file(definitions: Json) -> Json:
             "subtrees": {"type": "object", **_named(subtree, _KEY_PATTERN)},
             "world": _model(WorldSpec, definitions),
             "objects": {"type": "object", **_named(_model(ObjectSpec, definitions), NAME_PATTERN)},
+            "cell": _model(CellSpec, definitions),
             "arms": {"type": "object", "minProperties": 1, **_named(arm, NAME_PATTERN)},
         },
         "required": ["bt_dualarm"],

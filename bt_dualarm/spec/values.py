@@ -39,10 +39,10 @@ _Point: TypeAlias = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 @dataclass(frozen=True)
 class Refers:
-    """Metadata of a text port that has the name of an object or an arm.
+    """Metadata of a port that has the name of something that the file declares, or several names.
 
     Attributes:
-        to: ``"object"``, ``"arm"`` or both.
+        to: Categories: ``"object"``, ``"arm"``, ``"signal"``, ``"zone"``, ``"rendezvous"``.
     """
 
     to: tuple[str, ...]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from threading import Lock
 from typing import Final
 
@@ -19,6 +19,7 @@ from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.timeline import Change, TimelineNode
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.events import LOGGER
+from bt_dualarm.skill.cell import waiting_sentence
 from bt_dualarm.spec.yaml_reader import Json
 from bt_dualarm.viewer.signals import COLUMNS, ModelIndices, Row, model_indices, row_of, series_text
 
@@ -28,9 +29,20 @@ def rows_of(root: NodeView | None) -> list[Json]:
     return [] if root is None else [*_current_rows(root, root.name, 0)]
 
 
-def rows_at(root: TimelineNode, time: float) -> list[Json]:
-    """Rows of a recorded tree at ``time``, s."""
-    return [*_past_rows(root, root.standing_at(time), 0)]
+def rows_at(root: TimelineNode, time: float, notes: Iterable[Json] = ()) -> list[Json]:
+    """Rows of a recorded tree at ``time``, s.
+
+    Args:
+        root: Root of the tree.
+        time: Simulated time in s.
+        notes: Trace events of the record, which say what nodes wait for.
+    """
+    waits = {
+        str(note["leaf"]): note
+        for note in notes
+        if note["kind"] == "waits" and note["arm"] == root.arm and float(note["time_s"]) <= time
+    }
+    return [*_past_rows(root, root.standing_at(time), 0, waits)]
 
 
 def _current_rows(node: NodeView, path: str, depth: int) -> Iterator[Json]:
@@ -43,6 +55,7 @@ def _current_rows(node: NodeView, path: str, depth: int) -> Iterator[Json]:
         since=round(node.since, 3),
         progress=node.progress,
         reason=node.reason,
+        waiting=node.waiting,
     )
     seen: Counter[str] = Counter()
     for child in node.children:
@@ -52,7 +65,9 @@ def _current_rows(node: NodeView, path: str, depth: int) -> Iterator[Json]:
         yield from _current_rows(child, f"{path}/{shown}", depth + 1)
 
 
-def _past_rows(node: TimelineNode, standing: Mapping[str, Change], depth: int) -> Iterator[Json]:
+def _past_rows(
+    node: TimelineNode, standing: Mapping[str, Change], depth: int, waits: Mapping[str, Json]
+) -> Iterator[Json]:
     change = standing.get(node.path)
     failed = change is not None and change.new == "FAILURE" and change.code
     yield _row(
@@ -64,9 +79,23 @@ def _past_rows(node: TimelineNode, standing: Mapping[str, Change], depth: int) -
         since=0.0 if change is None else round(change.time, 3),
         progress=None,
         reason=f"{change.code}: {change.reason}" if change is not None and failed else "",
+        waiting=_waiting_then(node, standing, waits.get(node.path)),
     )
     for child in node.children:
-        yield from _past_rows(child, standing, depth + 1)
+        yield from _past_rows(child, standing, depth + 1, waits)
+
+
+def _waiting_then(node: TimelineNode, standing: Mapping[str, Change], wait: Json | None) -> str:
+    """Clause on the other arms that a running node waited for; empty if it waited for none."""
+    change = standing.get(node.path)
+    children = (standing.get(child.path) for child in node.children)
+    if wait is None or change is None or change.new != "RUNNING":
+        return ""
+    if float(wait["since"]) < change.time - 1e-9 or any(
+        child is not None and child.new == "RUNNING" for child in children
+    ):
+        return ""
+    return waiting_sentence(str(wait["target"]), list(wait["others"]), float(wait["since"]))
 
 
 def _row(path: str, depth: int, kind: str, **fields: object) -> Json:

@@ -223,7 +223,7 @@ class PastView:
         name = root.arm
         generation = record.moment(index).generation
         data, indices = self._scratch[generation]
-        rows = rows_at(root, time)
+        rows = rows_at(root, time, record.notes)
         facts: Json = {
             "arm": name,
             "robot": record.arms[name]["robot"],

@@ -17,6 +17,7 @@ from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.behaviors.report import NodeView, StatusChange
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.runtime.series import SeriesLog
+from bt_dualarm.skill.cell import Cell, CellAccess
 from bt_dualarm.skill.registry import kind_of, yaml_name
 from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.ports import PortModel, port
@@ -97,6 +98,104 @@ class Stage:
 
     def table(self, ticks: int) -> list[str]:
         return [self.tick() for _ in range(ticks)]
+
+
+class Cells:
+    """The trees of several arms that share a cell, ticked together at whole seconds.
+
+    Args:
+        folder: Where the file is written.
+        cell: The section ``cell`` of the file.
+        trees: Tree of each arm, by the arm's name, in the order of the file.
+    """
+
+    def __init__(self, folder: Path, cell: str, trees: Mapping[str, str]) -> None:
+        self.now = 0.0
+        self.events: list[StatusChange] = []
+        act = type("Act", (Act,), {"__doc__": "Acts.", "starts": {}})
+        self.skills: dict[str, type[Skill]] = {yaml_name(act): act}
+        kinds = {name: kind_of(skill, "the test") for name, skill in self.skills.items()}
+        text = f"bt_dualarm: 1\ncell:\n{indent(cell.strip(chr(10)), '  ')}\narms:\n"
+        for arm, tree in trees.items():
+            text += (
+                f"  {arm}:\n    robot: ur5\n    tree:\n{indent(tree.strip(chr(10)), '      ')}\n"
+            )
+        path = folder / "cell.yaml"
+        path.write_text(text)
+        self.file = load_tree_file(path, kinds)
+        self.cell = Cell(self.file.cell, self.file.arms, lambda: self.now)
+        self.trees: dict[str, ArmTree] = {}
+        for arm in self.file.arms:
+            self.spawn(arm)
+
+    def spawn(self, arm: str) -> None:
+        """Put an arm into the world, with its tree at the beginning."""
+        access = CellAccess(self.cell, arm)
+
+        def context(path: str) -> SkillContext:
+            nothing = SimpleNamespace(
+                release=lambda: None,
+                trouble=lambda: None,
+                touched=lambda _: {},
+                enter=lambda **_: None,
+            )
+            return SkillContext(
+                path,
+                cast("Arm", nothing),
+                lambda: self.now,
+                np.random.default_rng(0),
+                logging.getLogger("bt_dualarm.test"),
+                cell=access,
+            )
+
+        def note(change: StatusChange) -> None:
+            self.cell.note_change()
+            self.events.append(change)
+
+        root = self.file.arms[arm].tree
+        clock: Callable[[], float] = lambda: self.now  # noqa: E731 - read late, on purpose
+        self.trees[arm] = build_tree(arm, root, self.skills, context, clock, note, cell=access)
+        self.cell.arm_back(arm)
+
+    def remove(self, arm: str) -> None:
+        """Take an arm out of the world between two ticks."""
+        self.trees.pop(arm).halt()
+        self.cell.arm_gone(arm, f"was removed at {self.now:.2f} s")
+
+    def tick(self) -> str:
+        """Tick all trees, then let time pass; the letters of all nodes, ``|`` between the arms."""
+        running = {arm: tree for arm, tree in self.trees.items() if not is_over(tree)}
+        for arm, tree in running.items():
+            tree.tick()
+            if is_over(tree):
+                self.cell.arm_gone(arm, f"has ended with {tree.status} at {self.now:.2f} s")
+        self.cell.commit({arm: tree for arm, tree in running.items() if not is_over(tree)})
+        letters = self.letters
+        self.now += 1.0
+        return letters
+
+    @property
+    def letters(self) -> str:
+        return " | ".join(
+            " ".join(LETTERS[view.status] for view in _flat(tree.view()))
+            for tree in self.trees.values()
+        )
+
+    def table(self, ticks: int) -> list[str]:
+        return [self.tick() for _ in range(ticks)]
+
+    def failures(self) -> list[tuple[str, str, str]]:
+        """Arm, code and reason of every leaf or node that has failed by itself."""
+        return [
+            (change.arm, change.code, change.reason)
+            for change in self.events
+            if change.new == "FAILURE" and change.code
+        ]
+
+
+def is_over(tree: ArmTree) -> bool:
+    """Whether a tree has ended."""
+    return tree.status in ("SUCCESS", "FAILURE")
 
 
 def _flat(view: NodeView) -> Iterator[NodeView]:

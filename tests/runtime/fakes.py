@@ -15,6 +15,7 @@ from bt_dualarm.runtime.events import StatusFeed
 from bt_dualarm.runtime.outcome import Leniency, RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
 from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.skill.cell import ActiveNode
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.trajectory.limits import SetPoint
 
@@ -108,6 +109,10 @@ class FakeTree:
 
     def change(self, spec: NodeSpec) -> None:
         """Stays as it is."""
+
+    def active(self) -> Iterator[ActiveNode]:
+        """It waits for nobody."""
+        yield ActiveNode("work", may_be_halted=False)
 
     def halt(self) -> None:
         self.halts += 1

@@ -1,0 +1,300 @@
+"""Node types that coordinate arms: signal, await, meet, claim; see `bt_dualarm.skill.cell`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Literal, TypeAlias
+
+from py_trees.common import Status
+from pydantic import Field
+
+from bt_dualarm.behaviors.composites import Node, Ticks
+from bt_dualarm.behaviors.leaf import LanguageLeaf, compared
+from bt_dualarm.behaviors.node import NodeParts, reached
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.skill.cell import KEPT_VALUES, CellAccess, Request, Wait
+from bt_dualarm.spec.cell import (
+    AWAIT,
+    CLAIM,
+    MEET,
+    SIGNAL,
+    RendezvousName,
+    SignalName,
+    ZoneName,
+    claimed,
+)
+from bt_dualarm.spec.node_types import LanguageNode, Outcomes, Slot, success
+from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.values import Duration, ObjectName
+from bt_dualarm.spec.yaml_reader import Data
+
+
+class Signal(LanguageLeaf):
+    """Writes a signal of the cell."""
+
+    class Ports(PortModel):
+        """Ports of signal."""
+
+        signal: SignalName = port(..., "Signal to write; this arm must be one of `written_by`")
+        value: Data = port(True, "What to write, of the signal's type; true by default")
+
+    node_type = LanguageNode(
+        SIGNAL,
+        "Writes a signal of the cell, which other arms read from their next tick on",
+        Ports,
+        shorthand="signal",
+        example="signal: {signal: ready, value: true}",
+        outcomes=success,
+    )
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Write the value.
+
+        Raises:
+            Failure: ``NOT_ALLOWED``: the signal has other writers, or another type.
+        """
+        cell = self.context.cell
+        name = self.ports.signal
+        signal = cell.shared.spec.signals[name]
+        if cell.arm not in signal.written_by:
+            raise Failure(
+                "NOT_ALLOWED", f"'{name}' is written by {' and '.join(signal.written_by)} only"
+            )
+        for complaint in signal.complaints(self.ports.value):
+            raise Failure("NOT_ALLOWED", f"'{name}': {complaint.removeprefix('value: ')}")
+        cell.shared.write(cell.arm, name, self.ports.value)
+        yield from ()
+
+
+_Relation: TypeAlias = Literal[
+    "equal", "not_equal", "less", "less_or_equal", "greater", "greater_or_equal", "near"
+]
+
+
+class Await(LanguageLeaf):
+    """Waits until a signal has a value."""
+
+    class Ports(PortModel):
+        """Ports of await."""
+
+        signal: SignalName = port(..., "Signal to wait for")
+        to: Data = port(True, "Right side of the comparison: what it has to be; true by default")
+        relation: _Relation | Literal["any"] = port(
+            "equal", "The comparison; `any` takes every value"
+        )
+        tolerance: float = port(
+            1e-6, "Largest difference of two numbers that are near", ge=0.0, le=1e9
+        )
+        values: Literal["latest", "every"] = port(
+            "latest",
+            "`latest` looks at the present value; `every` takes one value after the other, each "
+            "once, also those that were overwritten since",
+        )
+        timeout: Duration | None = port(None, "Simulated time after which it fails", gt=0.0)
+
+    class Outputs(PortModel):
+        """Outputs of await."""
+
+        value: Data = port(..., "The value that ended the wait")
+
+    node_type = LanguageNode(
+        AWAIT,
+        "Waits until a signal of the cell has a value",
+        Ports,
+        outputs=Outputs,
+        shorthand="signal",
+        failures={
+            "TIMEOUT": "The signal had no such value in time",
+            "PARTNER_GONE": "The arms that write the signal have ended",
+            "DEADLOCK": "The arms that write the signal wait for this one",
+            "LOST_VALUES": f"More than {KEPT_VALUES} values were not taken in time",
+            "NOT_COMPARABLE": "The value has no order with the right side",
+        },
+        example="await: {signal: ready, timeout: 10}",
+        synonyms={"WaitForBlackboardVariable": "", "WaitForBlackboardVariableValue": ""},
+    )
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Wait for the value.
+
+        Raises:
+            Failure: As declared.
+        """
+        cell = self.context.cell
+        name = self.ports.signal
+        began = self.time
+        timeout = self.ports.timeout
+        wait: Wait | None = None
+        seen = -1
+        try:
+            while True:
+                if cell.shared.written(name) != seen:  # else nothing has changed since
+                    if self._is_fulfilled(cell, name):
+                        return
+                    seen = cell.shared.written(name)
+                if timeout is not None and reached(self.time, began + timeout):
+                    raise Failure(
+                        "TIMEOUT", f"'{name}' was not written as awaited in {timeout:g} s"
+                    )
+                if wait is None:
+                    wait = cell.shared.await_signal(
+                        cell.arm, self.context.name, name, has_timeout=timeout is not None
+                    )
+                cell.shared.looked(wait, seen)
+                if wait.failure is not None:
+                    raise wait.failure
+                yield
+        finally:
+            if wait is not None:
+                cell.shared.end(wait)
+
+    def _is_fulfilled(self, cell: CellAccess, name: str) -> bool:
+        if self.ports.values == "latest":
+            value, exists = cell.shared.value(name)
+            return exists and self._accepts(value)
+        values, lost = cell.shared.values_since(name, cell.taken.get(name, 0))
+        if lost:
+            cell.taken[name] = cell.shared.written(name)
+            raise Failure("LOST_VALUES", f"{lost} values of '{name}' were not taken in time")
+        for value in values:
+            cell.taken[name] = cell.taken.get(name, 0) + 1
+            if self._accepts(value):
+                return True
+        return False
+
+    def _accepts(self, value: Data) -> bool:
+        relation = self.ports.relation
+        if relation != "any" and not compared(value, relation, self.ports.to, self.ports.tolerance):
+            return False
+        self.output("value", value)
+        return True
+
+
+class Meet(LanguageLeaf):
+    """Waits until all participants of a rendezvous wait there."""
+
+    class Ports(PortModel):
+        """Ports of meet."""
+
+        at: RendezvousName = port(..., "Rendezvous; this arm must be one of its participants")
+        timeout: Duration | None = port(None, "Simulated time after which it fails", gt=0.0)
+
+    node_type = LanguageNode(
+        MEET,
+        "Waits until all participants of a rendezvous wait there: all of them succeed, or none",
+        Ports,
+        shorthand="at",
+        failures={
+            "TIMEOUT": "The others did not come in time",
+            "PARTNER_GONE": "Another participant has left, ended, or was removed",
+            "DEADLOCK": "The missing participants wait for this arm",
+        },
+        example="meet: {at: handover, timeout: 5 s}",
+    )
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Wait for the others.
+
+        Raises:
+            Failure: As declared.
+        """
+        cell = self.context.cell
+        name = self.ports.at
+        timeout = self.ports.timeout
+        if cell.arm not in cell.shared.spec.rendezvous[name]:
+            raise Failure("PARTNER_GONE", f"{cell.arm} takes no part in '{name}'")
+        attendance = cell.shared.arrive(
+            cell.arm, self.context.name, name, has_timeout=timeout is not None
+        )
+        began = self.time
+        why = "was halted at its meeting"
+        try:
+            while not attendance.has_met:
+                if attendance.failure is not None:
+                    raise attendance.failure
+                if timeout is not None and reached(self.time, began + timeout):
+                    why = f"has waited for {timeout:g} s, its timeout"
+                    missing = " and ".join(attendance.others)
+                    raise Failure("TIMEOUT", f"{missing} did not come to '{name}' in {timeout:g} s")
+                yield
+        finally:
+            cell.shared.leave(attendance, why)
+
+
+_Names: TypeAlias = Annotated[tuple[str, ...], Field(min_length=1, max_length=16)]
+
+
+class Claim(Node):
+    """Runs its child while nobody else has what it claims."""
+
+    class Ports(PortModel):
+        """Ports of claim."""
+
+        zone: ZoneName | Annotated[_Names, *ZoneName.__metadata__] | None = port(
+            None, "Zone that no other arm may have meanwhile, or several"
+        )
+        object: ObjectName | Annotated[_Names, *ObjectName.__metadata__] | None = port(
+            None, "Object that no other arm may have meanwhile, or several"
+        )
+        timeout: Duration | None = port(
+            None, "Simulated time after which it fails, if it is not granted", gt=0.0
+        )
+
+    node_type = LanguageNode(
+        CLAIM,
+        "Runs its child while no other arm has claimed the same zone or object",
+        Ports,
+        slots=(Slot("child"),),
+        fixed=frozenset({"zone", "object"}),
+        failures={
+            "TIMEOUT": "It was not granted in time",
+            "DEADLOCK": "The arms that have claimed it wait for this one",
+        },
+        example="claim: {zone: bin, child: {wait: 1}}",
+        outcomes=lambda _, children: Outcomes(children[0].succeeds, True),
+    )
+    ports: Ports
+    _request: Request | None = None
+
+    def __init__(self, parts: NodeParts) -> None:
+        super().__init__(parts)
+        self._cell = parts.cell
+
+    def initialise(self) -> None:
+        """Ask for everything at once."""
+        self._release()
+        resources = claimed(self.ports.model_dump())
+        if not resources:
+            raise Failure("NOTHING_CLAIMED", "neither a zone nor an object is named")
+        self._request = self._cell.shared.claim(
+            self._cell.arm, self.path, resources, has_timeout=self.ports.timeout is not None
+        )
+
+    def tick_children(self) -> Ticks:
+        """Tick the child once the claim is granted."""
+        request = self._request
+        if request is not None and request.granted_s is None:
+            timeout = self.ports.timeout
+            if request.failure is not None:
+                raise request.failure
+            if timeout is not None and reached(self.time, request.since + timeout):
+                others = " and ".join(request.others)
+                raise Failure(
+                    "TIMEOUT", f"{others} did not release {request.target} in {timeout:g} s"
+                )
+            return Status.RUNNING
+        yield from self.children[0].tick()
+        return self.children[0].status
+
+    def stop(self, new_status: Status = Status.INVALID) -> None:
+        """Halt the child, then release the claim, whatever the reason of the end."""
+        super().stop(new_status)
+        self._release()
+
+    def _release(self) -> None:
+        if self._request is not None:
+            self._cell.shared.release(self._request)
+            self._request = None

@@ -1,0 +1,512 @@
+"""What the trees of a file share: signals, zones and rendezvous, and the checks of their use.
+
+Each arm has a blackboard of its own. What arms share is declared in the section ``cell`` of the
+file, so that a check can tell from the file alone who may write what, who meets whom, and whether
+claims can block each other for good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Final, Literal, Self, TypeAlias
+
+from pydantic import Field, model_validator
+
+from bt_dualarm.spec.node_types import NodeSpec, NodeType
+from bt_dualarm.spec.parameters import ParamSpec
+from bt_dualarm.spec.ports import port, reference_of
+from bt_dualarm.spec.problems import Name, Problem, suggestion
+from bt_dualarm.spec.values import PoseSpec, Refers, Value
+from bt_dualarm.spec.yaml_reader import Data, DataPath, Source
+
+SignalType: TypeAlias = Literal["boolean", "integer", "number", "text", "vector"]
+ZoneName: TypeAlias = Annotated[str, Refers(("zone",))]
+"""The name of a zone of the file."""
+
+SignalName: TypeAlias = Annotated[str, Refers(("signal",))]
+"""The name of a signal of the file."""
+
+RendezvousName: TypeAlias = Annotated[str, Refers(("rendezvous",))]
+"""The name of a rendezvous of the file."""
+
+_Arms: TypeAlias = Annotated[tuple[Name, ...], Field(min_length=1, max_length=16)]
+_Extent: TypeAlias = Annotated[float, Field(ge=1e-3, le=20.0)]
+_ZONE_SIZES: Final[Mapping[str, tuple[str, ...]]] = {
+    "box": ("x", "y", "z"),
+    "cylinder": ("radius", "height"),
+}
+
+
+class SignalSpec(Value):
+    """A value that some arms write and others wait for."""
+
+    type: SignalType = port(..., "Type of its values")
+    written_by: _Arms = port(..., "Arms whose trees may write it")
+    initial: Data = port(None, "Value until the first is written; without it there is none")
+
+    def complaints(self, value: Data) -> list[str]:
+        """Returns every reason why ``value`` cannot be the signal's value."""
+        return ParamSpec(type=self.type).complaints("value", value)
+
+    @model_validator(mode="after")
+    def _initial_has_the_type(self) -> Self:
+        if self.initial is not None:
+            for complaint in self.complaints(self.initial):
+                raise ValueError(f"initial: {complaint.removeprefix('value: ')}")
+        return self
+
+
+class ZoneSpec(Value):
+    """A region that one arm at a time may claim."""
+
+    shape: Literal["box", "cylinder"] = port("box", "Form, which says what `size` means")
+    size: Annotated[tuple[_Extent, ...], Field(min_length=2, max_length=3)] = port(
+        ..., "Of a box x, y, z; of a cylinder radius, height", unit="m"
+    )
+    pose: PoseSpec = port(
+        PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its center in the world, or in the object's frame"
+    )
+    around: str | None = port(None, "Object that it moves with")
+
+    @model_validator(mode="after")
+    def _size_fits_shape(self) -> Self:
+        meaning = _ZONE_SIZES[self.shape]
+        if len(self.size) != len(meaning):
+            wanted = ", ".join(meaning)
+            raise ValueError(f"the size of a {self.shape} is [{wanted}], not {list(self.size)}")
+        return self
+
+
+Participants: TypeAlias = Annotated[tuple[Name, ...], Field(min_length=2, max_length=16)]
+_Most: Final = 200
+
+_MOST_STEPS: Final = 20_000
+"""Steps of the search for claims that block each other, which a hostile file could make endless."""
+
+
+class CellSpec(Value):
+    """What the trees of a file share."""
+
+    signals: Annotated[dict[Name, SignalSpec], Field(max_length=_Most)] = port(
+        {}, "Values that some arms write and others wait for, by name"
+    )
+    zones: Annotated[dict[Name, ZoneSpec], Field(max_length=_Most)] = port(
+        {}, "Regions that one arm at a time may claim, by name"
+    )
+    rendezvous: Annotated[dict[Name, Participants], Field(max_length=_Most)] = port(
+        {}, "Points at which arms wait for each other: the names of the participants, by name"
+    )
+
+
+CATEGORIES: Final[Mapping[str, str]] = {
+    "signal": "signals",
+    "zone": "zones",
+    "rendezvous": "rendezvous",
+}
+"""Section of the cell that declares the names of each category."""
+
+SIGNAL: Final = "signal"
+AWAIT: Final = "await"
+MEET: Final = "meet"
+CLAIM: Final = "claim"
+"""Names of the node types that use the cell."""
+
+
+def claimed(ports: Mapping[str, Data]) -> list[str]:
+    """Returns what a claim claims, ``zone NAME`` or ``object NAME``, in the fixed global order."""
+    found = []
+    for category in ("object", "zone"):
+        names = ports.get(category)
+        items = names if isinstance(names, (list, tuple)) else (names,)
+        found += [
+            f"{category} {name}"
+            for name in items
+            if isinstance(name, str) and reference_of(name) is None
+        ]
+    return sorted(found)
+
+
+# Checks that need all trees of a file.
+
+
+@dataclass(frozen=True)
+class _Nested:
+    """A claim within another one of the same arm: it waits for one thing and holds the other."""
+
+    arm: str
+    holds: str
+    wants: str
+    outer: NodeSpec
+    inner: NodeSpec
+
+
+@dataclass
+class CellCheck:
+    """Checks how the trees of one file use its cell.
+
+    Args:
+        source: The file.
+        cell: Its cell.
+        objects: Names of its objects.
+        trees: Tree of each arm, by the arm's name.
+        node_types: Node types by name.
+    """
+
+    source: Source
+    cell: CellSpec
+    objects: frozenset[str]
+    trees: Mapping[str, NodeSpec]
+    node_types: Mapping[str, NodeType]
+
+    def problems(self) -> Iterator[Problem]:
+        """Returns every error."""
+        yield from self._declarations()
+        for arm, root in self.trees.items():
+            for node in root.walk():
+                yield from self._node(arm, node)
+        yield from self._never_written()
+        unreachable = [*self._unreachable()]
+        yield from unreachable
+        if not unreachable:
+            yield from self._deadlocks()
+
+    def warnings(self) -> Iterator[Problem]:
+        """Returns warnings of what is declared and not used."""
+        used = {
+            (category, value)
+            for root in self.trees.values()
+            for node in root.walk()
+            for category, value in self._names_in(node)
+        }
+        for category, section in CATEGORIES.items():
+            for name in getattr(self.cell, section):
+                if (category, name) not in used:
+                    problem = self.source.problem(
+                        ("cell", section, name), f"nothing uses the {category} '{name}'", key=True
+                    )
+                    yield replace(problem, severity="warning")
+
+    def _names_in(self, node: NodeSpec) -> Iterator[tuple[str, str]]:
+        by_kind = {
+            SIGNAL: ("signal", "signal"),
+            AWAIT: ("signal", "signal"),
+            MEET: ("rendezvous", "at"),
+        }
+        if node.kind in by_kind:
+            category, field = by_kind[node.kind]
+            yield category, str(node.ports.get(field))
+        elif node.kind == CLAIM:
+            for resource in claimed(node.ports):
+                category, _, name = resource.partition(" ")
+                yield category, name
+
+    def _declarations(self) -> Iterator[Problem]:
+        for name, signal in self.cell.signals.items():
+            yield from self._arms(("cell", "signals", name, "written_by"), signal.written_by)
+        for name, participants in self.cell.rendezvous.items():
+            path = ("cell", "rendezvous", name)
+            yield from self._arms(path, participants)
+            for index, arm in enumerate(participants):
+                if arm in participants[:index]:
+                    yield self.source.problem((*path, index), f"'{arm}' is named twice")
+        for name, zone in self.cell.zones.items():
+            if zone.around is not None and zone.around not in self.objects:
+                message = f"there is no object '{zone.around}'"
+                hint = suggestion(zone.around, self.objects, "object")
+                yield self.source.problem(("cell", "zones", name, "around"), message, hint)
+
+    def _arms(self, path: DataPath, names: Sequence[str]) -> Iterator[Problem]:
+        for index, name in enumerate(names):
+            if name not in self.trees:
+                hint = suggestion(name, self.trees, "arm")
+                yield self.source.problem((*path, index), f"there is no arm '{name}'", hint)
+
+    def _node(self, arm: str, node: NodeSpec) -> Iterator[Problem]:
+        """Returns the errors of one node that follow from which arm it belongs to."""
+        if node.kind in (SIGNAL, AWAIT):
+            name = node.ports.get("signal")
+            signal = self.cell.signals.get(name) if isinstance(name, str) else None
+            if signal is None:
+                return
+            if node.kind == SIGNAL and arm not in signal.written_by:
+                message = f"{SIGNAL}: '{name}' is not written by {arm}"
+                hint = f"it is written by {_listed(signal.written_by)}: see cell.signals"
+                yield node.port_problem(("signal",), message, hint)
+            value = "value" if node.kind == SIGNAL else "to"
+            if value in node.ports and reference_of(node.ports[value]) is None:
+                for complaint in signal.complaints(node.ports[value]):
+                    what = complaint.removeprefix("value: ")
+                    yield node.port_problem(
+                        (value,), f"{node.kind}: {value}: {what}: '{name}' is {_a(signal.type)}"
+                    )
+            elif value not in node.ports and signal.type != "boolean":
+                message = f"{node.kind}: '{name}' is {_a(signal.type)}: {value} is missing"
+                hint = "only a boolean signal has a default: true"
+                if node.kind == SIGNAL:
+                    yield node.port_problem((), message, hint, key=True)
+        elif node.kind == CLAIM and not claimed(node.ports):
+            message = f"{CLAIM}: claims nothing"
+            yield node.port_problem((), message, "zone: NAME, object: NAME, or both", key=True)
+        elif node.kind == MEET:
+            name = node.ports.get("at")
+            participants = self.cell.rendezvous.get(name, ()) if isinstance(name, str) else ()
+            if participants and arm not in participants:
+                message = f"{MEET}: {arm} takes no part in '{name}'"
+                hint = f"its participants are {_listed(participants)}: see cell.rendezvous"
+                yield node.port_problem(("at",), message, hint)
+
+    def _never_written(self) -> Iterator[Problem]:
+        """Returns awaited signals without initial value that no tree of a writer writes."""
+        written = {
+            node.ports.get("signal")
+            for root in self.trees.values()
+            for node in root.walk()
+            if node.kind == SIGNAL
+        }
+        if any(reference_of(name) for name in written):
+            return
+        for root in self.trees.values():
+            for node in root.walk():
+                name = node.ports.get("signal")
+                if node.kind != AWAIT or not isinstance(name, str):
+                    continue
+                signal = self.cell.signals.get(name)
+                if signal is not None and signal.initial is None and name not in written:
+                    message = f"{AWAIT}: no tree writes '{name}', and it has no initial value"
+                    hint = f"write it with 'signal' in the tree of {_listed(signal.written_by)}"
+                    yield node.port_problem(("signal",), message, hint)
+
+    def _unreachable(self) -> Iterator[Problem]:
+        """Returns meetings that a participant never comes to."""
+        for name, participants in self.cell.rendezvous.items():
+            coming = {arm: [*self._meets(arm, name)] for arm in participants if arm in self.trees}
+            if not any(coming.values()) or any(
+                reference_of(node.ports.get("at"))
+                for arm in coming
+                for node in self.trees[arm].walk()
+                if node.kind == MEET
+            ):
+                continue
+            for arm, nodes in coming.items():
+                if not nodes:
+                    there = next(node for nodes in coming.values() for node in nodes)
+                    message = f"{MEET}: {arm} never comes to '{name}'"
+                    hint = f"its tree has no 'meet: {name}'; or it is no participant"
+                    yield there.port_problem(("at",), message, hint)
+
+    def _meets(self, arm: str, name: str) -> Iterator[NodeSpec]:
+        for node in self.trees[arm].walk():
+            if node.kind == MEET and node.ports.get("at") == name:
+                yield node
+
+    # Deadlocks
+
+    def _deadlocks(self) -> Iterator[Problem]:
+        nested = [one for arm, root in self.trees.items() for one in _nested(arm, root)]
+        for one in nested:
+            if one.holds == one.wants:
+                message = f"{CLAIM}: {one.arm} waits here for '{one.wants}', which it has claimed"
+                yield one.inner.problem(message, f"the claim around it is at {one.outer.location}")
+        cycle = _cycle([one for one in nested if one.holds != one.wants])
+        if cycle:
+            steps = "; ".join(
+                f"{one.arm} holds {one.holds} ({one.outer.location}) and claims {one.wants} "
+                f"({one.inner.location})"
+                for one in cycle
+            )
+            message = f"{CLAIM}: these claims can block each other for good: {steps}"
+            hint = "claim them in the same order, or together: claim: {zone: [a, b], child: …}"
+            yield cycle[0].inner.problem(message, hint)
+        yield from self._meetings_within_claims()
+        yield from self._waits_for_good()
+
+    def _meetings_within_claims(self) -> Iterator[Problem]:
+        """Returns meetings that two participants can only come to while both hold the same."""
+        for name, participants in self.cell.rendezvous.items():
+            held = [
+                (arm, [*_claims_around(self.trees[arm], self._meets(arm, name))])
+                for arm in participants
+                if arm in self.trees
+            ]
+            for index, (arm, claims) in enumerate(held):
+                for other, others in held[index + 1 :]:
+                    both = _in_all(claims) & _in_all(others)
+                    if not both:
+                        continue
+                    resource = min(both)
+                    node = claims[0][resource]
+                    message = (
+                        f"{CLAIM}: {arm} and {other} meet at '{name}' and hold {resource} then, "
+                        f"which only one of them can: {arm} claims it here, {other} at "
+                        f"{others[0][resource].location}"
+                    )
+                    yield node.problem(message, "meet before the claim, or after it")
+
+    def _waits_for_good(self) -> Iterator[Problem]:
+        """Returns meetings and awaited signals that never come, as each arm waits for another.
+
+        Only what every run does counts: nodes below sequences with memory. An arm whose tree does
+        anything else at some point may do anything from there on.
+        """
+        ahead = {arm: _straight(root) for arm, root in self.trees.items()}
+        waits = self._stalled({arm: nodes for arm, (nodes, _) in ahead.items()})
+        finished = {arm for arm, (_, is_all) in ahead.items() if is_all and arm not in waits}
+        stuck = {arm: node for arm, node in waits.items() if "timeout" not in node.ports}
+        while True:  # whoever waits for arms that may still come is not stuck
+            blocked_by = {arm: self._blocked_by(arm, waits, finished | {*stuck}) for arm in stuck}
+            if all(blocked_by.values()):
+                break
+            stuck = {arm: node for arm, node in stuck.items() if blocked_by[arm]}
+        if stuck:
+            steps = "; ".join(
+                f"{arm} waits for {self._subject(node)} ({node.location}) of "
+                f"{_listed(blocked_by[arm])}"
+                + ("" if set(blocked_by[arm]) & set(stuck) else ", whose tree is over by then")
+                for arm, node in stuck.items()
+            )
+            node = next(iter(stuck.values()))
+            port_name = "at" if node.kind == MEET else "signal"
+            message = f"{node.kind}: this wait never ends: {steps}"
+            hint = "meet as often and in the same order; write before you wait; or give a timeout"
+            yield node.port_problem((port_name,), message, hint)
+
+    def _subject(self, node: NodeSpec) -> str:
+        if node.kind == MEET:
+            return f"the meeting '{node.ports['at']}'"
+        return f"the signal '{node.ports['signal']}'"
+
+    def _stalled(self, ahead: Mapping[str, Sequence[NodeSpec]]) -> dict[str, NodeSpec]:
+        """Returns the node at which each arm waits once no further one can go on."""
+        at = dict.fromkeys(ahead, 0)
+        written = {name for name, one in self.cell.signals.items() if one.initial is not None}
+        while True:
+            waits = {arm: ahead[arm][at[arm]] for arm in ahead if at[arm] < len(ahead[arm])}
+            passing = {
+                arm
+                for arm, node in waits.items()
+                if node.kind == SIGNAL or (node.kind == AWAIT and node.ports["signal"] in written)
+            }
+            for name, participants in self.cell.rendezvous.items():
+                if all(self._is_at(arm, name, waits) for arm in participants):
+                    passing.update(participants)
+            if not passing:
+                return waits
+            for arm in passing:
+                if waits[arm].kind == SIGNAL:
+                    written.add(str(waits[arm].ports["signal"]))
+                at[arm] += 1
+
+    def _is_at(self, arm: str, name: str, waits: Mapping[str, NodeSpec]) -> bool:
+        return arm in waits and waits[arm].kind == MEET and waits[arm].ports["at"] == name
+
+    def _blocked_by(self, arm: str, waits: Mapping[str, NodeSpec], halted: set[str]) -> list[str]:
+        """Returns the arms for which a wait does not end; empty if it may end."""
+        node = waits[arm]
+        if node.kind == AWAIT:
+            signal = self.cell.signals.get(str(node.ports["signal"]))
+            writers = () if signal is None else signal.written_by
+            return [*writers] if halted.issuperset(writers) else []
+        name = str(node.ports["at"])
+        participants = self.cell.rendezvous.get(name, ())
+        missing = [other for other in participants if not self._is_at(other, name, waits)]
+        return [other for other in missing if other in halted]
+
+
+def _listed(names: Iterable[str]) -> str:
+    return " and ".join(names)
+
+
+def _a(type_name: str) -> str:
+    return f"{'an' if type_name[0] in 'aeiou' else 'a'} {type_name}"
+
+
+def _nested(arm: str, root: NodeSpec, held: tuple[tuple[str, NodeSpec], ...] = ()) -> list[_Nested]:
+    """Returns every pair of a claim and a claim within it, in the order of the file."""
+    found: list[_Nested] = []
+    waiting = [(root, held)]
+    while waiting:
+        node, around = waiting.pop()
+        if node.kind == CLAIM:
+            wanted = claimed(node.ports)
+            found += [
+                _Nested(arm, holds, wants, outer, node)
+                for holds, outer in around
+                for wants in wanted
+            ]
+            around = (*around, *((resource, node) for resource in wanted))
+        waiting += [(child, around) for child in reversed(node.children)]
+    return found
+
+
+def _cycle(nested: Sequence[_Nested]) -> list[_Nested]:
+    """Returns claims of different arms, of which each waits for what the next one holds.
+
+    An arm does one thing after the other, so its own claims alone block nobody, and two of them
+    are not under way at the same time. Empty if there are none.
+    """
+    first_of = {(one.arm, one.holds, one.wants): one for one in reversed(nested)}
+    edges = [*reversed(first_of.values())]
+    left = _MOST_STEPS
+
+    def search(path: list[_Nested]) -> list[_Nested]:
+        nonlocal left
+        left -= 1
+        if path[-1].wants == path[0].holds and len(path) > 1:
+            return path
+        arms = {one.arm for one in path}
+        for one in edges:
+            if left > 0 and one.holds == path[-1].wants and one.arm not in arms:
+                found = search([*path, one])
+                if found:
+                    return found
+        return []
+
+    for first in edges:
+        found = search([first])
+        if found:
+            return found
+    return []
+
+
+def _claims_around(root: NodeSpec, nodes: Iterable[NodeSpec]) -> Iterator[dict[str, NodeSpec]]:
+    """Returns for each of these nodes the claims that it is within, by what they claim."""
+    wanted = set(map(id, nodes))
+    waiting: list[tuple[NodeSpec, dict[str, NodeSpec]]] = [(root, {})]
+    while waiting:
+        node, around = waiting.pop()
+        if id(node) in wanted:
+            yield around
+        if node.kind == CLAIM:
+            around = around | dict.fromkeys(claimed(node.ports), node)
+        waiting += [(child, around) for child in reversed(node.children)]
+
+
+def _in_all(claims: Sequence[Mapping[str, NodeSpec]]) -> set[str]:
+    return set.intersection(*(set(one) for one in claims)) if claims else set()
+
+
+_PASSES_THROUGH: Final = frozenset({CLAIM, "subtree", "force_success", "force_failure", "inverter"})
+"""Node types that tick their only child once, whatever comes of it."""
+
+
+def _straight(root: NodeSpec) -> tuple[list[NodeSpec], bool]:
+    """Returns the nodes that use the cell and that every run comes to, in their order.
+
+    The second value is whether those are all: False where the file does not determine what follows.
+    """
+    found: list[NodeSpec] = []
+
+    def visit(node: NodeSpec) -> bool:
+        if node.kind in (MEET, AWAIT, SIGNAL):
+            if reference_of(node.ports.get("at" if node.kind == MEET else "signal")) is not None:
+                return False
+            found.append(node)
+            return "timeout" not in node.ports
+        if node.kind == "sequence" and node.ports.get("memory", True) is True:
+            return all(visit(child) for child in node.children)
+        if node.kind in _PASSES_THROUGH and len(node.children) == 1:
+            return visit(node.children[0])
+        return not any(below.kind in (MEET, AWAIT, SIGNAL) for below in node.walk())
+
+    return found, visit(root)
