@@ -62,6 +62,7 @@ def _in_order(
         outcomes=outcomes,
         advances_on=advances_on,
         revisits=lambda node: node.ports.get("memory") is False,
+        runs_all=lambda node: advances_on and node.ports.get("memory", True) is True,
         synonyms=synonyms,
     )
 

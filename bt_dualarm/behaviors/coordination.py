@@ -23,7 +23,7 @@ from bt_dualarm.spec.cell import (
     ZoneName,
     claimed,
 )
-from bt_dualarm.spec.node_types import LanguageNode, Outcomes, Slot, success
+from bt_dualarm.spec.node_types import LanguageNode, Outcomes, Slot, always, success
 from bt_dualarm.spec.ports import PortModel, port
 from bt_dualarm.spec.values import Duration, ObjectName
 from bt_dualarm.spec.yaml_reader import Data
@@ -254,6 +254,7 @@ class Claim(Node):
             "DEADLOCK": "The arms that have claimed it wait for this one",
         },
         example="claim: {zone: bin, child: {wait: 1}}",
+        runs_all=always,
         outcomes=lambda _, children: Outcomes(children[0].succeeds, True),
     )
     ports: Ports

@@ -254,6 +254,7 @@ class Inverter(Decorator, decorators.Inverter):
         example="inverter: {child: {compare: {value: 1, to: 2}}}",
         outcomes=lambda _, children: Outcomes(children[0].fails, children[0].succeeds),
         no_effect=_inverted_twice,
+        runs_all=always,
     )
 
 
@@ -268,6 +269,7 @@ class ForceSuccess(Decorator, decorators.FailureIsSuccess):
         outcomes=lambda _, children: children[0] if children[0].never else SUCCESS,
         no_effect=_unless("fail"),
         synonyms={"FailureIsSuccess": ""},
+        runs_all=always,
     )
 
 
@@ -282,6 +284,7 @@ class ForceFailure(Decorator, decorators.SuccessIsFailure):
         outcomes=lambda _, children: children[0] if children[0].never else FAILURE,
         no_effect=_unless("succeed"),
         synonyms={"SuccessIsFailure": ""},
+        runs_all=always,
     )
 
 
@@ -342,6 +345,7 @@ class Subtree(Node):
         uses="use",
         example="subtree: {use: pause, params: {time: 2}}",
         outcomes=as_child,
+        runs_all=always,
     )
 
     def tick_children(self) -> Ticks:

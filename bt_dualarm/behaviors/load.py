@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.leaf import Succeed
+from bt_dualarm.spec.cell import CellSpec
 from bt_dualarm.spec.checks import Examination, declared_names, unused
 from bt_dualarm.spec.document import (
     LONGEST_NAME,
@@ -163,8 +164,9 @@ class _Loading:
         for root in trees.values():
             examination.tree(root)
         file = self._model(source, values, trees)
-        if file is not None:
-            examination.cell(file, source)
+        readable = file or self.sound
+        if readable is not None:
+            examination.cell(readable.cell, source, trees)
         self.problems += examination.problems
         if not errors(self.problems):
             own = [subtree for subtree in library.values() if subtree.source is source]
@@ -242,8 +244,9 @@ class _Loading:
             }
             parts[part] = {name: one for name, one in sound.items() if one is not None}
         world = self._sound_one(WorldSpec, filled.get("world", {}), ("world",)) or WorldSpec()
+        cell = self._sound_one(CellSpec, filled.get("cell", {}), ("cell",)) or CellSpec()
         return TreeFile.model_construct(
-            name="", world=world, objects=parts["objects"], arms=parts["arms"], path=path
+            name="", world=world, cell=cell, objects=parts["objects"], arms=parts["arms"], path=path
         )
 
     def _sound_one(self, model: type[Value], data: Data, path: DataPath) -> Value | None:

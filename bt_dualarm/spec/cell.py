@@ -13,7 +13,7 @@ from typing import Annotated, Final, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from bt_dualarm.spec.node_types import NodeSpec, NodeType
+from bt_dualarm.spec.node_types import LanguageNode, NodeSpec, NodeType
 from bt_dualarm.spec.parameters import ParamSpec
 from bt_dualarm.spec.ports import port, reference_of
 from bt_dualarm.spec.problems import Name, Problem, suggestion
@@ -38,7 +38,7 @@ _ZONE_SIZES: Final[Mapping[str, tuple[str, ...]]] = {
 }
 
 
-class SignalSpec(Value):
+class CellSignal(Value):
     """A value that some arms write and others wait for."""
 
     type: SignalType = port(..., "Type of its values")
@@ -57,7 +57,7 @@ class SignalSpec(Value):
         return self
 
 
-class ZoneSpec(Value):
+class CellZone(Value):
     """A region that one arm at a time may claim."""
 
     shape: Literal["box", "cylinder"] = port("box", "Form, which says what `size` means")
@@ -88,10 +88,10 @@ _MOST_STEPS: Final = 20_000
 class CellSpec(Value):
     """What the trees of a file share."""
 
-    signals: Annotated[dict[Name, SignalSpec], Field(max_length=_Most)] = port(
+    signals: Annotated[dict[Name, CellSignal], Field(max_length=_Most)] = port(
         {}, "Values that some arms write and others wait for, by name"
     )
-    zones: Annotated[dict[Name, ZoneSpec], Field(max_length=_Most)] = port(
+    zones: Annotated[dict[Name, CellZone], Field(max_length=_Most)] = port(
         {}, "Regions that one arm at a time may claim, by name"
     )
     rendezvous: Annotated[dict[Name, Participants], Field(max_length=_Most)] = port(
@@ -243,7 +243,7 @@ class CellCheck:
             elif value not in node.ports and signal.type != "boolean":
                 message = f"{node.kind}: '{name}' is {_a(signal.type)}: {value} is missing"
                 hint = "only a boolean signal has a default: true"
-                if node.kind == SIGNAL:
+                if node.ports.get("relation") != "any":
                     yield node.port_problem((), message, hint, key=True)
         elif node.kind == CLAIM and not claimed(node.ports):
             message = f"{CLAIM}: claims nothing"
@@ -346,10 +346,10 @@ class CellCheck:
     def _waits_for_good(self) -> Iterator[Problem]:
         """Returns meetings and awaited signals that never come, as each arm waits for another.
 
-        Only what every run does counts: nodes below sequences with memory. An arm whose tree does
+        Only what every run does counts, as `LanguageNode.runs_all` says. An arm whose tree does
         anything else at some point may do anything from there on.
         """
-        ahead = {arm: _straight(root) for arm, root in self.trees.items()}
+        ahead = {arm: _straight(root, self.node_types) for arm, root in self.trees.items()}
         waits = self._stalled({arm: nodes for arm, (nodes, _) in ahead.items()})
         finished = {arm for arm, (_, is_all) in ahead.items() if is_all and arm not in waits}
         stuck = {arm: node for arm, node in waits.items() if "timeout" not in node.ports}
@@ -486,11 +486,7 @@ def _in_all(claims: Sequence[Mapping[str, NodeSpec]]) -> set[str]:
     return set.intersection(*(set(one) for one in claims)) if claims else set()
 
 
-_PASSES_THROUGH: Final = frozenset({CLAIM, "subtree", "force_success", "force_failure", "inverter"})
-"""Node types that tick their only child once, whatever comes of it."""
-
-
-def _straight(root: NodeSpec) -> tuple[list[NodeSpec], bool]:
+def _straight(root: NodeSpec, node_types: Mapping[str, NodeType]) -> tuple[list[NodeSpec], bool]:
     """Returns the nodes that use the cell and that every run comes to, in their order.
 
     The second value is whether those are all: False where the file does not determine what follows.
@@ -503,10 +499,9 @@ def _straight(root: NodeSpec) -> tuple[list[NodeSpec], bool]:
                 return False
             found.append(node)
             return "timeout" not in node.ports
-        if node.kind == "sequence" and node.ports.get("memory", True) is True:
+        node_type = node_types.get(node.kind)
+        if isinstance(node_type, LanguageNode) and node_type.runs_all(node):
             return all(visit(child) for child in node.children)
-        if node.kind in _PASSES_THROUGH and len(node.children) == 1:
-            return visit(node.children[0])
         return not any(below.kind in (MEET, AWAIT, SIGNAL) for below in node.walk())
 
     return found, visit(root)

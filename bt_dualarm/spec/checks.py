@@ -10,7 +10,7 @@ from functools import lru_cache
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
-from bt_dualarm.spec.cell import CATEGORIES, CellCheck
+from bt_dualarm.spec.cell import CATEGORIES, CellCheck, CellSpec
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.node_types import (
@@ -584,17 +584,22 @@ class Examination:
             flow.follow(root)
             self.problems += flow.problems
 
-    def cell(self, file: TreeFile, source: Source) -> None:
-        """Check what the trees share."""
-        self.problems += self._cell(file, source).problems()
+    def cell(self, cell: CellSpec, source: Source, trees: Mapping[str, NodeSpec]) -> None:
+        """Check what the trees share.
 
-    def _cell(self, file: TreeFile, source: Source) -> CellCheck:
-        trees = {name: arm.tree for name, arm in file.arms.items()}
-        return CellCheck(source, file.cell, frozenset(file.objects), trees, self._node_types)
+        Args:
+            cell: Cell of the file.
+            source: Source of the file.
+            trees: Tree of each arm, by the arm's name.
+        """
+        check = CellCheck(source, cell, self.names.of(("object",)), trees, self._node_types)
+        self.problems += check.problems()
 
     def warnings(self, file: TreeFile, source: Source) -> Iterator[Problem]:
         """Returns warnings of everything in a correct file that can hardly be intended."""
-        yield from self._cell(file, source).warnings()
+        trees = {name: arm.tree for name, arm in file.arms.items()}
+        objects = self.names.of(("object",))
+        yield from CellCheck(source, file.cell, objects, trees, self._node_types).warnings()
         for arm in file.arms.values():
             yield from outcome_warnings(arm.tree, self._node_types)
         yield from absent(file, source, self._node_types)

@@ -226,6 +226,7 @@ class LanguageNode(NodeType):
         advances_on: Whether a child that succeeds (True) or one that fails (False) is followed by
             the next; None if children do not follow each other.
         revisits: Whether a node may tick a child after one that comes later in the file.
+        runs_all: Whether every run of a node that goes as planned runs all children once, in order.
         problems: Problems of a node beyond the types of its ports.
         no_effect: Why a node has no effect.
         synonyms: Names in other behavior tree libraries, each with what to write here besides
@@ -235,6 +236,7 @@ class LanguageNode(NodeType):
     outcomes: OutcomeRule = either
     advances_on: bool | None = None
     revisits: Callable[[NodeSpec], bool] = _never
+    runs_all: Callable[[NodeSpec], bool] = _never
     problems: ProblemRule = _no_problems
     no_effect: NoEffectRule = _has_effect
     synonyms: Mapping[str, str] = field(default_factory=dict)

@@ -12,7 +12,7 @@ from typing import Final, get_args
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from bt_dualarm.spec.cell import CellSpec, SignalSpec, ZoneSpec
+from bt_dualarm.spec.cell import CellSignal, CellSpec, CellZone
 from bt_dualarm.spec.document import (
     ArmSpec,
     CameraSpec,
@@ -181,8 +181,8 @@ def _children_of(node_type: NodeType) -> dict[str, str]:
 
 
 _NESTED: Final[tuple[type[BaseModel], ...]] = (
-    SignalSpec,
-    ZoneSpec,
+    CellSignal,
+    CellZone,
     NoiseSpec,
     LimitShares,
     CameraSpec,

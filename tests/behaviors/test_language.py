@@ -30,6 +30,8 @@ DEFINED_IN = {
     "behaviors/composites.py",
     "behaviors/decorators.py",
     "behaviors/leaf.py",
+    "behaviors/coordination.py",
+    "spec/cell.py",
 }
 
 WRITES_TREES = {"testing/laws.py"}
@@ -42,6 +44,8 @@ OTHER_THINGS = {
     ("spec/reality.py", "set"),  # the name of a set of numbers
     ("runtime/report.py", "guard"),  # the gate on set-points, in summary.json
     ("runtime/observations.py", "guard"),  # likewise, in run.history
+    ("skill/cell.py", "signal"),  # what a wait is for
+    ("behaviors/graph.py", "signal"),  # a port
 }
 """Texts that are spelt like a node type and mean something else."""
 

@@ -14,6 +14,10 @@ from tests.spec.writing import SKILLS, task
 BEFORE = """
 subtrees:
   pause: {params: {time: {type: duration}}, tree: {wait: "{time}"}}
+cell:
+  signals: {ready: {type: boolean, written_by: [arm1], initial: false}}
+  zones: {bin: {size: [0.3, 0.3, 0.2]}}
+  rendezvous: {handover: [arm1, arm2]}
 objects:
   cube: {shape: box, size: [0.05, 0.05, 0.05], mass: 0.1}
 """
@@ -23,7 +27,11 @@ objects:
 def test_words(word: str, tmp_path: Path) -> None:
     """The example passes; each port and output has a description."""
     kind = LANGUAGE[word]
-    problems = check_file(task(tmp_path, kind.example, BEFORE), SKILLS)
+    path = task(tmp_path, kind.example, BEFORE)
+    partner = kind.example if word == "meet" else "wait: 1"
+    with path.open("a") as file:
+        file.write(f"  arm2: {{robot: panda, tree: {{sequence: [{{{partner}}}]}}}}\n")
+    problems = check_file(path, SKILLS)
     assert not [problem for problem in problems if problem.severity == "error"]
     assert kind.example.startswith(word)
     assert all(field.description for field in kind.ports.model_fields.values())
