@@ -50,6 +50,7 @@ RUN_ELSEWHERE = {
     ".venv/bin/python -m pytest": "this suite",
     ".venv/bin/python -m bt_dualarm circle --display quiet": "tests/runtime/test_api.py",
     ".venv/bin/python docs/images/pick_and_track_film.py": "by hand: a run and 207 pictures",
+    "bt-run shared_bin": "tests/test_trees.py",
     "bt-record export out --lerobot data": "docs/running.md",
     "bt-record export run_* --lerobot data --only-successes": "tests/replay/test_lerobot.py",
     "bt-record export more_* --lerobot data --append": "tests/replay/test_lerobot.py",
