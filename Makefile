@@ -15,9 +15,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-# The lock has hashes of wheels for one platform; other platforms use the same versions without hashes.
+# The lock is resolved for one platform; other platforms use the same versions without hashes.
 LOCKED := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),\
-	--require-hashes --no-deps --requirement requirements.lock,\
+	--require-hashes --only-binary :all: --no-deps --requirement requirements.lock,\
 	--constraint constraints.txt --editable '.[dev]')
 
 # One test process per core, but at most eight: each of them loads every robot.
@@ -75,14 +75,21 @@ docs-html: $(STAMP) ## Build the documentation as a site, site/index.html; broke
 	@$(BIN)/python -m sphinx -q -W --keep-going -b html -d build/doctrees docs site
 	@echo "Open site/index.html"
 
+# The newest versions that the oldest Python can install; the other Pythons need wheels of them, too.
 constraints: ## Resolve the version ranges of pyproject.toml again: constraints.txt, requirements.lock
 	@scratch=$$(mktemp -d) && trap 'rm -rf "$$scratch"' EXIT \
 		&& $(PYTHON) -m venv "$$scratch" \
-		&& "$$scratch/bin/python" -m pip install --quiet '.[dev]' \
-		&& sed '/^[^#]/d' constraints.txt > "$$scratch/constraints.txt" \
-		&& "$$scratch/bin/python" -m pip freeze --exclude bt_dualarm >> "$$scratch/constraints.txt" \
-		&& cp "$$scratch/constraints.txt" constraints.txt \
-		&& "$$scratch/bin/python" docs/lock.py
+		&& "$$scratch/bin/python" -m pip install --quiet 'uv<1' \
+		&& compile() { "$$scratch/bin/uv" pip compile pyproject.toml --extra dev --quiet --upgrade \
+			--only-binary :all: --python-platform x86_64-manylinux_2_28 --python-version "$$@"; } \
+		&& compile 3.11 --generate-hashes --no-annotate --custom-compile-command 'make constraints' \
+			--output-file "$$scratch/lock" \
+		&& { sed '/^[^#]/d' constraints.txt && sed -n 's/^\([^ ]*==[^ ]*\).*/\1/p' "$$scratch/lock"; } \
+			> "$$scratch/constraints.txt" \
+		&& for version in 3.12 3.13; do \
+			compile $$version --constraint "$$scratch/constraints.txt" --output-file /dev/null \
+				|| exit 1; done \
+		&& cp "$$scratch/constraints.txt" constraints.txt && cp "$$scratch/lock" requirements.lock
 
 clean: ## Remove everything that make has created
 	@rm -rf $(VENV) build dist out site .mypy_cache .ruff_cache .pytest_cache .hypothesis
