@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.rendering import WINDOW, best_ms, staged
-from bt_dualarm.robots.robot import LOOP_GROUPS
+from bt_dualarm.robots.mjspec import LOOP_GROUPS
 from bt_dualarm.sim.gl_renderer import GlRenderer, open_context
 from bt_dualarm.sim.renderer import Exposure, Image
 

@@ -312,7 +312,7 @@ class Tape:
 
 
 def run_of(
-    tree: str, layout: str, folder: Path, tell: Callable[[float], None] | None = None
+    tree: str, layout: str, folder: Path, report: Callable[[float], None] | None = None
 ) -> float:
     """Run a tree; CPU seconds of the run and of the writing of its record, plots excluded.
 
@@ -320,15 +320,15 @@ def run_of(
         tree: Name of the tree.
         layout: One of `LAYOUTS`, or empty for no record.
         folder: Empty folder of the record.
-        tell: Is given the simulated time in s every 20 ms of it.
+        report: Receives the simulated time in s every 20 ms of it.
     """
     form = form_of(layout, folder) if layout else Tape()
     with written_to(form), tempfile.TemporaryDirectory() as other:
         run = bt_dualarm.open(tree, record=other if layout else None)
         before = time.process_time()
-        while tell is not None and not run.done:
+        while report is not None and not run.done:
             run.step(0.02)
-            tell(run.time)
+            report(run.time)
         run.finish()
         run.close()
         form.finish()
@@ -387,37 +387,37 @@ def median_ms(*actions: Callable[[], object], rounds: int) -> list[float]:
     return [statistics.median(column) for column in spent]
 
 
-def cost_of_writing(tape: Tape, until: float, place: Path, rounds: int) -> None:
+def cost_of_writing(tape: Tape, until: float, root: Path, rounds: int) -> None:
     """Print CPU and size of each layout, and that the states are the same bit for bit."""
 
     def write(name: str) -> None:
-        for path in (place / name).iterdir():
+        for path in (root / name).iterdir():
             path.unlink()
-        tape.write(form_of(name, place / name))
+        tape.write(form_of(name, root / name))
 
     for name in LAYOUTS:
-        (place / name).mkdir()
+        (root / name).mkdir()
     actions = [lambda name=name: write(name) for name in LAYOUTS]
     for name, spent in zip(LAYOUTS, median_ms(*actions, rounds=rounds), strict=True):
-        size = sum(path.stat().st_size for path in (place / name).iterdir())
+        size = sum(path.stat().st_size for path in (root / name).iterdir())
         print(f"{name}: {spent / until:.2f} ms of CPU a simulated second, {size / 1e6:.2f} MB")
-    today = read_today(place / "today" / HISTORY)
-    with (place / "messages, zstd" / FILE).open("rb") as file:
+    today = read_today(root / "today" / HISTORY)
+    with (root / "messages, zstd" / FILE).open("rb") as file:
         print(f"states bit for bit the same: {read_messages(file).states == today.states}")
 
 
-def cost_of_reading(place: Path, until: float, rounds: int) -> None:
+def cost_of_reading(root: Path, until: float, rounds: int) -> None:
     """Print CPU of reading everything, and of reading one moment."""
-    history = place / "today" / HISTORY
+    history = root / "today" / HISTORY
     rng = random.Random(0)  # noqa: S311 - no secret
 
     def all_of(name: str) -> None:
-        with (place / name / FILE).open("rb") as file:
+        with (root / name / FILE).open("rb") as file:
             read_messages(file)
 
     def moment(name: str) -> None:
         at = round(rng.uniform(0.0, until) * 1e9)
-        with (place / name / FILE).open("rb") as file:
+        with (root / name / FILE).open("rb") as file:
             found = make_reader(file).iter_messages(
                 topics=["/states/0", "/states/1", "/states/2"],
                 starting_at=at,
@@ -480,8 +480,8 @@ def kill(tree: str, layout: str, kills: int, rng: random.Random) -> None:
                 output.readline()
                 time.sleep(rng.uniform(0.0, 3.0))
                 child.send_signal(signal.SIGKILL)
-                told = output.read().split()
-            reached = float(told[-2]) if len(told) > 1 else 0.0
+                times = output.read().split()
+            reached = float(times[-2]) if len(times) > 1 else 0.0
             try:
                 with suppress(FileNotFoundError):
                     if layout == "today":
@@ -497,20 +497,20 @@ def kill(tree: str, layout: str, kills: int, rng: random.Random) -> None:
     print(f"  lack; reading ended with {dict(endings)}")
 
 
-def cut(place: Path, rng: random.Random) -> None:
+def cut(root: Path, rng: random.Random) -> None:
     """Print how each layout is read when it is cut off at a random byte."""
     for name in LAYOUTS:
         if name.startswith("blocks"):
             continue
-        path = place / name / (HISTORY if name == "today" else FILE)
+        path = root / name / (HISTORY if name == "today" else FILE)
         content = path.read_bytes()
         whole = read_today(path) if name == "today" else read_messages(io.BytesIO(content))
         sound = Counter[str]()
         for _ in range(200):
             part = content[: rng.randrange(100, len(content))]
             if name == "today":
-                (place / "part").write_bytes(part)
-                left = read_today(place / "part")
+                (root / "part").write_bytes(part)
+                left = read_today(root / "part")
             else:
                 left = read_messages(io.BytesIO(part))
             wrong = left.states != whole.states[: len(left.states)]
@@ -540,9 +540,9 @@ def mutate(tape: Tape, mutants: int, rng: random.Random) -> None:
     short = Tape([*seconds[:2], ("finish", ())])
     for name in ("today", "messages, zstd", "messages, no compression"):
         with tempfile.TemporaryDirectory() as folder:
-            place = Path(folder)
-            short.write(form_of(name, place))
-            path = place / (HISTORY if name == "today" else FILE)
+            root = Path(folder)
+            short.write(form_of(name, root))
+            path = root / (HISTORY if name == "today" else FILE)
             content = path.read_bytes()
             whole = read_today(path) if name == "today" else read_messages(io.BytesIO(content))
             found = Counter[str]()
