@@ -134,7 +134,7 @@ class ApproachAndAttach(Skill):
         yield from self._settle_on_contact()
 
     def _retreat(self, approach: Approach) -> Iterator[float]:
-        """Retreat to the standoff: no later plan could begin where the tool touches something."""
+        """Retreat to the standoff: no later plan could start while the tool touches something."""
         arm = self.arm
         try:
             for _ in arm.halt():

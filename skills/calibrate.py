@@ -113,7 +113,7 @@ class Calibrate(Skill):
         mark = first.camera.apply(self.ports.distance * ray)
         views = [first]
         for number, viewpoint in enumerate(_VIEWPOINTS):
-            # Where a viewpoint is out of reach, its mirror image or half the rotation may not be.
+            # If a viewpoint is out of reach, its mirror image or half the rotation may not be.
             for variant in (viewpoint, viewpoint.scaled(-1.0), viewpoint.scaled(0.5)):
                 camera = variant.camera(mark, first, self.ports.distance)
                 tool = camera @ camera_in_tool.inverse

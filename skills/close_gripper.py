@@ -79,7 +79,7 @@ class CloseGripper(Skill):
             self._attach(ports.object, pose)
 
     def _refuse_other_held(self, name: str) -> None:
-        """An object that is held already may be named now, but not renamed."""
+        """An object that is already held may be named now, but not renamed."""
         gripper = self.arm.gripper
         gripper.forget_lost()
         if gripper.held and gripper.held != (name,):

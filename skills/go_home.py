@@ -14,9 +14,7 @@ class GoHome(Skill):
 
     class Ports(PortModel):
         speed: Speed = port(0.5, "fraction of the arm's limits")
-        planner: Planner = port(
-            "RRTConnect", "planner that searches where the straight path is blocked"
-        )
+        planner: Planner = port("RRTConnect", "planner to use if the straight path is blocked")
 
     failures = {
         "IN_COLLISION": "the arm would touch something at home",

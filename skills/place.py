@@ -83,7 +83,7 @@ class Place(Skill):
         """Check with the wrist camera that the object is at its goal.
 
         Raises:
-            Failure: ``NOT_SEEN``, or ``NOT_PLACED`` where it is detected elsewhere.
+            Failure: ``NOT_SEEN``, or ``NOT_PLACED`` if it is detected elsewhere.
         """
         arm = self.arm
         camera = camera_now(arm)

@@ -42,9 +42,7 @@ class ReachToPose(Skill):
             False, "move aside while waiting for another arm, instead of waiting in place"
         )
         speed: Speed = port(0.5, "fraction of the arm's limits")
-        planner: Planner = port(
-            "RRTConnect", "planner that searches where the straight path is blocked"
-        )
+        planner: Planner = port("RRTConnect", "planner to use if the straight path is blocked")
         tolerance: float = port(
             0.001, "largest position error at the end", unit="m", ge=1e-4, le=0.1
         )

@@ -33,9 +33,7 @@ class Transport(Skill):
             "goal pose of the object in the world; by default with its current orientation",
         )
         speed: Speed = port(0.5, "fraction of the arm's limits")
-        planner: Planner = port(
-            "RRTConnect", "planner that searches where the straight path is blocked"
-        )
+        planner: Planner = port("RRTConnect", "planner to use if the straight path is blocked")
         tolerance: float = port(
             0.005,
             "largest position error of the object at the end",

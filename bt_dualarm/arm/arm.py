@@ -431,7 +431,7 @@ class Arm(ArmState):
             goals: Configurations, each of shape (dof,), rad, the preferred one first.
             speed: Fraction of the limits, above 0 to 1.
             ignore: Names of the objects that may be touched.
-            planner: Planner that searches where the straight path to the preferred goal is blocked.
+            planner: Planner to use if the straight path to the preferred goal is blocked.
 
         Raises:
             Failure: ``IN_COLLISION`` or ``JOINT_LIMIT`` of the start, or of the preferred goal if
@@ -582,7 +582,7 @@ class Arm(ArmState):
         """Collision checker of configurations in the current world.
 
         It keeps `PLANNING_MARGIN_M` from other arms, or the current distance from an arm that is
-        nearer already.
+        already nearer.
         """
         margins = dict.fromkeys(self.world.arms, PLANNING_MARGIN_M)
         while True:
@@ -649,9 +649,9 @@ class Arm(ArmState):
             goals: Configurations, each of shape (dof,), rad, the preferred one first.
             speed: Fraction of the limits, above 0 to 1.
             ignore: Names of the objects that may be touched.
-            give_way: Whether the arm moves out of the way while it waits for another one.
+            give_way: Whether the arm moves aside while it waits for another one.
             patience: Simulated seconds after which it no longer waits or replans.
-            planner: Planner that searches where the straight path is blocked.
+            planner: Planner to use if the straight path is blocked.
 
         Raises:
             Failure: As `plan` and `follow`.
@@ -679,8 +679,8 @@ class MoveTo:
         backoff: Time that the arm waits before it tries again.
         speed: Fraction of the limits, above 0 to 1.
         ignore: Names of the objects that may be touched.
-        search: Planner that searches where the straight path is blocked.
-        give_way: Whether the arm moves out of the way while it waits, so that two arms do not wait
+        search: Planner to use if the straight path is blocked.
+        give_way: Whether the arm moves aside while it waits, so that two arms do not wait
             for each other.
         wait_s: Simulated seconds after which it no longer waits or replans.
     """
@@ -818,7 +818,7 @@ class MoveTo:
             yield from arm.halt()
 
     def _checked(self, rows: Matrix, known_free: bool) -> Generator[None, None, None]:
-        """Refuse a blocked path; where it is known to be free, only one that an arm blocks."""
+        """Refuse a blocked path; if it is known to be free, only one that an arm blocks."""
         yield from ()
         if known_free and not self.arm.controller.neighbors:
             return

@@ -146,7 +146,7 @@ class ArmGripper:
         """Command an opening, or closing if none is given; it holds until the next command.
 
         The fingers move at the speed until they meet resistance, and then keep up the force. A cup
-        sucks where the width is 0 or not given, and releases where it is not 0.
+        sucks if the width is 0 or not given, and releases if it is not 0.
 
         Args:
             width: Opening, m; None to close with the force.
@@ -154,7 +154,7 @@ class ArmGripper:
             force: Largest force of each pad, N; by default the largest of the gripper.
 
         Raises:
-            Failure: ``INVALID_TARGET`` where one of them is beyond the gripper's range.
+            Failure: ``INVALID_TARGET`` if one of them is beyond the gripper's range.
             SkillError: The calling thread is not the one that ticks the leaf.
         """
         self._lease.refuse_other_threads()
@@ -283,10 +283,10 @@ class ArmGripper:
         """Check that it holds nothing but the named object; a lost object is detached first.
 
         Args:
-            wanted: Name of an object that it may hold already.
+            wanted: Name of an object that it may already hold.
 
         Raises:
-            Failure: ``GRIPPER_FULL``, by ``held`` or, where that is empty, by the sensors.
+            Failure: ``GRIPPER_FULL``, by ``held`` or, if that is empty, by the sensors.
         """
         self.forget_lost()
         held = self.held
@@ -301,7 +301,7 @@ class ArmGripper:
         """Check as `refuse_other`, and that nothing is attached to the tool.
 
         Args:
-            wanted: Name of an object that it may hold already.
+            wanted: Name of an object that it may already hold.
 
         Raises:
             Failure: ``GRIPPER_FULL``.

@@ -132,7 +132,7 @@ def grip_force_for(world: World, held: Attachment, load: NominalLoad, shake: flo
         shake: Acceleration that the grip has to bear in any direction, m/s².
 
     Returns:
-        Force of each pad, or of a cup; 0 if the mass is unknown, infinite where no force holds.
+        Force of each pad, or of a cup; 0 if the mass is unknown, infinite if no force holds.
     """
     if load.mass is None:
         return 0.0

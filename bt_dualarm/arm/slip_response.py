@@ -87,7 +87,7 @@ class SlipResponse:
         """Check that the held object is still held.
 
         Raises:
-            Failure: ``DROPPED`` where the fingers have shut, or the cup no longer seals; the object
+            Failure: ``DROPPED`` if the fingers have shut, or the cup no longer seals; the object
                 is detached then. ``OVERLOADED`` where its estimated mass exceeds a payload, or
                 needs more force than gripper and object withstand.
         """

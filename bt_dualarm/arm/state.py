@@ -290,7 +290,7 @@ class ArmContacts:
             self._monitor = self._contacts.watch(self._arm)
 
     def end(self, asked: Collection[str]) -> dict[str, Number]:
-        """Stop to monitor; returns metrics of the contacts, none where nothing was touched.
+        """Stop to monitor; returns metrics of the contacts, none if nothing was touched.
 
         Args:
             asked: Names of the objects that the leaf was asked to handle: those do not count.

@@ -326,7 +326,7 @@ class If(Node):
         self._chosen = None
 
     def swap_children(self, children: Children, slots: tuple[str, ...], became: Became) -> bool:
-        """Continue with the chosen child; evaluate the condition again where it is gone."""
+        """Continue with the chosen child; evaluate the condition again if it is gone."""
         super().swap_children(children, slots, became)
         self._chosen = became.get(self._chosen) if self._chosen else None
         return True
@@ -387,7 +387,7 @@ def _guard_outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
 class Guard(Node):
     """Evaluates a condition before each tick of its child; halts it and fails once that fails.
 
-    While the condition is running, the child is not started, but continues if it runs already.
+    While the condition is running, the child is not started, but continues if it already runs.
     py_trees' EternalGuard takes a Python function, which YAML must not name.
     """
 

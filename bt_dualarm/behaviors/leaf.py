@@ -72,7 +72,7 @@ class SkillRun:
         """Run to the next ``yield``; returns False at the end, which is success.
 
         Args:
-            fault: Exception to raise where the skill waits, None for none.
+            fault: Exception to raise at the waiting ``yield``, None for none.
 
         Raises:
             Failure: The skill fails.
@@ -122,7 +122,7 @@ class SkillRun:
         return metrics, [*wrong_metrics(skill, skill.metrics), *wrong_metrics(skill, numbers)]
 
     def _raise(self, fault: BaseException) -> float | None:
-        """Raise where the skill waits; only generators can handle it."""
+        """Raise at the waiting ``yield``; only generators can handle it."""
         if isinstance(self._steps, Generator):
             progress: float | None = self._steps.throw(fault)
             return progress

@@ -109,7 +109,7 @@ def load(
     """Reads and checks a tree; never raises for a fault of the tree.
 
     Args:
-        tree: Path of a file, YAML text, Python data, or a source already read.
+        tree: Path of a file, YAML text, Python data, or a source that was already read.
         skills: Node types of the skills by name; None to check no leaves that are skills.
         params: Values of the tree's parameters by name: as text, as given on the command line, or
             as Python data.

@@ -240,7 +240,7 @@ class ChildSwap(ReportingNode):
     def swap_children(self, children: Children, slots: tuple[str, ...], became: Became) -> bool:
         """Continue with the child in the position of the running one.
 
-        Where that is gone, continue after the last of the children that came before it.
+        If that is gone, continue after the last of the children that came before it.
         """
         before = [*self.children]
         super().swap_children(children, slots, became)

@@ -60,7 +60,7 @@ def _show(arguments: argparse.Namespace) -> int:
     served = Served(RecordView(arguments.folder), arguments.view_port, arguments.view_host)
     served.begin()
     try:
-        print(f"shown until Ctrl-C: {served.url}", file=sys.stderr, flush=True)
+        print(f"serving until Ctrl-C: {served.url}", file=sys.stderr, flush=True)
         Event().wait()
     finally:
         served.end()

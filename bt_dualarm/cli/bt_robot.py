@@ -106,7 +106,7 @@ def _write(target: Path, text: str) -> None:
     if not is_description_path(target.name):
         raise DualArmError(f"--out {target}: the name of a description ends with .yaml")
     if target.exists():
-        raise DualArmError(f"--out {target}: exists already; remove it, or choose another name")
+        raise DualArmError(f"--out {target}: already exists; remove it, or choose another name")
     try:
         write_text(target, text)
     except OSError as error:

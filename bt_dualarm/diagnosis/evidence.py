@@ -326,7 +326,7 @@ class Evidence:
         leaf: str = "",
         time_s: float | None = None,
     ) -> Cause:
-        """A cause that affects its arm."""
+        """Cause for the arm of this evidence."""
         return Cause(kind, sentence, remedy, self.arm, leaf, time_s)
 
 

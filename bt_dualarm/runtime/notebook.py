@@ -1,4 +1,4 @@
-"""HTML tables by which a notebook shows runs and their results."""
+"""HTML tables of runs and results for notebooks."""
 
 from __future__ import annotations
 

@@ -249,7 +249,7 @@ class TraceEvents:
         Args:
             arm: Name of the arm.
             frame: The frame.
-            crc: Checksum, if it is known already.
+            crc: Checksum, if it is already known.
         """
         left, top, right, bottom = frame.region
         event = {"kind": "frame", "arm": arm, "time_s": self.clock(), "stamp": float(frame.stamp)}

@@ -275,7 +275,7 @@ class Run:
         self._stop.ask()
 
     def watch(self, observer: Observer) -> None:
-        """Add an observer, notified after those that are registered already."""
+        """Add an observer, notified after those that are already registered."""
         self._parts.feed.observers.append(observer)
 
     @property

@@ -47,9 +47,9 @@ class SightPorts(PortModel):
         "color", "detect the object by its color and shape, or by the marker on it"
     )
     marker: MarkerSpec | None = port(
-        None, "marker to detect, where no object is named; its z axis points out of it"
+        None, "marker to detect if no object is named; its z axis points out of it"
     )
-    shape: ShapeName | None = port(None, "shape to detect, where no object is named")
+    shape: ShapeName | None = port(None, "shape to detect if no object is named")
     size: tuple[_Length, ...] | None = port(
         None,
         SIZE_IN_WORDS.lower(),
@@ -360,7 +360,7 @@ _MOST: Final = 3.0
 unknown then."""
 
 _STACK_SIGMAS: Final = 2.0
-"""Standard deviations of height that are allowed where the object may stand on an equal one."""
+"""Standard deviations of height that are allowed if the object may be on an equal one."""
 
 _ALONE_SIGMAS: Final = 1.5
 """Standard deviations by which it has to be lower than on an equal one, to stand on none for sure.

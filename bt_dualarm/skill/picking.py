@@ -124,7 +124,7 @@ class Taking:
     def _retreat(self, approach: GraspApproach) -> Iterator[float]:
         """Open and retreat, so that another attempt begins at the standoff.
 
-        No plan can begin where the gripper is in contact.
+        No plan can start while the gripper is in contact.
         """
         arm = self._arm
         try:

@@ -52,7 +52,7 @@ def guarded_descent(
 ) -> Generator[float, None, tuple[bool, float]]:
     """Compliant straight motion that stops on contact (guarded move); yields the progress.
 
-    Contact is detected where a force against the motion rises and the tool lags its steadily moving
+    Contact is detected if a force against the motion rises and the tool lags its steadily moving
     set-point: friction alone does not cause both.
 
     Args:
@@ -406,9 +406,7 @@ class SettingDownPorts(PortModel):
     settle: Duration = port(1.0, "longest time to come to rest", gt=0, le=30)
     speed: Speed = port(0.5, "fraction of the arm's limits up to the descent")
     down_speed: Speed = port(0.003, "fraction of the arm's limits where contact is expected")
-    planner: Planner = port(
-        "RRTConnect", "planner that searches where the straight path is blocked"
-    )
+    planner: Planner = port("RRTConnect", "planner to use if the straight path is blocked")
 
 
 @dataclass(frozen=True, eq=False)

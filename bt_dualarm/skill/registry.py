@@ -95,7 +95,7 @@ class Registry:
 
         Args:
             extra_dirs: Folders of the user, searched in addition to the shipped one.
-            classes: Skills that are imported already.
+            classes: Skills that are already imported.
 
         Raises:
             RegistryError: A file cannot be imported, a skill is faulty, or two have the same name.

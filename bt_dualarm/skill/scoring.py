@@ -56,7 +56,7 @@ class TrackingScore:
         self._tool = array("d")
         self._truth = array("d")
         self._sums: PathSums | None = None
-        self._summed = 0  # kept samples that are in the sums already
+        self._summed = 0  # kept samples that are already in the sums
 
     def sample(self, tracking: PlaneTracking) -> None:
         """Take one sample, once per tick; the clock starts with the first lock."""

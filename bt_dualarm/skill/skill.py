@@ -381,7 +381,7 @@ class Samples:
             raise _misfit(name, f"values are {now}", f"{kinds[columns]}, as they were before")
         if self.time[0] < time - _BACKWARDS_S:
             earlier = f"the first time is {self.time[0]:.3f} s"
-            raise _misfit(name, earlier, f"{time:.3f} s or later, where the last samples end")
+            raise _misfit(name, earlier, f"{time:.3f} s or later, after the last samples")
 
 
 def _finite(name: str, what: str, given: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -374,7 +374,7 @@ class _Explainer:
         return ""
 
     def _forms(self, found: Sequence[ErrorDetails]) -> str:
-        """Returns a hint with the notations allowed where a mapping was expected."""
+        """Returns a hint with the notations allowed instead of a mapping."""
         for details in found:
             if details["type"] == "model_type":
                 for model in models_in(type_at(self.model, details["loc"])):

@@ -45,8 +45,8 @@ class NodeType:
         name: Name in the file.
         summary: One-line description.
         ports: Model of its inputs.
-        outputs: Model of its outputs, written to the blackboard where the file names a key.
-        slots: Children that have a name of their own.
+        outputs: Model of its outputs, written to the blackboard if the file names a key.
+        slots: Named children.
         many: Whether it takes a list of children.
         cases: Whether it takes a mapping of children, ``cases``.
         fixed: Ports that need a literal value and cannot come from the blackboard.

@@ -80,7 +80,7 @@ class Description:
         name: Name in the file.
         summary: One line.
         ports: Inputs in the order of their declaration.
-        outputs: Values that it writes to the blackboard where the file names a key.
+        outputs: Values that it writes to the blackboard if the file names a key.
         children: Fields for children, each with a text that says what it takes.
         shorthand: Port that a bare value stands for, empty if there is none.
         exactly_one_of: Ports of which exactly one must be given, if there are such.
@@ -213,9 +213,9 @@ bt_dualarm: 1                      # version of the format
 name: carry                        # by default the file's name
 description: one-line description
 params:                            # set them with bt-run FILE --param speed=0.2
-  speed: {type: number, default: 0.5, range: [0.1, 1], description: of the arm}
+  speed: {type: number, default: 0.5, range: [0.1, 1], description: speed of the arm}
 include: []                        # files below this one's folder whose subtrees are used here
-subtrees:                          # trees with parameters of their own, for the node subtree
+subtrees:                          # trees with their own parameters, for `subtree` nodes
   pause: {params: {time: {type: duration, default: 1}}, tree: {wait: "{time}"}}
 world: {scene: empty}
 objects:
@@ -234,7 +234,7 @@ def file_sections() -> Iterator[tuple[str, str, tuple[PortDescription, ...]]]:
         yield model_name(model), summary_of(model), ports_of(model)
 
 
-# Types of values with a notation of their own.
+# Types of values with their own notation.
 
 
 _VALUE_MODELS: Final[tuple[type[BaseModel], ...]] = (

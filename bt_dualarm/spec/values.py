@@ -1,4 +1,4 @@
-"""Values with a notation of their own in YAML: units, poses, planes, colors, names, goals.
+"""Values with their own notation in YAML: units, poses, planes, colors, names, goals.
 
 YAML has meters, seconds and degrees; these types convert to SI, with angles in radians.
 """

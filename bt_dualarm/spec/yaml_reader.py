@@ -591,7 +591,7 @@ class _MappingReader:
 
 
 TreeInput: TypeAlias = Path | str | Mapping[str, object] | Source
-"""Path of a tree file, YAML text, Python data, or a source already read."""
+"""Path of a tree file, YAML text, Python data, or a source that was already read."""
 
 
 def read_tree(tree: TreeInput, folder: Path | None = None) -> Source:

@@ -1,4 +1,4 @@
-"""Laws that every skill keeps, and the small worlds in which they are tested."""
+"""Laws that every skill must obey, and small worlds to test them."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class Tuning:
             begin = ranges[number] if widen else None
             ranges[number] = range_of(self._shot.frame.image, [(int(x), int(y))], begin)
         except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
-            raise PageError(f"a click has a pixel and a range: {error!r}") from None
+            raise PageError(f"a click needs a pixel and a range: {error!r}") from None
         return self._seen(Color(ranges=tuple(ranges)))
 
     def save(self, asked: Data) -> dict[str, Data]:

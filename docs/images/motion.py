@@ -166,7 +166,7 @@ def draw(run: Run) -> Figure:
     axes.set(ylabel="mm", xlabel="s", xlim=(0, time[-1]))
     axes.set_ylim(0.0, 1.5e3 * max(error.max() for error in run.errors.values()))
     axes.legend(fontsize=7, frameon=False, loc="upper right")
-    axes.set_title("distance of the tool from where it was planned to be", fontsize=8, loc="left")
+    axes.set_title("distance of the tool from its planned position", fontsize=8, loc="left")
     return figure
 
 

@@ -68,7 +68,7 @@ WRONG = {
         ["small.urdf", "--base", "base", "--tool", "flange", "--out", "a.txt"], "ends with .yaml"
     ),
     "there already": (
-        ["small.urdf", "--base", "base", "--tool", "flange", "--out", "old.yaml"], "exists already"
+        ["small.urdf", "--base", "base", "--tool", "flange", "--out", "old.yaml"], "already exists"
     ),
     "elsewhere": (
         ["small.urdf", "--base", "base", "--tool", "flange", "--out", "x/arm.yaml"], "lies neither"

@@ -106,7 +106,7 @@ def test_colors_that_are_not_of_one_leaf_are_refused_with_their_place(
 
 def test_of_several_leaves_one_is_named_by_its_line(tmp_path: Path, registry: Registry) -> None:
     path = write(tmp_path, "      sequence:\n        - track: {color: red}\n        - track")
-    with pytest.raises(NoColorPortError, match=r"(?s)say --line N:\n.*:18:.*:19:"):
+    with pytest.raises(NoColorPortError, match=r"(?s)give --line N:\n.*:18:.*:19:"):
         IntoTree(path, "arm1", None, registry)(SAVED)
     with pytest.raises(NoColorPortError, match="no leaf in line 1 looks for"):
         IntoTree(path, "arm1", 1, registry)(SAVED)
