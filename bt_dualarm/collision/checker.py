@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from bt_dualarm.collision.scratch_model import Marks, ScratchModel
 from bt_dualarm.core.errors import CollisionFailure, TouchFailure
@@ -90,7 +89,9 @@ class CollisionChecker:
         self.joints = body.robot.joints
         self.present = world.hardware[arm].q
         self._addresses = body.qpos_ids
-        self._fingers = _finger_addresses(world, arm)
+        gripper = world.grippers.get(arm)
+        fingers = FINGERS if gripper is not None and gripper.gripper.fingers else ()
+        self._fingers = [int(world.model.joint(f"{arm}/{name}").qposadr[0]) for name in fingers]
         self.joint_ids = world.model.dof_jntid[body.dof_ids]
         self._scratch = scratch = ScratchModel(world, (arm,))
         # Pairs with at least one geom that moves: two fixed bodies never need a check. Pairs within
@@ -110,7 +111,9 @@ class CollisionChecker:
         # The larger value of the two geoms of a pair: a margin wins against the tolerance.
         self.least = np.maximum(least[:, None], least)
         gripping = scratch.marks(body.tool_geom_ids | held)
-        self.least[_touching_by_design(scratch.marks(held), gripping)] = -np.inf
+        # A held object touches the tool, and other held objects, by design.
+        payload = scratch.marks(held)
+        self.least[(payload[:, None] | payload) & gripping[:, None] & gripping] = -np.inf
         self._let_stand(gripping)
 
     @property
@@ -220,20 +223,6 @@ class CollisionChecker:
                 self.least[first, second] = self.least[second, first] = least
 
 
-def _finger_addresses(world: World, arm: str) -> list[int]:
-    """Addresses of an arm's finger joints in ``qpos``; empty if its gripper has no fingers."""
-    gripper = world.grippers.get(arm)
-    if gripper is None or not gripper.gripper.fingers:
-        return []
-    return [int(world.model.joint(f"{arm}/{finger}").qposadr[0]) for finger in FINGERS]
-
-
-def _touching_by_design(held: Marks, gripping: Marks) -> npt.NDArray[np.bool_]:
-    """Pairs of a held object with the tool or another held object, of shape (ngeom, ngeom)."""
-    pairs: npt.NDArray[np.bool_] = (held[:, None] | held) & (gripping[:, None] & gripping)
-    return pairs
-
-
 class LinkContacts:
     """Current contacts of an arm's links other than its tool.
 
@@ -265,14 +254,11 @@ class LinkContacts:
         for i in candidates.tolist():
             depth = -float(data.contact.dist[i])
             if depth > TOUCH:
-                return self._failure_of(geoms[i].tolist(), depth)
+                model = self._world.model
+                pair = sorted(geoms[i].tolist(), key=lambda geom: not self._links[geom])
+                first, second = (name_of_geom(model, geom) for geom in pair)
+                return TouchFailure(f"{first} touches {second}", first, second, depth_m=depth)
         return None
-
-    def _failure_of(self, geoms: list[int], depth: float) -> TouchFailure:
-        model = self._world.model
-        pair = sorted(geoms, key=lambda geom: not self._links[geom])
-        first, second = (name_of_geom(model, geom) for geom in pair)
-        return TouchFailure(f"{first} touches {second}", first, second, depth_m=depth)
 
 
 class OutsideContacts:

@@ -115,7 +115,11 @@ class ArmDistance:
         """
         world = self._world
         data = self.data
-        self._set_horizons(horizons)
+        # Margins stay in the model from call to call.
+        for name, horizon in horizons.items():
+            if horizon != self._horizons[name]:
+                self._horizons[name] = horizon
+                self._scratch.report_gaps(self._owner == self._others.index(name), horizon)
         data.qpos[:] = world.sensed.qpos
         for name, q in configurations.items():
             data.qpos[world.arms[name].qpos_ids] = q
@@ -136,13 +140,6 @@ class ArmDistance:
         pair = sorted(contact.geom[nearest].tolist(), key=lambda geom: int(self._owner[geom]))
         first, second = (name_of_geom(self._scratch.model, geom) for geom in pair)
         return Gap(float(contact.dist[nearest]), first, second)
-
-    def _set_horizons(self, horizons: Mapping[str, float]) -> None:
-        # Margins stay in the model from call to call.
-        for name, horizon in horizons.items():
-            if horizon != self._horizons[name]:
-                self._horizons[name] = horizon
-                self._scratch.report_gaps(self._owner == self._others.index(name), horizon)
 
 
 class Clearance:

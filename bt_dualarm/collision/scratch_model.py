@@ -141,15 +141,13 @@ class ScratchModel:
         data = self.data
         mujoco.mj_kinematics(model, data)
         if self._carried:
-            # The tool's pose is known only after the first pass.
-            self._carry()
+            # Held objects follow the tools, whose poses are known only after the first pass.
+            for position, quaternion, *link, relative in self._views:
+                mujoco.mju_mulPose(
+                    position, quaternion, *link, relative.position, relative.quaternion
+                )
             mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
-
-    def _carry(self) -> None:
-        """Move held objects with the tool links."""
-        for position, quaternion, *link, relative in self._views:
-            mujoco.mju_mulPose(position, quaternion, *link, relative.position, relative.quaternion)
 
     def _begin(self) -> None:
         """Set the initial positions."""
@@ -201,21 +199,15 @@ def scratch_copy(world: World, owner: object) -> ScratchCopy:
     pool = _pools.get(world)
     if pool is None or pool.original is not world.model:  # the world was recompiled
         pool = _pools[world] = _Pool(world.model)
-    lent = _reused(pool) if pool.copies else _created(world.model)
+    if pool.copies:
+        lent = pool.copies.pop()
+        # Its state is whatever it was: the owner sets all positions.
+        for field in _MARKED:
+            getattr(lent.model, field)[:] = getattr(pool.original, field)
+    else:
+        model = copy.copy(world.model)
+        model.opt.disableflags |= _ONE_CONTACT
+        lent = ScratchCopy(model, mujoco.MjData(model))
     # Not at exit, when nobody reuses the copy.
     weakref.finalize(owner, pool.copies.append, lent).atexit = False
     return lent
-
-
-def _reused(pool: _Pool) -> ScratchCopy:
-    """Reused copy with its changeable fields restored; its state is whatever it was."""
-    lent = pool.copies.pop()
-    for field in _MARKED:
-        getattr(lent.model, field)[:] = getattr(pool.original, field)
-    return lent
-
-
-def _created(original: mujoco.MjModel) -> ScratchCopy:
-    model = copy.copy(original)
-    model.opt.disableflags |= _ONE_CONTACT
-    return ScratchCopy(model, mujoco.MjData(model))

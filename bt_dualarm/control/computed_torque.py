@@ -170,7 +170,7 @@ class ComputedTorque:
         if self._payload_estimator is None:
             return self._command(desired, limiter, time)
         # The payload estimator needs the final set-point before the kernel call.
-        return self._command(limiter.bend(desired), None, time)
+        return self._command(limiter.limited(desired), None, time)
 
     def _command(self, sent: SetPoint, limiter: SetPointLimiter | None, time: float) -> SetPoint:
         """Command a set-point; without a limiter it is known to keep the limits."""
@@ -195,7 +195,7 @@ class ComputedTorque:
         outcome = self._call(flags)
         # The kernel has changed nothing yet: limit the set-point and call it again.
         if outcome == OUTSIDE_LIMITS and limiter is not None:
-            sent = limiter.bent(sent)
+            sent = limiter.corrected(sent)
             q[:] = sent.q
             v[:] = sent.v
             a[:] = sent.a

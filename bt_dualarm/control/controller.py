@@ -203,11 +203,11 @@ class JointController:
         desired = self._desired(time)
         if isinstance(self._motion, StreamSource) and not guard.is_free(time):
             # The guard judges set-points of a stream one by one, after limiting.
-            sent = limiter.bend(desired)
+            sent = limiter.limited(desired)
             refusal = guard.permits(self._motion, sent, time)
             if refusal is not None:
                 self._abort(refusal)
-                sent = limiter.bend(self._desired(time))
+                sent = limiter.limited(self._desired(time))
             limiter.sent = self._torque.command(sent, time)
         else:
             limiter.sent = self._torque.send(desired, limiter, time)

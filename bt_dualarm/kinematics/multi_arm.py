@@ -92,7 +92,8 @@ class MultiArmKinematics(Mechanism):
             Failure: ``INVALID_TARGET`` for invalid or contradictory targets; ``UNREACHABLE`` with
                 the target that is missed by most in the best attempt, and by how much.
         """
-        return self._parted(self._solutions(targets, near, tolerance, every=False)[0])
+        q = self._solutions(targets, near, tolerance, every=False)[0]
+        return {name: q[part].copy() for name, part in self._slices.items()}
 
     def follow(
         self,
@@ -128,7 +129,8 @@ class MultiArmKinematics(Mechanism):
         for start in self._branches(steps[0], near, tolerance):
             rows = search.along(search.continuation, goals, start, tolerance, max_step)
             if len(rows) == len(goals):
-                return self._parted_rows(np.array(rows))
+                whole = np.array(rows)
+                return {name: whole[:, part] for name, part in self._slices.items()}
             tried += 1
             longest = max(longest, len(rows))
         fraction = longest / len(goals)
@@ -176,12 +178,6 @@ class MultiArmKinematics(Mechanism):
 
     def _joined(self, q: Mapping[str, Vector]) -> Vector:
         return np.concatenate([q[name] for name in self._slices])
-
-    def _parted_rows(self, rows: Matrix) -> dict[str, Matrix]:
-        return {name: rows[:, part] for name, part in self._slices.items()}
-
-    def _parted(self, q: Vector) -> dict[str, Vector]:
-        return {name: q[part].copy() for name, part in self._slices.items()}
 
 
 def _tool(arm: str) -> str:

@@ -194,13 +194,11 @@ class Multistart:
                 if different(found, solution):
                     found.append(solution)
             is_near = np.abs(found[0] - near).max() < near_enough
-            if not every and (is_near or self._enough(converged, len(found))):
+            # The branches of a redundant arm are not isolated: count starts instead of solutions.
+            is_enough = converged == _CONVERGED_STARTS if self.redundant else len(found) == _ENOUGH
+            if not every and (is_near or is_enough):
                 break
         return found, closest
-
-    def _enough(self, converged: int, found: int) -> bool:
-        """Whether enough converged starts, or different solutions, were found."""
-        return converged == _CONVERGED_STARTS if self.redundant else found == _ENOUGH
 
     def along(
         self,

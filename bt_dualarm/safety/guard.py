@@ -233,16 +233,15 @@ class ArmGuard:
         self._next_look = time + 2.0 * LOOK_S - 1e-9
         if isinstance(motion, StreamSource):
             self._next_look = time + LOOK_S - 1e-9
-            self._scale_stream(motion, self._scale, self._reason)
+            scale = self._scale
+            reason = self._reason
+            if self._rule.time_scale < scale:
+                scale = self._rule.time_scale
+                reason = NEAR
+            if motion.change_scale(scale) and scale < 1.0:
+                self.report.slow(reason)
         elif isinstance(motion, TrajectorySource) and motion.goal_scale != self._scale:
             self._next_check = time
-
-    def _scale_stream(self, motion: StreamSource, scale: float, reason: str) -> None:
-        if self._rule.time_scale < scale:
-            scale = self._rule.time_scale
-            reason = NEAR
-        if motion.change_scale(scale) and scale < 1.0:
-            self.report.slow(reason)
 
     def _posture_scale(self, motion: SetPointSource) -> tuple[float, str]:
         """Time scale that the posture allows, and the reason if it is less than 1."""

@@ -89,10 +89,10 @@ class SetPointLimiter:
 
     def send(self, desired: SetPoint) -> SetPoint:
         """Next set-point: ``desired``, or one step toward it within the limits."""
-        self.sent = self.bend(desired)
+        self.sent = self.limited(desired)
         return self.sent
 
-    def bend(self, desired: SetPoint) -> SetPoint:
+    def limited(self, desired: SetPoint) -> SetPoint:
         """Set-point that `send` would return; the caller assigns ``sent`` once it is commanded."""
         sent = self.sent
         last = self._last
@@ -106,30 +106,15 @@ class SetPointLimiter:
         return (
             desired
             if self._keeps_limits(self._rows, self._period, last, target)
-            else self.bent(desired)
+            else self.corrected(desired)
         )
 
-    def bent(self, desired: SetPoint) -> SetPoint:
-        """Result of `bend` for a set-point that is known to break a limit; counts it."""
+    def corrected(self, desired: SetPoint) -> SetPoint:
+        """Result of `limited` for a set-point that is known to break a limit; counts it.
+
+        Joints that break a limit take a step toward it, or to rest.
+        """
         self.clipped += 1
-        return self._bent(desired)
-
-    def _within(self, desired: SetPoint) -> Flags:
-        """Which limits are kept from the last set-point to this one, of shape (5, dof)."""
-        # Rows: velocity, acceleration, change of velocity, jerk, position against velocity.
-        last = self.sent
-        found = (
-            desired.v,
-            desired.a,
-            desired.v - last.v,
-            desired.a - last.a,
-            desired.q - last.q - (0.5 * self._period) * (desired.v + last.v),
-        )
-        kept: Flags = np.abs(found) <= self._bounds
-        return kept
-
-    def _bent(self, desired: SetPoint) -> SetPoint:
-        """Set-point with joints that break a limit replaced by a step toward it, or to rest."""
         limits = self._limits
         last = self.sent
         now = np.array((last.q, last.v, last.a))
@@ -146,6 +131,20 @@ class SetPointLimiter:
         step = np.where(good, target, step)
         # Braking ends exactly on a position limit, except for rounding.
         return SetPoint(np.clip(step[0], limits.lower, limits.upper), step[1], step[2])
+
+    def _within(self, desired: SetPoint) -> Flags:
+        """Which limits are kept from the last set-point to this one, of shape (5, dof)."""
+        # Rows: velocity, acceleration, change of velocity, jerk, position against velocity.
+        last = self.sent
+        found = (
+            desired.v,
+            desired.a,
+            desired.v - last.v,
+            desired.a - last.a,
+            desired.q - last.q - (0.5 * self._period) * (desired.v + last.v),
+        )
+        kept: Flags = np.abs(found) <= self._bounds
+        return kept
 
     def _reachable(self, target: Matrix) -> Matrix:
         """Desired states with positions beyond a limit replaced by rest on the limit."""
