@@ -2,7 +2,7 @@
 
 - `CollisionChecker` checks configurations of an arm without moving the world.
 - `LinkContacts` and `OutsideContacts` report the current contacts of an arm.
-- `interpolated` samples a path so densely that no collision is missed.
+- `interpolated` samples a straight path by the largest motion of the arm.
 """
 
 from __future__ import annotations
@@ -94,12 +94,12 @@ class CollisionChecker:
         self._fingers = [int(world.model.joint(f"{arm}/{name}").qposadr[0]) for name in fingers]
         self.joint_ids = world.model.dof_jntid[body.dof_ids]
         self._scratch = scratch = ScratchModel(world, (arm,))
-        # Pairs with at least one geom that moves: two fixed bodies never need a check. Pairs within
-        # the arm count; MuJoCo itself leaves out neighboring links.
         held = {world.object_geom(name) for name in world.attachments.attached_to(arm)}
         self.moving = scratch.marks(body.geom_ids | held)
         ignored = {world.object_geom(name) for name in ignore if name in world.objects}
         checked = scratch.solid & ~scratch.marks(ignored)
+        # Pairs with at least one geom that moves: two fixed bodies never need a check. Pairs within
+        # the arm count; MuJoCo itself leaves out neighboring links.
         scratch.compare(checked & self.moving, checked)
         least = np.full(scratch.model.ngeom, -TOUCH)
         for name, other in world.arms.items():
@@ -110,8 +110,8 @@ class CollisionChecker:
                 least[marks] = kept
         # The larger value of the two geoms of a pair: a margin wins against the tolerance.
         self.least = np.maximum(least[:, None], least)
-        gripping = scratch.marks(body.tool_geom_ids | held)
         # A held object touches the tool, and other held objects, by design.
+        gripping = scratch.marks(body.tool_geom_ids | held)
         payload = scratch.marks(held)
         self.least[(payload[:, None] | payload) & gripping[:, None] & gripping] = -np.inf
         self._let_stand(gripping)

@@ -206,7 +206,7 @@ class Kinematics(Chain):
             if len(rows) < len(goals):
                 failed.append((start, rows))
                 continue
-            path = self._judged(np.array(rows))
+            path = self._rated(np.array(rows))
             if not path.good:
                 others.append(path)
             elif different(ends, path.rows[-1]):
@@ -284,7 +284,7 @@ class Kinematics(Chain):
             for continuation in self._continuations:
                 yield start, self._search.along(continuation, goals, start, tolerance, max_step)
 
-    def _judged(self, rows: Matrix) -> _Followed:
+    def _rated(self, rows: Matrix) -> _Followed:
         """Quality of configurations along a path, of shape (n, dof), rad."""
         condition = max(self.condition(q) for q in rows[::_EVERY])
         return _Followed(rows, self.room(rows) < _TOO_NEAR, condition)

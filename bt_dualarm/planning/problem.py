@@ -263,7 +263,7 @@ def path_by_ompl(problem: PlanningProblem, abandoned: Callable[[], bool] = lambd
             search = OmplSearch(problem.checker, problem.start, goals, problem.limits, radii, seed)
             corners = search.run(problem.planner, longest_edge, resolution, budget)
             if corners is None:
-                break  # this budget is spent: on to the next edge length
+                break  # on to the next edge length
             if is_free(problem.checker, corners):
                 return _shorter_straight(problem, corners)
             # The search missed an obstacle that the fine check has found.

@@ -71,7 +71,7 @@ _BACK = 1.15
 _SHORT = 1.01
 """Ratio to the duration without jerk limits below which the search ends."""
 
-_JUDGED = 30_000
+_EVALUATED = 30_000
 """Number of set-points of a long motion that are evaluated for the final stretch."""
 
 _SAME_RAD = 1e-9
@@ -268,7 +268,7 @@ class _Search:
             for width in np.geomspace(low, high, count).tolist():
                 motion = AveragedMotion(self._path, profile, width)
                 # A width that is worse than the best one so far is abandoned at its first excess.
-                needed = float(self._judged(motion, least / motion.unstretched)[1].max())
+                needed = float(self._stretch_needed(motion, least / motion.unstretched)[1].max())
                 if motion.unstretched * needed < least:
                     best = motion
                     stretch = needed
@@ -292,7 +292,7 @@ class _Search:
         least = float("inf")
         since = 0
         for _ in range(_ROUNDS):
-            places, needed = self._judged(motion)
+            places, needed = self._stretch_needed(motion)
             stretch = float(needed.max())
             since += 1
             # Less than 0.2 % is no improvement.
@@ -306,7 +306,9 @@ class _Search:
             motion = AveragedMotion(self._path, self._optimal.profile(share), motion.width)
         return best, least
 
-    def _judged(self, motion: AveragedMotion, most: float = np.inf) -> tuple[Vector, Vector]:
+    def _stretch_needed(
+        self, motion: AveragedMotion, most: float = np.inf
+    ) -> tuple[Vector, Vector]:
         """Path parameters, and the time stretch that is needed there, of shape (n,) each.
 
         Ends at the first one that needs more than ``most``.
@@ -332,9 +334,9 @@ class _Search:
         """Factors of the acceleration share at each grid point, of shape (n,)."""
         # A set-point is an average over the width: every point within it contributes.
         reach = max(int(0.5 * motion.width / motion.unstretched * len(needed)), 1)
-        blamed = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
+        responsible = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
         # Stretching time by r divides accelerations by r².
-        shares: Vector = np.interp(self._optimal.grid, places, blamed) ** (-2.0 * _GAIN)
+        shares: Vector = np.interp(self._optimal.grid, places, responsible) ** (-2.0 * _GAIN)
         return np.clip(shares, 1e-2, _BACK)
 
 
@@ -513,7 +515,7 @@ def stretch_of(motion: StretchedMotion, limits: JointLimits) -> float:
     """
     if len(motion) <= LONG:
         return float(stretches(motion.whole(), limits).max())
-    index = np.linspace(0, len(motion) - 1, _JUDGED).astype(int)
+    index = np.linspace(0, len(motion) - 1, _EVALUATED).astype(int)
     return float(_needed(shares_at(motion, index, motion.dt, limits)).max())
 
 
