@@ -246,7 +246,7 @@ class ApproachAndAttach(Skill):
         return self._touching() if self.ports.contact else self._gap() <= self.ports.proximity
 
     def _settle_on_contact(self) -> Iterator[None]:
-        """Give an object that bounces off a moment to come to rest."""
+        """Wait for an object that has bounced off to come to rest."""
         began = self.arm.time
         while self.ports.contact and not self._touching() and self.arm.time - began < 0.2:
             yield

@@ -261,7 +261,7 @@ class ArmGripper:
         if least - OTHER_WIDTH_M <= self.width <= most + OTHER_WIDTH_M:
             return None
         return (
-            f"the fingers are {1e3 * self.width:.1f} mm apart; between them {name!r} would be "
+            f"the fingers are {1e3 * self.width:.1f} mm apart, but {name!r} would be "
             f"{1e3 * least:.0f} to {1e3 * most:.0f} mm wide"
         )
 

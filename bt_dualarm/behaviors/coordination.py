@@ -36,7 +36,7 @@ class Signal(LanguageLeaf):
         """Ports of signal."""
 
         signal: SignalName = port(..., "Signal to write; this arm must be one of `written_by`")
-        value: Data = port(True, "What to write, of the signal's type; true by default")
+        value: Data = port(True, "Value to write, of the signal's type; true by default")
 
     node_type = LanguageNode(
         SIGNAL,
@@ -210,7 +210,7 @@ class Meet(LanguageLeaf):
             cell.arm, self.context.name, name, has_timeout=timeout is not None
         )
         began = self.time
-        why = "was halted at its meeting"
+        why = "was halted at the rendezvous"
         try:
             while not attendance.has_met:
                 if attendance.failure is not None:
@@ -234,7 +234,7 @@ class Claim(Node):
         """Ports of claim."""
 
         zone: ZoneName | Annotated[_Names, *ZoneName.__metadata__] | None = port(
-            None, "Zone that no other arm may have meanwhile, or several"
+            None, "Zone or zones that no other arm may claim meanwhile"
         )
         object: ObjectName | Annotated[_Names, *ObjectName.__metadata__] | None = port(
             None, "Object that no other arm may have meanwhile, or several"

@@ -46,7 +46,7 @@ def camera_causes(e: Evidence) -> Iterator[Cause]:
     if drop >= _HIGH_DROP:
         seen = len(e.notes("look", since=e.began, until=e.ended))
         sentence = (
-            f"images of {e.arm} are lost: of {len(taken)} taken, {seen} came (drop: {drop:g})"
+            f"images of {e.arm} are lost: of {len(taken)} taken, {seen} arrived (drop: {drop:g})"
         )
         yield e.cause("LOST_PICTURES", sentence, "a smaller drop, or a higher fps")
 

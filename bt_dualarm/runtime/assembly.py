@@ -186,8 +186,8 @@ def assemble(
         file: Tree file, checked with the skills of ``registry``.
         registry: Skills by name.
         on_event: Receives every status change.
-        seed: Seed of all random numbers; None takes the file's.
-        renderer: Renderer of the cameras; None takes the file's.
+        seed: Seed of all random numbers; None for the file's.
+        renderer: Renderer of the cameras; None for the file's.
         trace: Collects events of trees and cameras; None if they are not recorded.
 
     Raises:

@@ -88,9 +88,9 @@ class RunOptions:
     """Overrides of the file's settings, and options of the run; checked on construction.
 
     Attributes:
-        seed: Seed of all random numbers; None takes the file's.
+        seed: Seed of all random numbers; None for the file's.
         duration: Simulated seconds after which the run ends; None for the file's time limit only.
-        renderer: Renderer of the cameras; None takes the file's.
+        renderer: Renderer of the cameras; None for the file's.
         reality: Name of a preset, or settings as below ``reality`` in a tree file; None takes the
             file's.
         record: Folder of the record; None for no record.

@@ -253,7 +253,7 @@ class Cell:
         return "" if wait is None else self._sentence(wait)
 
     def waits(self) -> tuple[Wait, ...]:
-        """Returns all present waits, by the time of their beginning."""
+        """Returns all current waits, by the time of their start."""
         return tuple(sorted(self._waits.values(), key=lambda one: (one.since, one.arm, one.path)))
 
     def claims(self) -> tuple[Request, ...]:
@@ -308,7 +308,7 @@ class Cell:
         self._left.clear()
 
     def _break_up(self, name: str, why: str) -> None:
-        """Fail everybody who waits at a rendezvous."""
+        """Fail all waits at a rendezvous."""
         for one in self._attending[name]:
             waited = self.clock() - one.since
             one.failure = Failure(

@@ -1,6 +1,6 @@
 """What the trees of a file share: signals, zones and rendezvous, and the checks of their use.
 
-Each arm has a blackboard of its own. What arms share is declared in the section ``cell`` of the
+Each arm has its own blackboard. What arms share is declared in the section ``cell`` of the
 file, so that a check can tell from the file alone who may write what, who meets whom, and whether
 claims can block each other for good.
 """
@@ -43,7 +43,7 @@ class CellSignal(Value):
 
     type: SignalType = port(..., "Type of its values")
     written_by: _Arms = port(..., "Arms whose trees may write it")
-    initial: Data = port(None, "Value until the first is written; without it there is none")
+    initial: Data = port(None, "Value before the first write; by default none")
 
     def complaints(self, value: Data) -> list[str]:
         """Returns every reason why ``value`` cannot be the signal's value."""
@@ -60,9 +60,9 @@ class CellSignal(Value):
 class CellZone(Value):
     """A region that one arm at a time may claim."""
 
-    shape: Literal["box", "cylinder"] = port("box", "Form, which says what `size` means")
+    shape: Literal["box", "cylinder"] = port("box", "Shape, which determines the meaning of `size`")
     size: Annotated[tuple[_Extent, ...], Field(min_length=2, max_length=3)] = port(
-        ..., "Of a box x, y, z; of a cylinder radius, height", unit="m"
+        ..., "Box: x, y, z; cylinder: radius, height", unit="m"
     )
     pose: PoseSpec = port(
         PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its center in the world, or in the object's frame"
@@ -82,7 +82,7 @@ Participants: TypeAlias = Annotated[tuple[Name, ...], Field(min_length=2, max_le
 _Most: Final = 200
 
 _MOST_STEPS: Final = 20_000
-"""Steps of the search for claims that block each other, which a hostile file could make endless."""
+"""Limit on the search steps for claims that block each other: a hostile file could need many."""
 
 
 class CellSpec(Value):
@@ -278,7 +278,7 @@ class CellCheck:
                     yield node.port_problem(("signal",), message, hint)
 
     def _unreachable(self) -> Iterator[Problem]:
-        """Returns meetings that a participant never comes to."""
+        """Returns meetings that a participant never reaches."""
         for name, participants in self.cell.rendezvous.items():
             coming = {arm: [*self._meets(arm, name)] for arm in participants if arm in self.trees}
             if not any(coming.values()) or any(
@@ -291,8 +291,8 @@ class CellCheck:
             for arm, nodes in coming.items():
                 if not nodes:
                     there = next(node for nodes in coming.values() for node in nodes)
-                    message = f"{MEET}: {arm} never comes to '{name}'"
-                    hint = f"its tree has no 'meet: {name}'; or it is no participant"
+                    message = f"{MEET}: {arm} never reaches '{name}'"
+                    hint = f"its tree has no 'meet: {name}'; or it is not a participant"
                     yield there.port_problem(("at",), message, hint)
 
     def _meets(self, arm: str, name: str) -> Iterator[NodeSpec]:
@@ -315,7 +315,7 @@ class CellCheck:
                 f"({one.inner.location})"
                 for one in cycle
             )
-            message = f"{CLAIM}: these claims can block each other for good: {steps}"
+            message = f"{CLAIM}: these claims can deadlock: {steps}"
             hint = "claim them in the same order, or together: claim: {zone: [a, b], child: …}"
             yield cycle[0].inner.problem(message, hint)
         yield from self._meetings_within_claims()
@@ -368,7 +368,9 @@ class CellCheck:
             node = next(iter(stuck.values()))
             port_name = "at" if node.kind == MEET else "signal"
             message = f"{node.kind}: this wait never ends: {steps}"
-            hint = "meet as often and in the same order; write before you wait; or give a timeout"
+            hint = (
+                "meet equally often and in the same order, write before waiting, or set a timeout"
+            )
             yield node.port_problem((port_name,), message, hint)
 
     def _subject(self, node: NodeSpec) -> str:

@@ -534,7 +534,7 @@ def _not_a_node(data: Data) -> tuple[str, str]:
     if isinstance(data, dict) and data:
         keys = ", ".join(list(data)[:4])
         hint = f"indent the content of '{next(iter(data))}' further"
-        return f"a node has one key, its kind; here are {len(data)}: {keys}", hint
+        return f"a node has one key, its kind; found {len(data)}: {keys}", hint
     hint = "a node is written 'kind: {port: value}'"
     if isinstance(data, list):
         hint = "for several nodes write 'sequence:' above the list"

@@ -314,7 +314,9 @@ def _expose(run: Run, arm: str, spec: ArmSpec) -> Frame:
     world = run.world
     renderer = run.assembly.renderer
     if arm not in world.arms:
-        raise ShotError(f"{arm} is not in the world at {world.time:g} s; --at S looks later")
+        raise ShotError(
+            f"{arm} is not in the world at {world.time:g} s; use --at S with a later time"
+        )
     if spec.camera is None or renderer is None:
         raise ShotError(f"{arm} has no camera")
     calm = spec.camera.model_copy(update={"noise": 0.0, "drop": 0.0})

@@ -215,7 +215,7 @@ def test_the_command_serves_the_page_until_it_is_ended(failed: Record) -> None:
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         said = process.stderr.readline()
-        assert said.startswith("shown until Ctrl-C: http://127.0.0.1:")
+        assert said.startswith("serving until Ctrl-C: http://127.0.0.1:")
         assert Browser(said.split()[-1]).now()["name"] == "short"
         process.send_signal(2)
         assert process.wait(30) == 130
