@@ -30,6 +30,9 @@ from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
 
+PROGRESS = 100
+"""Sequences after which the counts so far are printed to standard error."""
+
 MOST = 10
 """Kinds of honest failures that are printed."""
 
@@ -139,6 +142,9 @@ def main() -> int:
             print(
                 f"{again}: {one.label}\n    {breach.kind}: {breach.step}: {breach.what}", flush=True
             )
+        if sequences % PROGRESS == 0:
+            so_far = ", ".join(f"{count} {kind}" for kind, count in broken.items()) or "none"
+            print(f"{sequences} sequences, breaches: {so_far}", file=sys.stderr, flush=True)
     print(f"{sequences} sequences, {leaves} leaves, {spent / max(sequences, 1):.1f} s each")
     print(f"  all leaves succeeded: {successes} of {sequences}")
     print(f"  leaves that failed honestly: {failures.total()} of {leaves}")
