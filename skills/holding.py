@@ -11,7 +11,7 @@ class Holding(Skill):
     """Check whether the gripper holds something, by its sensors: a condition for ``guard``."""
 
     class Ports(PortModel):
-        object: ObjectName | None = port(None, "object that it has to hold; by default any")
+        object: ObjectName | None = port(None, "object that must be held; by default any")
 
     failures = {"NOT_HOLDING": "the gripper holds nothing, or not this object"}
     example = "holding"

@@ -303,7 +303,7 @@ class Arm(ArmState):
             self._begun = None
             raise Failure(
                 "INTERRUPTED",
-                f"the motion of {self.name} was stopped from elsewhere",
+                f"the motion of {self.name} was stopped externally",
                 **({"progress": begun.progress} if isinstance(begun, TrajectorySource) else {}),
             )
 

@@ -274,7 +274,7 @@ class ArmGripper:
             name: Name of the object.
             pose: Estimated pose of the object in the world.
             most_force: Force in N of each pad, or of a cup, that the object withstands.
-            mass_declared: Whether the arm may use the declared mass, if the file lets arms know it.
+            mass_declared: Whether the arm may use the declared mass, if the file discloses it.
         """
         self._lease.refuse_other_threads()
         self._world.hold(self._arm, name, pose, most_force, mass_declared=mass_declared)

@@ -79,17 +79,17 @@ class Await(LanguageLeaf):
         """Ports of await."""
 
         signal: SignalName = port(..., "Signal to wait for")
-        to: Data = port(True, "Right side of the comparison: what it has to be; true by default")
+        to: Data = port(True, "Right side of the comparison; true by default")
         relation: _Relation | Literal["any"] = port(
-            "equal", "The comparison; `any` takes every value"
+            "equal", "Comparison; `any` accepts every value"
         )
         tolerance: float = port(
-            1e-6, "Largest difference of two numbers that are near", ge=0.0, le=1e9
+            1e-6, "Largest difference between two numbers that are near", ge=0.0, le=1e9
         )
         values: Literal["latest", "every"] = port(
             "latest",
-            "`latest` looks at the present value; `every` takes one value after the other, each "
-            "once, also those that were overwritten since",
+            "`latest` checks the current value; `every` takes each value once, in order, including "
+            "values that were overwritten",
         )
         timeout: Duration | None = port(None, "Simulated time after which it fails", gt=0.0)
 
@@ -105,11 +105,11 @@ class Await(LanguageLeaf):
         outputs=Outputs,
         shorthand="signal",
         failures={
-            "TIMEOUT": "The signal had no such value in time",
-            "PARTNER_GONE": "The arms that write the signal have ended",
-            "DEADLOCK": "The arms that write the signal wait for this one",
-            "LOST_VALUES": f"More than {KEPT_VALUES} values were not taken in time",
-            "NOT_COMPARABLE": "The value has no order with the right side",
+            "TIMEOUT": "the signal did not get such a value in time",
+            "PARTNER_GONE": "the trees that write the signal have ended",
+            "DEADLOCK": "the arms that write the signal wait for this one",
+            "LOST_VALUES": f"more than {KEPT_VALUES} values were pending",
+            "NOT_COMPARABLE": "the value cannot be compared with the right side",
         },
         example="await: {signal: ready, timeout: 10}",
         synonyms={"WaitForBlackboardVariable": "", "WaitForBlackboardVariableValue": ""},
@@ -183,13 +183,13 @@ class Meet(LanguageLeaf):
 
     node_type = LanguageNode(
         MEET,
-        "Waits until all participants of a rendezvous wait there: all of them succeed, or none",
+        "Waits until all participants are waiting at the rendezvous: all of them succeed, or none",
         Ports,
         shorthand="at",
         failures={
-            "TIMEOUT": "The others did not come in time",
-            "PARTNER_GONE": "Another participant has left, ended, or was removed",
-            "DEADLOCK": "The missing participants wait for this arm",
+            "TIMEOUT": "the other participants did not arrive in time",
+            "PARTNER_GONE": "another participant gave up, ended or was removed",
+            "DEADLOCK": "the missing participants wait for this arm",
         },
         example="meet: {at: handover, timeout: 5 s}",
     )
@@ -205,7 +205,7 @@ class Meet(LanguageLeaf):
         name = self.ports.at
         timeout = self.ports.timeout
         if cell.arm not in cell.shared.spec.rendezvous[name]:
-            raise Failure("PARTNER_GONE", f"{cell.arm} takes no part in '{name}'")
+            raise Failure("PARTNER_GONE", f"{cell.arm} is not a participant of '{name}'")
         attendance = cell.shared.arrive(
             cell.arm, self.context.name, name, has_timeout=timeout is not None
         )
@@ -237,7 +237,7 @@ class Claim(Node):
             None, "Zone or zones that no other arm may claim meanwhile"
         )
         object: ObjectName | Annotated[_Names, *ObjectName.__metadata__] | None = port(
-            None, "Object that no other arm may have meanwhile, or several"
+            None, "Object or objects that no other arm may claim meanwhile"
         )
         timeout: Duration | None = port(
             None, "Simulated time after which it fails, if it is not granted", gt=0.0
@@ -250,8 +250,8 @@ class Claim(Node):
         slots=(Slot("child"),),
         fixed=frozenset({"zone", "object"}),
         failures={
-            "TIMEOUT": "It was not granted in time",
-            "DEADLOCK": "The arms that have claimed it wait for this one",
+            "TIMEOUT": "it was not granted in time",
+            "DEADLOCK": "the arms that have claimed it wait for this one",
         },
         example="claim: {zone: bin, child: {wait: 1}}",
         runs_all=always,

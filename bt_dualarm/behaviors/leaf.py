@@ -583,10 +583,10 @@ def compared(value: Data, relation: str, to: Data, tolerance: float) -> bool:
         value: Left side.
         relation: ``equal``, ``less``, ``near``, …
         to: Right side.
-        tolerance: Largest difference of two numbers that are near.
+        tolerance: Largest difference between two numbers that are near.
 
     Raises:
-        Failure: ``NOT_COMPARABLE``: values that are no numbers have no order and no distance.
+        Failure: ``NOT_COMPARABLE``: values that are not numbers cannot be ordered or subtracted.
     """
     if relation == "near":
         return near(value, to, tolerance)

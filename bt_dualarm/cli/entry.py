@@ -320,7 +320,7 @@ class ProcessEnd:
         self._monitor: subprocess.Popen[bytes] | None = None
         self._is_installed = False
         # The watchdog's thread postpones the end, and so does the thread that it watches: without
-        # a lock both may start a monitor, and nobody would end the first one.
+        # a lock both may start a monitor, and nothing would end the first one.
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
@@ -354,7 +354,7 @@ class ProcessEnd:
         """Set the alarm; 0 turns it off. Does nothing outside of the ``with`` block.
 
         A run that is closed after the block still has a watchdog, which calls this. Without the
-        handler the alarm would end the process at once, and nobody would end the monitor.
+        handler the alarm would end the process at once, and nothing would end the monitor.
         """
         with self._lock:
             if not self._is_installed:

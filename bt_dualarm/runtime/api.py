@@ -52,7 +52,7 @@ def run(
         tree: The tree: a path, the name of a shipped tree, YAML text, or a mapping.
         params: Values of the parameters that the tree declares, by name.
         seed: Seed of all random numbers; by default the tree's.
-        duration: Simulated seconds after which the run ends at the latest.
+        duration: Longest simulated duration of the run, s.
         renderer: Renderer of the cameras: ``gl``, ``ray`` or ``auto``; by default the tree's.
         reality: ``ideal``, ``lab``, ``rough``, or a mapping as in a tree; by default the tree's.
         record: Folder to write summary, events, samples and plots to; by default none.

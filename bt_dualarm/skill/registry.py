@@ -205,18 +205,18 @@ def _choice_faults(part: str, model: type[PortModel]) -> Iterator[str]:
     for name in model.exactly_one_of:
         field = model.model_fields.get(name)
         if field is None:
-            yield f"{part}.exactly_one_of names '{name}', which is no port"
+            yield f"{part}.exactly_one_of names '{name}', which is not a port"
         elif field.is_required() or field.default is not None:
             yield f"{part}.{name} is one of several alternatives: its default must be None"
     for name in {*model.goes_with, *model.goes_with.values()} - model.model_fields.keys():
-        yield f"{part}.goes_with names '{name}', which is no port"
+        yield f"{part}.goes_with names '{name}', which is not a port"
 
 
 def _brought_faults(skill: type[Skill]) -> Iterator[str]:
     for name in skill.brings_in:
         field = skill.Ports.model_fields.get(name)
         if field is None or metadata_of(field, Refers) is None:
-            yield f"brings_in names '{name}', which is no port of an object's or an arm's name"
+            yield f"brings_in names '{name}', which is not a port with the name of an object or arm"
 
 
 def _name_faults(skill: type[Skill]) -> Iterator[str]:
@@ -229,7 +229,7 @@ def _name_faults(skill: type[Skill]) -> Iterator[str]:
         if not _CODE.fullmatch(code):
             yield f"failure code '{code}' must consist of capital letters, digits and _"
         if not meaning:
-            yield f"failure code '{code}' has no meaning"
+            yield f"failure code '{code}' has no description"
         if code in STANDARD_FAILURES and meaning == STANDARD_FAILURES[code]:
             yield f"failure code '{code}' is standard and need not be declared"
 

@@ -52,7 +52,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "DROPPED": "the gripper lost the held object",
     "TIMED_OUT": "the motion was delayed for too long",
     "STALE": "a set-point stream delivered nothing for 0.1 s",
-    "INTERRUPTED": "the motion was stopped from elsewhere",
+    "INTERRUPTED": "the motion was stopped externally",
     "BUSY": "another leaf is moving the arm",
     "NO_GRIPPER": "the arm has no gripper",
     "NO_VALUE": "a blackboard key was read that has no value of the right type",
@@ -251,8 +251,8 @@ def refuse_code(skill: Skill, failure: Failure) -> None:
     if not skill.declares(failure.code):
         declared = ", ".join(skill.failures) or "none"
         raise SkillError(
-            f"{_name(skill)} fails with {_shown(failure.code)}, which is no declared failure code "
-            f"({declared}) nor a standard one; its reason: {failure.reason}"
+            f"{_name(skill)} fails with {_shown(failure.code)}, which is neither a declared "
+            f"failure code ({declared}) nor a standard one; its reason: {failure.reason}"
         ) from failure
 
 
@@ -389,7 +389,7 @@ def _finite(name: str, what: str, given: npt.ArrayLike) -> npt.NDArray[np.float6
     try:
         array = np.asarray(given, dtype=float)
     except (TypeError, ValueError) as error:
-        raise SkillError(f"record({name!r}): its {what} are no numbers: {error}") from None
+        raise SkillError(f"record({name!r}): its {what} are not numbers: {error}") from None
     if not np.isfinite(array).all():
         raise SkillError(f"record({name!r}): its {what} are not all finite numbers")
     return array

@@ -252,7 +252,7 @@ class CellCheck:
             name = node.ports.get("at")
             participants = self.cell.rendezvous.get(name, ()) if isinstance(name, str) else ()
             if participants and arm not in participants:
-                message = f"{MEET}: {arm} takes no part in '{name}'"
+                message = f"{MEET}: {arm} is not a participant of '{name}'"
                 hint = f"its participants are {_listed(participants)}: see cell.rendezvous"
                 yield node.port_problem(("at",), message, hint)
 
@@ -337,8 +337,8 @@ class CellCheck:
                     resource = min(both)
                     node = claims[0][resource]
                     message = (
-                        f"{CLAIM}: {arm} and {other} meet at '{name}' and hold {resource} then, "
-                        f"which only one of them can: {arm} claims it here, {other} at "
+                        f"{CLAIM}: {arm} and {other} both hold {resource} when meeting at '{name}'"
+                        f", which is impossible: {arm} claims it here, {other} at "
                         f"{others[0][resource].location}"
                     )
                     yield node.problem(message, "meet before the claim, or after it")

@@ -277,7 +277,7 @@ WAITS_FOR_GOOD = {
             "arm1": "claim: {zone: bin, child: {meet: there}}",
             "arm2": "claim: {zone: bin, child: {meet: there}}",
         },
-        "arm1 and arm2 meet at 'there' and hold zone bin then",
+        "arm1 and arm2 both hold zone bin when meeting at 'there'",
     ),
     "a claim of what the arm has claimed": (
         BIN,
@@ -310,7 +310,7 @@ WAITS_FOR_GOOD = {
     "no participant": (
         MEETING,
         {"arm1": "meet: there", "arm2": "meet: there", "arm3": "meet: there"},
-        "arm3 takes no part in 'there'",
+        "arm3 is not a participant of 'there'",
     ),
     "nothing": (BIN, {"arm1": "claim: {child: succeed}", "arm2": "succeed"}, "claims nothing"),
     "an unknown zone": (

@@ -91,7 +91,7 @@ def test_a_good_skill(folder: Path) -> None:
         ("from bt_dualarm.skill.skill", "from bt_dualarm.skil",
          "wave.py: cannot be imported: ModuleNotFoundError: No module named 'bt_dualarm.skil'"),
         ("failures =", 'brings_in = ("angle",)\n        failures =', "wave.py: WaveOnce: brings_in"
-         " names 'angle', which is no port of an object's or an arm's name"),
+         " names 'angle', which is not a port with the name of an object or arm"),
         ("class WaveOnce(Skill)", "class WaveOnce", "wave.py: has no subclass of Skill"),
         ('"""A skill."""', "1 / 0",
          "wave.py: cannot be imported: ZeroDivisionError: division by zero"),

@@ -151,7 +151,7 @@ CASES = {
     "stopped": Case(
         "INTERRUPTED",
         "circle: {turns: 5}",
-        "the motion of arm1 was stopped from elsewhere",
+        "the motion of arm1 was stopped externally",
         {"progress": SHARE},
         beside="delay: {seconds: 2.0, child: {stop: {}}}",
         moves=True,
