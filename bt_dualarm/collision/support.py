@@ -246,8 +246,7 @@ def _first_hit(world: World, geoms: Collection[int], point: Vector, toward: Vect
             size = model.geom_size[geom]
             length = mujoco.mju_rayGeom(center, axes, size, point, toward, kind, normal)
         if 0.0 <= length < best.length:
-            # A component of exactly zero counts as level, vertical sides of upright boxes included.
-            upward = min(abs(float(normal[2])), 1.0) or 1.0
+            upward = min(abs(float(normal[2])), 1.0)
             best = _Hit(float(length), geom, math.acos(upward))
     return best
 

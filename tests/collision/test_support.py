@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import bt_dualarm as bt
-from bt_dualarm.collision.support import Support, support_below
+from bt_dualarm.collision.support import Support, bearing_ahead, support_below
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 
@@ -129,3 +129,14 @@ def test_what_is_round_stays_where_it_is_level(world: World) -> None:
     upright = at(world, "pill", 0.35, -0.45, 0.45)
     assert upright is not None
     assert upright.rolls
+
+
+@pytest.mark.parametrize("yaw", [0.0, 30.0, 90.0])
+def test_the_side_of_an_upright_box_bears_nothing(world: World, yaw: float) -> None:
+    """The normal of an unrotated side has a vertical component of exactly zero."""
+    eye = np.array((0.20, -0.35, 0.45))
+    to_side = np.array((math.cos(math.radians(yaw)), -math.sin(math.radians(yaw)), 0.0))
+    start = np.array((0.30, -0.6, 0.45)) - 0.1 * to_side  # towards the middle of the wall
+    assert bearing_ahead(world, start, to_side, ()) is None
+    down = np.array((0.0, 0.0, -1.0))
+    assert bearing_ahead(world, eye, down, ()) == pytest.approx(0.05, abs=1e-6)
