@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.perception.target_filter import Stack, at_rest, carried, chain_noise
+from bt_dualarm.perception.target_filter import Stack, at_rest, chain_noise, propagated
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class ConstantJerk:
         """White noise through four integrators, of shape (4, 4)."""
         return self.snap_density * chain_noise(dt)
 
-    def carry(self, state: Matrix, covariance: Stack, dt: float) -> tuple[Matrix, Stack]:
+    def propagate(self, state: Matrix, covariance: Stack, dt: float) -> tuple[Matrix, Stack]:
         """State and covariance, of shapes (n, 4) and (n, 4, 4), ``dt`` seconds on."""
-        return carried(self, state, covariance, dt)
+        return propagated(self, state, covariance, dt)
 
     def confine(self, state: Matrix) -> Matrix:
         """The state itself: a target can have any."""

@@ -75,7 +75,7 @@ from bt_dualarm.control.kernel_rows import (
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.kinematics.chain_kernels import equations_of_motion, multiply, solve
-from bt_dualarm.sim.device_kernels import take_torques
+from bt_dualarm.sim.device_kernels import command_torques
 from bt_dualarm.trajectory.limit_kernels import keeps_limits
 
 _PERIOD = 3
@@ -126,7 +126,7 @@ def command_set_point(
         square += (state[EXTERNAL_TORQUE, i] - state[BASELINE_TORQUE, i]) ** 2
     telemetry[CONTACT_SQUARE] = square
     if outcome != NOT_FINITE:
-        take_torques(state[TORQUE], drives)
+        command_torques(state[TORQUE], drives)
     return outcome
 
 

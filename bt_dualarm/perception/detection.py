@@ -1,4 +1,9 @@
-"""Finding a colored target in a frame: colors, blobs, and how much of each pixel it covers."""
+"""Detection of colored targets in a frame.
+
+Pixels within a color range are cleaned by opening and closing, and grouped by contours (OpenCV).
+Centroid and area are weighted by the share of each pixel that the target covers, which makes them
+much finer than a pixel.
+"""
 
 from __future__ import annotations
 
@@ -19,25 +24,24 @@ from bt_dualarm.sim.renderer import Image, Region
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import Color
 
-# Color of a declared object
+# Colors
 
+_HUE_MARGIN: Final = 14.0
+"""Tolerance of the hue to either side in degrees, for light and camera noise."""
 
-_HUE_ROOM: Final = 14.0
-"""Degrees of hue to either side: what light and a camera's noise make of it."""
-
-_LEAST: Final = (0.55, 0.35)
-"""Saturation and brightness below which a color is too grey or too dark to be told by its hue."""
+_MIN_SATURATION: Final = 0.55
+_MIN_VALUE: Final = 0.35  # below these a color is too gray or too dark to have a reliable hue
 
 
 class ColorlessError(DualArmError):
-    """An object cannot be told from its surroundings by its color."""
+    """An object has no color by which a camera could distinguish it."""
 
 
 def color_of(thing: ObjectSpec) -> Color:
-    """The color to look for, by what the file says of an object.
+    """The color range of a declared object.
 
     Raises:
-        ColorlessError: It is grey, white, black or nearly so.
+        ColorlessError: The object is gray, white, black or nearly so.
     """
     if isinstance(thing.color, str):
         try:
@@ -45,27 +49,27 @@ def color_of(thing: ObjectSpec) -> Color:
         except ValueError:
             raise ColorlessError(f"{thing.color} is no color that a camera finds") from None
     hue, saturation, value = colorsys.rgb_to_hsv(*thing.rgba[:3])
-    if saturation < _LEAST[0] or value < _LEAST[1]:
+    if saturation < _MIN_SATURATION or value < _MIN_VALUE:
         red, green, blue = thing.rgba[:3]
         written = f"[{red:g}, {green:g}, {blue:g}]"
-        raise ColorlessError(f"{written} is too grey or too dark for a camera to find")
+        raise ColorlessError(f"{written} is too gray or too dark for a camera to find")
     middle = 360.0 * hue
-    bounds = [math.fmod(middle + side * _HUE_ROOM + 360.0, 360.0) for side in (-1.0, 1.0)]
+    bounds = [math.fmod(middle + side * _HUE_MARGIN + 360.0, 360.0) for side in (-1.0, 1.0)]
     return Color.model_validate([{"hue": bounds}])
 
 
 Mask: TypeAlias = npt.NDArray[np.uint8]
-"""255 where a pixel belongs, else 0, of shape (height, width)."""
+"""255 for selected pixels, else 0, of shape (height, width)."""
 
 
 class ColorFilter:
-    """A color, ready for use on many images.
+    """A color range, ready to be applied to images.
 
     Args:
-        color: A pixel that lies in any of its ranges has it.
+        color: Color; a pixel in any of its ranges matches.
 
     Attributes:
-        name: Text of its ranges, which tells it from others.
+        name: Text of its ranges, which identifies it.
     """
 
     def __init__(self, color: Color) -> None:
@@ -73,7 +77,7 @@ class ColorFilter:
         self.name = " ".join(f"{low.tolist()}-{high.tolist()}" for low, high in self._boxes)
 
     def mask(self, image: Image) -> Mask:
-        """Which pixels have the color, of an image (red, green, blue) of shape (h, w, 3)."""
+        """Mask of the matching pixels of an image (red, green, blue) of shape (h, w, 3)."""
         hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
         mask = cv2.inRange(hsv, *self._boxes[0])
         for box in self._boxes[1:]:
@@ -81,12 +85,11 @@ class ColorFilter:
         return np.asarray(mask, dtype=np.uint8)
 
 
-# Detection: color range, opening and closing, contours (OpenCV), pixel coverage
-
+# Targets
 
 _KERNEL = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
 _MARGIN_PX = 3
-_CLEARED_PX = 2  # about what has the color: opening and closing reach so far
+_CLEANING_REACH_PX = 2  # around matching pixels, of opening and closing
 
 
 @dataclass(frozen=True)
@@ -95,13 +98,13 @@ class Detection:
 
     Attributes:
         stamp: Simulated time of the exposure in s.
-        centroid: Offset from the image center, x to the right and y down; the edges are at -1, 1.
+        centroid: Normalized offset from the image center, x to the right, y down; edges at -1, 1.
         centroid_px: Centroid in pixels from the top left corner of the image.
-        area_px: Area in square pixels, edge pixels counted by the share that is covered.
-        size: Root of the area as a share of the image height.
+        area_px: Area in square pixels, with partly covered pixels counted by their share.
+        size: Square root of the area over the image height.
         bounds_px: Bounding box: left, top, right, bottom (right and bottom outside).
-        confidence: Share of its filled outline that has the color, 0..1.
-        touches_border: True where it reaches the edge of what was exposed, which shifts its
+        confidence: Share of the filled outline that has the color, 0 to 1.
+        touches_border: Whether it reaches the border of the exposed region, which shifts its
             centroid.
     """
 
@@ -124,7 +127,7 @@ class Detection:
         confidence: float = 1.0,
         touches_border: bool = False,
     ) -> Detection:
-        """One in a frame, by what was measured: place and bounds in px, area in square px."""
+        """Create a detection from measurements: position and bounds in px, area in square px."""
         x, y = place
         return cls(
             stamp=frame.stamp,
@@ -139,13 +142,13 @@ class Detection:
 
     @property
     def plain(self) -> JsonList:
-        """What was measured, as `Frame.answer` has it."""
+        """The measurements in JSON's types, for `Frame.answer`."""
         measured = [self.centroid_px, self.area_px, self.bounds_px, self.confidence]
         return [*measured, self.touches_border]
 
     @classmethod
     def of_plain(cls, frame: Frame, plain: JsonList) -> Detection:
-        """The detection of that frame again, to the last bit."""
+        """Restore a detection from `plain`, bit for bit."""
         (x, y), area, (left, top, right, bottom), confidence, touches_border = plain
         box = (left, top, right, bottom)
         return cls.at(frame, (x, y), area, box, confidence, touches_border)
@@ -158,18 +161,18 @@ def detect(
     max_area: float = math.inf,
     expected_px: tuple[float, float] | None = None,
 ) -> Detection | None:
-    """Find one target, or none.
+    """Detect one target.
 
     Args:
-        frame: Exposure, of which only the exposed region is looked at.
-        color: Filter of the target's color.
+        frame: Frame; only its exposed region is processed.
+        color: Color of the target.
         min_area: Least area of a target, in square pixels.
         max_area: Largest area of a target, in square pixels.
-        expected_px: Pixel at which the target should be. Of several, the nearest to it is
-            taken; without it, the largest.
+        expected_px: Predicted pixel of the target: the nearest candidate is chosen. Without it, the
+            largest is.
 
     Returns:
-        ``None`` says that the target is not in the image: an answer, not a failure.
+        The detection, or None if the target is not in the image.
     """
     found = detect_all(frame, color, min_area, max_area)
     if expected_px is None:
@@ -180,7 +183,7 @@ def detect(
 def detect_all(
     frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
 ) -> list[Detection]:
-    """All targets of the color and of a fitting area, in no particular order."""
+    """Detect all targets of a color and of an area within bounds, in no particular order."""
     if frame.memory is None:
         return [found for found, _ in detect_blobs(frame, color, min_area, max_area)]
 
@@ -194,7 +197,7 @@ def detect_all(
 def detect_blobs(
     frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
 ) -> list[tuple[Detection, Blob]]:
-    """As `detect_all`, each with its pixels."""
+    """As `detect_all`, with the pixels of each target."""
     step = frame.stride
     part = frame.blocks
     if part.size == 0:
@@ -203,9 +206,9 @@ def detect_blobs(
     x, y, width, height = cv2.boundingRect(raw)
     if width == 0:
         return []
-    left = max(x - _CLEARED_PX, 0)
-    top = max(y - _CLEARED_PX, 0)
-    near = raw[top : y + height + _CLEARED_PX, left : x + width + _CLEARED_PX]
+    left = max(x - _CLEANING_REACH_PX, 0)
+    top = max(y - _CLEANING_REACH_PX, 0)
+    near = raw[top : y + height + _CLEANING_REACH_PX, left : x + width + _CLEANING_REACH_PX]
     cleaned = _open_and_close(near) if step == 1 else near
     contours, _ = cv2.findContours(
         cleaned, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(left, top)
@@ -221,15 +224,15 @@ def detect_blobs(
 
 @dataclass(frozen=True, eq=False)
 class Blob:
-    """One outline and the pixels around it; all arrays of the same height and width.
+    """One contour and the pixels around it; all arrays have the same height and width.
 
     Attributes:
         rgb: Colors.
-        raw: Which of them have the color that is looked for.
-        filled: Which lie within the outline.
-        origin: Top left sample of the arrays within the exposed region.
-        bounds: Box around the outline.
-        limits: Number of samples of the region (width, height).
+        raw: Mask of the pixels that match the color.
+        filled: Mask of the pixels within the contour.
+        origin: Position of the arrays' top left sample in the exposed region.
+        bounds: Bounding box of the contour in the exposed region.
+        limits: Width and height of the exposed region in samples.
     """
 
     rgb: Image
@@ -241,7 +244,7 @@ class Blob:
 
     @classmethod
     def cut(cls, rgb: Image, raw: Mask, contour: cv2.typing.MatLike, bounds: Region) -> Blob:
-        """The part of an image that one contour needs."""
+        """Cut out the part of an image around one contour."""
         height, width = raw.shape
         left = max(bounds[0] - _MARGIN_PX, 0)
         top = max(bounds[1] - _MARGIN_PX, 0)
@@ -260,7 +263,7 @@ def _measure(frame: Frame, blob: Blob) -> Detection:
         blob.rgb, blob.raw, blob.filled
     )
     total = max(area, 1e-9)
-    # Half a sample: moments count a pixel at its index, a frame at its center.
+    # Half a sample is added: moments have a pixel's center at its index, frames at index + 0.5.
     x = left + step * (blob.origin[0] + by_column / total + 0.5)
     y = top + step * (blob.origin[1] + by_row / total + 0.5)
     x0, y0, x1, y1 = blob.bounds
@@ -275,11 +278,11 @@ def _measure(frame: Frame, blob: Blob) -> Detection:
 
 
 def coverage(blob: Blob) -> npt.NDArray[np.float32]:
-    """Share of each pixel that the target covers, 0..1, of the shape of the blob's arrays.
+    """Share of each pixel that the target covers, 0 to 1, of the shape of the blob's arrays.
 
-    Inside the outline all of it. A pixel at the edge is a linear mixture of target and
-    background: along the line between their mean colors, its place between the extremes of its
-    neighborhood is the share.
+    It is 1 inside the contour. A pixel at the edge is a linear mixture of target and background: on
+    the line between their mean colors, its position between the extremes of its neighborhood is the
+    share.
     """
     share = np.empty(blob.filled.shape, dtype=np.float32)
     _kernels().cover(blob.rgb, blob.filled, share)
@@ -288,17 +291,17 @@ def coverage(blob: Blob) -> npt.NDArray[np.float32]:
 
 @cache
 def _kernels() -> ModuleType:
-    """The kernels of coverage: an import statement costs as much as they do."""
+    """The compiled kernels, imported once: an import statement costs as much as a kernel."""
     from bt_dualarm.perception import image_kernels
 
     return image_kernels
 
 
 def warm_up_detection() -> None:
-    """Have all kernels of detection compiled."""
-    nothing = np.zeros((3, 3), np.uint8)
-    _kernels().measure_coverage(np.zeros((3, 3, 3), np.uint8), nothing, nothing)
-    coverage(Blob(np.zeros((3, 3, 3), np.uint8), nothing, nothing, (0, 0), (0, 0, 3, 3), (3, 3)))
+    """Compile the kernels of detection."""
+    empty = np.zeros((3, 3), np.uint8)
+    _kernels().measure_coverage(np.zeros((3, 3, 3), np.uint8), empty, empty)
+    coverage(Blob(np.zeros((3, 3, 3), np.uint8), empty, empty, (0, 0), (0, 0, 3, 3), (3, 3)))
 
 
 def _open_and_close(mask: Mask) -> Mask:

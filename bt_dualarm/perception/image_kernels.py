@@ -1,4 +1,4 @@
-"""Coverage of pixels and outlines in images: compiled."""
+"""Compiled kernels for images: coverage of pixels by a target, and residuals of outlines."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ import numpy.typing as npt
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 
-# Which share of each pixel a colored target covers, and the moments of that.
+# Pixel coverage
 #
-# Each step is one of OpenCV's, with the same roundings, on the few pixels of one target: there the
-# calls of OpenCV cost more than what they do.
+# Each step replaces a function of OpenCV, with the same rounding: for the few pixels of one target
+# the call overhead would dominate.
 
 
 _Mask: TypeAlias = npt.NDArray[np.uint8]
 _Share: TypeAlias = npt.NDArray[np.float32]
 
 _TILE: Final = 32
-"""Pixels of a tile's edge: OpenCV sums up moments in tiles."""
+"""Edge of a tile in pixels: OpenCV sums up moments in tiles, which determines the rounding."""
 
 _REACH: Final = 2
-"""Pixels to either side in which the extremes about a pixel are looked for."""
+"""Pixels to either side over which the extremes of a neighborhood are taken."""
 
 
 @kernel
 def cover(rgb: _Mask, filled: _Mask, share: _Share) -> None:
-    """Enter the share of each pixel that is covered; see `coverage`.
+    """Compute the share of each pixel that the target covers; see `detection.coverage`.
 
     Args:
         rgb: Colors, of shape (h, w, 3).
-        filled: Which pixels lie within the outline, of shape (h, w), 0 where they do not.
-        share: The shares, of shape (h, w), to be filled.
+        filled: Mask of the pixels within the outline, of shape (h, w).
+        share: Takes the shares, of shape (h, w).
     """
     height, width = filled.shape
     near = np.empty((height, width), np.uint8)
     inside = np.empty((height, width), np.uint8)
-    _grown(filled, near, inside)
+    _dilate_and_erode(filled, near, inside)
     along = _along(rgb, filled, near)
     lowest, highest = _extremes(along)
     for row in range(height):
@@ -59,13 +59,13 @@ def cover(rgb: _Mask, filled: _Mask, share: _Share) -> None:
 
 
 @kernel
-def _grown(filled: _Mask, near: _Mask, inside: _Mask) -> None:
-    """Enter which pixels have a filled one beside them, and which have no other beside them."""
+def _dilate_and_erode(filled: _Mask, near: _Mask, inside: _Mask) -> None:
+    """Dilate a mask into ``near`` and erode it into ``inside``, by 3 by 3 pixels."""
     height, width = filled.shape
     wide = height + 2, width + 2
     some = np.zeros(wide, np.uint8)
     every = np.empty(wide, np.uint8)
-    every[:] = 255  # beyond the border is nothing that is not filled
+    every[:] = 255  # erosion treats pixels beyond the border as filled
     some[1:-1, 1:-1] = filled
     every[1:-1, 1:-1] = filled
     for row in range(height):
@@ -87,7 +87,7 @@ def _grown(filled: _Mask, near: _Mask, inside: _Mask) -> None:
 
 @kernel
 def _along(rgb: _Mask, filled: _Mask, near: _Mask) -> _Share:
-    """Colors along the line from the mean of the background to that of what is filled, (h, w)."""
+    """Project colors to the line from the background's mean color to the target's, (h, w)."""
     line = _line(rgb, filled, near)
     red = np.float64(line[0])
     green = line[1]
@@ -95,7 +95,7 @@ def _along(rgb: _Mask, filled: _Mask, near: _Mask) -> _Share:
     along = np.empty(filled.shape, np.float32)
     for row in range(rgb.shape[0]):
         for column in range(rgb.shape[1]):
-            # Rounded after each sum, not before: OpenCV multiplies and adds at once where it can.
+            # Rounded after each sum, not before: OpenCV uses fused multiply-add where it can.
             part = green * np.float32(rgb[row, column, 1])
             part = np.float32(red * rgb[row, column, 0] + np.float64(part))
             along[row, column] = np.float32(blue * rgb[row, column, 2] + np.float64(part))
@@ -104,7 +104,7 @@ def _along(rgb: _Mask, filled: _Mask, near: _Mask) -> _Share:
 
 @kernel
 def _line(rgb: _Mask, filled: _Mask, near: _Mask) -> _Share:
-    """From the mean color of the background to that of what is filled, of shape (3,)."""
+    """Difference of the mean colors of target and background, of shape (3,)."""
     target = np.zeros(3)
     background = np.zeros(3)
     count = 0
@@ -128,7 +128,7 @@ def _line(rgb: _Mask, filled: _Mask, near: _Mask) -> _Share:
 
 @kernel
 def _extremes(along: _Share) -> tuple[_Share, _Share]:
-    """Least and largest of each pixel and those above and below it, of shape (h, w)."""
+    """Minimum and maximum over the vertical neighborhood of each pixel, of shape (h, w)."""
     height, width = along.shape
     lowest = along.copy()
     highest = along.copy()
@@ -146,7 +146,7 @@ def _extremes(along: _Share) -> tuple[_Share, _Share]:
 
 @kernel
 def weigh(share: _Share) -> tuple[float, float, float]:
-    """Sum of an image of shape (h, w), and its sums weighed by column and by row."""
+    """Moments m00, m10 and m01 of an image of shape (h, w)."""
     height, width = share.shape
     total = 0.0
     by_column = 0.0
@@ -174,16 +174,16 @@ def weigh(share: _Share) -> tuple[float, float, float]:
 
 @kernel
 def measure_coverage(rgb: _Mask, raw: _Mask, filled: _Mask) -> tuple[float, float, float, int, int]:
-    """What there is to know of one target.
+    """Measure one target.
 
     Args:
         rgb: Colors, of shape (h, w, 3).
-        raw: Which pixels have the color that is looked for, of shape (h, w).
-        filled: Which lie within the outline, likewise.
+        raw: Mask of the pixels with the target's color, of shape (h, w).
+        filled: Mask of the pixels within the outline, likewise.
 
     Returns:
-        As `weigh` of the share that is covered; how many pixels lie within the outline, and how
-        many of those have the color.
+        Moments of the coverage (see `weigh`), number of pixels within the outline, and number of
+        those with the color.
     """
     share = np.empty(filled.shape, np.float32)
     cover(rgb, filled, share)
@@ -198,10 +198,9 @@ def measure_coverage(rgb: _Mask, raw: _Mask, filled: _Mask) -> tuple[float, floa
     return total, by_column, by_row, count, colored
 
 
-# Points of a shape in a picture, how far an outline is from them, and by what both change.
+# Outline residuals
 
-
-# Unknowns: place, turn, the mount's turn and shift (three each), focal length, rim.
+# Unknowns: position, rotation, rotation and shift of the mount (three each), focal length, rim.
 _TURN: Final = 3
 _MOUNT_TURN: Final = 6
 _MOUNT_SHIFT: Final = 9
@@ -214,18 +213,18 @@ def see(
     about: Matrix, offset: Vector, inward: Matrix, mount: Matrix, focals: tuple[float, float],
     pixels: Matrix, change: npt.NDArray[np.float64],
 ) -> float:  # fmt: skip
-    """Enter where points are seen, and how that changes; the least of their depths, m.
+    """Project points into an image, with derivatives; returns their least depth, m.
 
-    Where it is not above 0, nothing more is entered.
+    If the least depth is not positive, nothing is entered.
 
     Args:
-        about: Points from the thing's center, in the world's axes, of shape (n, 3), m.
-        offset: The center from the camera, of shape (3,), m.
-        inward: The camera's axes as columns in the world, of shape (3, 3).
-        mount: Its axes as columns in those where it is believed to be, of shape (3, 3).
-        focals: True and believed focal length, px.
-        pixels: Places from the image's middle, of shape (n, 2), px, to be filled.
-        change: Their change with the unknowns, of shape (n, 2, 14), to be filled.
+        about: Points relative to the object's center, in the world's axes, of shape (n, 3), m.
+        offset: Center relative to the camera, of shape (3,), m.
+        inward: Camera's axes as columns in the world, of shape (3, 3).
+        mount: Camera's axes as columns in the nominal camera frame, of shape (3, 3).
+        focals: Estimated and nominal focal length, px.
+        pixels: Takes positions relative to the image center, of shape (n, 2), px.
+        change: Takes their derivatives with respect to the unknowns, of shape (n, 2, 14).
     """
     places = _from_camera(about, offset, inward)
     least: float = places[:, 2].min()
@@ -264,7 +263,7 @@ def see(
 
 @kernel
 def _from_camera(about: Matrix, offset: Vector, inward: Matrix) -> Matrix:
-    """Points in the camera's axes, of shape (n, 3), m; arguments as of `see`."""
+    """Transform points to the camera, of shape (n, 3), m; arguments as of `see`."""
     places = np.zeros((len(about), 3))
     for number in range(len(about)):
         for own in range(3):
@@ -278,15 +277,15 @@ def measure_outline(
     corners: Matrix, ends: npt.NDArray[np.float64], edge: Matrix, beyond: float,
     error: Vector, jacobian: Matrix,
 ) -> None:  # fmt: skip
-    """Enter how far points are from an outline, outside positive, and how that changes.
+    """Signed distances of points from a convex outline, positive outside, with derivatives.
 
     Args:
-        corners: Corners of the outline, in its order, of shape (m, 2), px.
-        ends: Their change with the unknowns, of shape (m, 2, 14).
-        edge: Points of shape (n, 2), px.
-        beyond: Pixels that are added to each distance.
-        error: Distances, of shape (n,), px, to be filled.
-        jacobian: Their change, of shape (n, 14), to be filled.
+        corners: Corners of the outline, in order, of shape (m, 2), px.
+        ends: Their derivatives with respect to the unknowns, of shape (m, 2, 14).
+        edge: Points, of shape (n, 2), px.
+        beyond: Offset that is added to each distance, px.
+        error: Takes the distances, of shape (n,), px.
+        jacobian: Takes their derivatives, of shape (n, 14).
     """
     sides = _sides(corners)
     for number in range(len(edge)):
@@ -313,7 +312,7 @@ def measure_outline(
 
 @kernel
 def _sides(corners: Matrix) -> Matrix:
-    """Of each side its outward normal (2), distance from the origin, way (2), length squared."""
+    """Sides of a polygon: outward normal (2), offset, direction (2), squared length; (m, 6)."""
     count = len(corners)
     middle = np.zeros(2)
     sides = np.empty((count, 6))

@@ -1,4 +1,10 @@
-"""From a detection to a point in the world, on planes that are known or estimated."""
+"""Localization: from a detection in an image to a point in the world.
+
+One image does not determine the depth of a target. A `Localizer` adds what is known: the plane on
+which the target moves, its size, or the direction of the plane together with the size or with the
+motion of the camera. The located point is the center of the visible outline: for a ball its center,
+for a cube that faces the camera the center of its front face.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +23,14 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import Detection
 from bt_dualarm.sim.frame import Frame
 
-# Perspective bias of a cube: beside its front face a camera sees a part of its flanks.
+# Perspective bias of cubes
 #
 # While a cube's offset from the camera's axis is below half its edge, the front face hides the
 # rest. Beyond that a flank becomes visible and moves the centroid of the outline toward the axis:
-# for a 50 mm cube at 0.35 m by 0.4, 1.6 and 4.8 mm at 30, 50 and 100 mm. The rough position of the
-# cube determines which part of the outline is flank, and so the center and area of the front face.
-# A dark flank does not have the color and causes no bias; the area shows how much of it has.
+# for a 50 mm cube at a depth of 0.35 m by 0.4, 1.6 and 4.8 mm at offsets of 30, 50 and 100 mm. The
+# approximate position of the cube determines which part of the outline is flank, and so the center
+# and area of the front face. A dark flank does not have the color and causes no bias; the area
+# tells which share of the flanks has.
 
 
 _MIN_DEPTH_M = 1e-3
@@ -40,18 +47,18 @@ def front_face(
     *,
     flanks: float | None = None,
 ) -> Detection:
-    """What would have been detected of the cube's front face alone.
+    """Correct a detection to that of the cube's front face alone.
 
     Args:
         detection: Detection of the whole outline.
         frame: Frame in which it was detected.
-        point: Rough center of the front face in the world, of shape (3,), m; an error of a
+        point: Approximate center of the front face in the world, of shape (3,), m; an error of a
             centimeter changes the result by a tenth of that.
-        normal: Normal of the front face, either way round, of shape (3,); the cube's edges are
-            taken as parallel to the image as far as that allows.
-        edge: Length of an edge in m.
-        flanks: Share of the flanks that has the color; by default what the area says, which
-            asks for a depth that is known to a hundredth.
+        normal: Normal of the front face, of either sign, of shape (3,); the cube's edges are
+            assumed to be as parallel to the image axes as possible.
+        edge: Length of an edge, m.
+        flanks: Share of the flanks that has the color; by default estimated from the area, which
+            requires the depth to 1 %.
     """
     pixels = _corner_pixels(frame, point, normal, edge)
     if pixels is None:
@@ -62,7 +69,7 @@ def front_face(
         flanks = (detection.area_px - face_area) / max(all_area - face_area, _MIN_FLANKS_PX)
         flanks = min(max(flanks, 0.0), 1.0)
     seen = face_area + flanks * (all_area - face_area)
-    # Centers weigh by area, so the shift by a share of the flanks is not that share of the shift.
+    # Centroids are weighted by area: half of the flanks' area does not cause half of the shift.
     pull = flanks * all_area / seen
     x = detection.centroid_px[0] + pull * (face_x - all_x)
     y = detection.centroid_px[1] + pull * (face_y - all_y)
@@ -77,9 +84,9 @@ def front_face(
 
 
 def flank_share(frame: Frame, point: Vector, normal: Vector, edge: float) -> float:
-    """Share by which a cube's flanks enlarge its outline, as root of the area, at most.
+    """Largest relative increase of a cube's side (root of the area) by its visible flanks.
 
-    Arguments as of ``front_face``.
+    Arguments as of `front_face`.
     """
     pixels = _corner_pixels(frame, point, normal, edge)
     if pixels is None:
@@ -88,14 +95,14 @@ def flank_share(frame: Frame, point: Vector, normal: Vector, edge: float) -> flo
 
 
 def cube_corners(frame: Frame, point: Vector, normal: Vector, edge: float) -> Matrix:
-    """Corners of a cube whose front face has its center at a point, (8, 3), those first."""
+    """Corners of a cube with the center of its front face at a point, front ones first, (8, 3)."""
     away = _away(frame, point, normal)
     face = square_corners(frame, point, away, edge)
     return np.vstack([face, face + edge * away])
 
 
 def square_corners(frame: Frame, point: Vector, normal: Vector, edge: float) -> Matrix:
-    """Corners of a square centerd at a point, along the image, of shape (4, 3)."""
+    """Corners of a square centered at a point, aligned with the image axes, of shape (4, 3)."""
     away = _away(frame, point, normal)
     across = frame.right - (frame.right @ away) * away
     across /= math.sqrt(across @ across)
@@ -109,7 +116,7 @@ def square_corners(frame: Frame, point: Vector, normal: Vector, edge: float) -> 
 def _corner_pixels(
     frame: Frame, point: Vector, normal: Vector, edge: float
 ) -> npt.NDArray[np.float64] | None:
-    """A cube's corners in the image, of shape (8, 2); None where the camera is too near."""
+    """A cube's corners in the image, of shape (8, 2); None if one is not in front of the camera."""
     local = frame.world_in_camera.apply(cube_corners(frame, point, normal, edge))
     if local[:, 2].min() < _MIN_DEPTH_M:
         return None
@@ -124,10 +131,10 @@ def _away(frame: Frame, point: Vector, normal: Vector) -> Vector:
 
 
 def _outline(pixels: npt.NDArray[np.float64]) -> tuple[float, float, float]:
-    """Center and area of the convex hull of points of shape (n, 2).
+    """Centroid and area of the convex hull of points, of shape (n, 2).
 
-    The points are moved to the origin first: OpenCV's moments of an outline are cubic in single
-    precision coordinates.
+    The points are moved to the origin first, because OpenCV's moments are cubic in the coordinates,
+    in single precision.
     """
     origin = pixels.mean(axis=0)
     hull = cv2.convexHull((pixels - origin).astype(np.float32))
@@ -137,17 +144,17 @@ def _outline(pixels: npt.NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 class RunningMean:
-    """A mean over the last good views, each weighed by the inverse square of its doubt.
+    """A running mean of views, each weighted by the inverse square of its doubt.
 
-    What is wrong with a view from one place stays wrong in the next from there: doubts are
-    averaged like values, and a hundred poor views are no better than one.
+    Errors of views from one viewpoint are systematic: doubts are averaged like values, and a
+    hundred poor views are no better than one.
 
     Args:
-        size: Count of numbers that a view tells.
+        size: Number of values of a view.
 
     Attributes:
         value: Mean of the views, of shape (size,).
-        doubt: Error that the mean may have, in the unit of the doubts that were taken in.
+        doubt: Possible error of the mean, in the unit of the views' doubts.
     """
 
     def __init__(self, size: int) -> None:
@@ -156,16 +163,16 @@ class RunningMean:
         self._weight = 0.0
 
     def forget(self) -> None:
-        """Let the next view stand alone."""
+        """Reset: the next view replaces the mean."""
         self._weight = 0.0
 
     def take(self, value: Vector, doubt: float, frames: int) -> None:
-        """Take in what one more view tells.
+        """Add a view.
 
         Args:
-            value: Numbers of the view, of shape (size,).
-            doubt: Error that the view may have, above 0.
-            frames: Number of views as good as this one after which the first is forgotten.
+            value: Values of the view, of shape (size,).
+            doubt: Possible error of the view, above 0.
+            frames: Length of the mean's memory, in views as good as this one.
         """
         weight = doubt**-2
         self._weight = max(self._weight, min(self._weight + weight, frames * weight))
@@ -174,34 +181,30 @@ class RunningMean:
         self.doubt += share * (doubt - self.doubt)
 
 
-# Localization of a detection in the world, by the camera's pose at the exposure.
-#
-# The located point is the center of the visible outline: for a ball its center, for a cube that
-# faces the camera the center of its front face. `PlaneOfSizeLocalizer` locates a target of unknown
-# depth.
+# Localizers
 
 
 PIXEL_SIGMA = 0.07
-"""Standard deviation of a centroid in pixels; 0.03 to 0.07 were measured with both renderers."""
+"""Standard deviation of a centroid in pixels; with both renderers 0.03 to 0.07 were measured."""
 
-_HELD_SIGMA_M = 1e-5
-_MIN_SLOPE = 0.05
-_CUT_OFF = 0.3  # of the depth: its doubt where the image cuts off a part of what has a known size
+_MIN_SIGMA_M = 1e-5
+_MIN_SLOPE = 0.05  # least cosine between a line of sight and the plane's normal
+_CUT_OFF = 0.3  # relative uncertainty of the depth by size, if the image border cuts off a part
 
 
 class LocalizationError(DualArmError):
-    """The line of sight does not lead to a point of the world."""
+    """The line of sight does not lead to a point in the world."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A target in the world.
+    """Position of a target in the world by one image.
 
     Args:
         stamp: Simulated time of the exposure in s.
         point: Position in the world, of shape (3,), m.
         sigma: Standard deviation along x, y, z, of shape (3,), m.
-        side: Root of the visible area, m.
+        side: Square root of the visible area, m.
         camera: Pose of the camera at the exposure.
     """
 
@@ -213,55 +216,55 @@ class Sighting:
 
 
 class Localizer(ABC):
-    """Adds to a detection what one image cannot tell: how far away the target is.
+    """Determines the depth of a detected target, which a single image does not show.
 
-    By default one that learns nothing and knows no shape.
+    The default methods are those of a localizer that learns nothing and knows no shape.
     """
 
     @abstractmethod
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
-        """The target in the world.
+        """Locate a detected target in the world.
 
         Raises:
-            LocalizeError: The line of sight leads nowhere.
+            LocalizationError: The line of sight does not lead to a point.
         """
 
     def meet(self, face: Detection, frame: Frame) -> Sighting:
-        """As ``locate``, where the detection is that of the front face alone already."""
+        """As `locate`, for a detection that is already corrected to the front face."""
         return self.locate(face, frame)
 
     def learn(self, detection: Detection, frame: Frame) -> bool:  # noqa: ARG002 - an option
-        """Take up what the target, and surely the target seen whole, tells of its place.
+        """Learn from a detection that certainly shows the whole target.
 
         Returns:
-            Whether all that was seen before lies elsewhere by it: ``relocate`` says where.
+            Whether previous sightings have moved: `relocate` returns them corrected.
         """
         return False
 
     def relocate(self, sighting: Sighting) -> Sighting:
-        """A sighting of before, by what is known now."""
+        """Correct a previous sighting by what is known now."""
         return sighting
 
     def forget(self) -> None:  # noqa: B027 - an option
-        """Drop all of that: it was not seen whole."""
+        """Discard everything learned: it was not the whole target."""
 
     @property
     def knows_shape(self) -> bool:
-        """Whether the shape is known by which one object looks different from elsewhere."""
+        """Whether the shape is known, and with it the appearance from other directions."""
         return False
 
     @abstractmethod
     def corners(self, point: Vector, frame: Frame) -> Matrix:
-        """Outermost points in the world of a target at ``point``, of shape (n, 3), m."""
+        """Extreme points of a target at ``point`` in the world, of shape (n, 3), m."""
 
-    def doubt(self, point: Vector, frame: Frame) -> float:  # noqa: ARG002 - none is known of
-        """Share by which the side, and so the depth, of one at ``point`` may be misjudged."""
+    def doubt(self, point: Vector, frame: Frame) -> float:  # noqa: ARG002 - an option
+        """Possible relative error of the side, and so of the depth, of a target at ``point``."""
         return 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneLocalizer(Localizer):
-    """The target stays on a known plane.
+    """Localizes targets on a known plane.
 
     Args:
         point: Any point of the plane, of shape (3,), m.
@@ -272,32 +275,32 @@ class PlaneLocalizer(Localizer):
     normal: Vector
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
-        """Where the line of sight meets the plane; see ``Localizer``."""
+        """Intersect the line of sight with the plane; see `Localizer.locate`."""
         ray = frame.ray(detection.centroid_px)
         slope = float(self.normal @ ray)
         if abs(slope) < _MIN_SLOPE * math.sqrt(ray.dot(ray)):
             raise LocalizationError("the camera looks along the plane of the target")
         depth = float(self.normal @ (self.point - frame.pose.position)) / slope
         if depth <= 0.0:
-            raise LocalizationError("the plane of the target lies behind the camera")
+            raise LocalizationError("the plane of the target is behind the camera")
         across = depth / frame.focal_px
         sigma = across * _sigma_px(frame) * self._along
         return Sighting(
             detection.stamp,
             frame.pose.position + depth * ray,
-            np.maximum(sigma, _HELD_SIGMA_M),
+            np.maximum(sigma, _MIN_SIGMA_M),
             math.sqrt(detection.area_px) * across,
             frame.pose,
         )
 
     @cached_property
     def _along(self) -> Vector:
-        """Share of each axis of the world that lies in the plane, of shape (3,)."""
+        """Length of the projection of each world axis to the plane, of shape (3,)."""
         along: Vector = np.sqrt(np.maximum(1.0 - np.square(self.normal), 0.0))
         return along
 
     def relocate(self, sighting: Sighting) -> Sighting:
-        """Along its line of sight to this plane."""
+        """Move a sighting along its line of sight to this plane."""
         eye = sighting.camera.position
         line = sighting.point - eye
         farther = float(self.normal @ (self.point - eye)) / float(self.normal @ line)
@@ -308,27 +311,27 @@ class PlaneLocalizer(Localizer):
             side=farther * sighting.side,
         )
 
-    def corners(self, point: Vector, frame: Frame) -> Matrix:  # noqa: ARG002 - see ``Localizer``
+    def corners(self, point: Vector, frame: Frame) -> Matrix:  # noqa: ARG002 - see `Localizer`
         """The point alone."""
         return point[None]
 
 
 @dataclass(frozen=True)
 class SizeLocalizer(Localizer):
-    """The target has a known size; what is beside its front face is not known.
+    """Localizes targets of a known size.
 
     Args:
-        side: Root of its outline's area in m: a cube's edge, a ball's radius times root of pi.
+        side: Square root of the outline's area in m: a cube's edge, a ball's radius times √π.
     """
 
     side: float
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
-        """Along the line of sight, as far as the size says; see ``Localizer``."""
+        """Locate a target along its line of sight by its size; see `Localizer.locate`."""
         side_px = _side_px(detection)
         depth = frame.focal_px * self.side / side_px
         across = _sigma_px(frame) * depth / frame.focal_px
-        # The area of a square with n pixels a side is as uncertain as its 4 n edge pixels.
+        # The uncertainty of the area of a square of n by n pixels is that of its 4 n edge pixels.
         along = PIXEL_SIGMA * frame.stride * depth / side_px
         if detection.touches_border:
             along = _CUT_OFF * depth
@@ -338,12 +341,12 @@ class SizeLocalizer(Localizer):
         return Sighting(detection.stamp, point, sigma, self.side, frame.pose)
 
     def corners(self, point: Vector, frame: Frame) -> Matrix:
-        """Those of a square that faces the camera."""
+        """Corners of a square that faces the camera."""
         return square_corners(frame, point, frame.pose.turn(np.array((0.0, 0.0, 1.0))), self.side)
 
 
 def _side_px(detection: Detection) -> float:
-    """Root of the area; of what the image cuts off its longer edge, which most times is whole."""
+    """Square root of the area; if the image cuts the target off, its longer edge."""
     root = math.sqrt(detection.area_px)
     if not detection.touches_border:
         return root
@@ -352,34 +355,33 @@ def _side_px(detection: Detection) -> float:
 
 
 def _sigma_px(frame: Frame) -> float:
-    """Standard deviation of a centroid along x and y: of its pixels and of the camera's shake."""
+    """Standard deviation of a centroid along x and y, by pixels and by the camera's shake."""
     return math.hypot(PIXEL_SIGMA * frame.stride, frame.noise_px)
 
 
-# Plane of known direction whose depth follows from the target's size
-
+# Plane of known direction, at a depth by the target's size
 
 _PLANE_MEMORY_FRAMES = 30
-_FLANK_ROUNDS = 2
+_FLANK_ITERATIONS = 2
 _KNOWN_AFTER_FRAMES = 10
-_KNOWN_TO = 0.01  # share of the depth
-_HELD_TO = 0.002  # of the depth, too: a mean that has gone no farther leaves the plane where it is
+_KNOWN_TO = 0.01  # relative uncertainty of the depth
+_MIN_MOVE = 0.002  # relative change of the mean depth that moves the plane
 
 
 class PlaneOfSizeLocalizer(Localizer):
-    """The target stays on a plane of known direction, whose place its known size tells.
+    """Localizes targets of known size on a plane whose direction is known, but not its position.
 
-    The place is a running mean over the last ``_PLANE_MEMORY_FRAMES`` that were learned: much
-    steadier than one image's. A cube seen from ahead counts for far more than one whose flanks may
-    be in view: whether they are in the dark, or stand on something, its size does not tell. All is
-    located on one plane until the mean has gone elsewhere: then all of it has been there before,
-    too, as a depth that is better known is no motion of the target.
+    The position is a running mean over the last ``_PLANE_MEMORY_FRAMES`` detections, which is much
+    steadier than that of one image. Frontal views of a cube count far more than views that may show
+    flanks: its size does not tell whether these are dark or occluded. All sightings are
+    on one plane until the mean has moved noticeably; then previous sightings move, too, as a better
+    known depth is no motion of the target.
 
     Args:
         normal: Unit vector of the plane, of shape (3,).
-        side: Root of its outline's area in m, as for ``SizeLocalizer``.
-        cube: Whether the target is a cube with a face parallel to the plane: what is seen of its
-            flanks is allowed for, and the center of the front face located.
+        side: Square root of the outline's area in m, as for `SizeLocalizer`.
+        cube: Whether the target is a cube with a face parallel to the plane. Then the visible
+            flanks are corrected for, and the center of the front face is located.
     """
 
     def __init__(self, normal: Vector, side: float, *, cube: bool = False) -> None:
@@ -392,17 +394,17 @@ class PlaneOfSizeLocalizer(Localizer):
         self._faced: tuple[Detection, Detection] | None = None
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
-        """Where the line of sight meets the plane; see ``Localizer``."""
+        """Intersect the line of sight with the plane; see `Localizer.locate`."""
         return self.meet(self._face(detection, frame), frame)
 
     def meet(self, face: Detection, frame: Frame) -> Sighting:
-        """On the plane, as soon as it is known; see ``Localizer``."""
+        """Intersect with the plane once it is known, until then locate by size."""
         if self._count == 0 or self._plane is None:
             return self._by_size.locate(face, frame)
         return self._plane.locate(face, frame)
 
     def learn(self, detection: Detection, frame: Frame) -> bool:
-        """Take its size into the mean; one that is cut off says nothing."""
+        """Add the depth by its size to the mean, unless the image border cuts it off."""
         if detection.touches_border:
             return False
         found = self._by_size.locate(self._face(detection, frame), frame)
@@ -414,11 +416,11 @@ class PlaneOfSizeLocalizer(Localizer):
         return self._hold(frame)
 
     def relocate(self, sighting: Sighting) -> Sighting:
-        """On the plane as it is known now; see ``Localizer``."""
+        """Move a sighting to the plane as it is known now; see `Localizer.relocate`."""
         return sighting if self._plane is None else self._plane.relocate(sighting)
 
     def forget(self) -> None:
-        """Drop where the plane is."""
+        """Discard the position of the plane."""
         self._place.forget()
         self._count = 0
         self._faced = None
@@ -429,23 +431,23 @@ class PlaneOfSizeLocalizer(Localizer):
         return self._cube
 
     def corners(self, point: Vector, frame: Frame) -> Matrix:
-        """Those of the cube, or of a square in the plane."""
+        """Corners of the cube, or of a square in the plane."""
         of_shape = cube_corners if self._cube else square_corners
         return of_shape(frame, point, self._normal, self._by_size.side)
 
     def doubt(self, point: Vector, frame: Frame) -> float:
-        """What a cube's flanks may add: which of them have its color is not known."""
+        """Possible effect of a cube's flanks: it is unknown whether they have the color."""
         if not self._cube:
             return 0.0
         return flank_share(frame, point, self._normal, self._by_size.side)
 
     def _hold(self, frame: Frame) -> bool:
-        """Put the plane where the mean is by now, if it is elsewhere; whether it was."""
+        """Move the plane to the mean if that has changed noticeably; returns whether it did."""
         place = self._place.value[0] * self._normal
         known = self._plane
         if known is not None:
             moved, depth = (self._normal @ (place - p) for p in (known.point, frame.pose.position))
-            if abs(moved) <= _HELD_TO * abs(depth):
+            if abs(moved) <= _MIN_MOVE * abs(depth):
                 return False
         self._plane = PlaneLocalizer(place, self._normal)
         return known is not None
@@ -453,18 +455,18 @@ class PlaneOfSizeLocalizer(Localizer):
     def _face(self, detection: Detection, frame: Frame) -> Detection:
         if not self._cube:
             return detection
-        # What was located is learned from next, most times: once is enough until something is.
+        # Cached, since a detection is usually located and then learned from.
         if self._faced is None or self._faced[0] is not detection:
             self._faced = detection, self._without_flanks(detection, frame)
         return self._faced[1]
 
     def _without_flanks(self, detection: Detection, frame: Frame) -> Detection:
-        """Better each time, as the place gets better; a third would change micrometres."""
-        # Until the position of the plane is known, the area cannot tell near from flanks in view.
+        """Correct for flanks iteratively; a third iteration would change micrometers."""
+        # Until the plane is known, a larger area may mean a smaller depth or visible flanks.
         known = self._count >= _KNOWN_AFTER_FRAMES and self._place.doubt <= _KNOWN_TO
         flanks = None if known else 1.0
         corrected = detection
-        for _ in range(_FLANK_ROUNDS):
+        for _ in range(_FLANK_ITERATIONS):
             point = self.meet(corrected, frame).point
             corrected = front_face(
                 detection, frame, point, self._normal, self._by_size.side, flanks=flanks
@@ -472,36 +474,35 @@ class PlaneOfSizeLocalizer(Localizer):
         return corrected
 
 
-# Plane of guessed depth: an oscillating camera reveals a wrong guess
+# Plane of guessed depth
+
+_MEMORY_S = 2.0  # three legs of the slowest oscillation of an arm
+_LEGS = 3  # to, fro and to: a single overshoot makes only two
+_LEG_M = 0.006  # shorter legs are not significant
+_SLOPE = 0.1  # least magnitude of a significant negative slope
+_EXPLAINED = 0.6  # least share of the apparent motion that the slope must explain
+_NEAREST = 1.0 / 3.0  # lower limit of the depth, as a share of the guess
+_CAPACITY = 256  # initial capacity in sightings
 
 
-_MEMORY_S = 2.0  # three legs of the slowest swing of an arm
-_LEGS = 3  # to and fro and to again: a tool that once comes too far makes two
-_LEG_M = 0.006  # shorter ones tell nothing
-_SLOPE = 0.1  # by which it has to be below 0
-_EXPLAINED = 0.6  # share of what the target seems to move that the slope has to explain
-_NEAREST = 1.0 / 3.0  # of the guess
-_ROOM = 256  # sightings for which there is room at first
-
-
-class _Past:
-    """What was seen of late, one after the other in memory: what looks at all of it copies nothing.
+class _RecentViews:
+    """Recent camera positions and lines of sight, contiguous in memory, so that views suffice.
 
     Attributes:
-        eyes: Positions of the camera in the world, of shape (n, 3), m; the oldest first.
-        lines: Ways to the target for each meter into the plane, of shape (n, 3).
+        eyes: Positions of the camera in the world, oldest first, of shape (n, 3), m.
+        lines: Lines of sight per meter along the plane's normal, of shape (n, 3).
     """
 
     def __init__(self) -> None:
         self._begin = 0
         self._end = 0
-        self._stamps = np.empty(_ROOM)
-        self._eyes, self._lines = np.empty((2, _ROOM, 3))
+        self._stamps = np.empty(_CAPACITY)
+        self._eyes, self._lines = np.empty((2, _CAPACITY, 3))
         self.eyes = self._eyes[:0]
         self.lines = self._lines[:0]
 
     def append(self, stamp: float, eye: Vector, line: Vector) -> None:
-        """Enter what was exposed at a time in s, and forget what is too old by then."""
+        """Add a view at a time in s, and drop those that are too old by then."""
         if self._end == len(self._stamps):
             self._make_room()
         end = self._end
@@ -516,7 +517,7 @@ class _Past:
         self.lines = self._lines[kept]
 
     def _make_room(self) -> None:
-        """Move what is kept to the front, of longer arrays where it fills half of these."""
+        """Move the views to the front of new arrays, which are larger if needed."""
         kept = slice(self._begin, self._end)
         count = self._end - self._begin
         room = max(len(self._stamps), 4 * count)
@@ -533,37 +534,38 @@ class _Past:
 
 
 class EstimatedPlaneLocalizer(Localizer):
-    """The target stays on a plane, of which only the normal is known.
+    """Localizes targets on a plane of which only the normal is known, starting from a guess.
 
-    Believed at the depth z₀ and being at z, a target at p is located at c + (z₀/z) (p - c) by a
-    camera at c. If it is nearer than believed, it seems to move against the camera, z₀/z - 1 times
-    as far; a servo that predicts where it will be then swings, ever more. No target moves against a
-    camera that swings to and fro, so there the slope tells the depth. One that is farther away than
-    believed makes a servo slow, but not unstable, and cannot be told from one that moves along.
+    With an assumed depth z₀ instead of the true one z, a camera at c locates a target at p at
+    c + (z₀/z) (p - c). A target that is nearer than assumed seems to move against the camera,
+    z₀/z - 1 times as far; visual servoing with prediction then oscillates with growing amplitude.
+    No real target moves against an oscillating camera, so the slope of this apparent motion
+    determines the depth. A target that is farther away than assumed makes servoing slow but not
+    unstable, and is indistinguishable from one that moves along with the camera.
 
     Args:
         eye: Position of the camera, of shape (3,), m.
-        ahead: Point of the plane in the middle of its image, as guessed, of shape (3,), m.
+        ahead: Guessed point of the plane in the middle of its image, of shape (3,), m.
         normal: Unit vector, of shape (3,).
     """
 
     def __init__(self, eye: Vector, ahead: Vector, normal: Vector) -> None:
         self._eye = eye
-        self._way = ahead - eye
+        self._guess = ahead - eye
         self._normal = normal
         self._share = 1.0
-        self._past = _Past()
+        self._past = _RecentViews()
         self._plane = PlaneLocalizer(ahead, normal)
-        # What was located is learned from next, most times: once is enough.
+        # Cached, since a detection is usually located and then learned from.
         self._located: tuple[Detection, Frame, Sighting] | None = None
 
     @property
     def ahead(self) -> Vector:
-        """The point that was in the middle of the image, at the depth that is believed now."""
+        """The point in the middle of the initial image, at the depth estimated now."""
         return self._plane.point
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
-        """Where the line of sight meets the plane as estimated; see ``Localizer``."""
+        """Intersect the line of sight with the estimated plane; see `Localizer.locate`."""
         known = self._located
         if known is not None and known[0] is detection and known[1] is frame:
             return known[2]
@@ -572,11 +574,11 @@ class EstimatedPlaneLocalizer(Localizer):
         return sighting
 
     def relocate(self, sighting: Sighting) -> Sighting:
-        """Where its line of sight meets the plane as estimated now."""
+        """Move a sighting to the plane as estimated now."""
         return self._plane.relocate(sighting)
 
     def learn(self, detection: Detection, frame: Frame) -> bool:
-        """Bring the plane nearer if the target seems to move against a camera that swings."""
+        """Move the plane nearer if the target seems to move against an oscillating camera."""
         eye = frame.pose.position
         line = self.locate(detection, frame).point - eye
         self._past.append(detection.stamp, eye, line / abs(float(self._normal @ line)))
@@ -588,7 +590,7 @@ class EstimatedPlaneLocalizer(Localizer):
             return False
         self._share = share
         self._located = None
-        self._plane = PlaneLocalizer(self._eye + share * self._way, self._normal)
+        self._plane = PlaneLocalizer(self._eye + share * self._guess, self._normal)
         return True
 
     def corners(self, point: Vector, frame: Frame) -> Matrix:
@@ -596,28 +598,28 @@ class EstimatedPlaneLocalizer(Localizer):
         return self._plane.corners(point, frame)
 
     def _slope(self) -> float:
-        """How far the target moves for each meter of a camera that swings; 0 if that is unsure."""
+        """Apparent motion of the target per meter of camera oscillation; 0 if insignificant."""
         past = self._past
         if len(past.eyes) < 2 * _LEGS:
             return 0.0
         begin = _kernels().last_swing(past.eyes, _LEG_M, _LEGS)
         if begin < 0:
             return 0.0
-        depth = self._share * abs(float(self._normal @ self._way))
+        depth = self._share * abs(float(self._normal @ self._guess))
         slope, explained = _kernels().slope_against(past.eyes[begin:], past.lines[begin:], depth)
         return slope if explained > _EXPLAINED else 0.0
 
 
 @cache
 def _kernels() -> ModuleType:
-    """The kernels of swinging cameras: an import statement costs as much as they do."""
+    """The compiled kernels, imported once: an import statement costs as much as a kernel."""
     from bt_dualarm.perception import tracking_kernels
 
     return tracking_kernels
 
 
 def warm_up_localization() -> None:
-    """Have all kernels of swinging cameras compiled."""
+    """Compile the kernels of oscillation."""
     places = np.zeros((2 * _LEGS, 3))
     places[:, 0] = np.arange(len(places))
     _kernels().last_swing(places, _LEG_M, _LEGS)

@@ -1,4 +1,4 @@
-"""Square markers in images, and hand-eye calibration by a marker at rest."""
+"""Detection and pose estimation of square markers, and hand-eye calibration."""
 
 from __future__ import annotations
 
@@ -19,26 +19,25 @@ from bt_dualarm.sim.composition import DICTIONARIES
 from bt_dualarm.sim.frame import Frame, JsonList
 from bt_dualarm.spec.values import MarkerSpec
 
-Grey: TypeAlias = npt.NDArray[np.uint8]
+Gray: TypeAlias = npt.NDArray[np.uint8]
 """Brightness of each pixel, of shape (height, width)."""
 
-_TURNED = cv2.SOLVEPNP_IPPE_SQUARE
-_LARGER: Final = 2
-"""Factor by which an image is enlarged first: small cells are read better."""
+_ENLARGEMENT: Final = 2
+"""Factor by which an image is enlarged before detection: small cells are decoded better."""
 
-_FINER: Final = 4
-"""Samples a pixel along each direction between which an edge is looked for."""
+_OVERSAMPLING: Final = 4
+"""Samples per pixel along each axis between which an edge is located."""
 
-_AROUND: Final = 0.6
-"""Share of a cell, of the white around the black square, in which its edge is looked for."""
+_MARGIN: Final = 0.6
+"""Margin around the black square, in cells, in which its edge is searched."""
 
 
 @dataclass(frozen=True, eq=False)
 class MarkerView(OutlineView):
-    """The outline of a marker's black square, and its corners, which tell how it is turned.
+    """The outline of a marker's black square, and its corners, which determine its orientation.
 
     Attributes:
-        corners: Corners in OpenCV's order from the image's middle, of shape (4, 2), px.
+        corners: Corners in OpenCV's order relative to the image center, of shape (4, 2), px.
     """
 
     corners: Matrix
@@ -46,21 +45,21 @@ class MarkerView(OutlineView):
 
 @dataclass(frozen=True)
 class SquareCorners(KnownShape):
-    """The corners of a marker as a shape: no outline, four points that are told apart.
+    """A marker as a shape of four distinguishable corners.
 
     Its frame has z out of the marker and y up as it is printed; the first corner is at -x, +y.
     """
 
     @property
     def points(self) -> Matrix:
-        """Corners as OpenCV orders them, of shape (4, 3), in its own frame."""
+        """Corners in OpenCV's order, of shape (4, 3), in the marker's frame, m."""
         half = 0.5 * self.size[0]
         return half * np.array(
             ((-1.0, 1.0, 0.0), (1.0, 1.0, 0.0), (1.0, -1.0, 0.0), (-1.0, -1.0, 0.0))
         )
 
     def canonical(self, pose: Pose) -> Pose:
-        """The pose itself: no two turns of a marker look alike."""
+        """The pose itself: a marker has no symmetry."""
         return pose
 
     def angle(self, one: Pose, other: Pose) -> float:
@@ -69,7 +68,7 @@ class SquareCorners(KnownShape):
 
 
 def markers_in(frame: Frame, marker: MarkerSpec) -> list[OutlineView]:
-    """All markers of one number in an image."""
+    """Detect all markers with a given id in an image."""
     middle = np.array((frame.width, frame.height)) / 2.0
     asked = f"marker {marker.dictionary} {marker.id}"
     views: list[OutlineView] = []
@@ -86,17 +85,17 @@ def markers_in(frame: Frame, marker: MarkerSpec) -> list[OutlineView]:
 
 
 def _look(frame: Frame, marker: MarkerSpec) -> JsonList:
-    """Edge, corners, box and area of each such marker, in px from the image's corner."""
-    grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-    large = cv2.resize(grey, None, fx=_LARGER, fy=_LARGER, interpolation=cv2.INTER_LINEAR)
+    """Edge, corners, bounding box and area of each such marker, px from the image's corner."""
+    gray = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    large = cv2.resize(gray, None, fx=_ENLARGEMENT, fy=_ENLARGEMENT, interpolation=cv2.INTER_LINEAR)
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     known = cv2.aruco.getPredefinedDictionary(DICTIONARIES[marker.dictionary])
     all_corners, ids, _ = cv2.aruco.ArucoDetector(known, settings).detectMarkers(large)
     found: JsonList = []
     for four, number in zip(all_corners, () if ids is None else ids.ravel(), strict=False):
-        corners = (np.asarray(four, dtype=float).reshape(4, 2) + 0.5) / _LARGER
-        edge = _edge(grey, corners, marker.cells) if number == marker.id else np.zeros((0, 2))
+        corners = (np.asarray(four, dtype=float).reshape(4, 2) + 0.5) / _ENLARGEMENT
+        edge = _edge(gray, corners, marker.cells) if number == marker.id else np.zeros((0, 2))
         if len(edge):
             area = float(cv2.contourArea(corners.astype(np.float32)))
             low = corners.min(axis=0)
@@ -106,20 +105,20 @@ def _look(frame: Frame, marker: MarkerSpec) -> JsonList:
     return found
 
 
-def _edge(grey: Grey, corners: Matrix, cells: int) -> Matrix:
-    """Outline of the black square, finer than a pixel, from the image's corner, (n, 2), px."""
+def _edge(gray: Gray, corners: Matrix, cells: int) -> Matrix:
+    """Subpixel outline of the black square, of shape (n, 2), px from the image's corner."""
     center = corners.mean(axis=0)
-    around = center + (1.0 + 2.0 * _AROUND / cells) * (corners - center)
-    height, width = grey.shape
+    around = center + (1.0 + 2.0 * _MARGIN / cells) * (corners - center)
+    height, width = gray.shape
     left, top = np.maximum(np.floor(around.min(axis=0)).astype(int) - 1, 0).tolist()
     right, bottom = np.minimum(
         np.ceil(around.max(axis=0)).astype(int) + 2, (width, height)
     ).tolist()
-    part = grey[top:bottom, left:right].astype(np.float32)
-    size = (_FINER * part.shape[1], _FINER * part.shape[0])
+    part = gray[top:bottom, left:right].astype(np.float32)
+    size = (_OVERSAMPLING * part.shape[1], _OVERSAMPLING * part.shape[0])
     fine = cv2.resize(part, size, interpolation=cv2.INTER_LINEAR)
     mask = np.zeros(fine.shape, np.uint8)
-    ring = np.rint(_FINER * (around - np.array((left, top))) - 0.5).astype(np.int32)
+    ring = np.rint(_OVERSAMPLING * (around - np.array((left, top))) - 0.5).astype(np.int32)
     cv2.fillConvexPoly(mask, ring, 1)
     black, white = np.percentile(fine[mask > 0], (10, 95))
     inside = ((fine < 0.5 * (black + white)) & (mask > 0)).astype(np.uint8)
@@ -127,21 +126,21 @@ def _edge(grey: Grey, corners: Matrix, cells: int) -> Matrix:
     if not contours:
         return np.zeros((0, 2))
     contour = max(contours, key=cv2.contourArea).reshape(-1, 2)
-    edge: Matrix = (contour[::_FINER] + 0.5) / _FINER + np.array((left, top))
+    edge: Matrix = (contour[::_OVERSAMPLING] + 0.5) / _OVERSAMPLING + np.array((left, top))
     return edge
 
 
 @dataclass(frozen=True, eq=False)
 class MarkerFitter(ShapeFitter):
-    """Fits the square of one marker; begins with IPPE (Collins, Bartoli, 2014)."""
+    """Fits the square of one marker, with initial poses by IPPE (Collins, Bartoli, 2014)."""
 
     def first(self, view: OutlineView) -> list[ShapeFit]:
-        """Both poses that one image may show, the likelier first."""
+        """The two possible poses by one image (perspective ambiguity), the likelier first."""
         if not isinstance(view, MarkerView):
             raise TypeError("a marker is fitted to views of markers")
         intrinsics = np.diag((view.focal_px, view.focal_px, 1.0))
         _, turns, places, _ = cv2.solvePnPGeneric(
-            self.shape.points, view.corners, intrinsics, None, flags=_TURNED
+            self.shape.points, view.corners, intrinsics, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
         )
         scenes = [
             OutlineScene.believed(
@@ -157,25 +156,25 @@ class MarkerFitter(ShapeFitter):
 
 
 _TURN_DOUBT: Final = 0.03
-"""Deviation of the mount's rotation about each axis before anything was seen, rad."""
+"""Prior standard deviation of the mount's rotation about each axis, rad."""
 
 _SHIFT_DOUBT: Final = 0.002
-"""Deviation of its place along each axis, likewise, m."""
+"""Prior standard deviation of its position along each axis, m."""
 
 _FOCAL_DOUBT: Final = 0.01
-"""Deviation of the focal length as a share: else it would be taken for a place along the view."""
+"""Prior standard deviation of the focal length as a share; a fixed one would bias the depth."""
 
 _PIXEL_DOUBT: Final = 0.3
-"""Deviation of a centroid in pixels: of its noise, and of what the lens does off its axis."""
+"""Standard deviation of a centroid in pixels, including the distortion of the lens."""
 
 
 @dataclass(frozen=True, eq=False)
 class MarkView:
-    """One look at the mark from a camera at rest.
+    """One view of the mark from a camera at rest.
 
     Attributes:
         camera: Pose of the camera in the world (x right, y down, z forward), as estimated.
-        pixel: Centroid of the mark from the image's middle, of shape (2,), px.
+        pixel: Centroid of the mark relative to the image center, of shape (2,), px.
         focal_px: Focal length in pixels.
     """
 
@@ -186,13 +185,13 @@ class MarkView:
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """What the views tell of the camera's mount.
+    """Result of a hand-eye calibration.
 
     Attributes:
-        correction: Pose of the camera in the frame where it was assumed to be.
+        correction: Pose of the camera in its nominal frame.
         mark: Position of the mark in the world, of shape (3,), m.
-        before_px: Root mean square of what is left of the pixels if the mount is as believed.
-        residual_px: The same with the correction, and the focal length that goes with it.
+        before_px: Root-mean-square residual with the nominal mount.
+        residual_px: Root-mean-square residual with the correction.
     """
 
     correction: Pose
@@ -202,14 +201,14 @@ class HandEye:
 
 
 def hand_eye(views: Sequence[MarkView], mark: Vector) -> HandEye:
-    """Correct a camera's mount so that a mark which stands still is seen to stand still.
+    """Calibrate a camera's mount by views of a mark at rest.
 
-    Least squares of the distance in the image, with a prior for the mount (bundle adjustment of
-    one point; Tsai, Lenz, IEEE Trans. Robot. Autom. 1989, for what the views have to vary).
+    Least squares of the distances in the images with a prior for the mount: bundle adjustment of
+    one point. See Tsai and Lenz, IEEE Trans. Robot. Autom. 1989, for how the views have to vary.
 
     Args:
-        views: Looks at it, from distances and directions that differ.
-        mark: Place where it is estimated to be, of shape (3,), m.
+        views: Views of the mark, from different distances and directions.
+        mark: Estimated position of the mark, of shape (3,), m.
     """
 
     def correction(x: Vector) -> Pose:
@@ -220,8 +219,8 @@ def hand_eye(views: Sequence[MarkView], mark: Vector) -> HandEye:
         half = np.sin(angle / 2) / angle * turn
         return Pose(x[3:6] * _SHIFT_DOUBT, np.array((np.cos(angle / 2), *half)))
 
-    def missed(mount: Pose, place: Vector, longer: float = 0.0) -> Matrix:
-        """Where the mark should be in the images less where it is, of shape (n, 2), px."""
+    def errors(mount: Pose, place: Vector, longer: float = 0.0) -> Matrix:
+        """Predicted less measured positions in the images, of shape (n, 2), px."""
         points = np.array([(view.camera @ mount).inverse.apply(place) for view in views])
         focal = np.array([view.focal_px for view in views])
         seen = (1.0 + _FOCAL_DOUBT * longer) * focal[:, None] * points[:, :2] / points[:, 2:]
@@ -229,16 +228,16 @@ def hand_eye(views: Sequence[MarkView], mark: Vector) -> HandEye:
         return off
 
     def residuals(x: Vector) -> Vector:
-        off = missed(correction(x), mark + x[7:], float(x[6])).ravel()
+        off = errors(correction(x), mark + x[7:], float(x[6])).ravel()
         return np.concatenate((off / _PIXEL_DOUBT, x[:7]))
 
-    believed = Pose.identity()
-    alone = scipy.optimize.least_squares(lambda x: missed(believed, mark + x).ravel(), np.zeros(3))
+    nominal = Pose.identity()
+    alone = scipy.optimize.least_squares(lambda x: errors(nominal, mark + x).ravel(), np.zeros(3))
     found = scipy.optimize.least_squares(residuals, np.concatenate((np.zeros(7), alone.x)))
     mount = correction(found.x)
     place = mark + found.x[7:]
-    before = missed(believed, mark + alone.x)
-    after = missed(mount, place, float(found.x[6]))
+    before = errors(nominal, mark + alone.x)
+    after = errors(mount, place, float(found.x[6]))
     return HandEye(mount, place, _rms(before), _rms(after))
 
 

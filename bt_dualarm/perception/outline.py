@@ -1,8 +1,8 @@
-"""The outline of a target, and where the target is when only a part of it can be trusted.
+"""Outline of a target: its expected size and edges, and its position when it is partly visible.
 
-What covers a target hides an edge, what merges with it shifts one, the border of an image cuts one
-off: its centroid is then worth nothing. The opposite edge still is where it was, though, and which
-of the two it is tells the prediction.
+Occlusion hides an edge of a target, merging with a neighbor shifts one, and the image border cuts
+one off. The centroid is then useless, but the opposite edge is still in its place. The prediction
+tells which of the two edges to trust.
 """
 
 from __future__ import annotations
@@ -20,29 +20,30 @@ from bt_dualarm.perception.localization import PIXEL_SIGMA, Localizer, RunningMe
 from bt_dualarm.sim.frame import Frame
 
 EDGE_SIGMA_PX = 0.5
-"""Standard deviation of an edge: of its whole pixels, which stay wrong for many frames."""
+"""Standard deviation of an edge: it is quantized to pixels, with an error that persists."""
 
 _Box: TypeAlias = npt.NDArray[np.float64]  # left, top, right, bottom in px
 
 _NO_BOX: _Box = np.zeros(4)
 _MIN_DEPTH_M = 1e-3
 _MEMORY_FRAMES = 10
-_STRANGENESS = 2.5  # times the doubt: another size of a shape that is not known, until it stays
+_STRANGENESS = 2.5  # factor of the doubt for views of another size, if the shape is unknown
 _KNOWN_AFTER_FRAMES = 5
-# Of a shape that is not known, and looks different from elsewhere, and of one that is:
-_ALIKE = (1.1, 1.013)  # times the side of one, or less than one by it: the same, seen whole
-_ALIKE_FAR = (1.15, 1.12)  # the same in a coarse image, or after some time unseen
-_ALIKE_LATE = (1.3, 1.12)  # and after longer, when it may be seen from elsewhere: with its flanks
+# Largest ratio of sides at which a detection may be the target, for an unknown shape, which looks
+# different from other directions, and for a known one:
+_SAME_SIZE = (1.1, 1.013)  # in the next image, seen whole
+_SAME_SIZE_FAR = (1.15, 1.12)  # in a coarse image, or after some time unseen
+_SAME_SIZE_LATE = (1.3, 1.12)  # after a longer time, possibly from another direction
 _LATE_S = 1.0
-_SLACK_PX = 1.46  # by which width or height may change, besides what they are in doubt by
-_PERSISTENCE = 4.0  # the shift of a covered target is the same for many frames: unlike noise
-_FULL = 0.97  # of the share of its box that the target fills: an object as simple as itself
-_EDGE_GATE_PX = 1.5  # from its prediction, besides what that is uncertain by
+_SLACK_PX = 1.46  # by which width or height may change, in addition to their doubt
+_PERSISTENCE = 4.0  # the shift of an occluded target persists for many frames, unlike noise
+_FULL = 0.97  # share of the target's fill ratio from which on an outline is as simple as its own
+_EDGE_GATE_PX = 1.5  # distance from the prediction, in addition to its uncertainty
 _GATE_SIGMAS = 3.0
 
 
 class VisiblePart(NamedTuple):
-    """A detection, where it is in the world, and whether it shows the target whole."""
+    """A detection, its position in the world, and whether it shows the whole target."""
 
     detection: Detection
     sighting: Sighting
@@ -51,12 +52,13 @@ class VisiblePart(NamedTuple):
 
 @dataclass
 class Outline:
-    """Running means over the last images that showed the target whole, and showed it well.
+    """Running means of the target's outline over the last images that showed all of it.
 
-    One that was seen from aside only may look different from ahead: by what is in doubt.
+    Views are weighted by their doubt: a target that was seen only obliquely may look different from
+    the front.
 
     Args:
-        localizer: Localizer, which knows the shape if anybody does.
+        localizer: Localizer, which may know the shape.
     """
 
     localizer: Localizer
@@ -64,12 +66,12 @@ class Outline:
     def __post_init__(self) -> None:
         self._count = 0
         self._better_in_row = 0
-        # Of the box, what is beside the shape that is known; share of the box that is filled; side.
+        # Bounding box less that of the known shape (4), fill ratio of the box, side.
         self._look = RunningMean(6)
 
     @property
     def side(self) -> float:
-        """Root of the area, m."""
+        """Square root of the visible area, m."""
         return float(self._look.value[5])
 
     @property
@@ -78,20 +80,20 @@ class Outline:
 
     @property
     def known(self) -> bool:
-        """Whether enough was seen to tell a part from the whole."""
+        """Whether enough views were averaged to distinguish a part from the whole."""
         return self._count >= _KNOWN_AFTER_FRAMES
 
     def forget(self) -> None:
-        """What comes next may have any size."""
+        """Reset: the next detection may have any size."""
         self._count = self._better_in_row = 0
         self._look.forget()
 
     def learn(self, seen: VisiblePart, frame: Frame) -> None:
-        """Take in the target seen whole; a coarse image tells too little.
+        """Add a view of the whole target to the means; coarse images are ignored.
 
-        Of a shape that is not known, one that looks strange is taken in as well, slowly. Of one
-        that is known, all is forgotten where what looks strange has its proportions, and what is
-        remembered has not: that was a part of it, or more than it.
+        If the shape is unknown, a view of another size is added too, with a low weight. If it is
+        known, repeated views of another size reset everything when they fit its proportions better
+        than the means: these were of a part of the target, or of more than it.
         """
         strange = self.known and not seen.whole
         if frame.stride > 1:
@@ -114,7 +116,7 @@ class Outline:
         self._look.take(look, _STRANGENESS * doubt if strange else doubt, _MEMORY_FRAMES)
 
     def _beside(self, seen: VisiblePart, frame: Frame) -> _Box:
-        """What is beside the shape that is known; nothing where none is."""
+        """Bounding box of a view less that of the known shape; zeros without one."""
         if not self.localizer.knows_shape:
             return _NO_BOX
         rest: _Box = np.array(seen.detection.bounds_px) - self._box(seen.sighting.point, frame)
@@ -122,26 +124,26 @@ class Outline:
 
     @property
     def well_known(self) -> bool:
-        """Whether its size is that of all of it: seen often, and no strip where it is square."""
+        """Whether the size is reliable: averaged over many views, and of the right proportions."""
         if self._count < _MEMORY_FRAMES:
             return False
         return not self.localizer.knows_shape or _misproportion(self._rest) <= _SLACK_PX
 
     def alike(self, sighting: Sighting, late: float) -> bool:
-        """Whether an object may be the target by its size; anything may before that is known.
+        """Whether an object may be the target by its size; always true before that is known.
 
         Args:
             sighting: The object.
-            late: Seconds for which the target was not seen.
+            late: Seconds since the target was seen.
         """
-        most = (_ALIKE_LATE if late > _LATE_S else _ALIKE_FAR)[self.localizer.knows_shape]
+        most = (_SAME_SIZE_LATE if late > _LATE_S else _SAME_SIZE_FAR)[self.localizer.knows_shape]
         return not self.known or 1 / most < sighting.side / self.side < most
 
     def shows_whole(self, detection: Detection, sighting: Sighting, frame: Frame) -> bool:
-        """Whether a detection is the target with all its edges, and nothing else."""
+        """Whether a detection shows all edges of the target, and nothing else."""
         if detection.touches_border or not self.known:
             return not detection.touches_border
-        most = _ALIKE[self.localizer.knows_shape] + self._look.doubt
+        most = _SAME_SIZE[self.localizer.knows_shape] + self._look.doubt
         if not 1 / most < sighting.side / self.side < most:
             return False
         if not self.localizer.knows_shape:
@@ -153,10 +155,10 @@ class Outline:
     def trusted(
         self, seen: VisiblePart, frame: Frame, expected: Vector, sigma: float
     ) -> VisiblePart | None:
-        """The target in what may be a part of it, or more than it; arguments as of ``fit``.
+        """Locate the target in a detection that may be of a part of it; arguments as of `fit`.
 
         Raises:
-            LocalizeError: The line of sight leads nowhere.
+            LocalizationError: The line of sight does not lead to a point.
         """
         if seen.whole:
             return seen
@@ -172,19 +174,19 @@ class Outline:
     def fit(
         self, detection: Detection, frame: Frame, expected: Vector, sigma: float
     ) -> VisiblePart | None:
-        """The target by those edges of a detection that are its own.
+        """Locate the target by the edges of a detection that agree with the prediction.
 
         Args:
             detection: Detection of a part of the target, or of more than it.
             frame: Frame in which it was detected.
-            expected: Point of the world where the target should be, of shape (3,), m.
-            sigma: Standard deviation of that, m.
+            expected: Predicted position of the target in the world, of shape (3,), m.
+            sigma: Standard deviation of the prediction, m.
 
         Returns:
-            ``None`` where it cannot be told, along either direction of the image.
+            None if no edge agrees, along either direction of the image.
 
         Raises:
-            LocalizeError: The line of sight leads nowhere.
+            LocalizationError: The line of sight does not lead to a point.
         """
         local = frame.world_in_camera.apply(expected)
         across = float(local[2]) / frame.focal_px
@@ -194,7 +196,7 @@ class Outline:
             return None
         shift[self._cut_off(detection, frame)] = math.inf
         gate = _EDGE_GATE_PX + _GATE_SIGMAS * sigma / across
-        pairs = shift.reshape(2, 2)  # of low and high edges along x and y
+        pairs = shift.reshape(2, 2)  # low and high edges; x and y
         moved = pairs[np.abs(pairs).argmin(axis=0), (0, 1)]
         if np.abs(moved).max() > gate:
             return None
@@ -211,21 +213,22 @@ class Outline:
         return VisiblePart(face, replace(sighting, sigma=coarser * sighting.sigma), whole=False)
 
     def _is_another(self, detection: Detection, shift: _Box) -> bool:
-        """Whether it is a whole object of another width and of another height.
+        """Whether a detection is another whole object, whose width and height both differ.
 
-        One that covers the target, or one that the target has left: what covers a part of it, or
-        stands beside it, makes a more complicated outline, or leaves one of the two as it is.
+        Such an object occludes the target completely, or was left behind by it. An object that
+        occludes a part of the target, or merges with it, makes a less simple outline or leaves
+        either width or height unchanged.
         """
         change = np.abs(shift[2:] - shift[:2])
         full = _fill(detection) > _FULL * float(self._look.value[4])
         return full and bool(change.min() > self._slack(detection))
 
     def _slack(self, detection: Detection) -> float:
-        """Change in px that width and height may have: a strip at one edge is all of the doubt."""
+        """Tolerance of width and height in px; the whole doubt may be at one edge."""
         return _SLACK_PX + 2.0 * self._look.doubt * math.sqrt(detection.area_px)
 
     def _box(self, point: Vector, frame: Frame) -> _Box:
-        """Where the edges of the shape that is known would be, if it were at a point."""
+        """Predicted bounding box of the known shape at a point: left, top, right, bottom in px."""
         local = frame.world_in_camera.apply(self.localizer.corners(point, frame))
         pixels = frame.focal_px * local[:, :2] / np.maximum(local[:, 2:], _MIN_DEPTH_M)
         pixels += (frame.width / 2.0, frame.height / 2.0)
@@ -233,7 +236,7 @@ class Outline:
 
     @staticmethod
     def _cut_off(detection: Detection, frame: Frame) -> npt.NDArray[np.bool_]:
-        """Which of the four edges are those of what was exposed."""
+        """Which of the four edges are at the border of the exposed region."""
         left, top, right, bottom = detection.bounds_px
         limits = frame.region
         return np.array(
@@ -242,11 +245,11 @@ class Outline:
 
 
 def _misproportion(rest: _Box) -> float:
-    """Excess in px of a box's width over its height, or of its height over its width."""
+    """Difference in px between the deviations of a box's width and height."""
     return abs(float((rest[2] - rest[0]) - (rest[3] - rest[1])))
 
 
 def _fill(detection: Detection) -> float:
-    """Share of its box that a detection fills."""
+    """Share of its bounding box that a detection fills."""
     left, top, right, bottom = detection.bounds_px
     return detection.area_px / max((right - left) * (bottom - top), 1)

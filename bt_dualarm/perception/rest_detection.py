@@ -1,4 +1,4 @@
-"""Detection of rest and motion of a target by a test for a change of mean."""
+"""Rest detection: a statistical test for a change of a target's mean position."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.perception.localization import Sighting
 
-_STILL_M = 0.0025  # displacement within which the target rests
-_BEGUN_M = 0.007  # displacement beyond which it has moved for the first time
-_MOST = 48  # newest sightings, of which means of 3, 6, 12, 24 and 48 are compared
+_STILL_M = 0.0025  # displacement within which the target is at rest
+_MOVED_M = 0.007  # displacement beyond which it has moved for the first time
+_NEWEST = 48  # number of newest sightings; means of 3, 6, 12, 24 and 48 are compared
 _FEWEST = 3
-_FIRST = 24  # first sightings of a mean
-_REMEMBERED = 64  # slopes for which first sightings are kept
+_FIRST = 24  # first sightings that are averaged
+_MAX_SLOPES = 64  # slopes for which first sightings are kept
 
-# Columns of a row of numbers
+# Columns of a row
 _SLOPE = slice(2, 4)
 _COLUMNS = 5
 
 
 @dataclass(frozen=True, eq=False)
 class RestSample:
-    """One sighting along the plane.
+    """One sighting, projected onto the plane of motion.
 
     Attributes:
         stamp: Time of exposure, s.
@@ -41,7 +41,7 @@ class RestSample:
 
 
 def look(sighting: Sighting, axes: Matrix) -> RestSample:
-    """Sample of a sighting along a plane.
+    """Project a sighting onto a plane.
 
     Args:
         sighting: Sighting in the world.
@@ -58,22 +58,22 @@ def look(sighting: Sighting, axes: Matrix) -> RestSample:
 
 
 class RestDetector:
-    """Time at rest of one target.
+    """Measures how long one target has been at rest.
 
     The target has moved if the mean of its newest sightings, over any of several windows, differs
     from the mean of the first ones since the last motion by more than their scatter explains: the
     likelihood-ratio test for a change of mean (Basseville and Nikiforov, Detection of Abrupt
     Changes, 1993, 2.4).
 
-    Sightings, and not the filter's estimate, which is predicted over the latency: a shake comes out
-    of that several times as large, by the velocity that is taken from it.
+    It uses sightings, not the filter's estimate, which is extrapolated over the latency: the
+    estimated velocity would amplify the camera's shake several times.
 
-    Neither has it moved where another depth than the believed one explains the change: at the depth
-    z it would be at c + z s, seen along the slope s from c, and of all depths that it may have the
-    one counts at which it moved least. A camera that comes to look at a target in the middle of its
-    image changes c by as much as -z s, and explains much by a wrong depth. So the first sightings
-    are remembered for each slope: what has moved is, sooner or later, seen along an old one from
-    elsewhere.
+    A difference that another depth explains is no motion either. At the depth z the target would be
+    at c + z s, seen along the slope s from the camera position c; of all depths that it may have,
+    the one with the least motion counts. A camera that centers a resting target in its image
+    changes c by about -z s, and a wrong depth explains much of that. Therefore first sightings are
+    kept for each slope: a target that moves is sooner or later seen along an old slope from another
+    camera position.
 
     Args:
         depth_doubt: Factor by which the depth may be larger or smaller than estimated.
@@ -81,33 +81,33 @@ class RestDetector:
 
     def __init__(self, depth_doubt: float) -> None:
         self._doubt = depth_doubt
-        self._depth = 0.0  # the first that is believed: what is learned of it later moves nothing
-        self._firsts = np.zeros((0, _COLUMNS))  # since it moved last: means, by slope
-        self._rows = np.empty((_FIRST + _MOST, _COLUMNS))  # of late, oldest first
+        self._depth = 0.0  # the first estimate: later ones would look like motion
+        self._firsts = np.zeros((0, _COLUMNS))  # means of first sightings since the last motion
+        self._rows = np.empty((_FIRST + _NEWEST, _COLUMNS))  # recent sightings, oldest first
         self._count = 0
-        self._leaving = 0  # of them that are no more among the newest, and not yet in a mean
+        self._leaving = 0  # number of them that are not among the newest, nor in a mean yet
         self._stamp = 0.0
         self._moved_at: float | None = None
 
     @property
     def still_for(self) -> float:
-        """Seconds for which a target that has moved has rested; 0 before, and if undecided."""
+        """Seconds since the last motion; 0 before the first motion, and while undecided."""
         if self._moved_at is None or self._count - self._leaving <= _FEWEST:
             return 0.0
         return self._stamp - self._moved_at
 
     def interrupt(self) -> None:
-        """Reset, as the target was out of view and may have moved."""
+        """Reset after the target was out of view, since it may have moved."""
         if self._moved_at is not None:
             self._forget()
 
     def take(self, look: RestSample) -> None:
-        """Process a sighting, later than all before."""
+        """Process a sighting, later than all previous ones."""
         self._depth = self._depth or look.depth
         self._stamp = look.stamp
         row = np.array((*look.eye, *look.slope, look.sigma**2))
         resumed = self._moved_at is not None and not self._count
-        if self._count - self._leaving == _MOST:
+        if self._count - self._leaving == _NEWEST:
             self._leave()
         self._append(row)
         if resumed or self._has_moved():
@@ -124,18 +124,18 @@ class RestDetector:
         self._count = self._leaving = 0
 
     def _leave(self) -> None:
-        """Take the oldest of the newest sightings out, and enough of them into a mean."""
+        """Retire the oldest of the newest sightings; average the retired ones once they suffice."""
         from bt_dualarm.perception.tracking_kernels import scatter
 
         self._leaving += 1
         if self._leaving < _FIRST:
             return
         mean = np.mean(self._rows[:_FIRST], axis=0)
-        # The first along a slope stands: by later ones a slow movement would be missed.
+        # The first mean along a slope is kept: later ones would hide slow motion.
         newest = self._rows[_FIRST - 1 : self._count]
         apart = scatter(newest, self._depth) * np.sqrt(2.0 / _FIRST) / self._depth
         known = np.linalg.norm(self._firsts[:, _SLOPE] - mean[_SLOPE], axis=1) < apart
-        if len(self._firsts) < _REMEMBERED and not known.any():
+        if len(self._firsts) < _MAX_SLOPES and not known.any():
             self._firsts = np.vstack((self._firsts, mean))
         self._rows[: self._count - _FIRST] = self._rows[_FIRST : self._count].copy()
         self._count -= _FIRST
@@ -144,15 +144,14 @@ class RestDetector:
     def _has_moved(self) -> bool:
         from bt_dualarm.perception.tracking_kernels import has_moved
 
-        begun = self._moved_at is not None
-        # For what once moved the believed depth will do: to be wrong then ends no rest too early.
-        doubt, far = (1.0, _STILL_M) if begun else (self._doubt, _BEGUN_M)
+        # After the first motion the estimated depth is good enough.
+        doubt, far = (self._doubt, _MOVED_M) if self._moved_at is None else (1.0, _STILL_M)
         rows = self._rows[: self._count]
         return has_moved(rows, self._leaving, self._firsts, self._depth, doubt, far)
 
 
 def warm_up_rest_detection() -> None:
-    """Have all kernels of stillness compiled."""
+    """Compile the kernels of rest detection."""
     still = RestDetector(1.0)
-    for stamp in range(_FIRST + _MOST + 1):
+    for stamp in range(_FIRST + _NEWEST + 1):
         still.take(RestSample(float(stamp), np.zeros(2), np.zeros(2), 1.0, 1.0))

@@ -1,4 +1,4 @@
-"""Detection and data association of objects of one kind in images from several viewpoints."""
+"""Scanning: detection and data association of objects of one kind in several images."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ UNLIKE_PX: Final = 0.8
 LEAST_AREA_PX: Final = 60.0
 """Least area of an outline whose shape can be determined, square pixels."""
 
-_BEHIND: Final = 0.15
+_BACKGROUND: Final = 0.15
 """Share of an image above which regions at its edge may be the background of objects."""
 
 _ASTRAY_PX: Final = 12.0
@@ -46,7 +46,7 @@ class SightedThing:
         views: Outlines that were associated with it.
         astray: Outlines at its position that do not fit a still object of this shape.
         middle: Its center in the frame of the fitted shape, of shape (3,), m.
-        sizes: Cached size estimates, by number of outlines and measure.
+        sizes: Cached size estimates, by number of outlines and dimension.
     """
 
     fits: list[ShapeFit]
@@ -74,15 +74,14 @@ class SightedThings:
         fitter: Fitter of their shape.
         middle: Middle of an object in the frame of what is fitted, of shape (3,), m; by default its
             origin.
-        nothing: Message for an image without candidates.
+        none_found: Message for an image without candidates.
         color: Color of the objects, if they are detected by color.
 
     Attributes:
         things: Detected objects, in no particular order.
         unlike: Number of candidates of another shape in the last image.
-        others_whole: How many of these are certainly none of the objects, whole or not: balls where
-            boxes are looked for, which no boxes together look like.
-        beyond: Share of the last image covered by patches that go beyond its edge.
+        others_whole: Number of these that are certainly other objects: balls instead of boxes.
+        beyond: Share of the last image covered by regions that go beyond its edge.
     """
 
     def __init__(
@@ -90,11 +89,11 @@ class SightedThings:
         find: Callable[[Frame], list[OutlineView]],
         fitter: ShapeFitter,
         middle: Vector | None = None,
-        nothing: str = "nothing has that color",
+        none_found: str = "nothing in it has that color",
         color: ColorFilter | None = None,
     ) -> None:
         self._color = color
-        self._nothing = nothing
+        self._none_found = none_found
         self.things: list[SightedThing] = []
         self.unlike = 0
         self.others_whole = 0
@@ -105,7 +104,7 @@ class SightedThings:
 
     @classmethod
     def of_color(cls, color: Color, shape: KnownShape, *, flat: bool = True) -> SightedThings:
-        """Objects of a color and a shape, which may lie flat on something level."""
+        """Detector of objects of a color and a shape, which may lie flat on a level surface."""
         seen = ColorFilter(color)
         fitter = ShapeFitter(shape, flat)
         return cls(lambda frame: outlines(frame, seen, LEAST_AREA_PX), fitter, color=seen)
@@ -114,7 +113,7 @@ class SightedThings:
     def of_marker(
         cls, marker: MarkerSpec, middle: Vector | None = None, *, flat: bool = True
     ) -> SightedThings:
-        """Objects that bear a marker, whose middle is there in the marker's frame, (3,), m."""
+        """Detector of objects with a marker; ``middle`` is their center in its frame, (3,), m."""
         fitter = MarkerFitter(SquareCorners("box", (marker.size,)), flat)
         return cls(
             lambda frame: markers_in(frame, marker), fitter, middle, "no such marker is in it"
@@ -126,58 +125,58 @@ class SightedThings:
         return self._fitter.shape
 
     def has_color(self, rgba: Sequence[float]) -> bool:
-        """Whether that color (red, green, blue, 0..1, more ignored) is the one looked for."""
+        """Whether a color (red, green, blue, 0 to 1, more ignored) matches the searched one."""
         pixel = np.rint(255.0 * np.array(rgba[:3])).astype(np.uint8).reshape(1, 1, 3)
         return self._color is not None and bool(self._color.mask(pixel).any())
 
     def take(self, frame: Frame) -> None:
         """Process one image: refine known objects and add new ones."""
         found = self._find(frame)
-        patches = [patch for patch in found if patch.is_whole]
-        cut = sum(patch.detection.area_px for patch in found if not patch.is_whole)
+        regions = [region for region in found if region.is_whole]
+        cut = sum(region.detection.area_px for region in found if not region.is_whole)
         self.beyond = cut / (frame.width * frame.height)
         seen = list[SightedThing]()
         for thing in self.things:
-            patch = self._of(thing, patches)
-            if patch is not None:
-                patches.remove(patch)
-                self._refine(thing, patch)
+            region = self._of(thing, regions)
+            if region is not None:
+                regions.remove(region)
+                self._refine(thing, region)
                 seen.append(thing)
         self.unlike = 0
         self.others_whole = 0
-        for patch in patches:
-            fits = self._fitter.first(patch)
+        for region in regions:
+            fits = self._fitter.first(region)
             if not fits or fits[0].residual_px > UNLIKE_PX:
                 self.unlike += 1
-                self.others_whole += self._is_other(patch)
+                self.others_whole += self._is_other(region)
                 continue
             known = self._known_at(fits[0].scene.position, seen)
             if known is None:
-                known = SightedThing(fits, [patch], middle=self._middle)
+                known = SightedThing(fits, [region], middle=self._middle)
                 self.things.append(known)
             else:
-                known.astray.append(patch)
+                known.astray.append(region)
             seen.append(known)
 
     @property
     def is_ground(self) -> bool:
         """Whether the background may have the color in the last image."""
-        return self.beyond > _BEHIND
+        return self.beyond > _BACKGROUND
 
     @property
     def others(self) -> str:
         """Message about what else has the color in the last image."""
-        said = []
+        reasons = []
         if self.unlike:
-            are = "patch is" if self.unlike == 1 else "patches are"
-            said.append(f"{self.unlike} {are} of another shape, covered in part, or moving")
+            are = "region is" if self.unlike == 1 else "regions are"
+            reasons.append(f"{self.unlike} {are} of another shape, partly occluded, or moving")
         if self.is_ground:
-            behind = "what is behind may have that color, too: tell it apart by `color`"
+            advice = "the background may have that color, too: choose another `color`"
             share = f"{100 * self.beyond:.0f} %"
-            said.append(f"{share} of the picture have it, up to its edge; {behind}")
+            reasons.append(f"{share} of the image has it, up to its border; {advice}")
         elif self.beyond:
-            said.append("something goes beyond the picture")
-        return "; ".join(said) or self._nothing
+            reasons.append("an object extends beyond the image")
+        return "; ".join(reasons) or self._none_found
 
     def pose(self, thing: SightedThing) -> Pose:
         """Pose of an object in the world; of equivalent ones the one with the least rotation."""
@@ -188,7 +187,7 @@ class SightedThings:
         return self._size_of(thing, None)
 
     def _size_of(self, thing: SightedThing, edge: int | None) -> SizeFit:
-        """Size as a whole or in one measure, cached for all images so far."""
+        """Size as a whole or in one dimension, cached for all images so far."""
         views = [*thing.views, *thing.astray]
         key = len(views), edge
         if key not in thing.sizes:
@@ -196,9 +195,9 @@ class SightedThings:
         return thing.sizes[key]
 
     def other_size(self, thing: SightedThing) -> SizeFit | None:
-        """The size that an object has instead of the declared one, as a whole or in one measure.
+        """The true size of an object that differs from the declared one, as a whole or in one edge.
 
-        None where its outlines go with the declared size, or with no size of this form.
+        None if its outlines agree with the declared size, or with no size of this shape.
         """
         edges = len(self.shape.size) if len(self.shape.size) > 1 else 0
         for edge in (None, *range(edges)):
@@ -211,31 +210,31 @@ class SightedThings:
         """Largest standard deviation of the orientation, up to the symmetry of the object, rad."""
         return thing.best.sigma_rad(self._fitter.shape)
 
-    def _is_other(self, patch: OutlineView) -> bool:
+    def _is_other(self, region: OutlineView) -> bool:
         """Whether a candidate is certainly another object: a ball, when boxes are detected."""
         if self.shape.kind != "box":
             return False
-        balls = ShapeFitter(KnownShape("sphere", (self.shape.extent,))).first(patch)
+        balls = ShapeFitter(KnownShape("sphere", (self.shape.extent,))).first(region)
         return bool(balls) and balls[0].residual_px <= UNLIKE_PX
 
-    def _of(self, thing: SightedThing, patches: list[OutlineView]) -> OutlineView | None:
+    def _of(self, thing: SightedThing, regions: list[OutlineView]) -> OutlineView | None:
         """Candidate at the predicted position of an object, if there is one."""
-        if not patches:
+        if not regions:
             return None
-        seen = project(thing.fits[0].scene, self._fitter.shape, patches[0])
+        seen = project(thing.fits[0].scene, self._fitter.shape, regions[0])
         if seen is None:
             return None
-        away = [float(np.linalg.norm(patch.middle - seen.middle)) for patch in patches]
+        away = [float(np.linalg.norm(region.middle - seen.middle)) for region in regions]
         nearest = int(np.argmin(away))
-        return patches[nearest] if away[nearest] < _ASTRAY_PX + 0.25 * seen.area**0.5 else None
+        return regions[nearest] if away[nearest] < _ASTRAY_PX + 0.25 * seen.area**0.5 else None
 
-    def _refine(self, thing: SightedThing, patch: OutlineView) -> None:
-        fits = self._fitter.again(thing.fits, [*thing.views, patch])
+    def _refine(self, thing: SightedThing, region: OutlineView) -> None:
+        fits = self._fitter.again(thing.fits, [*thing.views, region])
         if fits[0].residual_px > UNLIKE_PX:
-            thing.astray.append(patch)
+            thing.astray.append(region)
             return
         thing.fits = fits
-        thing.views.append(patch)
+        thing.views.append(region)
 
     def _known_at(self, position: Vector, seen: list[SightedThing]) -> SightedThing | None:
         """Known object nearest to a position, if one is within its extent.

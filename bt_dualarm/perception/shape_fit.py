@@ -1,4 +1,11 @@
-"""The pose of an object of known shape from its outlines in several images, with covariance."""
+"""Pose of an object of known shape from its outlines in several images, with covariance.
+
+`outlines` extracts outlines with subpixel accuracy from images of a camera at rest. `ShapeFitter`
+minimizes the distances of the outlines' points from the projected shape (bundle adjustment: Triggs
+et al., 2000) over the pose of the object and the errors of the camera: its mount, its focal length,
+and a constant widening of outlines by the color filter. What the images do not determine of these
+keeps its prior uncertainty, which is part of the covariance of the pose.
+"""
 
 from __future__ import annotations
 
@@ -17,33 +24,33 @@ from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.sim.frame import Frame, JsonList, LazyFrame
 from bt_dualarm.sim.renderer import Image
 
-# Outlines with subpixel accuracy in an image of a camera at rest
+# Outlines
 
+_OVERSAMPLING: Final = 4
+"""Samples per pixel along each axis between which an edge is located."""
 
-_FINER: Final = 4
-"""Samples a pixel along each direction between which an edge is looked for."""
-
-INSIDE_PX: Final = 0.5 / _FINER
-"""Pixels by which the points of an outline are inside of it: they are those of its last samples."""
+INSIDE_PX: Final = 0.5 / _OVERSAMPLING
+"""Distance in pixels by which the points of an outline, the centers of its outermost samples, are
+inside of it."""
 
 _NEXT: Final = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
 _NEIGHBORS: Final = cv2.getStructuringElement(cv2.MORPH_RECT, (5, 5))
 _AROUND: Final = (9, 9)
-"""Pixels, across and along, whose mean is the ground that an edge is seen on."""
+"""Window in pixels over which the background at an edge is averaged."""
 
-_MOST_POINTS: Final = 160
-"""Points of an outline that are kept: more tell nothing new."""
+_MAX_POINTS: Final = 160
+"""Largest number of points of an outline: more add no information."""
 
 
 @dataclass(frozen=True, eq=False)
 class OutlineView:
-    """The outline of one object, as a camera at rest has seen it.
+    """The outline of one object in an image of a camera at rest.
 
     Attributes:
         camera: Pose of the camera in the world (x right, y down, z forward), as estimated.
         focal_px: Focal length in pixels.
-        edge: Points of the outline from the image's middle, of shape (n, 2), px.
-        detection: Detection with its place and area.
+        edge: Points of the outline relative to the image center, of shape (n, 2), px.
+        detection: Detection with its position and area.
     """
 
     camera: Pose
@@ -53,21 +60,21 @@ class OutlineView:
 
     @property
     def is_whole(self) -> bool:
-        """Whether all of it is in the image; of what is not, there is no edge."""
+        """Whether the whole object is in the image; if not, ``edge`` is empty."""
         return not self.detection.touches_border
 
     @property
     def middle(self) -> Vector:
-        """Middle of its box from the image's middle, of shape (2,), px."""
+        """Center of the bounding box relative to the image center, of shape (2,), px."""
         middle: Vector = (self.edge.min(axis=0) + self.edge.max(axis=0)) / 2.0
         return middle
 
 
 def merged(frames: list[Frame]) -> Frame:
-    """One image with less noise, of several by a camera that did not move.
+    """Average several images of a camera at rest, which reduces noise.
 
     Args:
-        frames: Frames, one at least, of one region and stride.
+        frames: Frames, at least one, of the same region and stride.
     """
 
     def mean() -> Image:
@@ -78,10 +85,10 @@ def merged(frames: list[Frame]) -> Frame:
 
 
 def outlines(frame: Frame, color: ColorFilter, min_area: float) -> list[OutlineView]:
-    """All that has a color, the largest first, what goes beyond the image as well.
+    """Extract the outlines of all regions of a color, the largest first.
 
     Args:
-        frame: Frame that was exposed as a whole, in full resolution.
+        frame: Fully exposed frame, in full resolution.
         color: Filter of the color.
         min_area: Least area in square pixels.
     """
@@ -108,26 +115,28 @@ def outlines(frame: Frame, color: ColorFilter, min_area: float) -> list[OutlineV
 
 
 def _edge(frame: Frame, blob: Blob) -> Matrix:
-    """Where half of a pixel is covered, from the image's middle, of shape (n, 2), px."""
+    """Contour at half coverage, relative to the image center, of shape (n, 2), px."""
     share = _difference(blob)
     height, width = share.shape
-    fine = cv2.resize(share, (_FINER * width, _FINER * height), interpolation=cv2.INTER_LINEAR)
+    fine = cv2.resize(
+        share, (_OVERSAMPLING * width, _OVERSAMPLING * height), interpolation=cv2.INTER_LINEAR
+    )
     inside = (fine > 0.5).astype(np.uint8)
     contours, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     contour = max(contours, key=cv2.contourArea).reshape(-1, 2)
-    kept = contour[:: max(len(contour) // _MOST_POINTS, 1)]
+    kept = contour[:: max(len(contour) // _MAX_POINTS, 1)]
     corner = np.array(blob.origin) + np.array(frame.region[:2])
     middle = np.array((frame.width, frame.height)) / 2.0
-    points: Matrix = (kept + 0.5) / _FINER + corner - middle
+    points: Matrix = (kept + 0.5) / _OVERSAMPLING + corner - middle
     return points
 
 
 def _difference(blob: Blob) -> npt.NDArray[np.float32]:
-    """How far each pixel differs from what is around the blob, as a share of how far the blob does.
+    """Color difference of each pixel from the background, relative to that of the object.
 
-    Inside the outline 1, farther than a pixel from it 0. A pixel at the edge is a mixture of the
-    object and of its surroundings. A side in the shade has not the color that is looked for; it
-    belongs to the object all the same, and differs from a bright and from a dark ground alike.
+    It is 1 inside the contour and 0 farther than a pixel outside; a pixel at the edge is a mixture.
+    Unlike the color filter, this includes faces in the shade, which lack the color but differ from
+    bright and dark backgrounds alike.
     """
     inside = cv2.erode(blob.filled, _NEXT)
     near = cv2.dilate(blob.filled, _NEXT)
@@ -144,11 +153,11 @@ def _difference(blob: Blob) -> npt.NDArray[np.float32]:
     return np.asarray(share, dtype=np.float32)
 
 
-# Residuals of outlines and their derivatives
-
+# Residuals
 
 UNKNOWNS: Final = 14
-"""Place and turn of the object (3 + 3), turn and shift of the mount (3 + 3), focal length, rim."""
+"""Position and rotation of the object (3 + 3), rotation and shift of the mount (3 + 3), focal
+length, rim."""
 
 PLACE: Final = slice(0, 3)
 TURN: Final = slice(3, 6)
@@ -158,20 +167,20 @@ FOCAL: Final = 12
 RIM: Final = 13
 
 _NEAREST_M: Final = 0.01
-"""Depth before the camera below which nothing is seen."""
+"""Depth in front of the camera below which nothing is visible."""
 
 
 @dataclass(frozen=True, eq=False)
 class OutlineScene:
-    """All that is unknown about some images of one object.
+    """Values of all unknowns of some images of one object.
 
     Attributes:
         position: Center of the object in the world, of shape (3,), m.
-        rotation: Its axes in the world, of shape (3, 3).
-        mount_turn: Axes of the camera in the frame where it is estimated to be, of shape (3, 3).
-        mount_shift: Position of the camera there, of shape (3,), m.
-        longer: Share by which the focal length is longer than believed.
-        rim: Pixels by which outlines are wider than what they are of.
+        rotation: Rotation of the object in the world, of shape (3, 3).
+        mount_turn: Rotation of the camera in its nominal frame, of shape (3, 3).
+        mount_shift: Position of the camera in its nominal frame, of shape (3,), m.
+        longer: Relative error of the nominal focal length.
+        rim: Pixels by which outlines are wider than the object.
     """
 
     position: Vector
@@ -183,7 +192,7 @@ class OutlineScene:
 
     @classmethod
     def believed(cls, position: Vector, rotation: Matrix) -> OutlineScene:
-        """An object there, and a camera as estimated to be."""
+        """An object at a pose, and the nominal camera."""
         return cls(position, rotation, np.eye(3), np.zeros(3))
 
     def moved(self, step: Vector) -> OutlineScene:
@@ -200,29 +209,29 @@ class OutlineScene:
 
 
 def turn_by(vector: Vector) -> Matrix:
-    """The rotation, of shape (3, 3), about a vector of shape (3,) by its length in rad."""
+    """Rotation matrix, of shape (3, 3), of a rotation vector of shape (3,), rad."""
     return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=float))[0], dtype=float)
 
 
 def vector_of(turn: Matrix) -> Vector:
-    """The vector, of shape (3,), rad, that `turn_by` makes a rotation of shape (3, 3) of."""
+    """Rotation vector, of shape (3,), rad, of a rotation matrix of shape (3, 3)."""
     return np.asarray(cv2.Rodrigues(np.asarray(turn, dtype=float))[0][:, 0], dtype=float)
 
 
 def cross_matrix(v: Vector) -> Matrix:
-    """The matrix, of shape (3, 3), that takes a vector to its product with ``v`` before it."""
+    """Cross product matrix of ``v``, of shape (3, 3): the product with ``v`` from the left."""
     x, y, z = v.tolist()
     return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """Points of a shape in one image, and by what they change.
+    """Points of a shape in one image, with derivatives.
 
     Attributes:
-        pixels: Position of each point from the image's middle, of shape (n, 2), px.
-        change: Change of each with the unknowns, of shape (n, 2, `UNKNOWNS`).
-        hull: Which points make the outline, in its order, of shape (m,).
+        pixels: Position of each point relative to the image center, of shape (n, 2), px.
+        change: Derivatives with respect to the unknowns, of shape (n, 2, `UNKNOWNS`).
+        hull: Indices of the points on the outline, in order, of shape (m,).
     """
 
     pixels: Matrix
@@ -231,19 +240,19 @@ class Projection:
 
     @property
     def area(self) -> float:
-        """Area within the outline, square px."""
+        """Area within the outline, in square pixels."""
         return float(cv2.contourArea(self.pixels[self.hull].astype(np.float32)))
 
     @property
     def middle(self) -> Vector:
-        """Middle of the outline's box from the image's middle, of shape (2,), px."""
+        """Center of the bounding box relative to the image center, of shape (2,), px."""
         on = self.pixels[self.hull]
         middle: Vector = (on.min(axis=0) + on.max(axis=0)) / 2.0
         return middle
 
 
 def project(scene: OutlineScene, shape: KnownShape, view: OutlineView) -> Projection | None:
-    """The shape as an image would have it; None where a part of it is behind the camera."""
+    """Project a shape into an image; None if a part of it is behind the camera."""
     from bt_dualarm.perception.image_kernels import see
 
     camera = view.camera
@@ -258,7 +267,7 @@ def project(scene: OutlineScene, shape: KnownShape, view: OutlineView) -> Projec
     focals = focal, view.focal_px
     if see(about, offset, inward, mount, focals, pixels, change) < _NEAREST_M:
         return None
-    if shape.is_round:  # its outline does not turn with it, but the balls that have it do
+    if shape.is_round:  # the outline does not rotate with the shape, but the ball centers do
         a, b, c = shape.ball_centers(scene.rotation).T[:, :, None]
         x, y, z = change[:, :, PLACE].transpose(2, 0, 1)
         turn = (b * z - c * y, c * x - a * z, a * y - b * x)  # the cross product
@@ -269,15 +278,15 @@ def project(scene: OutlineScene, shape: KnownShape, view: OutlineView) -> Projec
 
 
 def outline_error(projection: Projection, edge: Matrix, rim: float) -> tuple[Vector, Matrix]:
-    """Distance of points from an outline, outside positive, and its change with the unknowns.
+    """Signed distance of points from an outline, positive outside, with derivatives.
 
     Args:
         projection: Projection of the shape.
-        edge: Points of shape (n, 2), px.
-        rim: Pixels by which they are expected outside.
+        edge: Points, of shape (n, 2), px.
+        rim: Expected distance of the points outside of the outline, px.
 
     Returns:
-        Distances of shape (n,), px, and their change, of shape (n, `UNKNOWNS`).
+        Distances, of shape (n,), px, and their derivatives, of shape (n, `UNKNOWNS`).
     """
     from bt_dualarm.perception.image_kernels import measure_outline
 
@@ -290,7 +299,7 @@ def outline_error(projection: Projection, edge: Matrix, rim: float) -> tuple[Vec
 
 
 def warm_up_outlines() -> None:
-    """Have all kernels of outlines compiled."""
+    """Compile the kernels of outlines."""
     from bt_dualarm.perception.image_kernels import measure_outline, see
 
     points = np.eye(4, 3)
@@ -300,62 +309,56 @@ def warm_up_outlines() -> None:
     measure_outline(pixels, change, pixels, 0.0, np.empty(4), np.empty((4, UNKNOWNS)))
 
 
-# Pose of an object of known shape from its outlines in several images, with covariance.
-#
-# Least squares of the outlines' distances (bundle adjustment: Triggs and others, 2000) over the
-# pose of the object and the unknowns of the camera: its mount, its focal length, and by how much a
-# color filter widens outlines. What the images do not determine of these keeps its prior
-# uncertainty, which is part of the covariance of the pose.
-
+# Fit
 
 MOUNT_TURN_DOUBT: Final = 0.01
-"""Deviation of the mount's rotation about each axis, rad: a neglected one's, uniform within 1°."""
+"""Prior standard deviation of the mount's rotation about each axis, rad: uniform within 1°."""
 
 MOUNT_SHIFT_DOUBT: Final = 0.002
-"""Deviation of its place along each axis, m: likewise, uniform within 3 mm."""
+"""Prior standard deviation of its position along each axis, m: uniform within 3 mm."""
 
 FOCAL_DOUBT: Final = 0.006
-"""Deviation of the focal length as a share: likewise, uniform within 1 %."""
+"""Prior standard deviation of the focal length as a share: uniform within 1 %."""
 
 RIM_DOUBT: Final = 0.3
-"""Deviation of what an outline is too wide or too narrow by, px."""
+"""Prior standard deviation of the widening of outlines, px."""
 
 LEVEL_DOUBT: Final = 0.005
-"""Deviation of what lies flat from the level, rad."""
+"""Standard deviation of the tilt of an object that lies flat, rad."""
 
 EDGE_DOUBT: Final = 0.3
-"""Deviation of a point of an outline, px; distortion of the lens included."""
+"""Standard deviation of a point of an outline, with lens distortion, px."""
 
 _INDEPENDENT: Final = 12.0
-"""Points of one outline that are off for reasons of their own; the others go with them."""
+"""Effective number of independent points of one outline: errors of neighbors are correlated."""
 
 _FREE_TURN: Final = 1.0
-"""Deviation of a turn that nothing shows, rad."""
+"""Prior standard deviation of an unobservable rotation, rad."""
 
 _FREE_PLACE: Final = 100.0
-"""Deviation of a place that nothing shows, m."""
+"""Prior standard deviation of an unobservable position, m."""
 
 _DOUBT: Final = np.array(
-    [_FREE_PLACE] * 3  # toward nowhere: what nothing shows stays as it is
+    [_FREE_PLACE] * 3  # weak, but keeps the normal matrix regular
     + [_FREE_TURN] * 3  # likewise
     + [MOUNT_TURN_DOUBT] * 3
     + [MOUNT_SHIFT_DOUBT] * 3
     + [FOCAL_DOUBT, RIM_DOUBT]
 )
-"""Deviation of each unknown before there is an image."""
+"""Prior standard deviation of each unknown."""
 
 _SIZE_STEPS: Final = (0.02, 0.08, 0.16, 0.16, 0.08, 0.02, 0.02)
-"""Logarithms of factors of the size to either side at which the cost is compared; the first one
-is enough where the size is as declared."""
+"""Steps of the logarithm of the size at which the cost is compared; the first one suffices if the
+size is as declared."""
 
 SIZE_KNOWN: Final = 0.02
-"""Standard deviation of a size, as a share of it, at which it counts as known."""
+"""Relative standard deviation below which a size counts as known."""
 
 SIZE_SIGMAS: Final = 4.0
-"""Standard deviations by which a measured size is another than the declared one."""
+"""Standard deviations beyond which a measured size differs from the declared one."""
 
 SIZE_ROOM: Final = 0.03
-"""Share by which it may be off in any case: makers have tolerances, and lenses distort."""
+"""Relative deviation that is always tolerated, for manufacturing tolerances and lens errors."""
 
 _HUBER_PX: Final = 1.0
 _ROUNDS: Final = 25
@@ -366,13 +369,13 @@ _FAR: Final = 1e6
 
 @dataclass(frozen=True, eq=False)
 class ShapeFit:
-    """Where an object is by some images of it.
+    """Pose of an object by some images of it.
 
     Attributes:
-        scene: Place and turn of it, and what was found of the camera.
-        covariance: Covariance of place (m) and turn about the world's axes (rad), of shape (6, 6).
-        residual_px: Root mean square of what is left between the outlines and those of the shape.
-        cost: Half the weighted sum of squares, what was known before included.
+        scene: Values of all unknowns.
+        covariance: Covariance of position (m) and rotation about the world's axes (rad), (6, 6).
+        residual_px: Root-mean-square distance between measured and fitted outlines.
+        cost: Half the weighted sum of squares, with the priors.
     """
 
     scene: OutlineScene
@@ -389,7 +392,7 @@ class ShapeFit:
         return Pose.from_matrix(matrix)
 
     def about(self, point: Vector) -> ShapeFit:
-        """The same for another point of the object, in its frame, of shape (3,), m."""
+        """The fit of another point of the object, given in its frame, of shape (3,), m."""
         arm = self.scene.rotation @ point
         lever = np.eye(6)
         lever[PLACE, TURN] = -cross_matrix(arm)
@@ -398,11 +401,11 @@ class ShapeFit:
 
     @property
     def sigma_m(self) -> float:
-        """Standard deviation of the place along the axis where it is largest, m."""
+        """Standard deviation of the position along its least certain axis, m."""
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[PLACE, PLACE])[-1]))
 
     def sigma_rad(self, shape: KnownShape) -> float:
-        """Standard deviation of the turn, likewise, as far as a turn of the shape can be seen."""
+        """Standard deviation of the rotation, likewise, up to the shape's symmetry, rad."""
         if shape.kind == "sphere":
             return 0.0
         seen = np.eye(3)
@@ -415,13 +418,13 @@ class ShapeFit:
 
 @dataclass(frozen=True)
 class SizeFit:
-    """How large an object is by images of it, whatever it was declared to be.
+    """Size of an object by images of it, independent of the declared one.
 
     Attributes:
-        size: Its measures in m, as `KnownShape.size` has them.
-        ratio: The measure that was free as a share of the declared one.
-        sigma: Standard deviation of that.
-        residual_px: What an object of that size leaves between the outlines, root mean square.
+        size: Dimensions in m, as in `KnownShape.size`.
+        ratio: Estimated over declared value of the dimension that was estimated.
+        sigma: Standard deviation of the ratio.
+        residual_px: Root-mean-square distance of the outlines with that size.
     """
 
     size: tuple[float, ...]
@@ -431,12 +434,12 @@ class SizeFit:
 
     @property
     def is_known(self) -> bool:
-        """Whether the images tell it well enough to see that it is as declared."""
+        """Whether the size is precise enough to confirm the declared one."""
         return self.sigma <= SIZE_KNOWN
 
     @property
     def is_declared(self) -> bool:
-        """Whether it may be the declared size: it is not off by what such images hardly show."""
+        """Whether the size agrees with the declared one, within its uncertainty."""
         off = abs(self.ratio - 1.0)
         return off <= max(SIZE_SIGMAS * self.sigma, SIZE_ROOM)
 
@@ -447,14 +450,14 @@ class ShapeFitter:
 
     Attributes:
         shape: The shape.
-        flat: Whether it lies flat on something level.
+        flat: Whether it lies flat on a level surface.
     """
 
     shape: KnownShape
     flat: bool = True
 
     def first(self, view: OutlineView) -> list[ShapeFit]:
-        """What a single image may show, the likeliest first; none if it cannot be this shape."""
+        """Possible fits to a single image, the likeliest first; none if it is another shape."""
         guesses = [self._placed(view, axes) for axes in self.shape.guesses(flat=self.flat)]
         ranked = sorted(
             (scene for scene in guesses if scene is not None),
@@ -464,22 +467,23 @@ class ShapeFitter:
         return sorted(fits, key=lambda fit: fit.cost)
 
     def again(self, fits: Sequence[ShapeFit], views: Sequence[OutlineView]) -> list[ShapeFit]:
-        """What all images show, begun from what some of them have shown; the likeliest first."""
+        """Fits to all images, starting from fits to some of them; the likeliest first."""
         return sorted((self._solved(fit.scene, views) for fit in fits), key=lambda fit: fit.cost)
 
     def size_of(
         self, fit: ShapeFit, views: Sequence[OutlineView], edge: int | None = None
     ) -> SizeFit:
-        """The size that explains all images best, the pose and the camera being free as well.
+        """Estimate the size together with the pose and the camera.
 
-        The cost at its least over all else is a parabola of the size (the profile likelihood): its
-        lowest point is the size, its curvature one over the variance. Images from one place tell
-        nothing of the size: what is larger is farther away.
+        The cost, minimized over everything else, is nearly a parabola of the logarithm of the size
+        (the profile likelihood): its minimum is the size, its curvature one over the variance.
+        Images from a single viewpoint do not determine the size, as larger objects may be farther
+        away.
 
         Args:
-            fit: What the images show if it has the declared size.
-            views: Outlines of it, those included that do not go with that.
-            edge: Which of the shape's measures is free; by default all of them together.
+            fit: Fit with the declared size.
+            views: All outlines of the object, even those that do not agree with the fit.
+            edge: Index of the dimension to estimate; by default all in proportion.
         """
         middle = 0.0
         curve = 0.0
@@ -504,7 +508,7 @@ class ShapeFitter:
         return SizeFit(fitter.shape.size, math.exp(middle), sigma, residual)
 
     def _scaled(self, share: float, edge: int | None) -> ShapeFitter:
-        """A fitter of a shape that is larger by a factor, of which ``share`` is the logarithm."""
+        """A fitter of a shape scaled by ``exp(share)``, as a whole or in one dimension."""
         size = tuple(
             math.exp(share) * length if edge in (None, number) else length
             for number, length in enumerate(self.shape.size)
@@ -512,7 +516,7 @@ class ShapeFitter:
         return replace(self, shape=replace(self.shape, size=size))
 
     def _placed(self, view: OutlineView, axes: Matrix) -> OutlineScene | None:
-        """An object turned like this where the image has one, as far away as its area says."""
+        """A scene with a given rotation whose projection has the view's position and area."""
         width = self.shape.extent
         depth = view.focal_px * width * 1.5 / math.sqrt(view.detection.area_px)
         pixel = view.middle
@@ -534,7 +538,7 @@ class ShapeFitter:
         return float(np.mean(np.abs(outline_error(seen, view.edge, 0.0)[0])))
 
     def _solved(self, scene: OutlineScene, views: Sequence[OutlineView]) -> ShapeFit:
-        """Levenberg's and Marquardt's method from a scene."""
+        """Minimize the cost from an initial scene (Levenberg-Marquardt)."""
         level = self.shape.upward(scene.rotation) if self.flat else None
         normal, slope, cost, residual = self._equations(scene, views, level)
         damping = 1e-3
@@ -560,8 +564,8 @@ class ShapeFitter:
     def _equations(
         self, scene: OutlineScene, views: Sequence[OutlineView], level: Vector | None
     ) -> tuple[Matrix, Vector, float, float]:
-        """Normal matrix, slope, half the sum of squares, and what is left in px."""
-        normal, slope, cost = self._known_before(scene, level)
+        """Normal matrix, gradient, cost, and root-mean-square residual in px, with a Huber loss."""
+        normal, slope, cost = self._prior(scene, level)
         square = 0.0
         count = 0
         for view in views:
@@ -580,10 +584,8 @@ class ShapeFitter:
             count = count + len(error)
         return normal, slope, cost, math.sqrt(square / max(count, 1))
 
-    def _known_before(
-        self, scene: OutlineScene, level: Vector | None
-    ) -> tuple[Matrix, Vector, float]:
-        """What is known without an image: normal matrix, slope and half the sum of squares."""
+    def _prior(self, scene: OutlineScene, level: Vector | None) -> tuple[Matrix, Vector, float]:
+        """Normal matrix, gradient and cost of the priors."""
         off = np.zeros(UNKNOWNS)
         off[MOUNT_TURN] = vector_of(scene.mount_turn)
         off[MOUNT_SHIFT] = scene.mount_shift
@@ -603,6 +605,6 @@ class ShapeFitter:
 
 
 def canonical(fit: ShapeFit, shape: KnownShape) -> ShapeFit:
-    """The same, turned as the pose that looks alike and is turned least."""
+    """The equivalent fit with the least rotation from the axes of the world."""
     rotation = shape.canonical(fit.pose).rotation_matrix
     return replace(fit, scene=replace(fit.scene, rotation=rotation))

@@ -1,9 +1,13 @@
-"""Kalman filters of a target: where it is, how fast it moves and where it will be."""
+"""Kalman filters of a target: its position and motion now, and their prediction.
+
+`TargetEstimate` is an extended Kalman filter over a `MotionModel`, by default an `Oscillator`, with
+independent axes. `DualFilterEstimate` runs a second filter of low gain beside it, which takes over
+while the target rests.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from types import ModuleType
@@ -14,27 +18,28 @@ import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix, Vector
 
-# Motion models of a target between two images, for each axis separately.
+# Motion models
 #
-# A state has four numbers an axis, of which the first three are position, velocity and acceleration
-# in SI units. Noise is continuous, so that results do not depend on the frame rate.
+# Axes are independent. A state has four numbers per axis: position, velocity and acceleration in SI
+# units, and one that is the model's own. Process noise is continuous, so that results do not depend
+# on the frame rate.
 
 
 Stack = npt.NDArray[np.float64]
-"""One 4 by 4 matrix an axis, of shape (n, 4, 4)."""
+"""One 4 by 4 matrix per axis, of shape (n, 4, 4)."""
 
 _STATES = 4
 
 
 class MotionModel(Protocol):
-    """What a filter needs to know about motion."""
+    """Model of a target's motion between two images."""
 
     @property
     def spread(self) -> tuple[float, float, float]:
-        """Standard deviation of velocity, acceleration and the last state of a new target."""
+        """Initial standard deviations of velocity, acceleration and the last state."""
 
     def start(self, position: Vector) -> Matrix:
-        """State of shape (n, 4) of a target first seen at ``position`` of shape (n,)."""
+        """Initial state, of shape (n, 4), of a target first seen at a position of shape (n,), m."""
 
     def move(self, state: Matrix, dt: float) -> Matrix:
         """The state, of shape (n, 4), ``dt`` seconds on."""
@@ -43,21 +48,21 @@ class MotionModel(Protocol):
         """Derivative of ``move`` by the state, of shape (n, 4, 4) or (1, 4, 4)."""
 
     def noise(self, dt: float) -> Matrix:
-        """Covariance that ``dt`` seconds add, of shape (4, 4)."""
+        """Covariance of the process noise over ``dt`` seconds, of shape (4, 4)."""
 
-    def carry(self, state: Matrix, covariance: Stack, dt: float) -> tuple[Matrix, Stack]:
+    def propagate(self, state: Matrix, covariance: Stack, dt: float) -> tuple[Matrix, Stack]:
         """State and covariance, of shapes (n, 4) and (n, 4, 4), ``dt`` seconds on."""
 
     def confine(self, state: Matrix) -> Matrix:
-        """The nearest state, of shape (n, 4), that a target can have."""
+        """The nearest valid state, of shape (n, 4)."""
 
 
 @dataclass(frozen=True)
 class Oscillator:
-    """A sine of unknown frequency w, the fourth state in rad/s: p''' = -w² p'.
+    """A sine of unknown angular frequency w, the fourth state in rad/s: p''' = -w² p'.
 
-    Three integrators with white noise ``jerk_density`` in m²/s⁵, and a frequency that wanders
-    with ``frequency_density`` in rad²/s³, between 0 and ``highest_frequency``.
+    The jerk has white noise of ``jerk_density`` in m²/s⁵. The frequency is a random walk of
+    ``frequency_density`` in rad²/s³ between 0 and ``highest_frequency``.
     """
 
     jerk_density: float = 10.0
@@ -67,40 +72,40 @@ class Oscillator:
     spread: tuple[float, float, float] = (0.5, 3.0, 2.0)
 
     def start(self, position: Vector) -> Matrix:
-        """At rest, at the frequency of a slow curve."""
+        """At rest, with the frequency of a slow curve."""
         state = at_rest(position)
         state[:, 3] = self.start_frequency
         return state
 
     def move(self, state: Matrix, dt: float) -> Matrix:
-        """The sine through position, velocity and acceleration."""
+        """Evaluate the sine through position, velocity and acceleration."""
         moved = np.empty_like(state)
-        _kernels().swing(state, dt, moved)
+        kernels().swing(state, dt, moved)
         return moved
 
     def jacobian(self, state: Matrix, dt: float) -> Stack:
-        """Exact, by differentiating the sine."""
+        """Analytic derivative of the sine."""
         jacobian = np.empty((len(state), _STATES, _STATES))
-        _kernels().differentiate(state, dt, jacobian)
+        kernels().differentiate(state, dt, jacobian)
         return jacobian
 
     def noise(self, dt: float) -> Matrix:
-        """White noise through three integrators, and apart from it the frequency's."""
+        """White noise through three integrators, and independently that of the frequency."""
         noise = np.zeros((_STATES, _STATES))
         noise[:3, :3] = self.jerk_density * chain_noise(dt)[1:, 1:]
         noise[3, 3] = self.frequency_density * abs(dt)
         return noise
 
-    def carry(self, state: Matrix, covariance: Stack, dt: float) -> tuple[Matrix, Stack]:
-        """As `carried`, in machine code."""
+    def propagate(self, state: Matrix, covariance: Stack, dt: float) -> tuple[Matrix, Stack]:
+        """As `propagated`, by a compiled kernel."""
         moved = np.empty_like(state)
         spread = np.empty_like(covariance)
         densities = self.jerk_density, self.frequency_density
-        _kernels().carry(state, covariance, dt, densities, moved, spread)
+        kernels().propagate(state, covariance, dt, densities, moved, spread)
         return moved, spread
 
     def confine(self, state: Matrix) -> Matrix:
-        """Frequencies that an arm can reach: beyond, the linearised filter would run away."""
+        """Clip the frequency to what an arm can follow: beyond it the filter diverges."""
         confined = state.copy()
         frequency = confined[:, 3]
         np.minimum(np.maximum(frequency, 0.0), self.highest_frequency, out=frequency)
@@ -108,24 +113,24 @@ class Oscillator:
 
 
 @cache
-def _kernels() -> ModuleType:
-    """The kernels of an oscillator: an import statement costs as much as they do."""
+def kernels() -> ModuleType:
+    """The compiled kernels, imported once: an import statement costs as much as a kernel."""
     from bt_dualarm.perception import tracking_kernels
 
     return tracking_kernels
 
 
-def carried(
+def propagated(
     model: MotionModel, state: Matrix, covariance: Stack, dt: float
 ) -> tuple[Matrix, Stack]:
-    """State and covariance ``dt`` seconds on, by a model's derivative there and its noise."""
+    """State and covariance ``dt`` seconds on, by a model's Jacobian and noise (EKF prediction)."""
     jacobian = model.jacobian(state, dt)
     spread: Stack = jacobian @ covariance @ jacobian.swapaxes(1, 2) + model.noise(dt)
     return model.move(state, dt), spread
 
 
 def at_rest(position: Vector) -> Matrix:
-    """State of shape (n, 4) of a target that stands at a position of shape (n,), m."""
+    """State of shape (n, 4) of a target at rest at a position of shape (n,), m."""
     state = np.zeros((len(position), _STATES))
     state[:, 0] = position
     return state
@@ -145,23 +150,24 @@ def chain_noise(dt: float) -> Matrix:
 
 
 def warm_up_prediction() -> None:
-    """Have all kernels of motion models compiled."""
-    from bt_dualarm.perception.tracking_kernels import blend, blend_in_plane, correct
-
+    """Compile the kernels of filters."""
+    compiled = kernels()
     model = Oscillator()
     state = np.ones((1, _STATES))
     spread = np.ones((1, _STATES, _STATES))
     model.move(state, 1.0)
     model.jacobian(state, 1.0)
-    model.carry(state, spread, 1.0)
-    blend(state, 1.0, state, 1.0, 0.5, np.empty((3, 1)))
+    model.propagate(state, spread, 1.0)
+    compiled.blend(state, 1.0, state, 1.0, 0.5, np.empty((3, 1)))
     axes = np.ones((2, 1))
     motion = np.empty((3, 2))
-    blend_in_plane(state, 1.0, state, 1.0, 0.5, axes, np.ones(1), motion)
-    correct(state, spread, np.ones(1), np.ones(1))
+    compiled.blend_in_plane(state, 1.0, state, 1.0, 0.5, axes, np.ones(1), motion)
+    compiled.correct(state, spread, np.ones(1), np.ones(1))
 
 
-_HISTORY = 8
+# Filters
+
+_HISTORY = 8  # measurements that are kept, for late ones to be inserted
 
 
 class Motion(NamedTuple):
@@ -179,7 +185,7 @@ class _Belief(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """Where a target was: stamp in s, position in m and its variance in m², each of shape (n,)."""
+    """Position of a target: stamp in s, position in m and its variance in m², of shape (n,)."""
 
     stamp: float
     position: Vector
@@ -187,27 +193,27 @@ class Measurement(NamedTuple):
 
     @classmethod
     def of(cls, stamp: float, position: Vector, sigma: float | Vector) -> Measurement:
-        """One with a standard deviation in m for all axes, or one an axis."""
+        """Create a measurement; ``sigma`` in m is one for all axes or one per axis."""
         variance = np.empty(len(position))
         variance[:] = np.square(sigma)
         return cls(stamp, np.array(position, dtype=float), variance)
 
 
 class TargetEstimate:
-    """A Kalman filter (extended, where the model bends) with axes independent of each other.
+    """A Kalman filter with independent axes, extended for nonlinear motion models.
 
-    Measurements may come late and out of order: a short history is kept and run again.
+    Measurements may arrive late and out of order: a short history is kept, and filtered again.
 
     Args:
-        model: How targets move; an oscillator by default.
+        model: Motion model of the target; an oscillator by default.
     """
 
     def __init__(self, model: MotionModel | None = None) -> None:
         self._model: MotionModel = model or Oscillator()
         self._beliefs: list[_Belief] = []
         self._measurements: list[Measurement] = []
-        # What was asked of a time is asked of it again: by gate, window and the next measurement.
-        self._foreseen: tuple[_Belief, _Belief] | None = None
+        # Cached prediction: gate, search window and the next measurement ask for the same time.
+        self._predicted: tuple[_Belief, _Belief] | None = None
 
     @property
     def seen(self) -> bool:
@@ -224,21 +230,21 @@ class TargetEstimate:
         return self._last.stamp
 
     def fresh(self) -> TargetEstimate:
-        """One for another target, of the same model, that has not seen anything yet."""
+        """A new filter with the same model, for another target."""
         return TargetEstimate(self._model)
 
     def update(self, stamp: float, position: Vector, sigma: float | Vector) -> None:
         """Process a measurement.
 
         Args:
-            stamp: When it was true, s; one older than the history is ignored.
+            stamp: Time of the measurement, s; one older than the history is ignored.
             position: Position in m, of shape (n,).
-            sigma: Standard deviation in m: one for all axes or one an axis.
+            sigma: Standard deviation in m: one for all axes or one per axis.
         """
         self.enter(Measurement.of(stamp, position, sigma))
 
     def enter(self, measurement: Measurement) -> None:
-        """As `update`, what several estimates take in."""
+        """As `update`, with a measurement that several filters share."""
         stamp = measurement.stamp
         known = self._measurements
         later = [one for one in known if one.stamp > stamp] if known else []
@@ -252,7 +258,7 @@ class TargetEstimate:
         del self._beliefs[:-_HISTORY], known[:-_HISTORY]
 
     def predict(self, time: float) -> Motion:
-        """The target at any time, of the past too.
+        """Motion of the target at any time, past or future.
 
         Raises:
             ValueError: There has been no measurement.
@@ -266,7 +272,7 @@ class TargetEstimate:
 
         Args:
             axes: Unit vectors in the world, of shape (2, n).
-            origin: Where positions count from, of shape (n,), m.
+            origin: Origin of the positions, of shape (n,), m.
             time: Time, s.
 
         Raises:
@@ -296,7 +302,7 @@ class TargetEstimate:
         return float(np.sum(np.square(self.innovation(stamp, position, sigma))))
 
     def innovation(self, stamp: float, position: Vector, sigma: float | Vector) -> Vector:
-        """A measurement less its prediction, (n,), each axis in its standard deviations.
+        """A measurement less its prediction, over the standard deviation of each axis, (n,).
 
         Raises:
             ValueError: There has been no measurement.
@@ -315,8 +321,10 @@ class TargetEstimate:
     def _take(self, measurement: Measurement) -> None:
         if self._beliefs:
             belief = self._moved(self._last, measurement.stamp)
-            self._foreseen = None  # it is changed in place
-            _correct()(belief.state, belief.covariance, measurement.position, measurement.variance)
+            self._predicted = None  # the correction changes its arrays in place
+            kernels().correct(
+                belief.state, belief.covariance, measurement.position, measurement.variance
+            )
             state = self._model.confine(belief.state)
             belief = _Belief(belief.stamp, state, belief.covariance)
         else:
@@ -332,128 +340,114 @@ class TargetEstimate:
         return _Belief(measurement.stamp, self._model.start(measurement.position), covariance)
 
     def _moved(self, belief: _Belief, time: float) -> _Belief:
-        known = self._foreseen
+        known = self._predicted
         if known is not None and known[0] is belief and known[1].stamp == time:
             return known[1]
-        carried = self._model.carry(belief.state, belief.covariance, time - belief.stamp)
-        moved = _Belief(time, *carried)
-        self._foreseen = belief, moved
+        moved = _Belief(
+            time, *self._model.propagate(belief.state, belief.covariance, time - belief.stamp)
+        )
+        self._predicted = belief, moved
         return moved
 
 
-@cache
-def _correct() -> Callable[[Matrix, Stack, Vector, Vector], None]:
-    """The kernel that corrects: an import statement costs as much as it does."""
-    from bt_dualarm.perception.tracking_kernels import correct
-
-    return correct
-
-
-# Two filters in parallel: one of high gain, and one of low gain for as long as it is consistent.
+# Dual filter
 #
-# A filter that follows a fast target takes the noise of sightings for acceleration, and an arm that
-# tracks a target at rest with it trembles. A low-gain filter does not, but it lags where the target
-# turns. Its innovations show that: while the target moves as assumed they have both signs, and
-# their mean over a while is nearly zero (Bar-Shalom, Li, Kirubarajan, Estimation with Applications
-# to Tracking and Navigation, 5.4).
+# A filter that follows a fast target mistakes the noise of sightings for acceleration, and an arm
+# that tracks a target at rest with it trembles. A slow filter, of low gain, does not, but it lags
+# where the target turns. Its normalized innovations show that: while the target moves as assumed
+# they have both signs, and their moving average is nearly zero (Bar-Shalom, Li, Kirubarajan,
+# Estimation with Applications to Tracking and Navigation, 5.4).
 
 
 CALM_JERK = 0.01
-"""Density of the jerk of a target that rests or goes on evenly, m²/s⁵."""
+"""Jerk density of the slow filter, for targets at rest or in uniform motion, m²/s⁵."""
 
-_BELIEVED = (1.0, 3.0)  # mean squared distance: calm up to the one, lively from the other on
-_MOST = 10.0  # what is more counts as so much
-_MEAN_S = 0.3  # of innovations
-_FADES_S = 0.5  # in which a doubt does
+_TRUST_BOUNDS = (1.0, 3.0)  # statistic below which only the slow filter counts, above which not
+_MAX_STATISTIC = 10.0  # a larger one is clipped, so that trust returns in time
+_MEAN_S = 0.3  # time constant of the moving average of innovations
+_FADE_S = 0.5  # time constant with which a large statistic decays
 
 
 class DualFilterEstimate(TargetEstimate):
-    """The lively filter's estimate, or the calm one's where it has been right for a while.
+    """A blend of a fast filter and a slow one, which counts while its innovations are consistent.
 
     Args:
-        calmness: How easily the calm one is believed, from 0 (never) to 1.
-        jerk: Density of a calm target's jerk, in m²/s⁵.
-        model: How targets move at their liveliest; an oscillator by default.
+        calmness: Readiness to use the slow filter, from 0 (never) to 1.
+        jerk: Jerk density of the slow filter, in m²/s⁵.
+        model: Motion model of the fast filter; an oscillator by default.
     """
 
     def __init__(
         self, calmness: float = 1.0, jerk: float = CALM_JERK, model: Oscillator | None = None
     ) -> None:
-        lively = model or Oscillator()
-        super().__init__(lively)
-        self._lively = lively
+        fast = model or Oscillator()
+        super().__init__(fast)
+        self._fast = fast
         self._calmness = calmness
         self._jerk = jerk
-        self._calm = TargetEstimate(replace(lively, jerk_density=jerk))
+        self._slow = TargetEstimate(replace(fast, jerk_density=jerk))
         self._mean: Vector = np.zeros(1)
-        self._doubt = 0.0
-        self._share = self._believed()
+        self._statistic = 0.0
+        self._share = self._trusted_share()
 
     @property
     def slow_share(self) -> float:
-        """Weight of the calm filter, from 0 to 1."""
+        """Weight of the slow filter, from 0 to 1."""
         return self._share
 
     def fresh(self) -> DualFilterEstimate:
-        """One for another target, of the same models, that has not seen anything yet."""
-        return DualFilterEstimate(self._calmness, self._jerk, self._lively)
+        """A new filter with the same models, for another target."""
+        return DualFilterEstimate(self._calmness, self._jerk, self._fast)
 
     def update(self, stamp: float, position: Vector, sigma: float | Vector) -> None:
         """Process a measurement, as `TargetEstimate` does."""
         if self.seen and self.stamp < stamp:
-            self._judge(stamp - self.stamp, self._calm.innovation(stamp, position, sigma))
+            self._assess(stamp - self.stamp, self._slow.innovation(stamp, position, sigma))
         measurement = Measurement.of(stamp, position, sigma)
-        self._calm.enter(measurement)
+        self._slow.enter(measurement)
         self.enter(measurement)
 
     def predict(self, time: float) -> Motion:
-        """The target at any time, of the past too.
+        """Motion of the target at any time, past or future.
 
         Raises:
             ValueError: There has been no measurement.
         """
-        share = self._share
-        lively = self._last
-        calm = self._calm._last
-        motion = np.empty((3, len(lively.state)))
-        _blend_kernels().blend(
-            lively.state, time - lively.stamp, calm.state, time - calm.stamp, share, motion
-        )  # fmt: skip
+        fast = self._last
+        slow = self._slow._last
+        motion = np.empty((3, len(fast.state)))
+        kernels().blend(
+            fast.state, time - fast.stamp, slow.state, time - slow.stamp, self._share, motion
+        )
         return Motion(motion[0], motion[1], motion[2])
 
     def predict_in(self, axes: Matrix, origin: Vector, time: float) -> Matrix:
-        """The same in a plane, as `TargetEstimate` does.
+        """Motion in a plane, as `TargetEstimate.predict_in`.
 
         Raises:
             ValueError: There has been no measurement.
         """
-        lively = self._last
-        calm = self._calm._last
+        fast = self._last
+        slow = self._slow._last
         motion = np.empty((3, 2))
-        ahead = lively.state, time - lively.stamp, calm.state, time - calm.stamp
-        _blend_kernels().blend_in_plane(*ahead, self._share, axes, origin, motion)
+        states = fast.state, time - fast.stamp, slow.state, time - slow.stamp
+        kernels().blend_in_plane(*states, self._share, axes, origin, motion)
         return motion
 
-    def _judge(self, passed: float, innovation: Vector) -> None:
-        """Take the calm filter's newest innovation, of shape (n,), into account."""
+    def _assess(self, passed: float, innovation: Vector) -> None:
+        """Update the consistency statistic by the slow filter's innovation, of shape (n,)."""
         kept = math.exp(-passed / _MEAN_S)
         self._mean = kept * self._mean + (1.0 - kept) * innovation
-        count = (1.0 + kept) / (1.0 - kept)  # of independent numbers with a mean as sure as this
-        doubt = min(count * float(self._mean @ self._mean), _MOST)
-        self._doubt = max(doubt, self._doubt * math.exp(-passed / _FADES_S))
-        self._share = self._believed()
+        # Effective number of samples in the exponential average: the variance of the mean of that
+        # many independent values is that of the average.
+        count = (1.0 + kept) / (1.0 - kept)
+        statistic = min(count * float(self._mean @ self._mean), _MAX_STATISTIC)
+        self._statistic = max(statistic, self._statistic * math.exp(-passed / _FADE_S))
+        self._share = self._trusted_share()
 
-    def _believed(self) -> float:
-        """How far the calm filter is believed, from 0 to 1, by what speaks against it."""
+    def _trusted_share(self) -> float:
+        """Weight of the slow filter, from 0 to 1, by the consistency statistic."""
         if self._calmness == 0.0:
             return 0.0
-        low, high = (self._calmness * bound for bound in _BELIEVED)
-        return min(max((high - self._doubt) / (high - low), 0.0), 1.0)
-
-
-@cache
-def _blend_kernels() -> ModuleType:
-    """The kernels that blend: an import statement costs as much as they do."""
-    from bt_dualarm.perception import tracking_kernels
-
-    return tracking_kernels
+        low, high = (self._calmness * bound for bound in _TRUST_BOUNDS)
+        return min(max((high - self._statistic) / (high - low), 0.0), 1.0)

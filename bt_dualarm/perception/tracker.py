@@ -1,4 +1,9 @@
-"""Keeps one colored target in view: detect, localize, filter, and aim the next exposure."""
+"""Tracker of one colored target: detect, localize, filter, and select the next exposure.
+
+`TargetTracker` follows a target through the frames of a camera. It restricts each exposure to a
+window around the prediction, gates detections by it, trusts only the visible edges of a partly
+occluded target, and after a loss accepts only objects that can be the target (`Distractors`).
+"""
 
 from __future__ import annotations
 
@@ -22,16 +27,16 @@ from bt_dualarm.sim.frame import Frame, FrameFinding, Window
 from bt_dualarm.spec.values import Color
 
 NEWEST: Final = 1024
-"""Sightings that are kept whole: of several seconds, whatever the camera."""
+"""Number of complete sightings that are kept, enough for several seconds of any camera."""
 
 PLACES: Final = 2**16
-"""Sightings of which time and place are kept, at most: of half an hour at 30 Hz."""
+"""Largest number of sightings whose time and position are kept: half an hour at 30 Hz."""
 
-_NUMBERS: Final = 4  # stamp, x, y, z
+_COLUMNS: Final = 4  # stamp, x, y, z
 
 
 class Sightings:
-    """What a tracker has seen, oldest first; 32 bytes of each are kept until they are forgotten."""
+    """Sightings of a tracker, oldest first; of old ones only time and position are kept."""
 
     def __init__(self) -> None:
         self._newest: deque[Sighting] = deque(maxlen=NEWEST)
@@ -39,36 +44,36 @@ class Sightings:
         self._count = 0
 
     def __len__(self) -> int:
-        """Number of those that were taken up, ever."""
+        """Number of all sightings so far, also of those that were dropped."""
         return self._count
 
     def append(self, sighting: Sighting) -> None:
-        """Take one up; where nobody lets go of any, the older half of the places goes."""
-        if len(self._places) == _NUMBERS * PLACES:
-            del self._places[: _NUMBERS * PLACES // 2]
+        """Add a sighting; at `PLACES` sightings the older half of the positions is dropped."""
+        if len(self._places) == _COLUMNS * PLACES:
+            del self._places[: _COLUMNS * PLACES // 2]
         self._count += 1
         self._newest.append(sighting)
         self._places.extend((sighting.stamp, *sighting.point.tolist()))
 
     def newest(self, count: int = NEWEST) -> list[Sighting]:
-        """So many of the latest, or all that are kept whole, oldest first."""
+        """The latest complete sightings, oldest first."""
         latest = list(islice(reversed(self._newest), count))
         latest.reverse()
         return latest
 
     def places(self) -> tuple[Vector, Matrix]:
-        """When and where in the world it was seen, of those that are kept: s and m.
+        """Times and positions of the sightings that are kept.
 
         Returns:
-            Arrays of shapes (n,) and (n, 3).
+            Times, of shape (n,), s, and positions in the world, of shape (n, 3), m.
         """
-        rows = np.array(self._places).reshape(-1, _NUMBERS)
+        rows = np.array(self._places).reshape(-1, _COLUMNS)
         return rows[:, 0], rows[:, 1:]
 
     def forget(self, until: float) -> None:
-        """Let go of the places up to a time in s."""
+        """Drop the positions up to a time in s."""
         stamps, _ = self.places()
-        del self._places[: _NUMBERS * int(np.searchsorted(stamps, until, side="right"))]
+        del self._places[: _COLUMNS * int(np.searchsorted(stamps, until, side="right"))]
 
 
 _MIN_DEPTH_M: Final = 0.02
@@ -82,15 +87,15 @@ def window_about(
     size: tuple[int, int],
     otherwise: Window,
 ) -> Window:
-    """A square about where a target is predicted.
+    """Square search window around the predicted position of a target.
 
     Args:
-        place: Where that is from the camera: x right, y down, z forward, m.
-        about_px: Half of the target's width, and of what is left free about it, in pixels.
-        astray_m: How far from there the target may be, m.
+        place: Predicted position in the camera (x right, y down, z forward), m.
+        about_px: Half the target's width plus a margin, in pixels.
+        astray_m: Largest expected distance from the prediction, m.
         focal_px: Focal length in pixels.
         size: Width and height of the whole image in pixels.
-        otherwise: Window for a target that is not before the camera.
+        otherwise: Window for a target that is not in front of the camera, or not in the image.
     """
     x, y, depth = place
     if depth < _MIN_DEPTH_M:
@@ -109,20 +114,21 @@ def window_about(
 
 @dataclass(frozen=True)
 class TrackerSettings:
-    """When to believe a sighting, and where to look for the next.
+    """Parameters of gating and of the search window.
 
     Args:
-        lost_after: Unseen for longer, s, the target is lost.
-        confirm: Sightings in a row that make a lock.
+        lost_after: Time without a sighting after which the target is lost, s.
+        confirm: Consecutive sightings that make a lock.
         gate: Largest squared Mahalanobis distance from the prediction.
-        gate_sigma: What the gate allows for at least, m: a real target may jerk.
-        min_area: Smallest area in square pixels.
-        max_area: Largest.
+        gate_sigma: Least standard deviation of the gate, m: a real target may jerk.
+        min_area: Least area in square pixels.
+        max_area: Largest area in square pixels.
         window_sigmas: Half-width of the search window in standard deviations of the prediction.
-        window_speed: And no more, of what is in view, than it moves otherwise than predicted, m/s.
-        window_margin_px: And in pixels besides.
-        window_shakes: And in standard deviations of the camera's shake.
-        search_stride: Coarseness of the image while there is nothing to aim at.
+        window_speed: Largest deviation from the predicted velocity, which also limits the
+            half-width while the target is in view, m/s.
+        window_margin_px: Margin that is added, in pixels.
+        window_shakes: Margin that is added, in standard deviations of the camera's shake.
+        search_stride: Edge of the blocks of pixels while the target is lost.
     """
 
     lost_after: float = 0.1
@@ -138,38 +144,39 @@ class TrackerSettings:
     search_stride: int = 3
 
     def about_px(self, extent_px: float, noise_px: float) -> float:
-        """Half of a window about a target of which the place is known, in pixels.
+        """Half-width of the window around a precisely predicted target, in pixels.
 
         Args:
-            extent_px: Width of the target, or its height.
+            extent_px: Width or height of the target, whichever is larger.
             noise_px: Standard deviation of the camera's shake.
         """
         return 0.5 * extent_px + self.window_margin_px + self.window_shakes * noise_px
 
 
 FORESEEN_S: Final = 0.5
-"""A target that was lost is looked for where it should be after this long."""
+"""Time for which the motion of a lost target is extrapolated."""
 
 AWAY_M: Final = 0.2
-"""Distance from where it should be by then, or was seen before, at which it may appear again."""
+"""Largest distance from the extrapolated position, or from an earlier one, at which a lost target
+may reappear."""
 
-_LEAST_M: Final = 0.03
-"""Distance at which a target may be seen off its way at once, or its own width if that is more:
-what covers a part of it shifts its middle."""
+_MIN_DEVIATION_M: Final = 0.03
+"""Deviation from its path at which a target may reappear at once, or its own width if larger: an
+occluded part shifts its center."""
 
 _ACCELERATION: Final = 5.0
-"""m/s² by which a target goes otherwise than it went, while it is not seen."""
+"""Largest unpredicted acceleration of a target while it is not visible, m/s²."""
 
-_FASTEST: Final = 1.0
-"""m/s at which an object that is not the target is followed."""
+_DISTRACTOR_SPEED: Final = 1.0
+"""Largest speed of a distractor, m/s."""
 
-_REMEMBERED_S: Final = 0.5
-"""Seconds unseen after which an object that was not the target is forgotten: it may be hidden."""
+_DISTRACTOR_MEMORY_S: Final = 0.5
+"""Time without a sighting after which a distractor is forgotten: it may be occluded meanwhile."""
 
 
 @dataclass
-class _Other:
-    """One such object, as it was seen last."""
+class _Distractor:
+    """Last sighting of one distractor."""
 
     stamp: float
     point: Vector
@@ -177,30 +184,34 @@ class _Other:
 
 @dataclass
 class Distractors:
-    """Objects that have the target's look, seen while it was lost where it cannot have been.
+    """Objects that look like a lost target, but appeared where it cannot be.
 
     Attributes:
-        reason: Why the last one was refused; empty where none was.
-        count: How often one was refused in a frame.
+        reason: Why the last candidate was refused; empty if none was.
+        count: Number of refused candidates, over all frames.
     """
 
     reason: str = ""
     count: int = 0
-    _others: list[_Other] = field(default_factory=list)
+    _others: list[_Distractor] = field(default_factory=list)
 
     def forget(self) -> None:
-        """The target is found again: what else is in view is told apart by where that is."""
+        """Reset after the target is found again: its prediction then excludes other objects."""
         self._others.clear()
         self.reason = ""
 
     def refuse(self, why: str) -> None:
-        """Count something in a frame that is not the target, and keep why."""
+        """Count a candidate that is not the target, and keep the reason."""
         self.count += 1
         self.reason = why
 
     def follow(self, stamp: float, seen: list[Sighting]) -> list[bool]:
-        """Which of the objects in a frame are those that were refused before, each at most one."""
-        self._others = [one for one in self._others if stamp - one.stamp <= _REMEMBERED_S]
+        """Associate the objects in a frame with distractors, by nearest position.
+
+        Returns:
+            For each object whether it is a known distractor.
+        """
+        self._others = [one for one in self._others if stamp - one.stamp <= _DISTRACTOR_MEMORY_S]
         known = [False] * len(seen)
         for other in self._others:
             away = [
@@ -210,32 +221,33 @@ class Distractors:
             nearest = min(range(len(seen)), key=lambda i: away[i], default=None)
             if nearest is None:
                 break
-            if away[nearest] <= _LEAST_M + _FASTEST * (stamp - other.stamp):
+            if away[nearest] <= _MIN_DEVIATION_M + _DISTRACTOR_SPEED * (stamp - other.stamp):
                 known[nearest] = True
                 other.stamp = stamp
                 other.point = seen[nearest].point
         return known
 
     def add(self, stamp: float, sighting: Sighting) -> None:
-        """Remember an object that cannot be the target: later it is no more so."""
-        self._others.append(_Other(stamp, sighting.point))
+        """Remember an object that cannot be the target now: it is not the target later, either."""
+        self._others.append(_Distractor(stamp, sighting.point))
 
 
-def off_its_way(
+def distance_from_reach(
     lost: TargetEstimate, stamp: float, sighting: Sighting, been: Matrix, *, depth: bool
 ) -> float | None:
-    """Distance in m of an object from where a lost target can be by then; None if it can be there.
+    """Distance in m of an object from the region where a lost target can be; None if it is inside.
 
-    Within the first tenths of a second it is near the way that it was on, from where it was last
-    seen to where it would be by now, wherever on that it stopped. Later it may be anywhere near
-    where it should be or has been.
+    In the first tenths of a second the target is near the segment from its last position to the
+    extrapolated one, wherever it stopped. Later it may be near the extrapolated position, or near
+    any position where it was before.
 
     Args:
-        lost: What was known of the target when it was lost.
-        stamp: When the object is seen, s.
+        lost: Filter of the target when it was lost.
+        stamp: Time of the sighting, s.
         sighting: The object.
-        been: Places at which the target was seen, of shape (n, 3), m.
-        depth: Whether the target's depth was known; else places count as the camera sees them.
+        been: Positions of earlier sightings of the target, of shape (n, 3), m.
+        depth: Whether the target's depth was known; otherwise only distances across the line of
+            sight count.
     """
     begin = lost.predict(lost.stamp).position
     expected = lost.predict(min(stamp, lost.stamp + FORESEEN_S)).position
@@ -244,7 +256,7 @@ def off_its_way(
     across = np.eye(3) if depth else np.eye(3) - np.outer(ahead, ahead) / float(ahead @ ahead)
     away = _from_segment(across @ point, across @ begin, across @ expected)
     late = stamp - lost.stamp
-    free = max(_LEAST_M, sighting.side) + 0.5 * _ACCELERATION * late**2
+    free = max(_MIN_DEVIATION_M, sighting.side) + 0.5 * _ACCELERATION * late**2
     if free < AWAY_M:
         return away if away > free else None
     near = np.vstack((expected[None], been))
@@ -253,28 +265,36 @@ def off_its_way(
 
 
 def _from_segment(point: Vector, begin: Vector, end: Vector) -> float:
-    way = end - begin
-    length = float(way @ way)
-    share = 0.0 if length == 0.0 else min(max(float((point - begin) @ way) / length, 0.0), 1.0)
-    return float(np.linalg.norm(point - begin - share * way))
+    segment = end - begin
+    square = float(segment @ segment)
+    share = 0.0 if square == 0.0 else min(max(float((point - begin) @ segment) / square, 0.0), 1.0)
+    return float(np.linalg.norm(point - begin - share * segment))
 
 
-# most sightings, and oldest, that make an estimate anew
-_RELOCATED = 60
-_RELOCATED_S = 1.0
-_RESIZED = 0.01  # by less, what is known of its size still fits
-_FORGOTTEN_S = 1.0  # and after this long one that was hardly seen may be of any size
+_REFILTERED = 60  # largest number of sightings from which the filter is restarted
+_REFILTERED_S = 1.0  # and their largest age
+_RESIZED = 0.01  # relative change of the size beyond which the outline is discarded
+_SIZE_MEMORY_S = 1.0  # time after a loss for which an unreliable size counts
 
 
 class TargetTracker:
-    """Follows one target through the frames of one camera; ``close`` it when done.
+    """Follows one target through the frames of one camera; `close` it when done.
 
     Args:
-        camera: Subscribed to, and aimed, until ``close``.
-        color: What the target looks like.
-        localizer: Brings detections into the world.
-        estimate: The filter; with an oscillator's model by default.
-        settings: Gates and windows.
+        camera: Camera, which is subscribed to and aimed until `close`.
+        color: Color of the target.
+        localizer: Localizer of detections.
+        estimate: Filter; by default one with an oscillator model.
+        settings: Parameters of gating and search window.
+
+    Attributes:
+        detection: Detection in the last frame, if any.
+        frames: Number of frames so far.
+        lost_count: Number of losses so far.
+        last_stamp: Stamp of the last sighting of the locked target, s; -inf before the first.
+        lost_since: Stamp of the last sighting before the current loss, s; None if not lost.
+        sightings: Sightings so far.
+        distractors: Objects that were refused after a loss.
     """
 
     def __init__(
@@ -309,14 +329,14 @@ class TargetTracker:
 
     @property
     def locked(self) -> bool:
-        """Whether the target was seen in enough frames in a row, and not lost since.
+        """Whether the target was detected in enough consecutive frames, and not lost since.
 
-        Frames that never come are not noticed here: ask ``age`` before moving.
+        This does not notice missing frames: check `age` before moving.
         """
         return not self._hunting and self._in_row >= self._settings.confirm
 
     def age(self, time: float) -> float:
-        """Seconds since the exposure that last showed a locked target; inf if none ever did."""
+        """Seconds since the last exposure that showed the locked target; inf before the first."""
         return time - self.last_stamp
 
     def predict(self, time: float) -> Motion:
@@ -328,18 +348,18 @@ class TargetTracker:
         return self._estimate.predict(time)
 
     def predict_in(self, axes: Matrix, origin: Vector, time: float) -> Matrix:
-        """The same along two axes, of shape (3, 2); see `TargetEstimate.predict_in`."""
+        """Predicted motion along two axes, of shape (3, 2); see `TargetEstimate.predict_in`."""
         return self._estimate.predict_in(axes, origin, time)
 
     def close(self) -> None:
-        """Stop listening to the camera and aiming it; harmless when repeated."""
+        """Unsubscribe from the camera and stop aiming it; harmless when repeated."""
         self._unsubscribe()
-        self._unsubscribe = lambda: None  # what refers back to this would keep it in memory
+        self._unsubscribe = lambda: None  # breaks a reference cycle
         if self._camera.aim == self.window:
             self._camera.aim = None
 
     def on_frame(self, frame: Frame) -> None:
-        """Take in one frame."""
+        """Process one frame."""
         self.frames += 1
         self._focal_px = frame.focal_px
         self._noise_px = frame.noise_px
@@ -349,10 +369,10 @@ class TargetTracker:
             self._missed(frame.stamp)
         else:
             self._take(chosen, frame)
-        self._camera.findings.append(self._look(frame.stamp))
+        self._camera.findings.append(self._finding(frame.stamp))
 
     def window(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
-        """Where the target will be seen at ``stamp``, wide enough for what is not known."""
+        """Search window around the target at ``stamp``, or the whole image if lost."""
         settings = self._settings
         everything = Window(None, settings.search_stride)
         if self._hunting:
@@ -364,10 +384,10 @@ class TargetTracker:
         return window_about(place, about, self._astray(stamp), *eye, everything)
 
     def _astray(self, stamp: float) -> float:
-        """How far from where it is predicted the target may be seen, m.
+        """Largest expected distance of the target from its prediction, m.
 
-        Of one that may be covered in part the filter doubts where the middle is, not where it was
-        seen: what is in view does not leave that place faster than anything moves.
+        If the target is partly occluded, the filter is uncertain about its center, but its visible
+        part cannot move faster than any target: then that limits the distance.
         """
         sigma = math.sqrt(float(self._estimate.variance(stamp).max()))
         seen = self.detection
@@ -380,7 +400,7 @@ class TargetTracker:
         return min(doubt, reach + math.sqrt(late.dot(late)))
 
     def _choose(self, frame: Frame) -> VisiblePart | None:
-        """What the frame shows of the target."""
+        """Select the detection that is the target, if any."""
         found = self._found(frame)
         if not self._hunting:
             return self._fitting(found, frame)
@@ -388,8 +408,8 @@ class TargetTracker:
             return max(found, key=lambda seen: seen.detection.area_px, default=None)
         return self._returning(found, self._before_loss, frame.stamp)
 
-    def _look(self, stamp: float) -> FrameFinding:
-        """What the last frame has come to, for the record."""
+    def _finding(self, stamp: float) -> FrameFinding:
+        """Annotation of the last frame, for the record."""
         seen = self.detection
         point = None
         if not self._hunting:
@@ -400,21 +420,21 @@ class TargetTracker:
         return FrameFinding(stamp, seen.centroid_px, seen.area_px, point, self.locked)
 
     def _found(self, frame: Frame) -> list[VisiblePart]:
-        """All that has the color and can be where the target can be."""
+        """All detections of the color that can be localized."""
         settings = self._settings
         found = []
         for detection in detect_all(frame, self._color, settings.min_area, settings.max_area):
             try:
                 sighting = self._localizer.locate(detection, frame)
             except LocalizationError:
-                # A patch of the right color where the target cannot be is not the target.
+                # A region of the right color where no target can be is not the target.
                 continue
             whole = self._outline.shows_whole(detection, sighting, frame)
             found.append(VisiblePart(detection, sighting, whole))
         return found
 
     def _fitting(self, found: list[VisiblePart], frame: Frame) -> VisiblePart | None:
-        """The one that fits the prediction best, by position, size and edges."""
+        """The detection that fits the prediction best, by position, size and edges."""
         expected = self._estimate.predict(frame.stamp).position
         sigma = math.sqrt(float(self._estimate.variance(frame.stamp).max()))
         best = None
@@ -434,9 +454,9 @@ class TargetTracker:
     def _returning(
         self, found: list[VisiblePart], lost: TargetEstimate, stamp: float
     ) -> VisiblePart | None:
-        """The one of the right size that is nearest to where a lost target should be, if near."""
+        """The detection that may be the lost target and is nearest to its extrapolated position."""
         late = stamp - lost.stamp
-        if late > _FORGOTTEN_S and not self._outline.well_known:
+        if late > _SIZE_MEMORY_S and not self._outline.well_known:
             self._outline.forget()
         if not found:
             return None
@@ -448,9 +468,9 @@ class TargetTracker:
         for seen, is_other in zip(found, others, strict=True):
             sighting = seen.sighting
             if is_other:
-                self.distractors.refuse("it came from where the target cannot have been")
+                self.distractors.refuse("it came from a place where the target cannot have been")
                 continue
-            off = off_its_way(lost, stamp, sighting, been, depth=self._outline.known)
+            off = distance_from_reach(lost, stamp, sighting, been, depth=self._outline.known)
             if off is not None:
                 self.distractors.add(stamp, sighting)
                 self.distractors.refuse(f"it appeared {off:.2f} m from where the target can be")
@@ -486,23 +506,23 @@ class TargetTracker:
         if seen.whole:
             if self._localizer.learn(detection, frame):
                 self._relocate(sighting.stamp)
-            # By what is known now: else the size would be one that fits a depth of before.
+            # Localize again by what was learned: the size must fit the new depth.
             seen = seen._replace(sighting=self._localizer.locate(detection, frame))
         if not detection.touches_border:
             self._outline.learn(seen, frame)
         left, top, right, bottom = detection.bounds_px
-        # Cut off at the window's edge it is larger than it looks.
+        # A target that the window cuts off is larger than it appears.
         growth = 2.0 if detection.touches_border else 1.0
         self._extent_px = growth * max(right - left, bottom - top)
 
     def _relocate(self, stamp: float) -> None:
-        """Estimate anew from what was seen of late, where it was by what is known now."""
+        """Restart the filter from recent sightings, relocated by what is known now."""
         (newest,) = self.sightings.newest(1)
         if abs(self._localizer.relocate(newest).side / newest.side - 1.0) > _RESIZED:
             self._outline.forget()
         self._estimate = self._estimate.fresh()
-        for sighting in self.sightings.newest(min(_RELOCATED, self._in_row)):
-            if sighting.stamp > stamp - _RELOCATED_S:
+        for sighting in self.sightings.newest(min(_REFILTERED, self._in_row)):
+            if sighting.stamp > stamp - _REFILTERED_S:
                 now = self._localizer.relocate(sighting)
                 self._estimate.update(now.stamp, now.point, now.sigma)
 
@@ -510,7 +530,7 @@ class TargetTracker:
         if self._hunting:
             return
         if self._in_row < self._settings.confirm:
-            # A speck that did not stay: not yet a target, so not a loss either.
+            # A detection that was not confirmed is no target, so this is not a loss.
             self._estimate = self._before_loss or self._estimate.fresh()
             self._hunting = True
         elif stamp - self.last_stamp > self._settings.lost_after:

@@ -1,4 +1,4 @@
-"""Filters, motion models and rest detection of a tracked target: compiled."""
+"""Compiled kernels of tracking: filters, motion model, oscillation and rest detection."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import numpy.typing as npt
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 
-# What one measurement tells a Kalman filter of axes that are independent of each other.
+# Kalman filter
 
 
 @kernel
 def correct(
     state: Matrix, covariance: npt.NDArray[np.float64], position: Vector, variance: Vector
 ) -> None:
-    """Bring states and covariances up to date with a measurement of the first numbers.
+    """Correct states and covariances by a measurement of the positions.
 
     Args:
-        state: States of shape (n, 4); they are changed.
-        covariance: Their covariances, of shape (n, 4, 4); they are changed, and stay symmetric.
-        position: What was measured, of shape (n,).
-        variance: Its variance, of shape (n,).
+        state: States of shape (n, 4); changed.
+        covariance: Their covariances, of shape (n, 4, 4); changed, stay symmetric.
+        position: Measured positions, of shape (n,).
+        variance: Variances of the measurement, of shape (n,).
     """
     for axis in range(len(state)):
         own = covariance[axis]
@@ -35,25 +35,30 @@ def correct(
             state[axis, number] += gain[number] * innovation
             for other in range(4):
                 own[number, other] -= gain[number] * row[other]
-        # Joseph's form would cost twice as much; four states in doubles stay symmetric enough.
+        # Symmetrize. Joseph's form would cost twice as much, and is not needed with four states.
         for number in range(4):
             for other in range(number):
                 own[number, other] = 0.5 * (own[number, other] + own[other, number])
                 own[other, number] = own[number, other]
 
 
-# How a sine of unknown frequency goes on, and what is known of it by then; see `Oscillator`.
-
+# Oscillator: a sine of unknown frequency
 
 Stack: TypeAlias = npt.NDArray[np.float64]
 
 MIN_FREQUENCY = 1e-3
-"""Frequency in rad/s that a slower one is taken for."""
+"""Least frequency in rad/s: avoids a division by zero, indistinguishable from 0."""
 
 
 @kernel
 def swing(state: Matrix, dt: float, moved: Matrix) -> None:
-    """Enter states of shape (n, 4) ``dt`` seconds on: a sine through the first three numbers."""
+    """Evaluate the sine through position, velocity and acceleration ``dt`` seconds on.
+
+    Args:
+        state: States of shape (n, 4).
+        dt: Seconds.
+        moved: Takes the states then, likewise.
+    """
     for axis in range(len(state)):
         p = state[axis, 0]
         v = state[axis, 1]
@@ -70,7 +75,7 @@ def swing(state: Matrix, dt: float, moved: Matrix) -> None:
 
 @kernel
 def differentiate(state: Matrix, dt: float, jacobian: Stack) -> None:
-    """Enter the derivative of `swing` by the state, of shape (n, 4, 4)."""
+    """Enter the Jacobian of `swing` with respect to the state, of shape (n, 4, 4)."""
     for axis in range(len(state)):
         v = state[axis, 1]
         a = state[axis, 2]
@@ -93,19 +98,19 @@ def differentiate(state: Matrix, dt: float, jacobian: Stack) -> None:
 
 
 @kernel
-def carry(
+def propagate(
     state: Matrix, covariance: Stack, dt: float, densities: tuple[float, float],
     moved: Matrix, spread: Stack,
 ) -> None:  # fmt: skip
-    """Enter states and their covariances ``dt`` seconds on.
+    """Propagate states and covariances by ``dt`` seconds (prediction step of the EKF).
 
     Args:
         state: States of shape (n, 4).
         covariance: Their covariances, of shape (n, 4, 4).
         dt: Seconds.
-        densities: Densities of the jerk's noise in m²/s⁵ and of the frequency's in rad²/s³.
-        moved: States then, of shape (n, 4), to be filled.
-        spread: Covariances then, of shape (n, 4, 4), to be filled.
+        densities: Noise densities of the jerk in m²/s⁵ and of the frequency in rad²/s³.
+        moved: Takes the states then, of shape (n, 4).
+        spread: Takes the covariances then, of shape (n, 4, 4).
     """
     jacobian = np.empty((len(state), 4, 4))
     half = np.empty((4, 4))
@@ -130,7 +135,7 @@ def carry(
 
 @kernel
 def _noise(t: float, densities: tuple[float, float]) -> Matrix:
-    """Covariance of white noise through three integrators, and apart from it the frequency's."""
+    """Covariance of white jerk noise through three integrators, and of the frequency's noise."""
     noise = np.zeros((4, 4))
     for row in range(3):
         for column in range(3):
@@ -143,22 +148,22 @@ def _noise(t: float, densities: tuple[float, float]) -> Matrix:
 
 @kernel
 def blend(
-    lively: Matrix, dt: float, calm: Matrix, calm_dt: float, share: float, motion: Matrix
+    fast: Matrix, dt: float, slow: Matrix, slow_dt: float, share: float, motion: Matrix
 ) -> None:
-    """Enter position, velocity and acceleration between those of two states.
+    """Predict two states and interpolate position, velocity and acceleration between them.
 
     Args:
-        lively: One state, of shape (n, 4).
-        dt: Seconds on at which it is asked for.
-        calm: The other, of shape (n, 4).
-        calm_dt: Seconds on at which that is asked for.
-        share: Weight of the other, from 0 to 1.
-        motion: Rows to be filled with them, of shape (3, n).
+        fast: State of the fast filter, of shape (n, 4).
+        dt: Seconds of its prediction.
+        slow: State of the slow filter, of shape (n, 4).
+        slow_dt: Seconds of its prediction.
+        share: Weight of the slow filter, from 0 to 1.
+        motion: Takes position, velocity and acceleration, of shape (3, n).
     """
-    one = np.empty_like(lively)
-    other = np.empty_like(calm)
-    swing(lively, dt, one)
-    swing(calm, calm_dt, other)
+    one = np.empty_like(fast)
+    other = np.empty_like(slow)
+    swing(fast, dt, one)
+    swing(slow, slow_dt, other)
     for axis in range(len(one)):
         for order in range(3):
             apart = other[axis, order] - one[axis, order]
@@ -167,63 +172,62 @@ def blend(
 
 @kernel
 def blend_in_plane(
-    lively: Matrix,
+    fast: Matrix,
     dt: float,
-    calm: Matrix,
-    calm_dt: float,
+    slow: Matrix,
+    slow_dt: float,
     share: float,
     axes: Matrix,
     origin: Vector,
     motion: Matrix,
 ) -> None:
-    """Enter the same along two axes.
+    """As `blend`, along two axes.
 
     Args:
-        lively: One state, of shape (n, 4).
-        dt: Seconds on at which it is asked for.
-        calm: The other, of shape (n, 4).
-        calm_dt: Seconds on at which that is asked for.
-        share: Weight of the other, from 0 to 1.
+        fast: State of the fast filter, of shape (n, 4).
+        dt: Seconds of its prediction.
+        slow: State of the slow filter, of shape (n, 4).
+        slow_dt: Seconds of its prediction.
+        share: Weight of the slow filter, from 0 to 1.
         axes: Unit vectors, of shape (2, n).
-        origin: Where positions count from, of shape (n,).
-        motion: Rows to be filled with position, velocity and acceleration, of shape (3, 2).
+        origin: Origin of the positions, of shape (n,).
+        motion: Takes position, velocity and acceleration, of shape (3, 2).
     """
-    whole = np.empty((3, len(lively)))
-    blend(lively, dt, calm, calm_dt, share, whole)
+    whole = np.empty((3, len(fast)))
+    blend(fast, dt, slow, slow_dt, share, whole)
     whole[0] -= origin
     for order in range(3):
         for axis in range(2):
             total = 0.0
-            for k in range(len(lively)):
+            for k in range(len(fast)):
                 total += axes[axis, k] * whole[order, k]
             motion[order, axis] = total
 
 
-# Whether a camera swings to and fro, told by its places.
+# Oscillation of a camera, from its positions
 
+_ROUNDING_FACTOR = 1.0 - 1e-9
+"""Factor of a leg's length below which, despite rounding, there certainly is no leg."""
 
-_SURELY_NO_LEG = 1.0 - 1e-9
-"""Share of a leg that what spreads less surely has not, whatever the rounding."""
-
-_TURNS = 30
-"""Turns after which the axes of three by three products are known to the last bit."""
+_MAX_ROTATIONS = 30
+"""Jacobi rotations after which a 3 by 3 matrix is diagonal to the last bit."""
 
 
 @kernel
 def last_swing(places: Matrix, leg: float, legs: int) -> int:
-    """Index of the place at which the last legs to and fro began; -1 if there are fewer.
+    """Index of the position at which the last legs to and fro began; -1 if there are fewer.
 
-    Legs are those along the axis along which the places spread most.
+    A leg is a monotonic motion along the principal axis of the positions.
 
     Args:
-        places: Places, of shape (n, 3), in m; one at least.
-        leg: Least length of a leg in m.
-        legs: Number of them.
+        places: Positions, of shape (n, 3), m; at least one.
+        leg: Least length of a leg, m.
+        legs: Number of legs.
     """
     middle = np.empty(3)
     products = np.empty((3, 3))
-    # Along no direction do they reach farther than the diagonal of their box.
-    if spread(places, middle, products) < _SURELY_NO_LEG * leg:
+    # The diagonal of the bounding box is an upper bound of the extent along any direction.
+    if spread(places, middle, products) < _ROUNDING_FACTOR * leg:
         return -1
     return swing_begin(places, middle, longest_axis(products), leg, legs)
 
@@ -232,14 +236,14 @@ def last_swing(places: Matrix, leg: float, legs: int) -> int:
 def longest_axis(products: Matrix) -> Vector:
     """Unit eigenvector of the largest eigenvalue of a symmetric matrix, of shape (3, 3).
 
-    Jacobi's method (Golub and Van Loan, Matrix Computations, 8.5): turn the largest of the
-    elements beside the diagonal to zero, until none is left.
+    Jacobi's method (Golub and Van Loan, Matrix Computations, 8.5): rotate the largest off-diagonal
+    element to zero, until none is left.
 
     Args:
         products: The matrix; it becomes diagonal.
     """
     axes = np.eye(3)
-    for _ in range(_TURNS):
+    for _ in range(_MAX_ROTATIONS):
         p = 0
         q = 1
         for i, j in ((0, 2), (1, 2)):
@@ -258,7 +262,7 @@ def longest_axis(products: Matrix) -> Vector:
 
 @kernel
 def _turn_to_zero(products: Matrix, axes: Matrix, p: int, q: int) -> None:
-    """Turn one element of the products, which is not 0, to zero, and the axes with them."""
+    """Rotate one element, which is not 0, to zero, and the axes with it."""
     ratio = float(products[q, q] - products[p, p]) / float(2.0 * products[p, q])
     tangent = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
     cosine = 1.0 / math.sqrt(1.0 + tangent**2)
@@ -271,7 +275,7 @@ def _turn_to_zero(products: Matrix, axes: Matrix, p: int, q: int) -> None:
 
 @kernel
 def _turn_columns(matrix: Matrix, p: int, q: int, turn: tuple[float, float]) -> None:
-    """Turn two columns of a matrix of shape (3, 3) by an angle with this cosine and sine."""
+    """Rotate two columns of a matrix of shape (3, 3) by an angle given by cosine and sine."""
     cosine, sine = turn
     for i in range(3):
         first = matrix[i, p]
@@ -282,12 +286,12 @@ def _turn_columns(matrix: Matrix, p: int, q: int, turn: tuple[float, float]) -> 
 
 @kernel
 def spread(places: Matrix, middle: Vector, products: Matrix) -> float:
-    """Diagonal in m of the box about places; enters how they lie in it.
+    """Mean and scatter matrix of positions; returns the diagonal of their bounding box, m.
 
     Args:
-        places: Places, of shape (n, 3), in m; one at least.
-        middle: Takes their mean, of shape (3,), in m.
-        products: Takes the sums of products of their offsets from it, of shape (3, 3), in m².
+        places: Positions, of shape (n, 3), m; at least one.
+        middle: Takes their mean, of shape (3,), m.
+        products: Takes their scatter matrix, of shape (3, 3), m².
     """
     count = len(places)
     square = 0.0
@@ -305,16 +309,16 @@ def spread(places: Matrix, middle: Vector, products: Matrix) -> float:
 
 @kernel
 def swing_begin(places: Matrix, middle: Vector, axis: Vector, leg: float, legs: int) -> int:
-    """Index of the place at which the last legs to and fro began; -1 if there are fewer.
+    """Index of the position at which the last legs to and fro began; -1 if there are fewer.
 
-    The first place and the last end a leg, too.
+    The first and the last position end a leg, too.
 
     Args:
-        places: Places, of shape (n, 3), in m.
-        middle: Place from which ways along the axis are counted, of shape (3,), in m.
-        axis: Unit vector along which legs are, of shape (3,).
-        leg: Least length of a leg in m.
-        legs: Number of them.
+        places: Positions, of shape (n, 3), m.
+        middle: Origin of the coordinate along the axis, of shape (3,), m.
+        axis: Unit vector of the legs' direction, of shape (3,).
+        leg: Least length of a leg, m.
+        legs: Number of legs.
     """
     turns = np.zeros(len(places) + 1, np.int64)
     count = 1
@@ -350,15 +354,15 @@ def swing_begin(places: Matrix, middle: Vector, axis: Vector, leg: float, legs: 
 
 @kernel
 def slope_against(eyes: Matrix, lines: Matrix, depth: float) -> tuple[float, float]:
-    """How far what is seen moves for each meter of a camera, by least squares.
+    """Apparent motion of a target per meter of camera motion, by least squares.
 
     Args:
-        eyes: Places of the camera, of shape (n, 3), in m, not all the same.
-        lines: Ways to what is seen for each meter of depth, of shape (n, 3).
-        depth: Depth in m at which it is believed to be.
+        eyes: Positions of the camera, of shape (n, 3), m, not all the same.
+        lines: Lines of sight per meter of depth, of shape (n, 3).
+        depth: Assumed depth of the target, m.
 
     Returns:
-        The slope, and the share of what the target seems to move that it explains.
+        The slope, and the share of the apparent motion's variance that it explains.
     """
     count = len(eyes)
     eye = np.zeros(3)
@@ -367,44 +371,44 @@ def slope_against(eyes: Matrix, lines: Matrix, depth: float) -> tuple[float, flo
         for i in range(3):
             eye[i] += eyes[index, i] / count
             seen[i] += (eyes[index, i] + depth * lines[index, i]) / count
-    both = 0.0
-    swung = 0.0
-    moved = 0.0
+    product = 0.0
+    eye_square = 0.0
+    seen_square = 0.0
     for index in range(count):
         for i in range(3):
             off = eyes[index, i] - eye[i]
             place = eyes[index, i] + depth * lines[index, i] - seen[i]
-            both += place * off
-            swung += off * off
-            moved += place * place
-    slope = both / swung
-    return slope, slope * both / moved if moved > 0.0 else 0.0
+            product += place * off
+            eye_square += off * off
+            seen_square += place * place
+    slope = product / eye_square
+    return slope, slope * product / seen_square if seen_square > 0.0 else 0.0
 
 
-# Whether newest sightings of a target are elsewhere than its first ones; see `RestDetector`.
-
+# Rest detection; see `RestDetector`
 
 COLUMNS: Final = 5
-"""Numbers of a sighting: place of the camera along the plane (2), slope (2), variance."""
+"""Columns of a sighting: position of the camera along the plane (2), slope (2), variance."""
 
 VARIANCE: Final = 4
 
 FIRST: Final = 24
-"""First sightings that make a mean."""
+"""Number of first sightings that are averaged."""
 
 FEWEST: Final = 3
-"""Newest sightings all of which have to be elsewhere."""
+"""Number of newest sightings all of which must have moved."""
 
-_SIGMAS: Final = 6.0  # of a mean: exceeded at rest once in 10⁷ frames, and by 2.5 mm hardly ever
-_DOUBLINGS: Final = 5  # of the count of newest sightings whose mean is compared
+_SIGMAS: Final = 6.0  # of a mean: exceeded at rest once in 10⁷ frames
+_DOUBLINGS: Final = 5  # of the number of newest sightings that are averaged
 
 
 @kernel
 def scatter(newest: Matrix, depth: float) -> float:
-    """Standard deviation of a sighting along an axis: as expected, or as seen if that is more.
+    """Standard deviation of a sighting along an axis: the expected or the observed, if larger.
 
-    Seen in third differences, which smooth movement does not enter (with first ones: Rice,
-    Annals of Statistics 12, 1984).
+    The observed one is from third differences, in which smooth motion cancels (after Rice, Annals
+    of Statistics 12, 1984, who uses first differences). Their variance is 1 + 9 + 9 + 1 = 20 times
+    that of a sighting.
     """
     count = len(newest)
     expected = 0.0
@@ -426,15 +430,15 @@ def scatter(newest: Matrix, depth: float) -> float:
 def has_moved(
     rows: Matrix, leaving: int, firsts: Matrix, depth: float, doubt: float, far: float
 ) -> bool:
-    """Whether the newest sightings, of however many, are farther from the first ones than `far`.
+    """Whether the mean of the newest sightings, over any window, is too far from the first ones.
 
     Args:
-        rows: Sightings of late, oldest first, of shape (n, `COLUMNS`).
-        leaving: Number of those that are no more among the newest.
-        firsts: Means of the first ones, by slope, of shape (m, `COLUMNS`).
-        depth: Distance at which the target is believed to be, in m.
+        rows: Recent sightings, oldest first, of shape (n, `COLUMNS`).
+        leaving: Number of them that no longer count as newest.
+        firsts: Means of the first sightings, by slope, of shape (m, `COLUMNS`).
+        depth: Estimated depth of the target, m.
         doubt: Factor by which it may be larger or smaller.
-        far: Distance in m.
+        far: Displacement beyond which the target has moved, m.
     """
     newest = rows[leaving:]
     now = np.zeros(COLUMNS)
@@ -468,7 +472,7 @@ def has_moved(
 
 @kernel
 def _is_apart(newest: Matrix, then: Vector, depth: float, doubt: float, far: float) -> bool:
-    """Whether all of the last are: one or two sightings far off move a mean, too."""
+    """Whether all of the last sightings have moved: one or two outliers move a mean, too."""
     apart = True
     for number in range(len(newest) - FEWEST, len(newest)):
         apart = apart and _excess(newest[number], then, 0.0, depth, doubt) > far
@@ -477,10 +481,10 @@ def _is_apart(newest: Matrix, then: Vector, depth: float, doubt: float, far: flo
 
 @kernel
 def _excess(now: Vector, then: Vector, allowed: float, depth: float, doubt: float) -> float:
-    """How far it moved at least, in m, less what the scatter explains, whatever the depth.
+    """Least displacement in m beyond what the scatter explains, over all possible depths.
 
-    The least of |e + z s| - z a over z, the depth as a share of the believed one: of a convex
-    function, in closed form.
+    With the depth z as a factor of the estimated one, the displacement is |e + z s|, and the
+    scatter explains z a. Their difference is convex in z; its minimum has a closed form.
     """
     x = now[0] - then[0]
     y = now[1] - then[1]

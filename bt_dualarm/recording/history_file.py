@@ -1,4 +1,9 @@
-"""The history file: blocks of data and packed arrays that survive the end of the process."""
+"""The history file: blocks of data and packed arrays, complete even if the process is killed.
+
+`HistoryWriter` appends each `Block` by one system call, with a checksum; `read_history` reads up to
+the first damage. Records are sent around with bug reports, so their files are untrusted: no length,
+type or kind of file is used before it is checked, and `ReadBudget` limits the memory.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +29,10 @@ from pydantic_core import from_json
 
 from bt_dualarm.core.errors import DualArmError
 
-# Records are sent around with bug reports, so their files are untrusted: no length, type or kind of
-# file is used before it is checked.
-
+# Untrusted files
 
 MOST_MEMORY: Final = 600 * 2**20
-"""Largest size of a record in memory, bytes: with Python and MuJoCo less than 1 GB."""
+"""Largest size of a record in memory, bytes; with Python and MuJoCo less than 1 GB in total."""
 
 MOST_FILE: Final = 2**30
 """Largest size of one file of a record, bytes."""
@@ -37,7 +40,7 @@ MOST_FILE: Final = 2**30
 LARGEST_INT: Final = 2**63 - 1
 
 _SUSPICIOUS: Final = re.compile(rb"[0-9]{19}|[eE]\+?[0-9]{3}")
-"""What every number has that does not fit 64 bits; texts may have it, too."""
+"""Pattern of every number that does not fit into 64 bits; strings may match it, too."""
 
 _KINDS: Final = (
     (stat.S_ISFIFO, "a pipe"),
@@ -52,12 +55,12 @@ class HistoryError(DualArmError):
 
 
 def file_kind(mode: int) -> str:
-    """Name of the kind of a file that is not a regular one."""
-    return next((words for is_such, words in _KINDS if is_such(mode)), "a device")
+    """Name of the type of a file that is not a regular one."""
+    return next((name for matches, name in _KINDS if matches(mode)), "a device")
 
 
 class ReadBudget:
-    """Memory that one record may still take.
+    """Remaining memory for one record.
 
     Args:
         most: Bytes.
@@ -67,10 +70,10 @@ class ReadBudget:
         self._most = self._left = most
 
     def take(self, count: int) -> None:
-        """Count bytes that are about to be taken.
+        """Reserve bytes before they are allocated.
 
         Raises:
-            ValueError: There are not so many left.
+            ValueError: The budget is exceeded.
         """
         self._left -= count
         if self._left < 0:
@@ -88,7 +91,8 @@ def open_regular(path: Path, most: int = MOST_FILE, *, links: bool = False) -> t
         links: Whether the file may be a symbolic link; one of a record could lead anywhere.
 
     Raises:
-        HistoryError: It is not there, no regular file (a link, a pipe, a device), or too large.
+        HistoryError: It does not exist, is not a regular file (but a link, pipe or device), or is
+            too large.
     """
     try:
         # Without O_NONBLOCK, opening a pipe waits for a writer.
@@ -114,7 +118,7 @@ def open_regular(path: Path, most: int = MOST_FILE, *, links: bool = False) -> t
 
 
 def read_regular(path: Path, most: int = MOST_FILE, *, links: bool = False) -> bytes:
-    """All of a file, as large as it is when it is opened; arguments as of `open_regular`.
+    """Read a file, up to its size when it is opened; arguments as of `open_regular`.
 
     Raises:
         HistoryError: As of `open_regular`, or it cannot be read.
@@ -127,15 +131,15 @@ def read_regular(path: Path, most: int = MOST_FILE, *, links: bool = False) -> b
             raise HistoryError(f"cannot read {path}: {error.strerror or error}") from error
 
 
-def parsed(text: bytes, budget: ReadBudget) -> Any:  # Any: whatever JSON says
-    """Parsed JSON, whose numbers are all finite and fit 64 bits.
+def parsed(text: bytes, budget: ReadBudget) -> Any:  # Any: any JSON value
+    """Parse JSON whose numbers are all finite and fit into 64 bits.
 
     Args:
         text: JSON of at most 200 levels.
-        budget: Memory that the data is counted against, before it is taken.
+        budget: Memory budget, from which an upper bound is taken before parsing.
 
     Raises:
-        ValueError: It is not such a text, or takes too much memory; the message says where.
+        ValueError: It is not such JSON, or exceeds the budget.
     """
     budget.take(_memory(text))
     data = from_json(text, allow_inf_nan=False)
@@ -147,32 +151,34 @@ def parsed(text: bytes, budget: ReadBudget) -> Any:  # Any: whatever JSON says
 def _memory(text: bytes) -> int:
     """Upper bound of the memory in bytes of parsed JSON, from counts of its punctuation."""
     costs = ((b"{", 190), (b"[", 72), (b":", 60), (b",", 36), (b'"', 24))
-    # One character outside of the basic plane makes all of a text take four bytes for each.
+    # A single character outside the basic plane makes a Python string take 4 bytes per character.
     wide = 1 if text.isascii() and b"\\u" not in text else 4
     return wide * len(text) + sum(cost * text.count(mark) for mark, cost in costs)
 
 
 def _refuse_large_numbers(data: object) -> None:
-    waiting = [data]
-    while waiting:
-        value = waiting.pop()
+    pending = [data]
+    while pending:
+        value = pending.pop()
         if isinstance(value, dict):
-            waiting += value.values()
+            pending += value.values()
         elif isinstance(value, list):
-            waiting += value
+            pending += value
         elif isinstance(value, float) and not math.isfinite(value):
             raise ValueError("a number is not finite")
         elif isinstance(value, int) and abs(value) > LARGEST_INT:
             raise ValueError(f"a number has {len(str(value))} digits; expected one of 64 bits")
 
 
+# Packed arrays
+
 Array = npt.NDArray[np.generic]
 
 _LEVEL: Final = 4
-"""Level of zlib: higher ones win 1 % on states of a run, and take twice the time."""
+"""Compression level of zlib: higher ones save 1 % on states of a run, and take twice as long."""
 
 _MOST_COLUMN_BYTES: Final = 1 << 25
-"""Bytes that an array may have once it is unpacked: unpacking takes four times as many."""
+"""Largest size of an unpacked array, bytes; unpacking temporarily takes four times as much."""
 
 _MOST_DIMENSIONS: Final = 4
 
@@ -180,12 +186,12 @@ _COLUMN_KINDS: Final = frozenset({"<f8", "<f4", "<u4", "|u1"})
 
 
 class Packed(TypedDict):
-    """How to read the bytes of an array.
+    """Header of a packed array.
 
     Attributes:
-        dtype: Type of the numbers as NumPy writes it, of little-endian order.
+        dtype: NumPy's type string, little-endian.
         shape: Shape of the array.
-        size: Number of bytes that it takes when packed.
+        size: Number of packed bytes.
     """
 
     dtype: str
@@ -194,10 +200,10 @@ class Packed(TypedDict):
 
 
 def pack(array: Array) -> tuple[Packed, bytes]:
-    """An array as bytes, and what is needed to read them.
+    """Pack an array; returns its header and its bytes.
 
-    Each row is combined by exclusive or with the one before it, which leaves zeros where nothing
-    has changed; bytes of the same weight are put together; the rest is zlib's.
+    Each row is combined by exclusive or with the previous one, which leaves zeros where nothing
+    has changed; bytes of the same significance are grouped; the result is compressed by zlib.
 
     Args:
         array: Array of float64, float32, uint32 or uint8; rows along the first axis.
@@ -214,10 +220,10 @@ def pack(array: Array) -> tuple[Packed, bytes]:
 
 
 def size_of(packed: object) -> int:
-    """Bytes that an array takes when packed.
+    """Number of bytes of a packed array.
 
     Raises:
-        ValueError: What is said of it is not a `Packed`.
+        ValueError: The header is not a valid `Packed`.
     """
     if not isinstance(packed, dict):
         raise ValueError("expected an object with dtype, shape and size")
@@ -241,12 +247,12 @@ def unpack(packed: Packed, content: bytes, budget: ReadBudget | None = None) -> 
     """Unpack an array, bit for bit.
 
     Args:
-        packed: What is said of it.
-        content: Its bytes, as packed.
-        budget: Memory that it is counted against; None counts nothing.
+        packed: Its header.
+        content: Its packed bytes.
+        budget: Memory budget; None for none.
 
     Raises:
-        ValueError: The bytes are not those of such an array, or it takes too much memory.
+        ValueError: The bytes do not match the header, or exceed the budget.
     """
     size = size_of(packed)
     dtype = np.dtype(packed["dtype"])
@@ -269,10 +275,10 @@ def unpack(packed: Packed, content: bytes, budget: ReadBudget | None = None) -> 
 
 
 def unzipped(content: bytes, most: int) -> bytes:
-    """Content decompressed by zlib.
+    """Decompress zlib data of at most ``most`` bytes.
 
     Raises:
-        ValueError: It is damaged, or more than so many bytes.
+        ValueError: It is damaged or larger.
     """
     unzip = zlib.decompressobj()
     try:
@@ -297,9 +303,11 @@ def _unsigned(dtype: np.dtype[np.generic]) -> np.dtype[np.generic]:
     return np.dtype(f"<u{dtype.itemsize}") if dtype.itemsize > 1 else np.dtype("|u1")
 
 
+# Blocks
+
 _LENGTH: Final = struct.Struct("<I")
 _MOST_TEXT: Final = 1 << 26
-"""Bytes of plain data in one block: far more than a second of a run has to say."""
+"""Largest size of the JSON data of one block, bytes: far more than of a second of a run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,8 +315,8 @@ class Block:
     """A part of a history.
 
     Attributes:
-        kind: Name that says what the block is about.
-        data: Plain data, ready for JSON.
+        kind: Name of the kind of content.
+        data: Data in JSON's types.
         arrays: Arrays of numbers by name.
     """
 
@@ -317,10 +325,10 @@ class Block:
     arrays: Mapping[str, npt.NDArray[np.generic]] = field(default_factory=dict)
 
     def encoded(self) -> bytes:
-        """The block as bytes.
+        """Encode the block as bytes.
 
         Raises:
-            ValueError: Something in it is neither plain data nor an array that is kept.
+            ValueError: It contains something that is neither JSON nor an array of a valid type.
         """
         packed = {name: pack(array) for name, array in self.arrays.items()}
         head = {
@@ -334,15 +342,15 @@ class Block:
 
     @classmethod
     def decoded(cls, content: bytes, budget: ReadBudget) -> Block:
-        """The block again.
+        """Decode a block from untrusted bytes.
 
         Args:
-            content: Bytes that `encoded` gave, or that somebody else made up.
-            budget: Memory that is counted against.
+            content: Bytes.
+            budget: Memory budget.
 
         Raises:
-            ValueError: The bytes are of no block, or take too much memory; the message says what
-                is wrong with them, and what is expected.
+            ValueError: The bytes are not a block, or exceed the budget; the message says what is
+                wrong and what is expected.
         """
         if len(content) < _LENGTH.size:
             raise ValueError(f"has {len(content)} bytes; expected at least {_LENGTH.size}")
@@ -365,6 +373,8 @@ class Block:
             at += size
         return cls(kind, data, arrays)
 
+
+# Files
 
 __all__ = ["MAGIC", "HistoryError", "HistoryFile", "HistoryWriter", "blocks_of", "read_history"]
 
@@ -392,7 +402,7 @@ class HistoryWriter:
         """Append a block.
 
         Raises:
-            OSError: The disk is full, the file is there already, or it cannot be made.
+            OSError: The disk is full, or the file exists already or cannot be created.
         """
         content = block.encoded()
         head = _HEAD.pack(_MARK, len(content), zlib.crc32(content))
@@ -405,10 +415,10 @@ class HistoryWriter:
             left = left[os.write(self._file, left) :]
 
     def finish(self) -> None:
-        """Make sure that all is on the disk.
+        """Flush everything to the disk.
 
         Raises:
-            OSError: It is not, or the file is gone.
+            OSError: That failed, or the file was deleted.
         """
         if self._file is not None:
             self.path.stat()
@@ -426,8 +436,8 @@ class HistoryFile:
     """Readable part of a history file.
 
     Attributes:
-        blocks: Blocks in their order, up to the last that is whole.
-        torn: Sentence on why the rest was left out; empty if the file ends with a whole block.
+        blocks: All complete blocks before the first damage, in order.
+        torn: Reason why the rest was left out; empty if the file ends with a complete block.
     """
 
     blocks: tuple[Block, ...]
@@ -437,16 +447,16 @@ class HistoryFile:
 def read_history(
     path: Path, budget: ReadBudget | None = None, most: int = MOST_FILE
 ) -> HistoryFile:
-    """Read a file, up to where it is damaged.
+    """Read a file up to the first damage.
 
     Args:
         path: The file.
-        budget: Memory that the blocks are counted against; by default that of one record.
-        most: Bytes that the file may have.
+        budget: Memory budget; by default that of one record.
+        most: Largest size of the file, bytes.
 
     Raises:
-        HistoryError: It is not there, no regular file, too large, cannot be read, or is no history
-            of a known format.
+        HistoryError: It does not exist, is not a regular file, is too large, cannot be read, or is
+            not a history of a known format.
     """
     blocks: list[Block] = []
     file, size = open_regular(path, most)
@@ -460,11 +470,11 @@ def read_history(
 
 
 def blocks_of(path: Path, most: int = MOST_FILE) -> Iterator[Block]:
-    """Blocks of a file one by one, up to where it is damaged; no more than one is in memory.
+    """Yield the blocks of a file up to the first damage, with only one of them in memory.
 
     Args:
         path: The file.
-        most: Bytes that the file may have.
+        most: Largest size of the file, bytes.
 
     Raises:
         HistoryError: As of `read_history`.
@@ -479,7 +489,7 @@ class _TornError(Exception):
 
 
 def _blocks(path: Path, file: BinaryIO, size: int, budget: ReadBudget | None) -> Iterator[Block]:
-    """Blocks of a file of that size; without a budget each may take as much as a whole record."""
+    """Yield the blocks of a file; without a budget each may take as much as a whole record."""
     start = _read(path, file, len(MAGIC))
     if start != MAGIC:
         if start.startswith(MAGIC[:-2]):
@@ -512,32 +522,33 @@ def _read(path: Path, file: BinaryIO, count: int) -> bytes:
         raise HistoryError(f"cannot read {path}: {error.strerror or error}") from error
 
 
-# Compiled models of one run share their large parts: attaching an object or spawning an arm makes
-# a new model with the same meshes and textures. These are cut out of MuJoCo's binary format and
+# Models
+#
+# Compiled models of one run share their large parts: attaching an object or spawning an arm makes a
+# new model with the same meshes and textures. These are cut out of MuJoCo's binary format and
 # stored once, by their digest.
 
-
-_LEAST: Final = 2048
-"""Bytes from which on a part of a model is kept by its digest."""
+_MIN_PART: Final = 2048
+"""Size in bytes from which on a part of a model is stored by its digest."""
 
 MOST_MODEL: Final = 1 << 25
-"""Bytes of a model: sixteen arms with all of their meshes have a third of that."""
+"""Largest size of a model, bytes: sixteen arms with all their meshes have a third of that."""
 
 Bytes = npt.NDArray[np.uint8]
 
 
 class ModelWriter:
-    """Makes blocks of compiled models without the parts that earlier blocks contain."""
+    """Encodes compiled models as blocks, without the parts that earlier blocks contain."""
 
     def __init__(self) -> None:
         self._written: set[str] = set()
 
     def block(self, model: mujoco.MjModel, generation: int) -> Block:
-        """A model as a block, without the parts that an earlier block has.
+        """Encode a model.
 
         Args:
             model: Compiled model.
-            generation: Number of the world's recompilations until then.
+            generation: Number of recompilations of the world so far.
         """
         content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, content)
@@ -568,11 +579,11 @@ class ModelReader(Mapping[int, bytes]):
         self._models: dict[int, tuple[bytes, list[tuple[int, int, str]]]] = {}
 
     def add(self, block: Block) -> None:
-        """Take up the next block of a model, from the first of a run on.
+        """Add the next block of a model, beginning with the first of the run.
 
         Raises:
-            ValueError: The block does not fit together, or an earlier one is missing; the message
-                says what is wrong, and what is expected.
+            ValueError: The block is inconsistent, or an earlier one is missing; the message says
+                what is wrong and what is expected.
         """
         if "rest" not in block.arrays:
             raise ValueError("model: array `rest` is missing")
@@ -591,7 +602,7 @@ class ModelReader(Mapping[int, bytes]):
         self._models[generation] = rest, self._checked(block.data["cuts"], len(rest))
 
     def _checked(self, cuts: object, rest: int) -> list[tuple[int, int, str]]:
-        """Cuts that follow each other, each of the length of its part, with nothing beyond."""
+        """Check that cuts are in order, have the lengths of their parts, and fit the model."""
         found: list[tuple[int, int, str]] = []
         at = inside = 0
         for number, cut in enumerate(cuts if isinstance(cuts, list) else ()):
@@ -634,13 +645,13 @@ class ModelReader(Mapping[int, bytes]):
 
 
 def _cuts(model: mujoco.MjModel, whole: bytes) -> list[tuple[int, int, str]]:
-    """Begin, end and digest of the large parts of a model that can be found in its binary form."""
+    """Start, end and digest of the large parts of a model that are found in its binary form."""
     cuts = []
     for name in dir(model):
         if name.startswith("_"):
             continue
         value = getattr(model, name)
-        if isinstance(value, np.ndarray) and value.nbytes >= _LEAST:
+        if isinstance(value, np.ndarray) and value.nbytes >= _MIN_PART:
             part = np.ascontiguousarray(value).tobytes()
             at = whole.find(part)
             if at >= 0:

@@ -1,9 +1,9 @@
-"""MuJoCo's binary form of a model, which somebody else may have written: checked, tried, loaded.
+"""Untrusted MuJoCo models in binary form: validated, tried in another process, and loaded.
 
-MuJoCo checks the sizes of such a file and most indices in it, but not all: one number that is off
-can end the process later, in a step or a picture. So a model is first loaded and used in a process
-of its own, whose end says enough, and all of its indices are compared with what they index.
-This file is also the program of that process; it imports as little as it can.
+MuJoCo checks the sizes in such a file and most indices, but not all: one wrong number can crash the
+process later, in a step or a rendering. So a model is first loaded and used in a separate process,
+which may crash, and all its indices are checked against the arrays that they refer to. This file is
+also the program of that process, so it imports as little as possible.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ import numpy.typing as npt
 Vector: TypeAlias = npt.NDArray[np.float64]
 
 MOST_ARENA: Final = 1 << 29
-"""Bytes of scratch memory that a model may ask for; it is reserved, and used as far as needed."""
+"""Largest scratch memory (arena) of a model, bytes; it is reserved, but used only as needed."""
 
 _SECONDS: Final = 20
-"""Seconds of the processor that loading and trying a model may take: it takes a tenth of one."""
+"""Limit of the CPU time for loading and trying a model, s; it normally takes 0.1 s."""
 
 MOST_SPACE: Final = 3 << 30
-"""Bytes of addresses that trying a model may take."""
+"""Address space that trying a model may add, bytes."""
 
 _LENGTHS: Final = struct.Struct("<QQ")
-_WELL: Final = "well"
+_VALID: Final = "valid"
 _MOST_ACCEPTED: Final = 4096
 
 _accepted: dict[str, None] = {}
-"""Digests of models that were tried in this process and did no harm."""
+"""Digests of models that were tried from this process and are harmless."""
 
 
 def stored_model(content: bytes, states: Sequence[Vector] = ()) -> mujoco.MjModel:
@@ -50,19 +50,19 @@ def stored_model(content: bytes, states: Sequence[Vector] = ()) -> mujoco.MjMode
 
     Args:
         content: Its binary form.
-        states: States that it is tried with: time, positions and velocities of each.
+        states: States with which it is tried: time, positions and velocities of each.
 
     Raises:
-        ValueError: MuJoCo cannot read it, or does not survive it, or something in it refers to
-            what is not there; the message says what.
+        ValueError: MuJoCo cannot read it, crashes with it, or it contains an invalid index; the
+            message says what is wrong.
     """
     if mujoco.get_mju_user_warning() is None:
-        mujoco.set_mju_user_warning(_ignore)  # else it writes a file where the user stands
+        mujoco.set_mju_user_warning(_ignore)  # by default MuJoCo writes MUJOCO_LOG.TXT
     digest = hashlib.sha256(content).hexdigest()
     if digest not in _accepted:
-        # A fork takes a hundredth of the time; where there are other threads it may hang.
-        alone = threading.active_count() == 1 and len([*Path("/proc/self/task").iterdir()]) == 1
-        complaint = (_forked if alone else _spawned)(content, states)
+        # A fork takes a hundredth of the time, but may deadlock if there are other threads.
+        is_single = threading.active_count() == 1 and len([*Path("/proc/self/task").iterdir()]) == 1
+        complaint = (_forked if is_single else _spawned)(content, states)
         if complaint:
             raise ValueError(complaint)
         _accepted[digest] = None
@@ -72,7 +72,7 @@ def stored_model(content: bytes, states: Sequence[Vector] = ()) -> mujoco.MjMode
 
 
 def _ignore(_: str) -> None:
-    """MuJoCo's warning, which is not of interest here."""
+    """Drop a warning of MuJoCo."""
 
 
 def _loaded(content: bytes) -> mujoco.MjModel:
@@ -83,7 +83,7 @@ def _loaded(content: bytes) -> mujoco.MjModel:
 
 
 def _forked(content: bytes, states: Sequence[Vector]) -> str:
-    """Try a model in a copy of this process; what is wrong with it, empty if nothing is."""
+    """Try a model in a fork of this process; returns the problem, empty if there is none."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -94,7 +94,7 @@ def _forked(content: bytes, states: Sequence[Vector]) -> str:
             os.dup2(nowhere, 2)
             os.write(writing, _tried(content, states).encode())
         finally:
-            os.kill(os.getpid(), signal.SIGKILL)  # nothing of the parent's is ended in order here
+            os.kill(os.getpid(), signal.SIGKILL)  # skips the parent's cleanup
     os.close(writing)
     try:
         with os.fdopen(reading, "rb") as answer:
@@ -107,7 +107,7 @@ def _forked(content: bytes, states: Sequence[Vector]) -> str:
 
 
 def _spawned(content: bytes, states: Sequence[Vector]) -> str:
-    """Try a model in a new process; what is wrong with it, empty if nothing is."""
+    """Try a model in a new process; returns the problem, empty if there is none."""
     numbers = np.concatenate([*states, np.empty(0)]).astype("<f8").tobytes()
     head = _LENGTHS.pack(len(content), len(states))
     try:
@@ -129,14 +129,14 @@ def _spawned(content: bytes, states: Sequence[Vector]) -> str:
 
 def _verdict(said: bytes, ended: int) -> str:
     if said:
-        return said.decode("utf-8", "replace").removeprefix(_WELL)[:1000]
+        return said.decode("utf-8", "replace").removeprefix(_VALID)[:1000]
     if ended in (-signal.SIGKILL, -signal.SIGXCPU):
         return "MuJoCo comes to no end with it"
     return f"MuJoCo does not survive it (a process that tried ended with {ended})"
 
 
 def _tried(content: bytes, states: Sequence[Vector]) -> str:
-    """What is wrong with a model, said by the process that tries it: `_WELL` if nothing is."""
+    """Try a model in this process; returns the problem, or `_VALID`."""
     space = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
@@ -151,14 +151,13 @@ def _tried(content: bytes, states: Sequence[Vector]) -> str:
         complaint = f"it cannot be used: {error}"
     except MemoryError:
         complaint = "it takes too much memory"
-    return complaint or _WELL
+    return complaint or _VALID
 
 
 def complaint_about(model: mujoco.MjModel) -> str:
-    """What in a model refers to what is not there, or cannot be; empty if nothing does.
+    """Find invalid indices and values in a model; returns the first problem, empty if none.
 
-    Models are those that this project makes: what it never uses (flexes, skins, height fields,
-    plugins, …) is refused, as nothing here has to read it.
+    Features that this project never uses (flexes, skins, height fields, plugins, …) are refused.
     """
     for check in (_sizes, _numbers, _options, _indices, _ranges, _kinds, _tree, _meshes, _names):
         complaint = check(model)
@@ -177,7 +176,7 @@ _UNUSED: Final = (
     "nuser_jnt", "nuser_geom", "nuser_site", "nuser_cam", "nuser_tendon", "nuser_actuator",
     "nuser_sensor", "nplastic", "ngravcomp", "nuserdata", "nhistory",
 )  # fmt: skip
-"""Sizes of what no model of this project has."""
+"""Counts of elements that models of this project do not have."""
 
 
 def _sizes(model: mujoco.MjModel) -> str:
@@ -264,7 +263,7 @@ _INDICES: Final = {
         )
     },
 }  # fmt: skip
-"""What each index counts; with a question mark -1 is none."""
+"""Size that each index array refers to; with a question mark -1 means none."""
 
 
 def _indices(model: mujoco.MjModel) -> str:
@@ -294,7 +293,7 @@ _RANGES: Final = (
     ("ten_J_rowadr", "ten_J_rownnz", "nJten"), ("actuator_ctrladr", "actuator_ctrlnum", "nu"),
     ("actuator_outadr", "actuator_outnum", "nout"), ("sensor_adr", "sensor_dim", "nsensordata"),
 )  # fmt: skip
-"""First, count, and of how many."""
+"""Arrays of first indices and of counts, and the size that they refer to."""
 
 
 def _ranges(model: mujoco.MjModel) -> str:
@@ -353,7 +352,7 @@ _KINDS: Final[dict[str, tuple[int, ...]]] = {
     "sensor_datatype": (0,), "sensor_needstage": (3,), "sensor_dim": (3,),
     "sensor_intprm": (1, 2, 3), "tree_sleep_policy": (0, 1, 2, 3, 4, 5),
 }  # fmt: skip
-"""Kinds that models of this project have; what a kind needs is checked for these alone."""
+"""Kinds in models of this project; only the requirements of these kinds are checked."""
 
 
 def _kinds(model: mujoco.MjModel) -> str:
@@ -403,7 +402,7 @@ def _kinds(model: mujoco.MjModel) -> str:
 
 
 def _tree(model: mujoco.MjModel) -> str:
-    """Bodies and degrees of freedom follow their parents, and the mass matrix is theirs."""
+    """Check that parents come first, and that the mass matrix has the sparsity of the tree."""
     bodies = np.arange(model.nbody)
     dofs = np.arange(model.nv)
     for name in ("body_parentid", "body_rootid", "body_weldid"):
@@ -422,7 +421,7 @@ def _tree(model: mujoco.MjModel) -> str:
     widths = np.array((6, 3, 1, 1))[model.jnt_type]
     if not np.array_equal(model.dof_jntid, np.repeat(np.arange(model.njnt), widths)):
         return "dof_jntid and jnt_type differ"
-    # Counts of degrees of freedom from here on whose rows are their diagonals alone.
+    # dof_simplenum: number of degrees of freedom from here on with a diagonal mass matrix.
     simple = model.dof_simplenum
     if model.nv and not ((simple == 0) | (simple == np.append(simple[1:], 0) + 1)).all():
         return "dof_simplenum does not count down"
@@ -467,7 +466,7 @@ _STORED_IN_ORDER: Final = (
 
 
 def _meshes(model: mujoco.MjModel) -> str:
-    """What is in a mesh is numbered within that mesh; trees of boxes come to an end."""
+    """Check that indices in a mesh stay within it, and that bounding volume trees are finite."""
     for first, count, total in _STORED_IN_ORDER:
         counts = getattr(model, count)
         ends = np.cumsum(counts, dtype=np.int64)
@@ -510,15 +509,15 @@ def _meshes(model: mujoco.MjModel) -> str:
         ) or _hull(model, mesh)
         if complaint:
             return f"mesh {mesh}: {complaint}"
-    # Every polygon is told by each of its vertices, and by no other.
+    # mesh_polymap must be the inverse of mesh_polyvert.
     polygon_mesh = np.repeat(np.arange(model.nmesh), model.mesh_polynum)
     vertex_mesh = np.repeat(np.arange(model.nmesh), model.mesh_vertnum)
     polygon = np.repeat(np.arange(model.nmeshpoly), model.mesh_polyvertnum)
     vertex = np.repeat(np.arange(model.nmeshvert), model.mesh_polymapnum)
     corners = model.mesh_polyvert + model.mesh_vertadr[polygon_mesh[polygon]].astype(np.int64)
-    told = model.mesh_polymap + model.mesh_polyadr[vertex_mesh[vertex]].astype(np.int64)
+    listed = model.mesh_polymap + model.mesh_polyadr[vertex_mesh[vertex]].astype(np.int64)
     pairs = np.sort(corners * (model.nmeshpoly + 1) + polygon)
-    if not np.array_equal(pairs, np.sort(vertex * (model.nmeshpoly + 1) + told)):
+    if not np.array_equal(pairs, np.sort(vertex * (model.nmeshpoly + 1) + listed)):
         return "mesh_polyvert and mesh_polymap differ"
     for body in range(model.nbody):
         complaint = _boxes(model, model.body_bvhadr[body], model.body_bvhnum[body], model.ngeom)
@@ -530,7 +529,7 @@ def _meshes(model: mujoco.MjModel) -> str:
 def _pieces(
     values: npt.NDArray[np.int32], first: npt.NDArray[np.int32], count: npt.NDArray[np.int32]
 ) -> npt.NDArray[np.int32]:
-    """Values of some stretches, which are known to be within them."""
+    """Values of some ranges, which were checked before."""
     chosen = np.zeros(len(values) + 1, np.int64)
     np.add.at(chosen, first[count > 0], 1)
     np.add.at(chosen, first[count > 0] + count[count > 0], -1)
@@ -538,7 +537,7 @@ def _pieces(
 
 
 def _boxes(model: mujoco.MjModel, first: int, count: int, leaves: int) -> str:
-    """A tree of boxes: each node comes after its parent, each leaf is of something."""
+    """Check a bounding volume tree: nodes come after their parents, leaves refer to elements."""
     if not count:
         return ""
     child = model.bvh_child[first : first + count]
@@ -556,7 +555,7 @@ def _boxes(model: mujoco.MjModel, first: int, count: int, leaves: int) -> str:
 
 
 def _hull(model: mujoco.MjModel, mesh: int) -> str:
-    """The graph of a convex hull, laid out as MuJoCo's `mjModel.mesh_graph` says."""
+    """Check the graph of a convex hull, in the layout of MuJoCo's `mjModel.mesh_graph`."""
     at = int(model.mesh_graphadr[mesh])
     if at < 0:
         return ""
@@ -585,7 +584,7 @@ _NAMED: Final = (
     "ntex", "nmat", "npair", "nexclude", "neq", "ntendon", "nactuator", "nsensor", "nnumeric",
     "ntext", "ntuple", "nkey", "nplugin",
 )  # fmt: skip
-"""What has names, in the order of MuJoCo's table of them, which has two places for each."""
+"""Counts of named elements, in the order of MuJoCo's hash table, with two slots per element."""
 
 
 def _names(model: mujoco.MjModel) -> str:
@@ -617,12 +616,12 @@ def _fields(model: mujoco.MjModel) -> list[str]:
 
 
 def _use(model: mujoco.MjModel, states: Sequence[Vector]) -> None:
-    """Do with a model what readers of records do."""
+    """Use a model as readers of records do."""
     data = mujoco.MjData(model)
     hit = np.full(1, -1, np.int32)
     for state in states or [np.concatenate(([0.0], model.qpos0, np.zeros(model.nv)))]:
         if len(state) != 1 + model.nq + model.nv:
-            continue  # which the reader says itself
+            continue  # the reader reports it
         mujoco.mj_resetData(model, data)
         data.qpos[:], data.qvel[:] = state[1 : 1 + model.nq], state[1 + model.nq :]
         mujoco.mj_forward(model, data)
@@ -637,7 +636,7 @@ def _use(model: mujoco.MjModel, states: Sequence[Vector]) -> None:
 
 
 def _main() -> None:
-    """Read a model and states from standard input, and say what is wrong with it."""
+    """Read a model and states from standard input, try it, and write the problem or `_VALID`."""
     given = sys.stdin.buffer.read()
     length, number = _LENGTHS.unpack_from(given)
     at = _LENGTHS.size + length

@@ -1,4 +1,9 @@
-"""Description files of robots: where they are, and what their YAML may say."""
+"""Description files: their location, the schema of a robot's description, and locked joints.
+
+A description is a YAML file that adds to a URDF what it lacks: limits of acceleration and jerk,
+postures, the tool frame, camera mounts. `DescriptionFile` reads and validates one, of a robot or a
+gripper; `robot_description` builds the robot.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +21,7 @@ from bt_dualarm.core.pose import Pose
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.robots.urdf import ONE_TURN, TURNING, Joint, KinematicTree
 from bt_dualarm.robots.urdf_arm import robot_data_dir
-from bt_dualarm.robots.urdf_xml import Complaints, DescriptionError, Element, Range
+from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError, Element, Range
 from bt_dualarm.spec.document import LONGEST_NAME
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.problems import Name, Problem, SpecError, suggestion
@@ -24,15 +29,14 @@ from bt_dualarm.spec.values import Value
 from bt_dualarm.spec.yaml_reader import DataPath as Place
 from bt_dualarm.spec.yaml_reader import Source, read_file, with_tuples
 
-# Locations of description files: the catalog, or a folder of the user
-
+# Locations
 
 Kind = Literal["robot", "gripper"]
 """Kinds of descriptions; the catalog has a folder for each."""
 
 
 def is_description_path(name: str) -> bool:
-    """Whether a name is the path of a description instead of a name in the catalog."""
+    """Whether a name is the path of a description file, and not a name in the catalog."""
     return name.endswith((".yaml", ".yml"))
 
 
@@ -47,10 +51,10 @@ def description_path(kind: Kind, name: str, root: Path | None) -> Path:
     Args:
         kind: Which of the two.
         name: Name in the catalog, or path of a YAML file below ``root``.
-        root: Folder in which the path begins; by default the current one.
+        root: Folder that the path is relative to; by default the current one.
 
     Raises:
-        CatalogError: There is none; the message tells what is near.
+        CatalogError: There is none; the message suggests similar names.
     """
     if is_description_path(name):
         folder = (root or Path.cwd()).resolve()
@@ -67,11 +71,15 @@ def description_path(kind: Kind, name: str, root: Path | None) -> Path:
 
 
 def file_below(folder: Path, name: str) -> Path | None:
-    """The file of that name if there is one in the folder, or in one of its own."""
+    """The file of a name relative to a folder, if it exists and is inside the folder."""
     try:
         path = (folder / name).resolve()
         return path if path.is_file() and path.is_relative_to(folder) else None
-    except (OSError, RuntimeError, ValueError):  # a name too long, a loop of symlinks, a NUL
+    except (
+        OSError,
+        RuntimeError,
+        ValueError,
+    ):  # a name that is too long, a loop of symlinks, a NUL
         return None
 
 
@@ -79,9 +87,9 @@ def _elsewhere(kind: Kind, folder: Path, name: str) -> str:
     """A hint for the path of a description that is not there, or not below the folder."""
     path = Path(os.path.normpath(folder / name.replace("\0", "")))
     if not path.is_relative_to(folder):
-        return f"a {kind}'s page lies beside the tree file or in a folder below it"
-    pages = [page.name for page in path.parent.glob("*.yaml") if page != path]
-    return suggestion(path.name, pages, f"{kind} file")
+        return f"a {kind}'s description must be in the folder of the tree file or below it"
+    others = [other.name for other in path.parent.glob("*.yaml") if other != path]
+    return suggestion(path.name, others, f"{kind} file")
 
 
 Entry = TypeVar("Entry", bound=Value)
@@ -89,18 +97,18 @@ Entry = TypeVar("Entry", bound=Value)
 
 
 class DescriptionFile(Generic[Entry]):
-    """A description that was read, and the text that messages point into.
+    """A description file that was read and validated, with its text for error messages.
 
     Args:
         path: YAML file.
-        kind: What the file may say.
+        kind: Schema of the file.
 
     Attributes:
         path: YAML file.
-        entry: What it says.
+        entry: Validated content.
 
     Raises:
-        DescriptionError: The file is no valid description; it lists all reasons.
+        DescriptionError: The file is not a valid description; lists all problems.
     """
 
     def __init__(self, path: Path, kind: type[Entry]) -> None:
@@ -119,21 +127,21 @@ class DescriptionFile(Generic[Entry]):
             raise DescriptionError(found) from error
 
     def problem(self, place: Place, message: str, hint: str = "", *, key: bool = False) -> Problem:
-        """What is wrong at the value of a position of the file, or at its key."""
+        """Create a problem at the value of an entry of the file, or at its key."""
         return self._source.problem(place, message, hint, key=key)
 
 
-# Location of the URDF that a description names
+# URDF of a new description
 
 
 @dataclass(frozen=True)
 class UrdfSource:
-    """A URDF, and an SRDF beside it.
+    """A URDF, and an SRDF of the same name.
 
     Attributes:
         path: File of the URDF.
-        name: URDF as the description is to name it.
-        srdf: SRDF as the description is to name it; None if there is none of that name.
+        name: Path of the URDF as the description refers to it.
+        srdf: Path of the SRDF as the description refers to it; None if there is none.
     """
 
     path: Path
@@ -142,19 +150,19 @@ class UrdfSource:
 
 
 def find_urdf(given: str, folder: Path) -> UrdfSource:
-    """A URDF by its path, or by that below example-robot-data's ``robots``.
+    """Find a URDF by its path, absolute, relative, or below example-robot-data's ``robots``.
 
     Args:
-        given: What the user wrote.
-        folder: Folder of the description, without detours.
+        given: Path that the user gave.
+        folder: Resolved folder of the new description.
 
     Raises:
-        CatalogError: There is none, or no description in that folder could name it.
+        CatalogError: There is none, or a description in that folder could not refer to it.
     """
     data = robot_data_dir()
     try:
         found = [path.resolve() for path in (Path(given), data / given) if path.is_file()]
-    except (OSError, ValueError) as error:  # a name too long, a NUL
+    except (OSError, ValueError) as error:  # a name that is too long, a NUL
         raise CatalogError(f"there is no URDF {given[:80]!r}") from error
     if not found:
         raise CatalogError(f"there is no URDF {given!r}, neither here nor in {data}")
@@ -162,8 +170,9 @@ def find_urdf(given: str, folder: Path) -> UrdfSource:
         if found[0].is_relative_to(root):
             return UrdfSource(found[0], str(found[0].relative_to(root)), _srdf(found[0], root))
     raise CatalogError(
-        f"{found[0]} lies neither below {folder}, where the page is to be, nor in "
-        "example-robot-data; put the page above it (--out), or copy the URDF and its meshes there"
+        f"{found[0]} is neither below {folder}, the folder of the new description, nor in "
+        "example-robot-data; write the description to a folder above the URDF (--out), or copy the "
+        "URDF and its meshes there"
     )
 
 
@@ -189,10 +198,10 @@ _Share: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
 _MOST: Final = 200
 
 TYPICAL_ROTOR: Final = 0.1
-"""Rotor inertia in kg m² that MuJoCo Menagerie gives the joints of UR5e, Panda and xArm7 alike."""
+"""Rotor inertia in kg m² of the joints of UR5e, Panda and xArm7 in MuJoCo Menagerie."""
 
 MAX_JOINTS: Final = 24
-"""Joints of one arm; a torso and an arm of a humanoid have ten."""
+"""Largest number of joints of an arm; torso and arm of a humanoid have ten."""
 
 
 def _printable(text: str | None) -> str | None:
@@ -209,14 +218,14 @@ Color: TypeAlias = tuple[_Share, _Share, _Share, _Share]
 
 @dataclass(frozen=True)
 class ToolShape:
-    """A cylinder along the tool's z axis: what the arm touches objects with. Meters."""
+    """A cylinder along the tool's z axis that ends in the tool frame; meters."""
 
     radius: float
     length: float
 
 
 class ToolEntry(Value):
-    """The tool frame in its link, and a shape that ends in it; meters, degrees."""
+    """The tool frame in its link, and an optional shape that ends in it; meters, degrees."""
 
     link: str
     xyz: _Near = (0.0, 0.0, 0.0)
@@ -226,7 +235,7 @@ class ToolEntry(Value):
 
     @property
     def pose(self) -> Pose:
-        """The tool frame in its link."""
+        """Pose of the tool frame in its link."""
         roll, pitch, yaw = np.deg2rad(self.rpy)
         return Pose.from_rpy(self.xyz, (roll, pitch, yaw))
 
@@ -239,10 +248,10 @@ class ToolEntry(Value):
 
 
 class FlangeEntry(Value):
-    """Where grippers are mounted; meters, degrees. Its z axis points away from the arm.
+    """The flange for grippers, its z axis pointing away from the arm; meters, degrees.
 
     Attributes:
-        stock: Links of the stock tool, which comes off with all that hangs on them.
+        stock: Links of the stock tool, which a gripper replaces with all their descendants.
     """
 
     link: str
@@ -252,13 +261,13 @@ class FlangeEntry(Value):
 
     @property
     def pose(self) -> Pose:
-        """The flange in its link."""
+        """Pose of the flange in its link."""
         roll, pitch, yaw = np.deg2rad(self.rpy)
         return Pose.from_rpy(self.xyz, (roll, pitch, yaw))
 
 
 class CameraEntry(Value):
-    """A place for a camera on a link: where it is, where it looks, what is up in its image."""
+    """A camera mount: position in a link, viewing direction, and the image's up direction."""
 
     link: str
     xyz: _Near
@@ -274,7 +283,7 @@ class CameraEntry(Value):
 
     @property
     def pose(self) -> Pose:
-        """The camera in its link: x right, y down, z forward."""
+        """Pose of the camera in its link (x right, y down, z forward)."""
         forward = np.asarray(self.forward) / np.linalg.norm(self.forward)
         right = np.cross(forward, self.up)
         right /= np.linalg.norm(right)
@@ -285,14 +294,14 @@ class CameraEntry(Value):
 
 
 class LimitEntry(Value):
-    """One value for all joints or one for each, and who says so."""
+    """One value for all joints or one for each, with its source."""
 
     value: _Positive | tuple[_Positive, ...]
     source: Annotated[str, Field(min_length=8)]
 
 
 class LimitsEntry(Value):
-    """Limits in rad/s, rad/s², rad/s³ and N m; velocity and effort only where the URDF errs."""
+    """Limits in rad/s, rad/s², rad/s³ and N m; velocity and effort only to correct the URDF."""
 
     acceleration: LimitEntry
     jerk: LimitEntry
@@ -308,7 +317,7 @@ class PayloadEntry(Value):
 
 
 class FrictionEntry(Value):
-    """Friction of the joints, base to tip, as `JointFriction` has it, and who says so."""
+    """Friction of the joints, base to tip, as in `JointFriction`, with its source."""
 
     coulomb: tuple[_NotNegative, ...]
     viscous: tuple[_NotNegative, ...] | None = None
@@ -320,21 +329,21 @@ class FrictionEntry(Value):
 
 
 class RobotEntry(Value):
-    """A description of the catalog.
+    """Schema of a robot's description.
 
     Attributes:
-        title: Name for people.
-        urdf: File in the example-robot-data package, or beside the description; likewise ``srdf``.
-        base_link: Link that stands still; what does not hang on it is left out.
-        flange: Where grippers are mounted; by default where the tool's shape begins.
+        title: Display name.
+        urdf: File beside the description, or in the example-robot-data package; likewise ``srdf``.
+        base_link: Base of the arm; links that are not its descendants are left out.
+        flange: Flange for grippers; by default where the tool's shape begins.
         joints: Joints of the arm, base to tip; all others are locked.
-        locked: Where joints are locked if not at zero: meters of a sliding one, degrees of one that
-            turns.
-        payload: Largest mass that the arm may hold; without it, what its joints bear.
-        friction: What is published of the joints' friction; without it, what is typical is taken.
-        rotor_inertia: Inertia of a motor's rotor behind its gear in kg m².
+        locked: Positions of locked joints if not zero: meters of prismatic joints, degrees of
+            revolute ones.
+        payload: Largest mass that the arm may hold; by default limited by its joints only.
+        friction: Published friction of the joints; by default typical values.
+        rotor_inertia: Inertia of a motor's rotor reflected through its gear, kg m².
         postures: Joint angles in degrees; ``home`` is required.
-        exclude: Pairs of links whose contacts do not count, beside those of the SRDF.
+        exclude: Pairs of links whose contacts are ignored, in addition to those of the SRDF.
     """
 
     title: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), _Printable]
@@ -356,10 +365,10 @@ class RobotEntry(Value):
 
 
 class RobotFile(DescriptionFile[RobotEntry]):
-    """A description that was read, and the text that messages point into.
+    """A robot's description file that was read and validated.
 
     Raises:
-        DescriptionError: The file is no valid description; it lists all reasons.
+        DescriptionError: The file is not a valid description; lists all problems.
     """
 
     def __init__(self, path: Path) -> None:
@@ -368,26 +377,25 @@ class RobotFile(DescriptionFile[RobotEntry]):
 
 # Locked joints: those of the URDF that are not joints of the arm
 
-
 _ANY: Final = Range(-1e6, 1e6)
 _MOST_LISTED: Final = 16
 
 _SAME: Final = 1e-6
-"""Meters or degrees that a joint may be off where it should be by the one that it follows."""
+"""Tolerance in meters or degrees between a given position and that of the followed joint."""
 
 
 @dataclass(frozen=True)
 class LockedJoint:
-    """A joint that stands still: meters of one that slides, degrees of one that turns.
+    """A joint that could move but is locked; meters if prismatic, degrees if revolute.
 
     Attributes:
-        link: Link that it moves.
-        turns: Whether it turns; else it slides.
-        at: Where it stands.
-        lower: Least value of its limits; likewise ``upper``, the largest.
-        follows: Joint whose value it takes, by the description's ``mimic``.
-        times: What that value is multiplied by.
-        plus: What is added to it.
+        link: Child link.
+        turns: Whether it is revolute.
+        at: Position at which it is locked.
+        lower: Lower limit; likewise ``upper``.
+        follows: Joint that it mimics, by the URDF's ``<mimic>``.
+        times: Multiplier of the mimicked position.
+        plus: Offset added to it.
     """
 
     link: str
@@ -401,7 +409,7 @@ class LockedJoint:
 
     @property
     def span(self) -> str:
-        """Its limits in words."""
+        """Text of the limits with their unit."""
         return f"{self.lower:g} to {self.upper:g} {self.unit}"
 
     @property
@@ -413,13 +421,13 @@ class LockedJoint:
 def locked_joints(
     tree: KinematicTree, base: str, moving: tuple[str, ...], held: Mapping[str, float]
 ) -> dict[str, LockedJoint]:
-    """The joints below the base that stand still although they could move, by name.
+    """Find the joints below the base that could move but are locked, by name.
 
     Args:
-        tree: Links and joints of the description.
+        tree: Links and joints of the URDF.
         base: The arm's base link.
         moving: Joints of the arm.
-        held: Where joints are locked if not at zero: meters, degrees.
+        held: Positions of locked joints if not zero: meters, degrees.
     """
     found = {}
     for link in tree.subtree(base):
@@ -431,13 +439,15 @@ def locked_joints(
     return found
 
 
-def standing(joints: Mapping[str, LockedJoint], given: Mapping[str, float]) -> dict[str, float]:
-    """Where joints stand once some are given: those that follow one that is given go with it."""
+def with_followers(
+    joints: Mapping[str, LockedJoint], given: Mapping[str, float]
+) -> dict[str, float]:
+    """Add the positions of joints that mimic a given one, directly or through others."""
     values = dict(given)
     left = {name: joint for name, joint in joints.items() if name not in values}
     while ready := [name for name, joint in left.items() if joint.follows in values]:
         for name in ready:
-            values[name] = _following(joints, left.pop(name), values)
+            values[name] = _mimicked(joints, left.pop(name), values)
     return values
 
 
@@ -447,13 +457,16 @@ def problems_of(
     joints: Mapping[str, LockedJoint],
     given: Mapping[str, float],
 ) -> Iterator[tuple[str, bool, str, str]]:
-    """What is wrong with where joints are to stand: joint, whether its name is, message and hint.
+    """Check the positions of locked joints.
 
     Args:
         robot: Name of the robot.
         moving: Joints of its arm.
         joints: Its locked joints by name.
-        given: Where some are to stand: meters of sliding ones, degrees of turning ones.
+        given: Requested positions: meters of prismatic joints, degrees of revolute ones.
+
+    Yields:
+        Joint, whether its name is the problem, message, hint.
     """
     known = ", ".join(list(joints)[:_MOST_LISTED]) + (", …" if len(joints) > _MOST_LISTED else "")
     for name, value in given.items():
@@ -465,40 +478,40 @@ def problems_of(
             yield name, True, f"there is no locked joint of {robot} '{name}'", hint
         elif not joints[name].lower <= value <= joints[name].upper:
             joint = joints[name]
-            message = f"joint '{name}' cannot stand at {value:g} {joint.unit}"
+            message = f"joint '{name}' cannot be at {value:g} {joint.unit}"
             yield name, False, message, f"its limits are {joint.span}"
-    sound = {
+    valid = {
         name: value
         for name, value in given.items()
         if name in joints and joints[name].lower <= value <= joints[name].upper
     }
-    yield from _of_coupled(joints, sound)
+    yield from _mimic_problems(joints, valid)
 
 
-def _of_coupled(
+def _mimic_problems(
     joints: Mapping[str, LockedJoint], given: Mapping[str, float]
 ) -> Iterator[tuple[str, bool, str, str]]:
-    """What is wrong where joints go with one another, as the two fingers of a hand."""
-    values = standing(joints, given)
+    """Check joints that mimic one another, as the two fingers of a hand; as `problems_of`."""
+    values = with_followers(joints, given)
     everywhere = {name: values.get(name, joint.at) for name, joint in joints.items()}
     for name, value in values.items():
         joint = joints[name]
         if name not in given:
             if not joint.lower <= value <= joint.upper:
-                message = f"'{name}', which goes with it, cannot stand at {value:g} {joint.unit}"
+                message = f"'{name}', which follows it, cannot be at {value:g} {joint.unit}"
                 yield _leader(joints, name, given), False, message, f"its limits are {joint.span}"
         elif joint.follows in joints:
-            goes = _following(joints, joint, everywhere)
-            if abs(goes - value) > _SAME:
-                message = f"joint '{name}' goes with '{joint.follows}', to {goes:g} {joint.unit}"
-                hint = f"{joint.follows} stands at {everywhere[str(joint.follows)]:g}: give that"
+            expected = _mimicked(joints, joint, everywhere)
+            if abs(expected - value) > _SAME:
+                message = f"joint '{name}' follows '{joint.follows}', to {expected:g} {joint.unit}"
+                hint = f"{joint.follows} is at {everywhere[str(joint.follows)]:g}: set that one"
                 yield name, False, message, hint
 
 
-def _following(
+def _mimicked(
     joints: Mapping[str, LockedJoint], joint: LockedJoint, values: Mapping[str, float]
 ) -> float:
-    """Where a joint stands that goes with another."""
+    """Position of a joint that mimics another one."""
     leader = str(joint.follows)
     at = float(np.radians(values[leader])) if joints[leader].turns else values[leader]
     value = joint.times * at + joint.plus
@@ -506,6 +519,7 @@ def _following(
 
 
 def _leader(joints: Mapping[str, LockedJoint], name: str, given: Mapping[str, float]) -> str:
+    """The given joint that a joint mimics, directly or through others."""
     while name not in given:
         name = str(joints[name].follows)
     return name
@@ -528,7 +542,7 @@ def _locked(joint: Joint, at: float) -> LockedJoint:
 
 
 def _span(joint: Joint) -> tuple[float, float]:
-    """Its limits in rad or m: a joint that is locked needs none, and then may stand anywhere."""
+    """Limits of a joint in rad or m; a locked joint needs none and then may be anywhere."""
     element = joint.element.find("limit")
     free = ONE_TURN if joint.kind in TURNING else 10.0
     if element is None or joint.kind == "continuous":
@@ -539,4 +553,4 @@ def _span(joint: Joint) -> tuple[float, float]:
 
 
 def _number(element: Element, name: str, default: float) -> float:
-    return Complaints().number(element, name, _ANY, default)
+    return AttributeReader().number(element, name, _ANY, default)

@@ -1,4 +1,9 @@
-"""A first description file for a robot, measured on its URDF."""
+"""Templates of description files: a first description of an arm, derived from its URDF.
+
+Limits that a URDF lacks are guessed, and a comment beside each guess tells the author to replace it
+by the value of the data sheet. The home posture, and the pairs of links whose contacts are ignored,
+come from a survey of random postures.
+"""
 
 from __future__ import annotations
 
@@ -21,29 +26,28 @@ from bt_dualarm.robots.robot import Flange, JointFriction, JointLimits, Robot
 from bt_dualarm.robots.robot_description import RANGES
 from bt_dualarm.robots.urdf import TURNING, KinematicTree, Selection, read_urdf, stops_of
 from bt_dualarm.robots.urdf_arm import Urdf, mesh_finder, robot_data_dir, turning_joints
-from bt_dualarm.robots.urdf_xml import Complaints, DescriptionError
+from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError
 from bt_dualarm.spec.yaml_reader import ScalarError, plain_value
 
-# Random postures: links that always touch, a start posture, joint torques
-
+# Survey of random postures
 
 _POSTURES: Final = 400
-_ALWAYS: Final = 0.95  # of the postures: such links touch by how they are modeled
+_ALWAYS: Final = 0.95  # share of postures from which on a contact is an artifact of the model
 _STAND: Final = "stand/"
 _STAND_SIZE: Final = (0.11, 0.11, 1.0)  # m, half lengths; as wide as a pedestal
-_ROOM: Final = 0.1  # rad that home stays away from limits, where there is so much
+_LIMIT_MARGIN: Final = 0.1  # rad that home keeps from the limits, if the range allows it
 
 
 @dataclass(frozen=True, eq=False)
 class PostureSurvey:
-    """What postures by chance say of an arm.
+    """Result of a survey of random postures of an arm.
 
     Attributes:
-        always: Pairs of links that touch in nearly all postures.
-        home: Posture to begin from, rad, whole degrees, of shape (dof,).
-        gravity: Torques that hold the arm there, N m, of shape (dof,).
-        most_gravity: The largest torques of all postures, likewise.
-        inertia: Diagonal of the mass matrix there, kg m², of shape (dof,).
+        always: Pairs of links in contact in nearly all postures.
+        home: Home posture, in whole degrees but given in rad, of shape (dof,).
+        gravity: Gravity torques at home, N m, of shape (dof,).
+        most_gravity: Largest gravity torques of all postures, likewise.
+        inertia: Diagonal of the mass matrix at home, kg m², of shape (dof,).
     """
 
     always: tuple[tuple[str, str], ...]
@@ -54,10 +58,10 @@ class PostureSurvey:
 
 
 def survey_of(robot: Robot) -> PostureSurvey:
-    """Try postures of an arm, the same ones each time.
+    """Survey random postures of an arm, the same ones in each call.
 
     Raises:
-        CatalogError: Links touch in every posture.
+        CatalogError: The arm collides with itself in every posture.
     """
     arm = _Arm(_on_a_stand(robot).compile(), robot)
     postures = _postures(robot)
@@ -65,14 +69,15 @@ def survey_of(robot: Robot) -> PostureSurvey:
     most = np.max([np.abs(arm.gravity(q)) for q in postures], axis=0)
     pairs = {pair for some in touching for pair in some if _STAND not in pair}
     always = {p for p in pairs if sum(p in some for some in touching) >= _ALWAYS * len(touching)}
-    met = [(q, some - always) for q, some in zip(postures, touching, strict=True)]
-    free = [q for q, some in met if not some]
-    free = free or [q for q, some in met if all(_STAND in pair for pair in some)]
+    found = [(q, some - always) for q, some in zip(postures, touching, strict=True)]
+    free = [q for q, some in found if not some]
+    # An arm that is not meant for a pedestal may collide with it everywhere.
+    free = free or [q for q, some in found if all(_STAND in pair for pair in some)]
     if not free:
         often = max(pairs - always, key=lambda p: sum(p in some for some in touching))
         raise CatalogError(
-            f"no posture of {len(postures)} is free of contacts of the arm with itself; most often "
-            f"{' and '.join(sorted(often))} touch: name the pair in 'exclude' if they may"
+            f"none of {len(postures)} postures is free of self-collisions; most often "
+            f"{' and '.join(sorted(often))} collide: list the pair in 'exclude' if that is harmless"
         )
     home = max(free, key=arm.quality)
     named = sorted((min(pair), max(pair)) for pair in always)
@@ -80,7 +85,7 @@ def survey_of(robot: Robot) -> PostureSurvey:
 
 
 def _on_a_stand(robot: Robot) -> mujoco.MjSpec:
-    """The arm on a pedestal, which the link that is mounted there may touch."""
+    """The arm on a pedestal, whose contacts with the first link are ignored."""
     spec = robot_spec(robot, visuals=False)
     stand = spec.worldbody.add_body(name=_STAND, pos=(0.0, 0.0, -_STAND_SIZE[2]))
     stand.add_geom(name=_STAND, type=mujoco.mjtGeom.mjGEOM_BOX, size=_STAND_SIZE)
@@ -90,13 +95,13 @@ def _on_a_stand(robot: Robot) -> mujoco.MjSpec:
 
 
 def _postures(robot: Robot) -> list[Vector]:
-    """The middle, zero, and some by chance, in whole degrees within the limits."""
+    """Zero, the middle, and random postures, in whole degrees within the limits."""
     rng = np.random.default_rng(0)
     lower = robot.limits.lower
     upper = robot.limits.upper
-    room = np.minimum(_ROOM, (upper - lower) / 8)
-    low = np.maximum(lower + room, -np.pi)
-    high = np.minimum(upper - room, np.pi)
+    margin = np.minimum(_LIMIT_MARGIN, (upper - lower) / 8)
+    low = np.maximum(lower + margin, -np.pi)
+    high = np.minimum(upper - margin, np.pi)
     low, high = np.minimum(low, high), np.maximum(low, high)
     drawn = rng.uniform(low, high, (_POSTURES, robot.dof))
     several = [np.clip(np.zeros(robot.dof), low, high), (low + high) / 2, *drawn]
@@ -118,7 +123,7 @@ class _Arm:
         mujoco.mj_fwdPosition(self.model, self.data)
 
     def touching(self, q: Vector) -> set[frozenset[str]]:
-        """Pairs of links that touch."""
+        """Pairs of links in contact at ``q``."""
         self._at(q)
         bodies = self.model.geom_bodyid
         return {
@@ -127,7 +132,7 @@ class _Arm:
         }
 
     def gravity(self, q: Vector) -> Vector:
-        """Torques that hold the arm, N m, of shape (dof,)."""
+        """Gravity torques at ``q``, N m, of shape (dof,)."""
         self._at(q)
         self.data.qvel[:] = 0.0
         mujoco.mj_fwdVelocity(self.model, self.data)
@@ -135,7 +140,7 @@ class _Arm:
         return torques
 
     def inertia(self, q: Vector) -> Vector:
-        """Diagonal of the mass matrix, kg m², of shape (dof,)."""
+        """Diagonal of the mass matrix at ``q``, kg m², of shape (dof,)."""
         self._at(q)
         mass = np.empty((self.model.nv, self.model.nv))
         mujoco.mj_fullM(self.model, self.data, mass)
@@ -143,31 +148,28 @@ class _Arm:
         return diagonal
 
     def quality(self, q: Vector) -> float:
-        """How well the arm can move on from a posture: free of limits and of singularities."""
+        """Score of a posture: far from singularities and limits, with little gravity torque."""
         self._at(q)
         jacobian = np.empty((6, self.model.nv))
         mujoco.mj_jacSite(self.model, self.data, jacobian[:3], jacobian[3:], self.site)
         values = np.linalg.svd(jacobian[:, self.ids], compute_uv=False)
         limits = self.robot.limits
-        room = np.minimum(q - limits.lower, limits.upper - q) / (limits.upper - limits.lower)
-        weight = np.abs(self.gravity(q)) / limits.effort
-        strength = max(0.01, 1.0 - float(weight.max()))
-        return float(values[-1] / values[0] * min(room.min(), 0.15) * strength)
+        margin = np.minimum(q - limits.lower, limits.upper - q) / (limits.upper - limits.lower)
+        load = np.abs(self.gravity(q)) / limits.effort
+        reserve = max(0.01, 1.0 - float(load.max()))
+        # The ratio of the singular values is the inverse condition number of the Jacobian.
+        return float(values[-1] / values[0] * min(margin.min(), 0.15) * reserve)
 
 
-# Template of a description from a URDF: joints, limits, a home posture free of contacts.
-#
-# What a URDF does not contain is guessed, and a comment beside each guessed number says so: the
-# author has to replace it by the value of the data sheet.
-
+# Template
 
 GUESSED_VELOCITY: Final = 1.0
-"""rad/s, of joints whose URDF says nothing of use: slow for any arm."""
+"""Velocity limit in rad/s of joints without a usable one in the URDF: slow for any arm."""
 
-_FASTEST: Final = 10.0  # rad/s; no joint of an arm turns faster, whatever a URDF says
-_HIGHEST_ACCELERATION: Final = 10.0  # rad/s²
-_RISE: Final = 0.05  # s from rest to full acceleration: the jerk
-_EFFORT_ROOM: Final = 3.0  # times what gravity asks for
+_MAX_VELOCITY: Final = 10.0  # rad/s; URDFs with larger limits are wrong
+_MAX_ACCELERATION: Final = 10.0  # rad/s²
+_RISE_S: Final = 0.05  # time to full acceleration, which determines the jerk limit
+_EFFORT_FACTOR: Final = 3.0  # guessed effort over what gravity and an acceleration need
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,13 +177,13 @@ class DescriptionTemplate:
     """Content of the template of a description.
 
     Attributes:
-        locked: Where joints are locked that cannot be at zero: meters, or degrees.
+        locked: Positions of locked joints that cannot be at zero: meters, or degrees.
         acceleration: Limits in rad/s², of shape (dof,); likewise ``jerk``, rad/s³.
-        velocity: Limits in rad/s; None if those of the URDF do.
+        velocity: Limits in rad/s; None if those of the URDF are usable.
         effort: Limits in N m; likewise.
         home: Joint angles in degrees, of shape (dof,).
-        exclude: Pairs of links that always touch.
-        weak: Joints whose efforts do not hold the arm at home.
+        exclude: Pairs of links that are in contact in nearly every posture.
+        weak: Joints whose effort limits hardly hold the arm at home.
     """
 
     base_link: str
@@ -198,22 +200,22 @@ class DescriptionTemplate:
 
 
 def template_of(urdf: Path, folder: Path, base: str, tool: str) -> DescriptionTemplate:
-    """Measure an arm on its URDF.
+    """Create the template of an arm from its URDF.
 
     Args:
         urdf: File of the URDF.
-        folder: Folder of the description, below which meshes may lie.
-        base: Link that is to stand still.
+        folder: Folder of the description, below which meshes may be.
+        base: Base link.
         tool: Link that carries the tool.
 
     Raises:
-        DescriptionError: The URDF cannot be used; it carries every reason.
-        CatalogError: The two links have no joint between them, or no posture is free.
+        DescriptionError: The URDF cannot be used; it carries all problems.
+        CatalogError: There is no joint between the links, or no collision-free posture.
     """
     tree = read_urdf(urdf)
     joints = turning_joints(tree, base, tool)
     if not joints:
-        raise CatalogError(f"no joint that turns lies between {base!r} and {tool!r}")
+        raise CatalogError(f"there is no revolute joint between {base!r} and {tool!r}")
     locked = _locked(tree, base, joints)
     arm = _read(tree, Selection(base, joints, locked, frozenset({base, tool})), urdf, folder)
     velocity, effort = (
@@ -221,46 +223,46 @@ def template_of(urdf: Path, folder: Path, base: str, tool: str) -> DescriptionTe
         for what in ("velocity", "effort")
     )
     survey = survey_of(_robot(arm, base, tool, joints, effort))
-    slow = _velocity(velocity)
-    strong = _effort(effort, survey)
-    torque = np.where(strong > 0, strong, 1.0)
-    room = (torque - np.abs(survey.gravity)) / survey.inertia
-    acceleration = _rounded(np.clip(room / 2, 0.1, _HIGHEST_ACCELERATION))
+    velocity_limit = _velocity(velocity)
+    effort_limit = _effort(effort, survey)
+    torque = np.where(effort_limit > 0, effort_limit, 1.0)
+    possible = (torque - np.abs(survey.gravity)) / survey.inertia
+    acceleration = _rounded(np.clip(possible / 2, 0.1, _MAX_ACCELERATION))
     return DescriptionTemplate(
         base_link=base,
         tool_link=tool,
         joints=joints,
         locked={name: _shown(tree, name, value) for name, value in locked.items()},
         acceleration=acceleration,
-        jerk=_rounded(acceleration / _RISE),
-        velocity=None if (slow == velocity).all() else slow,
-        effort=None if (strong == effort).all() else strong,
+        jerk=_rounded(acceleration / _RISE_S),
+        velocity=None if (velocity_limit == velocity).all() else velocity_limit,
+        effort=None if (effort_limit == effort).all() else effort_limit,
         home=np.degrees(survey.home),
         exclude=survey.always,
-        weak=tuple(name for name, some in zip(joints, room, strict=True) if some < 0.2),
+        weak=tuple(name for name, most in zip(joints, possible, strict=True) if most < 0.2),
     )
 
 
 def _read(tree: KinematicTree, selection: Selection, urdf: Path, folder: Path) -> Urdf:
-    complaints = Complaints()
+    reader = AttributeReader()
     finder = mesh_finder(urdf, folder, robot_data_dir().parent)
-    arm = Urdf.read(tree, selection, finder, complaints)
-    problems = [*complaints.problems, *mesh_problems(arm)]
+    arm = Urdf.read(tree, selection, finder, reader)
+    problems = [*reader.problems, *mesh_problems(arm)]
     if problems:
         raise DescriptionError(problems)
     return arm
 
 
 def _locked(tree: KinematicTree, base: str, joints: tuple[str, ...]) -> dict[str, float]:
-    """Joints that cannot stand at zero, where they stand instead: rad."""
+    """Positions of locked joints that cannot be at zero, at the limit next to it, rad."""
     found = {}
     for link in tree.subtree(base):
         joint = tree.above.get(link)
         if link == base or joint is None or joint.kind != "revolute" or joint.name in joints:
             continue
-        complaints = Complaints()
-        stops = stops_of(joint, complaints)
-        if not complaints.problems and not stops.lower <= 0 <= stops.upper:
+        reader = AttributeReader()
+        stops = stops_of(joint, reader)
+        if not reader.problems and not stops.lower <= 0 <= stops.upper:
             found[joint.name] = stops.lower if stops.lower > 0 else stops.upper
     return found
 
@@ -270,7 +272,7 @@ def _shown(tree: KinematicTree, name: str, value: float) -> float:
 
 
 def _robot(arm: Urdf, base: str, tool: str, joints: tuple[str, ...], effort: Vector) -> Robot:
-    """The arm with limits that say nothing but where its joints stop and what they bear."""
+    """The arm with the URDF's position and effort limits, and placeholders for the others."""
     effort = np.where(effort > RANGES["effort"].least, effort, RANGES["effort"].most)
     ones = np.ones(len(joints))
     stops = [arm.stops[joint] for joint in joints]
@@ -287,57 +289,56 @@ def _robot(arm: Urdf, base: str, tool: str, joints: tuple[str, ...], effort: Vec
 
 
 def _velocity(given: Vector) -> Vector:
-    known = (given >= RANGES["velocity"].least) & (given <= _FASTEST)
-    return np.where(known, given, np.where(given > _FASTEST, _FASTEST, GUESSED_VELOCITY))
+    known = (given >= RANGES["velocity"].least) & (given <= _MAX_VELOCITY)
+    return np.where(known, given, np.where(given > _MAX_VELOCITY, _MAX_VELOCITY, GUESSED_VELOCITY))
 
 
 def _effort(given: Vector, survey: PostureSurvey) -> Vector:
-    """The URDF's, or some times what gravity asks for and an acceleration of 1 rad/s²."""
-    guess = _rounded(_EFFORT_ROOM * (survey.most_gravity + survey.inertia))
+    """The URDF's efforts, or multiples of the torques for gravity and 1 rad/s²."""
+    guess = _rounded(_EFFORT_FACTOR * (survey.most_gravity + survey.inertia))
     known = np.array([RANGES["effort"].holds(effort) for effort in given])
     return np.where(known, given, np.maximum(guess, 10 * RANGES["effort"].least))
 
 
 def _rounded(values: Vector) -> Vector:
-    """Two digits, downwards, of shape (dof,)."""
+    """Values rounded down to two significant digits, of shape (dof,)."""
     unit = 10.0 ** (np.floor(np.log10(np.maximum(values, 1e-9))) - 1)
     rounded: Vector = np.round(np.floor(values / unit) * unit, 9)
     return rounded
 
 
-# The template as YAML, with a comment on every guess
-
+# Text
 
 _PLAIN: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*", re.ASCII)
 
 _SOURCES: Final = {
-    "velocity": "Guessed by bt-robot where the URDF gives none of use; see the data sheet",
-    "effort": "Guessed by bt-robot, three times what gravity asks for; see the data sheet",
+    "velocity": "Guessed by bt-robot where the URDF gives no usable value; see the data sheet",
+    "effort": "Guessed by bt-robot, three times the torque of gravity; see the data sheet",
     "acceleration": "Guessed by bt-robot, half of what efforts allow at home; see the data sheet",
-    "jerk": "Guessed by bt-robot, full acceleration is reached in 50 ms; see the data sheet",
+    "jerk": "Guessed by bt-robot for full acceleration within 50 ms; see the data sheet",
 }
 
 
 def template_text(draft: DescriptionTemplate, title: str, urdf: str, srdf: str | None) -> str:
-    """Text of the template; it is valid as it is, and meant to be edited.
+    """YAML text of the template, a valid description that the author has to edit.
 
     Args:
-        draft: What was measured.
-        title: Name for people.
-        urdf: URDF as the description is to name it; likewise ``srdf``.
+        draft: Content.
+        title: Display name.
+        urdf: Path of the URDF as the description refers to it; likewise ``srdf``.
         srdf: SRDF, if there is one.
     """
     return "\n".join(_lines(draft, title, urdf, srdf)) + "\n"
 
 
 def _lines(draft: DescriptionTemplate, title: str, urdf: str, srdf: str | None) -> Iterator[str]:
-    yield "# A first page, by bt-robot. Replace what is guessed by the data sheet's numbers."
+    yield "# Template by bt-robot. Replace the guessed values by those of the data sheet."
     yield f"title: {_text(title)}"
     yield f"urdf: {_text(urdf)}"
     if srdf is not None:
         yield f"srdf: {_text(srdf)}"
     yield f"base_link: {_text(draft.base_link)}"
-    yield f"tool: {{link: {_text(draft.tool_link)}}}   # its z axis is to point out of the tool"
+    yield f"tool: {{link: {_text(draft.tool_link)}}}   # its z axis must point out of the tool"
     yield f"joints: [{_list(draft.joints)}]"
     if draft.locked:
         pairs = (f"{_text(name)}: {_number(value)}" for name, value in draft.locked.items())
@@ -346,11 +347,11 @@ def _lines(draft: DescriptionTemplate, title: str, urdf: str, srdf: str | None) 
     for what in ("velocity", "effort", "acceleration", "jerk"):
         yield from _limit(what, getattr(draft, what))
     if draft.weak:
-        yield f"# The efforts hardly hold the arm at home: {', '.join(draft.weak)}."
+        yield f"# The effort limits hardly hold the arm at home: {', '.join(draft.weak)}."
     yield "postures:   # degrees"
     yield f"  home: [{', '.join(map(_number, draft.home))}]"
     if draft.exclude:
-        yield "exclude:   # these touch in nearly every posture, by how they are modeled"
+        yield "exclude:   # in contact in nearly every posture, because of how they are modeled"
         yield from (f"  - [{_list(pair)}]" for pair in draft.exclude)
 
 
@@ -373,7 +374,7 @@ def _number(value: float) -> str:
 
 
 def _text(text: str) -> str:
-    """As it is where YAML reads it as text, else in quotes."""
+    """A YAML string, in quotes if it needs them."""
     try:
         plain = _PLAIN.fullmatch(text) is not None and isinstance(plain_value(text), str)
     except ScalarError:

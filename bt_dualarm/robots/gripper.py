@@ -1,4 +1,8 @@
-"""Grippers: what they can do and consist of, and what their description files may say."""
+"""Grippers of the catalog: their data, the schema of their descriptions, and how they are built.
+
+A gripper has two fingers that slide in a palm, or a suction cup. Its parts are either links of a
+URDF, or simple shapes of uniform density.
+"""
 
 from __future__ import annotations
 
@@ -30,17 +34,17 @@ from bt_dualarm.robots.urdf import (
     read_urdf,
 )
 from bt_dualarm.robots.urdf_arm import Urdf, mesh_finder, robot_data_dir
-from bt_dualarm.robots.urdf_xml import Complaints, DescriptionError
+from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError
 from bt_dualarm.spec.document import LONGEST_NAME
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.values import Value
 from bt_dualarm.spec.yaml_reader import DataPath as Place
 
 PALM: Final = "gripper/palm"
-"""Link that a gripper adds to its arm; no link of a URDF has a slash in its name."""
+"""Link that a gripper adds to its arm; names of links in URDFs contain no slash."""
 
 CLOSED_M: Final = 0.001
-"""Opening in meters at which fingers are closed, or more where their encoder is coarser."""
+"""Opening in m below which fingers count as closed, unless their encoder is coarser."""
 
 FINGERS: Final = ("gripper/left", "gripper/right")
 """Bodies and joints of the two fingers, below the palm."""
@@ -73,7 +77,7 @@ class RigidPart:
         center: Center of mass, of shape (3,), m.
         inertia: Inertia about the center of mass, of shape (3, 3), kg m².
         collision: Collision shapes.
-        visual: Shapes that people see; those that touch where there are none.
+        visual: Shapes for images; if empty, the collision shapes.
     """
 
     mass: float
@@ -88,9 +92,9 @@ class Finger:
     """A finger that slides in the palm.
 
     Attributes:
-        part: What it consists of.
+        part: Shapes and inertia.
         pose: Pose of its frame in the palm when the gripper is closed.
-        axis: Direction in the palm in which it opens, of unit length, of shape (3,).
+        axis: Unit vector in the palm of its opening direction, of shape (3,).
         pad: Contact pad, a box in the finger.
     """
 
@@ -107,7 +111,7 @@ class Cup:
     Attributes:
         radius: Radius of its rim in m.
         depth: Depth of its lip in m.
-        seal: Share of the rim that has to lie on an object so that it seals.
+        seal: Share of the rim that must be on an object for a seal.
     """
 
     radius: float
@@ -117,12 +121,12 @@ class Cup:
 
 @dataclass(frozen=True)
 class Tactile:
-    """What feels the force on each pad.
+    """Force sensors under the pads.
 
     Attributes:
-        rate: Readings a second, Hz.
-        noise: Deviation of a reading in each direction, N.
-        gain: Half-width of the share by which a pad's sensor reads too much or too little.
+        rate: Sampling rate, Hz.
+        noise: Standard deviation of a reading in each direction, N.
+        gain: Half-width of the relative gain error of a pad's sensor.
     """
 
     rate: float
@@ -132,13 +136,13 @@ class Tactile:
 
 @dataclass(frozen=True)
 class Interval:
-    """What a gripper can be asked for: from the least to the most."""
+    """Range of a gripper's commands."""
 
     least: float
     most: float
 
     def clipped(self, value: float) -> float:
-        """The nearest value that it can do."""
+        """The nearest value in the range."""
         return min(max(value, self.least), self.most)
 
 
@@ -148,21 +152,21 @@ class Gripper:
 
     Attributes:
         name: Name in the catalog.
-        title: Name for people.
+        title: Display name.
         mount: Pose of the palm in the robot's flange, whose z axis points away from the arm.
-        tool: Tool frame in the palm: between the pads, or in the cup's rim. Its z axis points out
-            of the gripper, its y axis along the way of the fingers.
-        stroke: Distance of the pads when it is open, m; 0 for a cup.
-        force: Force of each pad on what is between them, N; of a cup, that which pulls it off.
+        tool: Pose of the tool frame in the palm: between the pads, or in the plane of the cup's
+            rim. Its z axis points out of the gripper, its y axis along the motion of the fingers.
+        stroke: Distance of the pads when open, m; 0 for a cup.
+        force: Force of each pad on the object, N; for a cup, its holding force.
         speed: Speed of the opening, of both fingers together, m/s; zeros for a cup.
-        payload: Most that it may hold, kg.
-        resolution: Step of its opening's encoder, m; 0 for none.
-        friction: Least coefficient of friction of its pads or cup, whatever the object has.
-        palm: All of it that does not move in it.
+        payload: Largest mass of an object, kg.
+        resolution: Resolution of the opening's encoder, m; 0 for none.
+        friction: Least friction coefficient of pads or cup, whatever the object's.
+        palm: Static part.
         fingers: Two fingers, or none.
         cup: Suction cup, if it has one.
-        drive_mass: What a finger's drive adds to its inertia, kg.
-        tactile: What feels the force on each pad, if anything does.
+        drive_mass: Reflected inertia of the drive per finger, kg.
+        tactile: Force sensors under the pads, if any.
         color: RGBA of its shapes.
     """
 
@@ -190,22 +194,21 @@ class Gripper:
 
     @property
     def closed_width(self) -> float:
-        """Opening in m below which nothing is between the fingers: two steps of the encoder."""
+        """Opening in m below which the fingers hold no object: two encoder steps or `CLOSED_M`."""
         return max(CLOSED_M, 2.0 * self.resolution)
 
     @property
     def moved_mass(self) -> float:
-        """What the drive moves with a finger, and of itself, kg."""
+        """Mass that the drive accelerates per finger, its own reflected inertia included, kg."""
         return self.drive_mass + sum(finger.part.mass for finger in self.fingers[:1])
 
     @property
     def mass(self) -> float:
-        """Mass of all of it, kg."""
+        """Mass of palm and fingers, kg."""
         return self.palm.mass + sum(finger.part.mass for finger in self.fingers)
 
 
-# Schema of gripper descriptions
-
+# Schema
 
 _Metres: TypeAlias = Annotated[float, Field(ge=-2.0, le=2.0)]
 _Length: TypeAlias = Annotated[float, Field(gt=0.0, le=2.0)]
@@ -220,14 +223,14 @@ _LENGTHS = {"box": 3, "cylinder": 2, "sphere": 1}
 
 
 class PlaceEntry(Value):
-    """A frame in another; meters, degrees."""
+    """Pose of a frame; meters, degrees."""
 
     xyz: tuple[_Metres, _Metres, _Metres] = (0.0, 0.0, 0.0)
     rpy: tuple[_Turn, _Turn, _Turn] = (0.0, 0.0, 0.0)
 
     @property
     def pose(self) -> Pose:
-        """The frame in the other."""
+        """The frame's pose in its parent."""
         roll, pitch, yaw = np.deg2rad(self.rpy)
         return Pose.from_rpy(self.xyz, (roll, pitch, yaw))
 
@@ -246,7 +249,7 @@ class ShapeEntry(PlaceEntry):
 
 
 class PartEntry(Value):
-    """What a part consists of; its mass is spread evenly over its shapes."""
+    """A part of simple shapes; its mass is distributed evenly over their volumes."""
 
     mass: _Mass
     shapes: Annotated[tuple[ShapeEntry, ...], Field(min_length=1, max_length=50)]
@@ -260,14 +263,13 @@ class PadEntry(Value):
 
 
 class FingersEntry(Value):
-    """Two fingers that slide along y of the palm, the second one the first turned by 180° about z.
+    """Two fingers that slide along y of the palm, the second one rotated by 180° about z.
 
     Attributes:
-        urdf: URDF that describes palm and fingers, in place of shapes.
-        links: Links of the URDF that are the fingers, the first one opens along +y.
-        part: One finger, closed: y points from the middle outwards.
-        place: Where the middle of the closed fingers is in the palm.
-        pad: Box that takes hold; its inner face lies at y = 0.
+        links: Links of the URDF that are the fingers; the first one opens along +y.
+        part: One finger, closed: y points outward from the middle.
+        place: Pose in the palm of the middle between the closed fingers.
+        pad: Box that grasps objects; its inner face is at y = 0.
     """
 
     links: tuple[str, str] | None = None
@@ -285,7 +287,7 @@ class CupEntry(Value):
 
 
 class SourcedSpan(Value):
-    """From the least to the most, and who says so."""
+    """A range with its source."""
 
     value: tuple[_Force, _Force]
     source: _Text
@@ -298,20 +300,20 @@ class SourcedSpan(Value):
 
 
 class SourcedValue(Value):
-    """A number, and who says so."""
+    """A number with its source."""
 
     value: Annotated[float, Field(gt=0.0, le=5000.0)]
     source: _Text
 
 
 class TactileEntry(Value):
-    """Sensors under the pads that feel the force on each of them, and who says so.
+    """Force sensors under the pads.
 
     Attributes:
-        rate: Readings a second, Hz.
-        noise: Deviation of a reading in each direction, N.
-        gain: Half-width of the share by which a pad's sensor reads too much or too little.
-        source: Where that is from.
+        rate: Sampling rate, Hz.
+        noise: Standard deviation of a reading in each direction, N.
+        gain: Half-width of the relative gain error of a pad's sensor.
+        source: Source of these values.
     """
 
     rate: Annotated[float, Field(ge=10.0, le=10000.0)]
@@ -321,25 +323,25 @@ class TactileEntry(Value):
 
 
 class GripperEntry(Value):
-    """A description of the catalog.
+    """Schema of a gripper's description.
 
     Attributes:
-        title: Name for people.
-        urdf: File in the example-robot-data package, or beside the description, that has the links
-            that the description names.
-        mount: Palm in the flange of the robot; z points away from the arm.
+        title: Display name.
+        urdf: File beside the description, or in the example-robot-data package, with the links that
+            the description refers to.
+        mount: Pose of the palm in the robot's flange, whose z axis points away from the arm.
         tool: Tool frame in the palm.
-        palm: All that does not move in it: a part of its own, or a link of the URDF.
-        fingers: Two fingers; else there is a cup.
-        cup: Suction cup; else there are fingers.
-        stroke: Distance of the pads when it is open, m.
-        force: Force of each pad, or that which pulls a cup off, N.
+        palm: Static part: shapes, or a link of the URDF.
+        fingers: Two fingers; otherwise there is a cup.
+        cup: Suction cup; otherwise there are fingers.
+        stroke: Distance of the pads when open, m.
+        force: Force of each pad, or holding force of a cup, N.
         speed: Speed of the opening, m/s.
-        payload: Most that it may hold, kg.
-        resolution: Step of its opening's encoder, m.
-        tactile: What feels the force on each pad; none where it is left out.
-        friction: Least coefficient of friction of pads or cup.
-        drive_mass: What the drive adds to a finger's inertia, kg.
+        payload: Largest mass of an object, kg.
+        resolution: Resolution of the opening's encoder, m.
+        tactile: Force sensors under the pads, if any.
+        friction: Least friction coefficient of pads or cup.
+        drive_mass: Reflected inertia of the drive per finger, kg.
         color: RGBA of its shapes.
     """
 
@@ -362,21 +364,21 @@ class GripperEntry(Value):
 
 
 class GripperFile(DescriptionFile[GripperEntry]):
-    """A description that was read, and the text that messages point into.
+    """A gripper's description file that was read and validated.
 
     Raises:
-        DescriptionError: The file is no description; it carries every reason.
+        DescriptionError: The file is not a valid description; lists all problems.
     """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, GripperEntry)
 
 
-# Parts of a gripper: shapes of uniform density, or links of a URDF
+# Parts
 
 
 def part_of(entry: PartEntry) -> RigidPart:
-    """Part of a gripper whose mass is distributed evenly over the volumes of its shapes."""
+    """Part of a gripper of simple shapes, of uniform density."""
     solids = tuple(GripperShape(shape.shape, shape.size, shape.pose) for shape in entry.shapes)
     volumes = np.array([_volume(shape) for shape in entry.shapes])
     masses = entry.mass * volumes / volumes.sum()
@@ -388,7 +390,7 @@ def part_of(entry: PartEntry) -> RigidPart:
 
 
 def part_of_link(part: Part) -> RigidPart:
-    """A part that is a link of a URDF, its shapes and inertia as they stand there."""
+    """Part of a gripper that is a link of a URDF."""
     inertial = part.inertial or Inertial(1e-3, part.origin, (1e-6, 1e-6, 1e-6, 0.0, 0.0, 0.0))
     turn = inertial.origin.pose.rotation_matrix
     return RigidPart(
@@ -401,11 +403,14 @@ def part_of_link(part: Part) -> RigidPart:
 
 
 def together(bodies: Sequence[tuple[float, Vector, Matrix]]) -> tuple[float, Vector, Matrix]:
-    """Mass, center and inertia about it of bodies that hold together (parallel-axis theorem).
+    """Mass, center of mass and inertia of rigidly connected bodies (parallel-axis theorem).
 
     Args:
         bodies: Mass in kg, center of mass of shape (3,) in m, and inertia about it of shape (3, 3)
-            in kg m² of each, all in one frame.
+            in kg m² of each body, all in one frame.
+
+    Returns:
+        The same for all of them.
     """
     mass = sum(body[0] for body in bodies)
     center = sum((body[0] * body[1] for body in bodies), np.zeros(3)) / mass
@@ -417,7 +422,7 @@ def together(bodies: Sequence[tuple[float, Vector, Matrix]]) -> tuple[float, Vec
 
 
 def placed(pose: Pose, part: RigidPart) -> tuple[float, Vector, Matrix]:
-    """Mass, center and inertia of a part in the frame in which it stands at a pose."""
+    """Mass, center of mass and inertia of a part, in the frame in which its pose is given."""
     turn = pose.rotation_matrix
     return part.mass, pose.apply(part.center), turn @ part.inertia @ turn.T
 
@@ -436,7 +441,7 @@ def _volume(shape: ShapeEntry) -> float:
 
 
 def _inertia(solid: GripperShape, mass: float) -> Matrix:
-    """Of an even body about its center, along the axes of its part, of shape (3, 3), kg m²."""
+    """Inertia of a uniform shape about its center, in the axes of its part, (3, 3), kg m²."""
     squares = np.square(solid.size)
     if solid.kind == "box":
         x, y, z = squares
@@ -451,17 +456,16 @@ def _inertia(solid: GripperShape, mass: float) -> Matrix:
     return inertia
 
 
-# Building a gripper from its description, with or without a URDF
-
+# Grippers
 
 _NONE: Final = Interval(0.0, 0.0)
 _OPPOSITE: Final = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, np.pi))
-_ALONG: Final = 1.0 - 1e-6
+_MIN_COSINE: Final = 1.0 - 1e-6  # of the angle between a finger's axis and y
 
 
 @dataclass(frozen=True, eq=False)
 class _Described:
-    """The links of a URDF that a gripper consists of, by name, and how its fingers open."""
+    """Links of a URDF that are parts of a gripper, by name, and the fingers' opening axes."""
 
     parts: Mapping[str, RigidPart]
     poses: Mapping[str, Pose]
@@ -472,7 +476,7 @@ def gripper_of(file: GripperFile) -> Gripper:
     """Build the gripper of a description.
 
     Raises:
-        DescriptionError: It describes none; it carries every reason.
+        DescriptionError: The description is wrong; carries all problems.
     """
     entry = file.entry
     problems = list(_problems(file))
@@ -480,13 +484,13 @@ def gripper_of(file: GripperFile) -> Gripper:
         raise DescriptionError(problems)
     described = None if entry.urdf is None else _from_urdf(file, entry.urdf)
     if isinstance(entry.palm, str):
-        assert described is not None  # noqa: S101 - a page that names a link names its URDF
+        assert described is not None  # noqa: S101 - a description with a link has a URDF
         palm = described.parts[entry.palm]
     else:
         palm = part_of(entry.palm)
     cup = entry.cup
     speed = entry.speed
-    felt = entry.tactile
+    tactile = entry.tactile
     return Gripper(
         name=file.path.stem,
         title=entry.title,
@@ -502,17 +506,17 @@ def gripper_of(file: GripperFile) -> Gripper:
         fingers=() if entry.fingers is None else tuple(_fingers(entry.fingers, described)),
         cup=None if cup is None else Cup(cup.radius, cup.depth, cup.seal),
         drive_mass=entry.drive_mass,
-        tactile=None if felt is None else Tactile(felt.rate, felt.noise, felt.gain),
+        tactile=None if tactile is None else Tactile(tactile.rate, tactile.noise, tactile.gain),
         color=entry.color,
     )
 
 
 def _problems(file: GripperFile) -> Iterator[Problem]:
-    """Contradictions in the description."""
+    """Report contradictions in the description."""
     entry = file.entry
     fingers = file.entry.fingers
     if (fingers is None) == (entry.cup is None):
-        message = "a gripper has fingers, or a cup"
+        message = "a gripper has either fingers or a cup"
         yield file.problem(("cup",) if entry.cup else ("title",), message, "one of the two")
         return
     if fingers is not None:
@@ -521,15 +525,15 @@ def _problems(file: GripperFile) -> Iterator[Problem]:
                 yield file.problem(("fingers",), f"fingers need a {key}", "with its source")
         if (fingers.links is None) == (fingers.part is None):
             hint = "links of the URDF, or a part of shapes"
-            yield file.problem(("fingers",), "what do the fingers consist of?", hint, key=True)
+            yield file.problem(("fingers",), "the fingers have no shape, or two", hint, key=True)
     if fingers is None and entry.tactile is not None:
-        yield file.problem(("tactile",), "feels the force on pads: a cup has none", key=True)
+        yield file.problem(("tactile",), "tactile sensors are on pads: a cup has none", key=True)
     from_urdf = isinstance(entry.palm, str) or (fingers is not None and fingers.links is not None)
     if from_urdf and entry.urdf is None:
         place: Place = ("palm",) if isinstance(entry.palm, str) else ("fingers", "links")
         yield file.problem(place, "no URDF has these links", "name it: urdf: …")
     if fingers is not None and fingers.links is not None and not isinstance(entry.palm, str):
-        yield file.problem(("palm",), "is no link of the URDF that the fingers are of")
+        yield file.problem(("palm",), "is not a link of the URDF that has the fingers")
 
 
 def _fingers(entry: FingersEntry, described: _Described | None) -> Iterator[Finger]:
@@ -543,14 +547,14 @@ def _fingers(entry: FingersEntry, described: _Described | None) -> Iterator[Fing
         for link in entry.links:
             pose = described.poses[link]
             axis = described.axes[link]
-            turned = pose.rotation_matrix.T @ axis  # the way in which it opens, in the finger
-            facing = Pose.identity() if turned[1] > 0 else _OPPOSITE
+            opening = pose.rotation_matrix.T @ axis  # in the finger
+            facing = Pose.identity() if opening[1] > 0 else _OPPOSITE
             own = GripperShape("box", pad.size, facing @ pad.pose)
             yield Finger(_without(described.parts[link], own), pose, axis, own)
 
 
 def _without(part: RigidPart, pad: GripperShape) -> RigidPart:
-    """The part without the shapes in which the pad's middle lies: the pad stands for them."""
+    """The part without the collision shapes that contain the pad's center, which it replaces."""
     kept = tuple(solid for solid in part.collision if not _holds(solid, pad.pose.position))
     return RigidPart(part.mass, part.center, part.inertia, kept, part.visual)
 
@@ -561,10 +565,10 @@ def _holds(solid: GripperShape, point: Vector) -> bool:
 
 
 def _from_urdf(file: GripperFile, name: str) -> _Described:
-    """Palm and fingers of the URDF.
+    """Read palm and fingers from the URDF.
 
     Raises:
-        DescriptionError: It has no such links, or they are not sound.
+        DescriptionError: It lacks the links, or they are invalid.
     """
     entry = file.entry
     path = next(
@@ -598,22 +602,20 @@ def _unknown_links(file: GripperFile, tree: KinematicTree) -> Iterator[Problem]:
             joint = tree.above.get(link)
             if joint is None or joint.kind != "prismatic" or joint.parent != entry.palm:
                 message = f"link '{link}' does not slide in '{entry.palm}'"
-                yield file.problem(place, message, "a finger hangs on a prismatic joint of it")
+                yield file.problem(place, message, "a finger needs a prismatic joint to it")
 
 
 def _read(path: Path, file: GripperFile, tree: KinematicTree, links: tuple[str, ...]) -> _Described:
-    complaints = Complaints()
+    reader = AttributeReader()
     palm = str(file.entry.palm)
     finder = mesh_finder(path, file.path.parent, robot_data_dir().parent)
     selection = Selection(palm, (), {}, frozenset({palm, *links}))
-    urdf = Urdf.read(tree, selection, finder, complaints)
+    urdf = Urdf.read(tree, selection, finder, reader)
     poses = {link: urdf.parts[link].pose for link in links}
-    axes = {
-        link: poses[link].rotation_matrix @ axis_of(tree.above[link], complaints) for link in links
-    }
-    problems = [*complaints.problems, *mesh_problems(urdf)]
+    axes = {link: poses[link].rotation_matrix @ axis_of(tree.above[link], reader) for link in links}
+    problems = [*reader.problems, *mesh_problems(urdf)]
     for number, (link, axis) in enumerate(axes.items()):
-        if abs(axis[1]) < _ALONG:
+        if abs(axis[1]) < _MIN_COSINE:
             message = f"link '{link}' does not slide along y of '{palm}'"
             problems.append(file.problem(("fingers", "links", number), message))
     if problems:
@@ -622,7 +624,7 @@ def _read(path: Path, file: GripperFile, tree: KinematicTree, links: tuple[str, 
     return _Described(parts, poses, axes)
 
 
-# Gripper catalog
+# Catalog
 
 
 def gripper_names() -> tuple[str, ...]:
@@ -631,19 +633,20 @@ def gripper_names() -> tuple[str, ...]:
 
 
 def load_gripper(name: str, root: Path | None = None) -> Gripper:
-    """A gripper by its name in the catalog, or by the path of a YAML file below ``root``.
+    """Load a gripper by its name in the catalog, or by the path of a YAML file below ``root``.
 
     Raises:
-        CatalogError: No such gripper, or its file is wrong; the message names file and entry.
+        CatalogError: There is no such gripper, or its file is wrong; the message names file and
+            entry.
     """
     path = description_path("gripper", name, root)
     if is_description_path(name):
         return gripper_of(GripperFile(path))
     state = path.stat()
-    return _catalogd(path, state.st_mtime_ns, state.st_size)
+    return _load_shipped(path, state.st_mtime_ns, state.st_size)
 
 
 @lru_cache(maxsize=64)
-def _catalogd(path: Path, _changed: int, _size: int) -> Gripper:
-    """A shipped gripper, read again only when its description has changed."""
+def _load_shipped(path: Path, _changed: int, _size: int) -> Gripper:
+    """A shipped gripper, cached until its description changes."""
     return gripper_of(GripperFile(path))

@@ -1,8 +1,12 @@
-"""Robot meshes: reading, checking, measuring, and the shapes that stand for them in contacts."""
+"""Robot meshes: conversion to STL, validation, and convex shapes for contacts and cameras.
+
+MuJoCo reads neither COLLADA nor ASCII STL, and collides meshes only as convex hulls. `as_stl`
+converts a mesh, `mesh_problems` refuses unusable ones before MuJoCo or Qhull fail, and
+`mesh_shapes` approximates a mesh by hulls with few vertices. Results are cached by content.
+"""
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import itertools
 import json
@@ -14,7 +18,7 @@ import sysconfig
 import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -30,18 +34,18 @@ from bt_dualarm.robots.urdf import Shape
 from bt_dualarm.robots.urdf_arm import Urdf
 from bt_dualarm.spec.problems import Problem
 
-# Conversion of meshes to binary STL.
+# Conversion
 #
-# MuJoCo reads neither COLLADA nor ASCII STL. Other formats than binary STL are converted once with
-# the ``assimp`` program (of the package cmeel-assimp) and kept in the user's cache directory, or
-# for the life of the process if that is not writable.
+# Formats other than binary STL are converted once by the ``assimp`` program (of the package
+# cmeel-assimp) and kept in the user's cache directory, or until the end of the process if that is
+# not writable.
 
 
 _STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 _STL_HEADER = 84
 
 ASSIMP_SECONDS = 4.0
-"""How long the conversion of one mesh may take; 29 MB of COLLADA take 0.4 s."""
+"""Timeout of the conversion of one mesh in s; 29 MB of COLLADA take 0.4 s."""
 
 _ASSIMP_MEMORY = 4 * 1024**3  # bytes
 _ASSIMP_OUTPUT = 256 * 1024**2  # bytes
@@ -53,8 +57,8 @@ class MeshError(CatalogError):
 
     Args:
         path: File of the mesh.
-        message: What is wrong with it.
-        hint: What may be done.
+        message: The problem, as a predicate of the mesh.
+        hint: How to solve it.
     """
 
     def __init__(self, path: Path, message: str, hint: str = "") -> None:
@@ -84,7 +88,7 @@ def as_stl(path: Path) -> Path:
     converted = cache_dir() / "meshes" / name
     try:
         _convert_once(path, converted)
-    except OSError:  # nothing can be written there
+    except OSError:  # the cache directory is not writable
         converted = Path(_scratch().name) / name
         _convert_once(path, converted)
     return converted
@@ -92,7 +96,7 @@ def as_stl(path: Path) -> Path:
 
 @cache
 def _scratch() -> tempfile.TemporaryDirectory[str]:
-    """Where meshes are converted that cannot be kept; gone with the process."""
+    """Directory for conversions that cannot be cached; removed when the process ends."""
     return tempfile.TemporaryDirectory(prefix="bt_dualarm-")
 
 
@@ -111,22 +115,22 @@ def _is_binary_stl(path: Path) -> bool:
 
 
 def _convert(source: Path, target: Path) -> None:
-    """Run assimp; the result appears under its name only when it is whole."""
+    """Run assimp; the target file appears only when it is complete."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
         upright = Path(folder) / source.name
-        # A URDF takes vertices as they are; assimp turns models that declare z to be up.
+        # URDF ignores a COLLADA file's up axis; assimp would rotate models with z up.
         upright.write_bytes(_UP_AXIS.sub(rb"<up_axis>Y_UP</up_axis>", source.read_bytes()))
         raw = Path(folder) / target.name
-        complaint = _run_assimp("export", str(upright), str(raw), "-fstlb", "-ptv")
-        if complaint or not raw.is_file():
-            raise MeshError(source, complaint or "was converted to nothing by assimp")
+        error = _run_assimp("export", str(upright), str(raw), "-fstlb", "-ptv")
+        if error or not raw.is_file():
+            raise MeshError(source, error or "cannot be converted: assimp wrote no file")
         _write_true_count(raw)
         raw.replace(target)
 
 
 def _write_true_count(path: Path) -> None:
-    """Mend the header: assimp counts lines and points that it then leaves out."""
+    """Correct the triangle count: assimp counts lines and points, which it does not write."""
     count = (path.stat().st_size - _STL_HEADER) // _STL_FACET.itemsize
     with path.open("r+b") as file:
         file.seek(80)
@@ -134,9 +138,9 @@ def _write_true_count(path: Path) -> None:
 
 
 def _run_assimp(*arguments: str) -> str:
-    """Run it to its end, or to that of its time; returns what it complains of."""
+    """Run assimp with a timeout; returns its error message, empty on success."""
     program = _assimp()
-    # The program does not say where its own library lies: in the folder beside its own.
+    # The program has no RPATH to its library, which is in the folder next to its own.
     environment = os.environ | {"LD_LIBRARY_PATH": str(program.parents[1] / "lib")}
     with subprocess.Popen(  # noqa: S603  # our own program and paths
         [program, *arguments],
@@ -147,25 +151,25 @@ def _run_assimp(*arguments: str) -> str:
     ) as process:
         _confine(process.pid)
         try:
-            said, _ = process.communicate(timeout=ASSIMP_SECONDS)
+            output, _ = process.communicate(timeout=ASSIMP_SECONDS)
         except subprocess.TimeoutExpired:
             return f"takes assimp longer than {ASSIMP_SECONDS:g} s"
         finally:
-            process.kill()  # it has ended, or there is no use in waiting for its end
+            process.kill()  # no effect if it has ended
     if process.returncode == 0:
         return ""
-    words = " ".join(said.decode(errors="replace").split()).rpartition("ERROR: ")[2]
-    return f"cannot be read by assimp: {words[-200:]} (code {process.returncode})"
+    text = " ".join(output.decode(errors="replace").split()).rpartition("ERROR: ")[2]
+    return f"cannot be read by assimp: {text[-200:]} (code {process.returncode})"
 
 
 def _confine(pid: int) -> None:
-    """Let a process take no more memory and write no larger a file than any sound mesh needs."""
+    """Limit the memory and file size of a process to what any valid mesh needs."""
     for limit, most in (
         (resource.RLIMIT_AS, _ASSIMP_MEMORY),
         (resource.RLIMIT_FSIZE, _ASSIMP_OUTPUT),
         (resource.RLIMIT_CORE, 0),
     ):
-        with contextlib.suppress(ProcessLookupError):  # it has ended already
+        with suppress(ProcessLookupError):  # it has ended already
             resource.prlimit(pid, limit, (most, most))
 
 
@@ -176,41 +180,41 @@ def _assimp() -> Path:
     return program
 
 
-# Extent and least thickness of a mesh, cached.
+# Extents
 #
-# Reading and measuring the meshes of two arms takes 70 ms, up to a tenth of the start of a run.
-
+# They are cached, since measuring the meshes of two arms takes 70 ms, up to a tenth of the start of
+# a run.
 
 MAX_TRIANGLES: Final = 200_000
-"""What MuJoCo takes of one mesh."""
+"""Largest number of triangles that MuJoCo accepts in one mesh."""
 
 MAX_EXTENT: Final = 100.0
-"""m; no link is larger."""
+"""Largest extent in m of a plausible link."""
 
 MILLIMETERS: Final = 'a mesh in millimeters needs scale="0.001 0.001 0.001"'
 
-_LEAST_CORNERS: Final = 4
-_LEAST_AREA: Final = 1e-10  # m²
-_FEW: Final = 200
-_SAMPLE: Final = 2000  # corners that say where a mesh is flattest
-_WORTH_KEEPING: Final = 10_000  # bytes of a file; what is smaller is read as fast as what is kept
+_MIN_CORNERS: Final = 4
+_MIN_AREA: Final = 1e-10  # m²
+_FEW: Final = 200  # triangles or corners, for which exact tests are cheap
+_SAMPLE: Final = 2000  # corners from which the flattest direction is computed
+_MIN_CACHED_BYTES: Final = 10_000  # smaller meshes are measured as fast as a cache file is read
 
 
 class Extents(NamedTuple):
-    """Largest extent along an axis, and extent in the direction in which it is flattest, m."""
+    """Largest extent along an axis, and extent in the flattest direction (thickness), m."""
 
     largest: float
     thickness: float
 
 
 def extents(mesh: Path, scale: tuple[float, ...]) -> Extents:
-    """The extents of a mesh whose corners are scaled along x, y and z.
+    """Extents of a mesh whose corners are scaled along x, y and z.
 
-    They are kept in the user's cache directory, for as long as the file has the same size and time.
+    They are cached in the user's cache directory while the file keeps its size and time.
 
     Raises:
-        OSError: It cannot be read.
-        MeshError: It is no mesh that anybody can use.
+        OSError: The file cannot be read.
+        MeshError: The mesh is unusable.
     """
     state = mesh.stat()
     return _extents(mesh, scale, state.st_mtime_ns, state.st_size)
@@ -218,32 +222,33 @@ def extents(mesh: Path, scale: tuple[float, ...]) -> Extents:
 
 @lru_cache(maxsize=1024)
 def _extents(mesh: Path, scale: tuple[float, ...], changed: int, size: int) -> Extents:
-    if size < _WORTH_KEEPING:
+    if size < _MIN_CACHED_BYTES:
         return _measured(mesh, scale)
-    key = repr((str(mesh.resolve()), scale, changed, size)).encode() + _extents_recipe()
-    place = cache_dir() / "extents" / f"{mesh.stem}-{hashlib.sha256(key).hexdigest()[:16]}.json"
+    key = repr((str(mesh.resolve()), scale, changed, size)).encode() + _source()
+    cached = cache_dir() / "extents" / f"{mesh.stem}-{hashlib.sha256(key).hexdigest()[:16]}.json"
     try:
-        return Extents(*map(float, json.loads(place.read_bytes())))
+        return Extents(*map(float, json.loads(cached.read_bytes())))
     except (OSError, ValueError, TypeError):
         found = _measured(mesh, scale)
-        _keep_extents(place, found)
-        return found
+    with suppress(OSError), _atomic_file(cached) as raw:
+        raw.write_text(json.dumps(found))
+    return found
 
 
 @lru_cache(maxsize=1)
-def _extents_recipe() -> bytes:
-    """The source of what measures: a change of it is another place in the cache."""
+def _source() -> bytes:
+    """Source of this module, part of all cache keys: a change of it invalidates the caches."""
     return Path(__file__).read_bytes()
 
 
-def _keep_extents(place: Path, found: Extents) -> None:
-    """Write it whole or not at all; what cannot be written is measured again next time."""
-    with suppress(OSError):
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=place.parent) as folder:
-            raw = Path(folder) / place.name
-            raw.write_text(json.dumps(found))
-            raw.replace(place)
+@contextmanager
+def _atomic_file(path: Path) -> Iterator[Path]:
+    """A temporary file that becomes ``path`` when the block ends, so readers see it complete."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        raw = Path(folder) / path.name
+        yield raw
+        raw.replace(path)
 
 
 def _measured(mesh: Path, scale: tuple[float, ...]) -> Extents:
@@ -253,45 +258,44 @@ def _measured(mesh: Path, scale: tuple[float, ...]) -> Extents:
     if len(triangles) > MAX_TRIANGLES:
         hint = "thin it out, or choose a base_link that leaves this link out"
         raise MeshError(mesh, f"has {len(triangles)} triangles; {MAX_TRIANGLES} are the most", hint)
-    with np.errstate(all="ignore"):  # what is infinite is refused below
+    with np.errstate(all="ignore"):  # infinite corners are refused below
         scaled = triangles * np.asarray(scale)
     points = scaled.reshape(-1, 3)
     ends = np.array((points.min(axis=0), points.max(axis=0)))
     if not np.isfinite(ends).all():
-        raise MeshError(mesh, "has a corner that is nowhere: NaN or infinite")
+        raise MeshError(mesh, "has a corner with a NaN or infinite coordinate")
     away = float(np.abs(ends).max())
     if away > 10 * MAX_EXTENT:
-        raise MeshError(mesh, f"reaches {away:.3g} m away from its link", MILLIMETERS)
-    if _area(scaled[:_FEW]) < _LEAST_AREA and _area(scaled) < _LEAST_AREA:
+        raise MeshError(mesh, f"extends {away:.3g} m from its link", MILLIMETERS)
+    if _area(scaled[:_FEW]) < _MIN_AREA and _area(scaled) < _MIN_AREA:
         raise MeshError(mesh, "has no surface: its triangles are points or lines")
-    if len(points) < _FEW and len(np.unique(points, axis=0)) < _LEAST_CORNERS:
-        raise MeshError(mesh, f"is no shape: it has fewer than {_LEAST_CORNERS} different corners")
+    if len(points) < _FEW and len(np.unique(points, axis=0)) < _MIN_CORNERS:
+        raise MeshError(mesh, f"is not a solid: it has fewer than {_MIN_CORNERS} different corners")
     return Extents(float(np.abs(ends[1] - ends[0]).max()), _thickness(points))
 
 
 def _area(triangles: Matrix) -> float:
-    """Area of triangles, of shape (n, 3, 3), m²."""
+    """Total area of triangles, of shape (n, 3, 3), m²."""
     sides = triangles[:, 1:] - triangles[:, :1]
     return float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2
 
 
 def _thickness(points: Matrix) -> float:
-    """How far points, of shape (n, 3), lie apart in the direction in which a sample is flattest."""
+    """Extent of points, of shape (n, 3), along the least principal axis of a sample of them."""
     sample = points[:: 1 + len(points) // _SAMPLE]
     sample = sample - sample.mean(axis=0)
     _, axes = np.linalg.eigh(sample.T @ sample)
     return float(np.ptp(points @ axes[:, 0]))
 
 
-# Validation of meshes: empty, flat or infinite ones are refused before MuJoCo and Qhull fail
+# Validation
 
-
-LEAST_THICKNESS: Final = 1e-4
-"""m; what touches objects is thicker: MuJoCo takes no body of less than 1e-15 m³."""
+MIN_THICKNESS: Final = 1e-4
+"""Least thickness of a collision mesh, m; MuJoCo refuses bodies of less than 1e-15 m³."""
 
 
 def mesh_problems(arm: Urdf) -> Iterator[Problem]:
-    """Meshes of an arm that are no shapes, each at the place where the URDF names it."""
+    """Yield a problem for each unusable mesh of an arm, at the URDF element that names it."""
     for part in arm.parts.values():
         for shapes, solid in ((part.collision, True), (part.visual, False)):
             for shape in shapes:
@@ -313,22 +317,21 @@ def _refuse_size(mesh: Path, extent: float, thickness: float, *, solid: bool) ->
     if not extent <= MAX_EXTENT:
         message = f"is {extent:.3g} m long; {MAX_EXTENT:g} m are the most"
         raise MeshError(mesh, message, MILLIMETERS)
-    if not extent >= LEAST_THICKNESS:
-        raise MeshError(mesh, f"is {extent:.3g} m long, which is nothing", "look at its scale")
-    if solid and not thickness >= LEAST_THICKNESS:
-        hint = "what touches things has a thickness; a <box> may stand for it"
+    if not extent >= MIN_THICKNESS:
+        raise MeshError(mesh, f"is only {extent:.3g} m long", "check its scale")
+    if solid and not thickness >= MIN_THICKNESS:
+        hint = "collision shapes need a thickness; use a <box> instead"
         raise MeshError(mesh, f"is flat: {thickness:.3g} m thick", hint)
 
 
-# Convex hulls with few vertices
-
+# Low-polygon convex hulls
 
 LOSS_M = 0.002
-"""Distance in meters by which a point may stand out of its hull; 1 mm takes 1.5 times the
-vertices."""
+"""Distance in m by which a point may lie outside the simplified hull; with 1 mm there are 1.5 times
+as many vertices."""
 
 _DIRECTIONS = 24
-"""Number of directions whose extreme points a hull begins with."""
+"""Number of directions whose extreme points are the first vertices."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,7 +340,7 @@ class Hull:
 
     Attributes:
         vertices: Corners, of shape (n, 3), m.
-        triangles: Indices of the corners of its faces, anticlockwise seen from outside, (m, 3).
+        triangles: Corner indices of its faces, counterclockwise from outside, of shape (m, 3).
     """
 
     vertices: Matrix
@@ -345,10 +348,10 @@ class Hull:
 
 
 def low_poly_hull(points: Matrix) -> Hull:
-    """Convex hull of points, of shape (n, 3), m, with few vertices, all of them among the points.
+    """Simplified convex hull of points, of shape (n, 3), m; its vertices are some of the points.
 
-    It begins with the extreme points in evenly spread directions and takes in the point that
-    stands out farthest of each of its sides, until none stands out by more than `LOSS_M`.
+    The hull of the extreme points in evenly spread directions is refined by the farthest point
+    outside of each face, until no point is farther outside than `LOSS_M`.
     """
     corners = points[scipy.spatial.ConvexHull(points).vertices]
     chosen = np.unique(np.argmax(corners @ _fibonacci_sphere(_DIRECTIONS).T, axis=0))
@@ -371,7 +374,7 @@ def _fibonacci_sphere(count: int) -> Matrix:
 
 
 def _outward(points: Matrix, hull: scipy.spatial.ConvexHull) -> Matrix:
-    """Triangles of a hull, each with its corners anticlockwise seen from outside."""
+    """Triangles of a hull, each with its corners counterclockwise from outside."""
     triangles: Matrix = hull.simplices.copy()
     corners = points[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -380,38 +383,37 @@ def _outward(points: Matrix, hull: scipy.spatial.ConvexHull) -> Matrix:
     return triangles
 
 
-# Decomposition of a mesh into nearly convex parts.
+# Convex decomposition
 #
-# A link that is bent, or thick at its joints and thin between them, is far smaller than its convex
-# hull. It is cut by planes normal to the axes of its mesh, along which links are modeled, where the
-# hulls of the parts have the least total volume. The mesh need not be closed, since a part's hull
-# needs no cap.
+# A link that is bent, or thick at its joints and thin between them, is much smaller than its convex
+# hull. It is cut by planes normal to the axes of its mesh, along which links are modeled, at the
+# positions where the hulls of the parts have the least total volume. The mesh need not be closed,
+# because the hull of a part needs no cap.
 
 
 _STEPS = 12
-"""Number of equal slices along each axis, between which a part may be cut."""
+"""Number of equal slices along each axis; a part may be cut between two of them."""
 
-_WORTH = 0.03
-"""Share of the whole hull's volume that a cut must save: with less, the hollow inside of a shell
-would be cut free."""
+_MIN_SAVING = 0.03
+"""Share of the whole hull's volume that a cut must save: with less, the cavities of shells would be
+cut out."""
 
-_MOST = 8
-"""Number of parts at most."""
+_MAX_PARTS = 8
 
 _ROUNDING = 1e-6
-"""Share by which sums of volumes may be off."""
+"""Relative rounding error of sums of volumes."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A part of a mesh, and the best that one more cut could do.
+    """A part of a mesh, and its best cut.
 
     Attributes:
         triangles: Corners of its triangles, of shape (n, 3, 3), m.
-        volume: Volume of its convex hull in m³.
-        saved: Volume in m³ that is saved by the best cut.
-        axis: Axis across which that cut goes: 0, 1 or 2.
-        offset: Position of that cut along the axis, m.
+        volume: Volume of its convex hull, m³.
+        saved: Volume that the best cut saves, m³; 0 if none is worth it.
+        axis: Axis that is normal to the cut: 0, 1 or 2.
+        offset: Position of the cut along the axis, m.
     """
 
     triangles: Matrix
@@ -422,33 +424,36 @@ class _Part:
 
 
 def convex_parts(triangles: Matrix) -> tuple[Matrix, ...]:
-    """Points of the parts, each of shape (m, 3), m, whose convex hulls hold the whole mesh.
+    """Decompose a mesh into parts whose convex hulls together contain it.
 
     Args:
         triangles: Corners of the mesh's triangles, of shape (n, 3, 3), m.
+
+    Returns:
+        Corner points of each part, of shape (m, 3), m.
     """
     whole = _best_cut(triangles, 0.0)
     parts = [whole]
-    worth = _WORTH * whole.volume
-    while len(parts) < _MOST:
+    threshold = _MIN_SAVING * whole.volume
+    while len(parts) < _MAX_PARTS:
         part = max(parts, key=lambda one: one.saved)
-        if part.saved < worth:
+        if part.saved < threshold:
             break
         parts.remove(part)
         halves = _halves(part.triangles, part.axis, part.offset)
-        parts += [_best_cut(half, worth) for half in halves]
-    joined = _joined([_Piece.of(part.triangles) for part in parts], worth)
+        parts += [_best_cut(half, threshold) for half in halves]
+    joined = _joined([_Piece.of(part.triangles) for part in parts], threshold)
     return tuple(one.triangles.reshape(-1, 3) for one in joined)
 
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """One part or several together.
+    """One part, or several joined.
 
     Attributes:
         triangles: Corners of its triangles, of shape (n, 3, 3), m.
-        corners: Points that have the same convex hull, of shape (m, 3), m.
-        volume: Volume of that in m³.
+        corners: Vertices of its convex hull, of shape (m, 3), m.
+        volume: Volume of the hull, m³.
     """
 
     triangles: Matrix
@@ -461,28 +466,28 @@ class _Piece:
         return cls(triangles, *_hull(triangles))
 
     def added_by(self, other: _Piece) -> float:
-        """Volume in m³ by which the hull of both is larger than their own."""
+        """Volume that the common hull of both adds to their own hulls, m³."""
         both = np.concatenate((self.corners, other.corners))
         return _hull(both)[1] - self.volume - other.volume
 
 
-def _joined(pieces: list[_Piece], worth: float) -> list[_Piece]:
-    """The pieces with those together again whose hull adds less than a volume in m³.
+def _joined(pieces: list[_Piece], threshold: float) -> list[_Piece]:
+    """Join pairs of pieces again whose common hull adds less than a threshold in m³.
 
-    A first cut goes through the middle of a thin piece between two thick ends.
+    This undoes unfortunate cuts: the first cut of a dumbbell goes through the middle of its bar.
     """
     while len(pieces) > 1:
         pairs = itertools.combinations(range(len(pieces)), 2)
         added, i, j = min((pieces[i].added_by(pieces[j]), i, j) for i, j in pairs)
-        if added >= worth:
+        if added >= threshold:
             break
         both = _Piece.of(np.concatenate((pieces[i].triangles, pieces[j].triangles)))
         pieces = [*(one for k, one in enumerate(pieces) if k not in (i, j)), both]
     return pieces
 
 
-def _best_cut(triangles: Matrix, worth: float) -> _Part:
-    """A part, and its best cut if that saves as much as a volume in m³."""
+def _best_cut(triangles: Matrix, threshold: float) -> _Part:
+    """A part with its best cut, if that saves at least a threshold in m³."""
     volume = _hull(triangles)[1]
     best = _Part(triangles, volume, 0.0, 0, 0.0)
     low = triangles.min(axis=(0, 1))
@@ -492,16 +497,16 @@ def _best_cut(triangles: Matrix, worth: float) -> _Part:
             float(low[axis] + (high[axis] - low[axis]) * step / _STEPS) for step in range(1, _STEPS)
         ]
         slices = _slices(triangles, axis, offsets)
-        saved, number = _most_saved(slices, volume, max(best.saved, worth))
+        saved, number = _most_saved(slices, volume, max(best.saved, threshold))
         if saved > best.saved:
             best = _Part(triangles, volume, saved, axis, offsets[number])
     return best
 
 
 def _slices(triangles: Matrix, axis: int, offsets: Sequence[float]) -> list[tuple[Matrix, float]]:
-    """What lies between planes across an axis, at rising offsets: as `_hull` has it.
+    """Hull corners and volume of the slices between planes normal to an axis, at rising offsets.
 
-    The corners of a slice's own hull do: all else is inside whatever hull holds the slice.
+    The corners of a slice's hull suffice to compute the hull of several slices.
     """
     slices = []
     rest = triangles
@@ -514,10 +519,10 @@ def _slices(triangles: Matrix, axis: int, offsets: Sequence[float]) -> list[tupl
 def _most_saved(
     slices: Sequence[tuple[Matrix, float]], volume: float, least: float
 ) -> tuple[float, int]:
-    """What the best cut between two slices saves, in m³, and its number; 0 if it is too little.
+    """Volume that the best cut between two slices saves, m³, and its number; 0 if too little.
 
-    The hull of several slices is no smaller than theirs together: most cuts are known by that to
-    save too little before their hulls are made.
+    The hull of several slices is at least as large as the sum of their hulls. This bound rules out
+    most cuts before their hulls are computed.
 
     Args:
         slices: Corners and volume of each slice.
@@ -539,17 +544,18 @@ def _most_saved(
             break
         upper = _hull(np.concatenate([one for one, _ in slices[number + 1 :]]))[1]
         saved = volume - lower[number] - upper
-        if min(lower[number], upper) > 0.0:  # of a mesh with holes a half may be flat
+        if min(lower[number], upper) > 0.0:  # half of a mesh with holes may be flat
             best = max(best, (saved, number), key=lambda one: (one[0], -one[1]))
     return best
 
 
 def _halves(triangles: Matrix, axis: int, offset: float) -> tuple[Matrix, Matrix]:
-    """The triangles below a plane across an axis, and those above it, of shape (m, 3, 3) each."""
+    """Cut triangles by a plane normal to an axis: those below and above, of shape (m, 3, 3)."""
     below = triangles[:, :, axis] <= offset
     count = below.sum(axis=1)
     crossing = (count == 1) | (count == 2)
-    # Of a triangle that crosses the plane one corner is alone on its side: it comes first.
+    # A crossing triangle has one corner alone on its side. Rotate that corner to the front, then
+    # split the triangle into a tip on its side and a quadrilateral (two triangles) on the other.
     lower = count[crossing] == 1
     alone = np.argmax(below[crossing] == lower[:, None], axis=1)
     order = (alone[:, None] + np.arange(3)) % 3
@@ -566,16 +572,16 @@ def _halves(triangles: Matrix, axis: int, offset: float) -> tuple[Matrix, Matrix
 
 
 def _meeting(start: Matrix, end: Matrix, axis: int, offset: float) -> Matrix:
-    """Where lines from points to points, of shape (n, 3) each, meet a plane across an axis."""
+    """Intersect line segments, of shape (n, 3) each, with a plane normal to an axis."""
     share = (offset - start[:, axis]) / (end[:, axis] - start[:, axis])
     points: Matrix = start + share[:, None] * (end - start)
     return points
 
 
 def _hull(points: Matrix) -> tuple[Matrix, float]:
-    """Corners, of shape (m, 3), of the hull of points, of shape (…, 3), and its volume in m³.
+    """Hull corners, of shape (m, 3), of points of shape (…, 3), and the hull's volume in m³.
 
-    Of what is flat all points, and a volume of 0.
+    For flat sets all points, and a volume of 0.
     """
     points = points.reshape(-1, 3)
     try:
@@ -585,16 +591,16 @@ def _hull(points: Matrix) -> tuple[Matrix, float]:
     return points[hull.vertices], float(hull.volume)
 
 
-# Shapes that replace a mesh in contacts and camera images, cached
+# Shapes for contacts and cameras
 
 
 @dataclass(frozen=True, eq=False)
 class MeshShapes:
-    """Convex stand-ins of a mesh.
+    """Convex approximations of a mesh.
 
     Attributes:
-        outline: One hull around all of it: a camera's rays ask for few shapes.
-        parts: Hulls of its parts: what touches objects; the outline itself where it has one part.
+        outline: One hull around the whole mesh, for cameras: few shapes mean few ray tests.
+        parts: Hulls of its convex parts, for contacts; the outline itself if there is one part.
     """
 
     outline: Hull
@@ -603,55 +609,34 @@ class MeshShapes:
 
 @lru_cache(maxsize=256)
 def mesh_shapes(path: Path, scale: tuple[float, ...]) -> MeshShapes:
-    """The stand-ins of a mesh whose corners are scaled along x, y and z.
+    """Convex approximations of a mesh whose corners are scaled along x, y and z.
 
-    They take up to a second a mesh and SciPy, 0.3 s to import: the user's cache directory keeps
-    them.
+    They are kept in the user's cache directory: computing them takes up to a second per mesh.
     """
     mesh = as_stl(path)
-    digest = hashlib.sha256(
-        mesh.read_bytes() + repr(scale).encode() + _shapes_recipe()
-    ).hexdigest()[:16]
-    place = cache_dir() / "hulls" / f"{path.stem}-{digest}.npz"
-    hulls = _read(place)
+    digest = hashlib.sha256(mesh.read_bytes() + repr(scale).encode() + _source()).hexdigest()[:16]
+    cached = cache_dir() / "hulls" / f"{path.stem}-{digest}.npz"
+    hulls = _read_hulls(cached)
     if hulls is None:
-        hulls = _computed(mesh, scale)
-        _keep_shapes(place, hulls)
+        hulls = _computed_hulls(mesh, scale)
+        with suppress(OSError), _atomic_file(cached) as raw:
+            np.savez(raw, *(array for hull in hulls for array in (hull.vertices, hull.triangles)))
     return MeshShapes(hulls[0], tuple(hulls[1:]) or (hulls[0],))
 
 
-@lru_cache(maxsize=1)
-def _shapes_recipe() -> bytes:
-    """The source of what computes them: a change of it is another place in the cache."""
-    return Path(__file__).read_bytes()
-
-
-def _computed(mesh: Path, scale: tuple[float, ...]) -> list[Hull]:
-    """The outline, then the parts where there are several."""
+def _computed_hulls(mesh: Path, scale: tuple[float, ...]) -> list[Hull]:
+    """The outline, followed by the parts if there are several."""
     triangles = stl_triangles(mesh) * np.asarray(scale)
     outline = low_poly_hull(triangles.reshape(-1, 3))
     parts = convex_parts(triangles)
     return [outline, *(map(low_poly_hull, parts) if len(parts) > 1 else ())]
 
 
-def _read(place: Path) -> list[Hull] | None:
-    """What is kept there; None where nothing is, or nothing of use."""
+def _read_hulls(cached: Path) -> list[Hull] | None:
+    """Hulls from a cache file; None if it does not exist or is unreadable."""
     try:
-        with place.open("rb") as raw, np.load(raw) as file:
+        with cached.open("rb") as raw, np.load(raw) as file:
             arrays = [file[f"arr_{number}"] for number in range(len(file.files))]
             return [Hull(*pair) for pair in zip(arrays[::2], arrays[1::2], strict=True)]
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
-
-
-def _keep_shapes(place: Path, hulls: Sequence[Hull]) -> None:
-    """Write them whole or not at all; what cannot be written is computed again next time."""
-    arrays = [array for hull in hulls for array in (hull.vertices, hull.triangles)]
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=place.parent) as folder:
-            raw = Path(folder) / place.name
-            np.savez(raw, *arrays)
-            raw.replace(place)
-    except OSError:
-        return

@@ -1,4 +1,9 @@
-"""A robot's description file: what its YAML may say, checked against its URDF."""
+"""Robots from description files: a YAML file and its URDF, checked against each other.
+
+The URDF is the only source of kinematics, inertia, position limits and efforts. The description
+adds what a URDF lacks: acceleration and jerk limits, postures, the tool frame, camera mounts.
+`load_robot` is the catalog.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +28,7 @@ from bt_dualarm.robots.description_file import (
     locked_joints,
     problems_of,
     shipped_names,
-    standing,
+    with_followers,
 )
 from bt_dualarm.robots.meshes import mesh_problems
 from bt_dualarm.robots.robot import CameraMount, Flange, JointFriction, JointLimits, Robot
@@ -36,18 +41,17 @@ from bt_dualarm.robots.urdf import (
     read_urdf,
 )
 from bt_dualarm.robots.urdf_arm import Urdf, mesh_finder, robot_data_dir
-from bt_dualarm.robots.urdf_xml import Complaints, DescriptionError, Range
+from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError, Range
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.yaml_reader import DataPath as Place
 
-# Checks of a description against its URDF: unknown names, contradictory numbers
+# Checks against the URDF
 
-
-_MOST_SHOWN = 16
+_MAX_LISTED = 16
 
 
 def link_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
-    """Links that the URDF does not have, or that do not hang on the base."""
+    """Report links that the URDF lacks, or that are not descendants of the base."""
     entry = file.entry
     links: list[tuple[Place, str, bool]] = [
         (("base_link",), entry.base_link, False),
@@ -71,8 +75,8 @@ def link_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
             hint = suggestion(link, tree.links, "link")
             yield file.problem(place, f"{entry.urdf} has no link '{link}'", hint, key=at_key)
         elif link not in arm:
-            message = f"link '{link}' does not hang on base_link, '{base}'"
-            hint = "what does not hang on it is left out of the arm"
+            message = f"link '{link}' is not a descendant of base_link, '{base}'"
+            hint = "links that are not below it are left out of the arm"
             yield file.problem(place, message, hint, key=at_key)
 
 
@@ -85,7 +89,7 @@ def _flange_links(file: RobotFile) -> Iterator[tuple[Place, str, bool]]:
 
 
 def joint_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
-    """Joints that the URDF does not have, that do not move the tool, or are not in order."""
+    """Report joints that the URDF lacks, that do not move the tool, or are not in order."""
     entry = file.entry
     turning = [name for name, joint in tree.joints.items() if joint.turns]
     chain = tree.chain(entry.base_link, entry.tool.link) or ()
@@ -106,7 +110,7 @@ def joint_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
 
 
 def locked_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
-    """Joints that are to be held somewhere and cannot be."""
+    """Report joints that cannot be locked, or not at the given position."""
     entry = file.entry
     for name in entry.locked:
         joint = tree.joints.get(name)
@@ -118,18 +122,18 @@ def locked_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
             message = f"joint '{name}' is one of the arm's"
             yield file.problem(place, message, "it is in 'joints': it moves", key=True)
         elif joint.kind not in (*TURNING, "prismatic"):
-            message = f"joint '{name}' is {joint.kind}; it cannot be held anywhere else"
-            yield file.problem(place, message, "locked are sliding and turning joints", key=True)
+            message = f"joint '{name}' is {joint.kind}; it has no other position"
+            yield file.problem(place, message, "prismatic and revolute joints are locked", key=True)
     if entry.base_link not in tree.links:
         return
-    for name, told in locked_joints(tree, entry.base_link, entry.joints, entry.locked).items():
-        if name in entry.locked and not told.lower <= told.at <= told.upper:
-            message = f"joint '{name}' cannot stand at {told.at:g} {told.unit}"
-            yield file.problem(("locked", name), message, f"its limits are {told.span}")
+    for name, held in locked_joints(tree, entry.base_link, entry.joints, entry.locked).items():
+        if name in entry.locked and not held.lower <= held.at <= held.upper:
+            message = f"joint '{name}' cannot be at {held.at:g} {held.unit}"
+            yield file.problem(("locked", name), message, f"its limits are {held.span}")
 
 
 def posture_problems(file: RobotFile, stops: Mapping[str, Stops]) -> Iterator[Problem]:
-    """Postures without an angle for every joint, or with one outside of its limits."""
+    """Report postures with a wrong number of angles, or with angles outside the limits."""
     postures = file.entry.postures
     joints = file.entry.joints
     if "home" not in postures:
@@ -148,12 +152,11 @@ def posture_problems(file: RobotFile, stops: Mapping[str, Stops]) -> Iterator[Pr
 
 
 def _listed(names: list[str] | tuple[str, ...]) -> str:
-    more = ", …" if len(names) > _MOST_SHOWN else ""
-    return ", ".join(names[:_MOST_SHOWN]) + more if names else "none"
+    more = ", …" if len(names) > _MAX_LISTED else ""
+    return ", ".join(names[:_MAX_LISTED]) + more if names else "none"
 
 
-# Joint limits from URDF and description
-
+# Joint limits
 
 RANGES: Final[Mapping[str, Range]] = {
     "velocity": Range(1e-3, 1e3, "rad/s"),
@@ -161,20 +164,21 @@ RANGES: Final[Mapping[str, Range]] = {
     "jerk": Range(1e-2, 1e7, "rad/s³"),
     "effort": Range(1e-4, 1e6, "N m"),
 }
-"""What a limit may be: beyond lies no arm, and no motion that ends in a time worth computing."""
+"""Plausible limits: outside of them are no arms, and no motions of a computable length."""
 
 
 def limits_of(file: RobotFile, stops: Mapping[str, Stops], problems: list[Problem]) -> JointLimits:
-    """The URDF's limits; the description may tighten velocity and effort, never widen them.
+    """Combine the limits of URDF and description.
 
-    Where the URDF gives none, or zero, the description's are taken.
+    The description may tighten the URDF's velocity and effort limits, never widen them. Where the
+    URDF gives none, or zero, the description's apply.
 
     Args:
         file: Description of the robot.
         stops: Limits of its joints in the URDF.
-        problems: List that takes what is wrong.
+        problems: List to which problems are appended.
     """
-    unknown = Stops(0.0, 0.0, 1.0, 1.0)  # of a joint that is refused already
+    unknown = Stops(0.0, 0.0, 1.0, 1.0)  # for a joint that was reported already
     own = [stops.get(joint, unknown) for joint in file.entry.joints]
     given = file.entry.limits
     velocity = np.array([stop.velocity for stop in own])
@@ -208,7 +212,7 @@ def _tightened(
 
 
 def _per_joint(file: RobotFile, what: str, limit: LimitEntry, problems: list[Problem]) -> Vector:
-    """The description's limit for each joint, of shape (dof,)."""
+    """The description's limit of each joint, of shape (dof,)."""
     dof = len(file.entry.joints)
     place = ("limits", what, "value")
     values = limit.value if isinstance(limit.value, tuple) else (limit.value,) * dof
@@ -223,19 +227,18 @@ def _per_joint(file: RobotFile, what: str, limit: LimitEntry, problems: list[Pro
     return np.array(values)
 
 
-# Joint friction from the description
-
+# Joint friction
 
 _OPTIONAL = ("viscous", "static", "rise", "offset")
 
 
 def friction_of(file: RobotFile, effort: Vector, problems: list[Problem]) -> JointFriction:
-    """Joint friction of the description, else the default for the efforts.
+    """Joint friction of the description, else typical values by the effort limits.
 
     Args:
         file: Description of the robot.
         effort: Effort limits of its joints, of shape (dof,), N m.
-        problems: List that takes what is wrong.
+        problems: List to which problems are appended.
     """
     entry = file.entry.friction
     if entry is None:
@@ -254,22 +257,22 @@ def friction_of(file: RobotFile, effort: Vector, problems: list[Problem]) -> Joi
     if entry.static is None:
         found["static"] = found["coulomb"]
     if (found["static"] < found["coulomb"]).any():
-        message = "a joint that stands rubs less than one that moves"
-        problems.append(file.problem(("friction", "static"), message, "at least coulomb"))
+        message = "static friction is less than Coulomb friction"
+        problems.append(file.problem(("friction", "static"), message, "it is at least coulomb"))
     speed = np.full_like(effort, entry.stribeck_velocity)
     return JointFriction(stribeck_velocity=speed, **found)  # type: ignore[arg-type]  # no uncertainty among them
 
 
-# Building a robot from description and URDF, or all problems of the two
+# Robots
 
 
 @dataclass(frozen=True, eq=False)
 class ArmDescription:
-    """Build an arm from its description and its URDF.
+    """The checked parts of a robot.
 
     Attributes:
-        exclusions: Pairs of links whose contacts do not count.
-        locked: Joints that stand still although they could move, by name.
+        exclusions: Pairs of links whose contacts are ignored.
+        locked: Joints that could move but are locked, by name.
     """
 
     urdf: Urdf
@@ -283,7 +286,7 @@ def description_of(file: RobotFile) -> ArmDescription:
     """Read the URDF of a description, and check the two against each other.
 
     Raises:
-        DescriptionError: They do not describe an arm; it carries every reason.
+        DescriptionError: They do not describe an arm; it carries all problems.
     """
     urdf, srdf = _files(file)
     tree = read_urdf(urdf)
@@ -292,14 +295,14 @@ def description_of(file: RobotFile) -> ArmDescription:
         *joint_problems(file, tree),
         *locked_problems(file, tree),
     ]
-    if file.entry.base_link not in tree.links:  # what hangs on it nobody knows
+    if file.entry.base_link not in tree.links:  # nothing else can be checked
         raise DescriptionError(problems)
     pairs = _disabled(srdf, problems)
     selection = _selection(file, tree, pairs)
     finder = mesh_finder(urdf, file.path.parent, robot_data_dir().parent)
-    complaints = Complaints()
-    arm = Urdf.read(tree, selection, finder, complaints)
-    problems += complaints.problems
+    reader = AttributeReader()
+    arm = Urdf.read(tree, selection, finder, reader)
+    problems += reader.problems
     problems += mesh_problems(arm)
     problems += posture_problems(file, arm.stops)
     limits = limits_of(file, arm.stops, problems)
@@ -308,7 +311,7 @@ def description_of(file: RobotFile) -> ArmDescription:
         raise DescriptionError(problems)
     entry = file.entry
     locked = locked_joints(tree, entry.base_link, entry.joints, entry.locked)
-    return ArmDescription(arm, limits, friction, _known(pairs | _given(file), arm), locked)
+    return ArmDescription(arm, limits, friction, _of_arm(pairs | _excluded(file), arm), locked)
 
 
 def _disabled(srdf: Path | None, problems: list[Problem]) -> set[frozenset[str]]:
@@ -321,7 +324,7 @@ def _disabled(srdf: Path | None, problems: list[Problem]) -> set[frozenset[str]]
 
 
 def _files(file: RobotFile) -> tuple[Path, Path | None]:
-    """The URDF, and the SRDF if there is one: beside the description, or in example-robot-data."""
+    """Find the URDF, and the SRDF if there is one, beside the description or installed."""
     paths: dict[str, Path] = {}
     problems = []
     for key, name in (("urdf", file.entry.urdf), ("srdf", file.entry.srdf)):
@@ -347,7 +350,7 @@ def _selection(file: RobotFile, tree: KinematicTree, pairs: set[frozenset[str]])
     if entry.flange is not None:
         named |= {entry.flange.link, *entry.flange.stock}
     named |= {camera.link for camera in entry.cameras.values()}
-    named |= {link for pair in pairs | _given(file) for link in pair}
+    named |= {link for pair in pairs | _excluded(file) for link in pair}
     locked = {
         name: np.radians(value) if tree.joints[name].kind in TURNING else value
         for name, value in entry.locked.items()
@@ -356,19 +359,16 @@ def _selection(file: RobotFile, tree: KinematicTree, pairs: set[frozenset[str]])
     return Selection(entry.base_link, entry.joints, locked, frozenset(named))
 
 
-def _given(file: RobotFile) -> set[frozenset[str]]:
+def _excluded(file: RobotFile) -> set[frozenset[str]]:
     return {frozenset(pair) for pair in file.entry.exclude}
 
 
-def _known(pairs: set[frozenset[str]], arm: Urdf) -> frozenset[frozenset[str]]:
-    """Those of the arm's own links; an SRDF may be of a whole robot."""
+def _of_arm(pairs: set[frozenset[str]], arm: Urdf) -> frozenset[frozenset[str]]:
+    """Pairs of the arm's own links: an SRDF may describe a whole robot."""
     return frozenset(pair for pair in pairs if pair <= set(arm.links))
 
 
-# Robot catalog: one YAML file for each arm, in addition to its URDF.
-#
-# The URDF is the only source of kinematics, inertia, position limits and efforts. The catalog adds
-# what a URDF lacks: acceleration and jerk limits, postures, the tool frame, camera mounts.
+# Catalog
 
 
 def robot_names() -> tuple[str, ...]:
@@ -379,17 +379,17 @@ def robot_names() -> tuple[str, ...]:
 def load_robot(
     name: str, root: Path | None = None, locked: Mapping[str, float] | None = None
 ) -> Robot:
-    """An arm by its name in the catalog, or by the path of a YAML file below ``root``.
+    """Load an arm by its name in the catalog, or by the path of a YAML file below ``root``.
 
     Args:
         name: Name or path.
-        root: Folder in which the path begins; by default the current one.
-        locked: Where locked joints stand if not where the description says: meters of sliding ones,
-            degrees of turning ones. Those that follow one of them go with it.
+        root: Folder that the path is relative to; by default the current one.
+        locked: Positions of locked joints that replace those of the description: meters of
+            prismatic joints, degrees of revolute ones. Joints that mimic one of them follow it.
 
     Raises:
-        CatalogError: No such arm, its file is wrong, or a joint cannot be locked there; the
-            message names file and entry.
+        CatalogError: There is no such arm, its file is wrong, or a joint cannot be locked there;
+            the message names file and entry.
     """
     path = description_path("robot", name, root)
     robot = _loaded(path, {}, shipped=not is_description_path(name))
@@ -397,25 +397,27 @@ def load_robot(
         return robot
     for joint, _, message, hint in problems_of(robot.name, robot.joints, robot.locked, locked):
         raise CatalogError(f"locked: {joint}: {message}; {hint}")
-    return _loaded(path, standing(robot.locked, locked), shipped=not is_description_path(name))
+    return _loaded(
+        path, with_followers(robot.locked, locked), shipped=not is_description_path(name)
+    )
 
 
 def _loaded(path: Path, locked: Mapping[str, float], *, shipped: bool) -> Robot:
     if not shipped:
         return _read(path, locked)
     state = path.stat()
-    return _catalogd(path, state.st_mtime_ns, state.st_size, tuple(sorted(locked.items())))
+    return _load_shipped(path, state.st_mtime_ns, state.st_size, tuple(sorted(locked.items())))
 
 
 @lru_cache(maxsize=64)
-def _catalogd(
+def _load_shipped(
     path: Path, _changed: int, _size: int, locked: tuple[tuple[str, float], ...]
 ) -> Robot:
-    """A shipped arm, read again only when its description has changed: its URDF is of a package."""
+    """A shipped arm, cached until its description changes; its URDF is part of a package."""
     robot = _read(path, dict(locked))
-    for given in (robot.rotor_inertia, *robot.postures.values(), *vars(robot.limits).values()):
-        if isinstance(given, np.ndarray):
-            given.setflags(write=False)  # everybody has the same
+    for shared in (robot.rotor_inertia, *robot.postures.values(), *vars(robot.limits).values()):
+        if isinstance(shared, np.ndarray):
+            shared.setflags(write=False)  # all callers share the cached robot
     return robot
 
 

@@ -1,4 +1,9 @@
-"""The arm inside a URDF: its chain, rigid bodies, and the URDF that MuJoCo and PlaCo read."""
+"""The arm inside a URDF: its links and rigid bodies, and the URDF that MuJoCo and PlaCo read.
+
+A user's URDF is never passed on to a library. `Urdf.read` validates the part that is the arm, locks
+all other joints and merges links without shapes; `Urdf.kinematic_text` writes the only URDF that
+MuJoCo and PlaCo see. `arm_chains` guesses which chains of a URDF are arms.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +19,7 @@ from typing import Final
 from bt_dualarm.core.errors import CatalogError
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.robots.urdf import (
-    LEAST_MASS,
+    MIN_MASS,
     Inertial,
     Joint,
     KinematicTree,
@@ -27,10 +32,9 @@ from bt_dualarm.robots.urdf import (
     is_solid,
     parts_of,
 )
-from bt_dualarm.robots.urdf_xml import Complaints, Origin
+from bt_dualarm.robots.urdf_xml import AttributeReader, Origin
 
-# Locations of meshes: the folder of the description, or a package
-
+# Mesh files
 
 PACKAGE: Final = "package://"
 FILE: Final = "file://"
@@ -39,11 +43,14 @@ MAX_BYTES: Final = 64 * 1024 * 1024
 
 
 def mesh_finder(urdf: Path, folder: Path, packages: Path) -> MeshFinder:
-    """What finds the meshes that a URDF names.
+    """Create a function that finds the mesh files that a URDF names.
+
+    Only files below the description's folder or in a package are accepted: a URDF must not read
+    other files of the user.
 
     Args:
         urdf: File of the URDF.
-        folder: Folder of the robot's description, below which meshes may lie.
+        folder: Folder of the robot's description, below which meshes may be.
         packages: Folder of installed packages, likewise.
     """
 
@@ -56,7 +63,7 @@ def mesh_finder(urdf: Path, folder: Path, packages: Path) -> MeshFinder:
 
 
 def _base(name: str, urdf: Path, packages: Path) -> tuple[Path, str]:
-    """The folder that a name begins at, and the rest of it."""
+    """The folder that a mesh name refers to, and the rest of the name."""
     if "\0" in name or not name.isprintable() or not name:
         raise ValueError(f"mesh {name[:80]!r} is no name of a file")
     if name.startswith(PACKAGE):
@@ -69,7 +76,7 @@ def _base(name: str, urdf: Path, packages: Path) -> tuple[Path, str]:
 
 
 def _package(package: str, urdf: Path, packages: Path) -> Path:
-    """The folder of a package: one above the URDF, else an installed one."""
+    """The folder of a package: an ancestor of the URDF, else an installed package."""
     for folder in (*urdf.parents, packages, *(packages / "robots").iterdir()):
         if folder.name == package:
             return folder
@@ -81,21 +88,21 @@ def _package(package: str, urdf: Path, packages: Path) -> Path:
 
 
 def _inside(name: str, path: Path, allowed: tuple[Path, ...]) -> Path:
-    """The path without detours, if it stays in one of the folders."""
+    """The resolved path, if it is in one of the allowed folders."""
     try:
         path = path.resolve()
-    except (OSError, RuntimeError) as error:  # a name too long, a loop of symlinks
+    except (OSError, RuntimeError) as error:  # a name that is too long, a loop of symlinks
         raise ValueError(f"mesh {name[:80]!r} is no name of a file") from error
     if not any(path.is_relative_to(folder.resolve()) for folder in allowed):
         raise ValueError(
-            f"mesh {name!r} leads out of {allowed[0]}; meshes lie below the folder of the "
-            "robot's page, or in the package that they name"
+            f"mesh {name!r} is outside of {allowed[0]}; meshes must be below the folder of the "
+            "robot's description, or in the package that they name"
         )
     return path
 
 
 def _regular(name: str, path: Path) -> Path:
-    """The path, if a mesh of a kind and size that can be read is there."""
+    """The path, if it is a mesh file of a supported type and size."""
     try:
         size = path.stat().st_size if path.is_file() else -1
     except OSError:
@@ -111,11 +118,10 @@ def _regular(name: str, path: Path) -> Path:
     return path
 
 
-# Serial chains of a URDF, which may be arms
+# Chains that may be arms
 
-
-LEAST_JOINTS: Final = 2
-"""Joints of what is shown as an arm; fewer are wheels, lids and fingers."""
+MIN_JOINTS: Final = 2
+"""Least number of joints of an arm; shorter chains are wheels, lids and fingers."""
 
 _ARM: Final = re.compile(r"arm|hand|wrist|elbow|gripper|tool|shoulder|ee_|tcp", re.IGNORECASE)
 _LEG: Final = re.compile(
@@ -133,12 +139,12 @@ _TOOLS: Final = (
 
 @dataclass(frozen=True)
 class ArmChain:
-    """A chain that could be an arm.
+    """A serial chain that could be an arm.
 
     Attributes:
-        base: Link that the first joint hangs on.
+        base: Parent link of the first joint.
         tool: Link at the end.
-        joints: Names of the joints that turn, base to tip.
+        joints: Names of the movable joints, base to tip.
     """
 
     base: str
@@ -147,24 +153,24 @@ class ArmChain:
 
     @property
     def rank(self) -> tuple[int, int, str]:
-        """What sorts arms before legs, many joints before few."""
+        """Sort key: likely arms before legs, many joints before few."""
         words = " ".join((*self.joints, self.tool))
         likely = len(_LEG.findall(words)) - len(_ARM.findall(words))
         return (likely > 0) - (likely < 0), -len(self.joints), self.base
 
 
 def arm_chains(tree: KinematicTree) -> tuple[ArmChain, ...]:
-    """Chains of two joints and more, those first that are most likely arms."""
+    """Chains of at least two joints, the most likely arms first."""
     return tuple(sorted(_segments(tree), key=lambda chain: chain.rank))
 
 
 def turning_joints(tree: KinematicTree, base: str, tool: str) -> tuple[str, ...]:
-    """Names of the joints between two links that could move, base to tip; none without a chain."""
+    """Names of the movable joints between two links, base to tip; empty if they are no chain."""
     return tuple(joint.name for joint in tree.chain(base, tool) or () if joint.turns)
 
 
 def _segments(tree: KinematicTree) -> Iterator[ArmChain]:
-    """Chains from fork to fork, or to the end."""
+    """Split the tree at its forks into chains."""
     moves = _links_with_joints_below(tree)
     waiting = [(tree.root, tree.root, 0)]
     while waiting:
@@ -176,30 +182,30 @@ def _segments(tree: KinematicTree) -> Iterator[ArmChain]:
             joint = further[0]
             waiting.append((start, joint.child, turned + joint.turns))
             continue
-        if turned >= LEAST_JOINTS:
+        if turned >= MIN_JOINTS:
             yield from _chain(tree, start, link)
         waiting += [(link, joint.child, int(joint.turns)) for joint in further]
 
 
 def _chain(tree: KinematicTree, start: str, last: str) -> Iterator[ArmChain]:
-    """The chain between two links, without the gripper at its end."""
+    """The chain between two links, without a gripper at its end, if it is long enough."""
     joints = [joint for joint in tree.chain(start, last) or () if joint.turns]
-    while joints and _closes(joints[-1]):
+    while joints and _moves_finger(joints[-1]):
         last = joints.pop().parent
-    if len(joints) >= LEAST_JOINTS:
+    if len(joints) >= MIN_JOINTS:
         base = joints[0].parent
         tool = _tool(tree, last)
         yield ArmChain(base, tool, turning_joints(tree, base, tool))
 
 
-def _closes(joint: Joint) -> bool:
-    """Whether a joint moves a finger, to go by its name."""
+def _moves_finger(joint: Joint) -> bool:
+    """Whether a joint moves a finger, judging by its name."""
     name = f"{joint.name} {joint.child}"
     return _FINGER.search(name) is not None and _WRIST.search(name) is None
 
 
 def _links_with_joints_below(tree: KinematicTree) -> set[str]:
-    """Links below which something turns."""
+    """Links with a movable joint among their descendants."""
     found: set[str] = set()
     for link in reversed(list(tree.subtree(tree.root))):
         if any(joint.turns or joint.child in found for joint in tree.below.get(link, ())):
@@ -208,7 +214,7 @@ def _links_with_joints_below(tree: KinematicTree) -> set[str]:
 
 
 def _tool(tree: KinematicTree, last: str) -> str:
-    """The link that its name makes the tool, of those that hang on the last one without a joint."""
+    """The tool by its name, among the last link and those rigidly attached to it."""
     waiting = [last]
     found = [last]
     while waiting:
@@ -223,64 +229,65 @@ def _tool(tree: KinematicTree, last: str) -> str:
     return last
 
 
-# Merging of links without a joint between them into one rigid body
+# Rigid bodies
 
 
 def with_solid_bodies(
-    parts: Mapping[str, Part], tree: KinematicTree, complaints: Complaints
+    parts: Mapping[str, Part], tree: KinematicTree, reader: AttributeReader
 ) -> dict[str, Part]:
-    """The same parts; what is no solid body by itself is counted to the link on the joint.
+    """Move inertias that are invalid on their own to the topmost link of their rigid body.
 
-    A sensor of 100 g without any size is sound as a part of the hand that carries it, but nothing
-    that could move alone. Of what moves, every rigid body must weigh something.
+    A sensor of 100 g without an extent is valid as a part of the hand that carries it, but not as a
+    moving body of its own. A rigid body on a movable joint must have a mass and an inertia: the
+    reader gets a problem for each one that has not.
     """
-    points: dict[str, list[tuple[Pose, Inertial]]] = {}
-    weights: dict[str, list[tuple[Pose, Inertial]]] = {}
+    degenerate: dict[str, list[tuple[Pose, Inertial]]] = {}
+    inertials: dict[str, list[tuple[Pose, Inertial]]] = {}
     poses: dict[str, Pose] = {}
     found = dict(parts)
     for link, part in parts.items():
-        hung = part.top != link and part.parent is not None
-        poses[link] = poses[str(part.parent)] @ part.pose if hung else Pose.identity()
+        is_child = part.top != link and part.parent is not None
+        poses[link] = poses[str(part.parent)] @ part.pose if is_child else Pose.identity()
         if part.inertial is not None:
-            weights.setdefault(part.top, []).append((poses[link], part.inertial))
+            inertials.setdefault(part.top, []).append((poses[link], part.inertial))
             if link != part.top and not is_solid(part.inertial):
-                points.setdefault(part.top, []).append((poses[link], part.inertial))
+                degenerate.setdefault(part.top, []).append((poses[link], part.inertial))
                 found[link] = replace(part, inertial=None)
-    for top, some in points.items():
-        found[top] = _loaded(found[top], some)
+    for top, added in degenerate.items():
+        found[top] = _with_added(found[top], added)
     for link, part in parts.items():
         if part.joint is not None:
-            whole = combined(weights.get(link, []))
+            whole = combined(inertials.get(link, []))
             if whole is None or not is_solid(whole):
-                _complain(tree, part, whole, complaints)
-            elif not any(is_solid(inertial) for _, inertial in weights[link]):
+                _report_inertia(tree, part, whole, reader)
+            elif not any(is_solid(inertial) for _, inertial in inertials[link]):
                 found[link] = replace(part, inertial=whole)
     return found
 
 
-def _complain(
-    tree: KinematicTree, part: Part, whole: Inertial | None, complaints: Complaints
+def _report_inertia(
+    tree: KinematicTree, part: Part, whole: Inertial | None, reader: AttributeReader
 ) -> None:
     joint = "" if part.joint is None else part.joint.name
     element = tree.links[part.link]
     inertial = element.find("inertial")
-    if whole is None or whole.mass < LEAST_MASS:
+    if whole is None or whole.mass < MIN_MASS:
         tag = "mass"
-        what = f"what hangs on joint '{joint}' weighs nothing"
+        what = f"the body on joint '{joint}' has no mass"
         hint = "give the link an <inertial> with the mass in kg and the inertia in kg m²"
     else:
         tag = "inertia"
-        what = f"what hangs on joint '{joint}' weighs {whole.mass:g} kg, but has no inertia"
-        hint = "give the link's <inertia> its principal moments in kg m²; none of them is 0"
-    complaints.add((inertial and inertial.find(tag)) or inertial or element, what, hint)
+        what = f"the body on joint '{joint}' has a mass of {whole.mass:g} kg, but no inertia"
+        hint = "give the link's <inertia> its principal moments in kg m²; none of them may be 0"
+    reader.add((inertial and inertial.find(tag)) or inertial or element, what, hint)
 
 
 def fused(parts: Mapping[str, Part], named: frozenset[str]) -> dict[str, Part]:
-    """The same arm with fewer links: one of no shape and no name is a part of the one it hangs on.
+    """Merge links without shapes into their parents, which makes MuJoCo's models smaller.
 
     Args:
-        parts: Links of the arm, each after the one that it hangs on.
-        named: Links that somebody calls by name.
+        parts: Links of the arm, parents first.
+        named: Links that are referred to by name, and are kept.
     """
     carriers: dict[str, tuple[str, Pose]] = {}
     loads: dict[str, list[tuple[Pose, Inertial]]] = {}
@@ -295,20 +302,19 @@ def fused(parts: Mapping[str, Part], named: frozenset[str]) -> dict[str, Part]:
         carriers[link] = (str(part.parent), part.pose)
         if part.inertial is not None:
             loads.setdefault(str(part.parent), []).append((part.pose, part.inertial))
-    return kept | {link: _loaded(kept[link], some) for link, some in loads.items()}
+    return kept | {link: _with_added(kept[link], added) for link, added in loads.items()}
 
 
-def _loaded(part: Part, loads: list[tuple[Pose, Inertial]]) -> Part:
-    """The part with what is counted to it, each at its pose in the part's frame."""
+def _with_added(part: Part, added: list[tuple[Pose, Inertial]]) -> Part:
+    """The part with further inertias, each at a pose in the part's frame."""
     own = [] if part.inertial is None else [(Pose.identity(), part.inertial)]
-    return replace(part, inertial=combined([*own, *loads]))
+    return replace(part, inertial=combined([*own, *added]))
 
 
-# Generated URDF of an arm, the only one that MuJoCo and PlaCo read
-
+# Generated URDF
 
 ROOT = "world"
-"""Link above the base: MuJoCo takes the first link of a URDF for its world."""
+"""Link above the base: MuJoCo treats the first link of a URDF as its world."""
 
 _ENTITIES: Final = str.maketrans(
     {
@@ -321,10 +327,9 @@ _ENTITIES: Final = str.maketrans(
         "\t": "&#9;",
     }
 )
-"""What an attribute's value cannot hold as it is; the standard library's own way to write it brings
-in what downloads web pages."""
+"""Escapes for attribute values. `xml.sax.saxutils` has them too, but imports `urllib.request`."""
 
-_NOTHING = Inertial(0.0, Origin(), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+_MASSLESS = Inertial(0.0, Origin(), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def kinematic_text(parts: Iterable[Part]) -> str:
@@ -338,8 +343,8 @@ def kinematic_text(parts: Iterable[Part]) -> str:
 
 
 def _link(part: Part) -> Iterator[str]:
-    """A link; without an inertia MuJoCo would put the center of mass somewhere else."""
-    yield f"<link name={_quoted(part.link)}>{_inertial(part.inertial or _NOTHING)}</link>"
+    """A link; always with an inertia, without which MuJoCo would infer one."""
+    yield f"<link name={_quoted(part.link)}>{_inertial(part.inertial or _MASSLESS)}</link>"
 
 
 def _inertial(inertial: Inertial) -> str:
@@ -351,7 +356,7 @@ def _inertial(inertial: Inertial) -> str:
 
 
 def _joint(part: Part) -> Iterator[str]:
-    """The joint of a link; that of a fixed one has a name that no URDF can have."""
+    """The joint of a link; fixed joints get a name that no valid URDF contains."""
     kind = "fixed" if part.joint is None else "revolute"
     name = f"{part.link}/fixed" if part.joint is None else part.joint.name
     yield f'<joint name={_quoted(name)} type="{kind}">{_origin(part.origin)}'
@@ -379,10 +384,10 @@ def _numbers(numbers: Iterable[float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Urdf:
-    """What a URDF says of one arm, whose joints are either its own or locked.
+    """One arm of a URDF: all joints but the arm's own are locked.
 
     Attributes:
-        parts: Its links by name, each after the one that it hangs on.
+        parts: Its links by name, parents first.
     """
 
     parts: Mapping[str, Part]
@@ -393,23 +398,23 @@ class Urdf:
         tree: KinematicTree,
         selection: Selection,
         mesh_file: MeshFinder,
-        complaints: Complaints,
+        reader: AttributeReader,
     ) -> Urdf:
-        """What hangs on the base, as far as it is needed; of no use after a complaint.
+        """Read the arm; the result is valid only if the reader has no problems afterwards.
 
         Args:
             tree: Links and joints of the file.
-            selection: What of them makes the arm.
-            mesh_file: Finder of the meshes that shapes name.
-            complaints: List that takes what is wrong.
+            selection: The part of them that is the arm.
+            mesh_file: Function that finds mesh files by name.
+            reader: Reader of attributes, which collects problems.
         """
-        parts = parts_of(tree, selection, mesh_file, complaints)
-        parts = with_solid_bodies(parts, tree, complaints)
-        return cls(fused(_that_touch(parts, tree, complaints), selection.named))
+        parts = parts_of(tree, selection, mesh_file, reader)
+        parts = with_solid_bodies(parts, tree, reader)
+        return cls(fused(_with_collision_shapes(parts, tree, reader), selection.named))
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of the links, each after the one that it hangs on."""
+        """Names of the links, parents first."""
         return tuple(self.parts)
 
     @property
@@ -432,23 +437,23 @@ class Urdf:
         return part.visual if tag == "visual" else part.collision
 
 
-def _that_touch(
-    parts: Mapping[str, Part], tree: KinematicTree, complaints: Complaints
+def _with_collision_shapes(
+    parts: Mapping[str, Part], tree: KinematicTree, reader: AttributeReader
 ) -> Mapping[str, Part]:
-    """The parts; where a URDF has no shapes to touch with, those that are seen stand for them."""
+    """The parts; if no moving link has a collision shape, visual shapes are used instead."""
     base = next(iter(parts))
     moving = [part for part in parts.values() if part.top != base]
     if any(part.collision for part in moving):
         return parts
     if any(part.visual for part in moving):
         return {link: replace(part, collision=part.visual) for link, part in parts.items()}
-    if moving and not complaints.problems:
-        hint = "give the links a <collision>: without, nothing keeps the arm from hitting things"
-        complaints.add(tree.links[moving[0].link], "no link that moves has a shape", hint)
+    if moving and not reader.problems:
+        hint = "give the links a <collision>: without one, collisions of the arm are not detected"
+        reader.add(tree.links[moving[0].link], "no moving link has a shape", hint)
     return parts
 
 
-# Location of the installed example-robot-data, with the catalog's URDFs and meshes
+# Installed descriptions
 
 
 @functools.cache

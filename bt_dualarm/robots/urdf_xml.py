@@ -1,4 +1,9 @@
-"""Strict XML for robot descriptions: elements that know their line, or every reason why not."""
+"""Strict XML reader for URDF and SRDF files, with errors at their line and column.
+
+Python's own parsers lose lines and columns, expand entities, and let the LookupError and ValueError
+of unknown encodings escape. `AttributeReader` collects all problems of a file instead of stopping
+at the first.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +19,6 @@ from bt_dualarm.core.errors import CatalogError
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.spec.problems import Location, Problem, in_order, nearest
 
-# Strict XML parser whose elements know their line and column.
-#
-# Python's own parsers lose lines and columns, expand entities, and let LookupError and ValueError
-# of unknown encodings escape.
-
-
 MAX_BYTES: Final = 8 * 1024 * 1024
 MAX_DEPTH: Final = 64
 MAX_ELEMENTS: Final = 200_000
@@ -27,7 +26,7 @@ MAX_PROBLEMS: Final = 100
 
 
 class DescriptionError(CatalogError):
-    """A file of a robot cannot be used. Carries everything that is wrong, in the file's order."""
+    """A file of a robot or gripper cannot be used; carries its problems, in the file's order."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = in_order(problems)
@@ -38,7 +37,7 @@ class DescriptionError(CatalogError):
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """The text that elements point into.
+    """The text of a file, to which elements and error messages refer.
 
     Attributes:
         file: Path as the user wrote it.
@@ -77,15 +76,15 @@ class Element:
         return (child for child in self.children if child.tag == tag)
 
     def walk(self) -> Iterator[Element]:
-        """This element and all below it, in the file's order."""
-        waiting = [self]
-        while waiting:
-            element = waiting.pop()
+        """This element and all its descendants, in the file's order."""
+        pending = [self]
+        while pending:
+            element = pending.pop()
             yield element
-            waiting += reversed(element.children)
+            pending += reversed(element.children)
 
     def place(self, attribute: str | None = None) -> Location:
-        """Where the element begins, or where the value of one of its attributes stands."""
+        """Location of the element's start, or of the value of one of its attributes."""
         if attribute in self.attributes:
             found = self._value_place(str(attribute))
             if found is not None:
@@ -115,10 +114,10 @@ def read_xml(path: Path) -> Element:
     """Read one file; returns its top element.
 
     Raises:
-        DescriptionError: Not a readable text file within the caps, no XML, or one with entities.
+        DescriptionError: Not a readable file within the size limits, not XML, or with a DOCTYPE.
     """
     text = _text(path)
-    # Lines end as expat counts them.
+    # Normalize line ends to what expat counts as lines.
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     return _Reader(Document(str(path), text.split("\n"))).read(text)
 
@@ -149,7 +148,7 @@ class _Reader:
 
     def __init__(self, document: Document) -> None:
         self.document = document
-        # Whatever encoding the file claims: it was UTF-8.
+        # The text was decoded from UTF-8, whatever encoding its XML declaration claims.
         self._expat = expat.ParserCreate("utf-8")
         self._expat.StartElementHandler = self._start
         self._expat.EndElementHandler = self._end
@@ -166,7 +165,7 @@ class _Reader:
             what = f"not XML: {expat.errors.messages[error.code]}"
             raise DescriptionError([Problem(place, what, self._unclosed())]) from error
         finally:
-            del self._expat  # it refers to this reader
+            del self._expat  # breaks the reference cycle through the handlers
         assert self._top is not None  # noqa: S101  # expat refuses a text without an element
         return self._top
 
@@ -200,24 +199,24 @@ class _Reader:
         return Location(self.document.file, line, column + 1, 1, text)
 
     def _unclosed(self) -> str:
-        """The element that was being read when reading ended."""
+        """Hint about the innermost element that is still open."""
         if not self._open:
             return ""
         last = self._open[-1]
         return f"<{last.tag}> began in line {last.line}"
 
 
-# Numbers and names in attributes, with errors at their own line and column
+# Attributes
 
 
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:inf|nan)\w*", re.I)
 _LONGEST_NAME: Final = 128
-_STRAIGHT: Final = 1e-9  # cosine of a pitch at which roll and yaw turn about one axis
+_GIMBAL_LOCK: Final = 1e-9  # cosine of the pitch below which roll and yaw are indistinguishable
 
 
 @dataclass(frozen=True)
 class Range:
-    """What a number may be, both ends included.
+    """Valid range of a number, both ends included.
 
     Attributes:
         unit: Unit of the number, for messages.
@@ -236,7 +235,7 @@ class Range:
         return f"from {self.least:g} to {self.most:g}{unit}"
 
     def holds(self, number: float) -> bool:
-        """Whether the number lies within; NaN lies nowhere."""
+        """Whether the number is in the range; false for NaN."""
         return self.least < number <= self.most if self.above else self.least <= number <= self.most
 
 
@@ -246,17 +245,17 @@ ANGLE: Final = Range(-1000.0, 1000.0, "rad")
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a frame is in its parent: meters, and roll, pitch, yaw in radians."""
+    """Pose of a frame in its parent, as in URDF: meters, and roll, pitch, yaw in radians."""
 
     xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
     def of(cls, pose: Pose) -> Origin:
-        """The same as angles about fixed axes; looking straight up or down, yaw is 0."""
+        """Convert a pose to angles about fixed axes; yaw is 0 at a pitch of ±90°."""
         turn = pose.rotation_matrix
         pitch = math.atan2(-turn[2, 0], math.hypot(turn[0, 0], turn[1, 0]))
-        if math.hypot(turn[0, 0], turn[1, 0]) > _STRAIGHT:
+        if math.hypot(turn[0, 0], turn[1, 0]) > _GIMBAL_LOCK:
             roll = math.atan2(turn[2, 1], turn[2, 2])
             yaw = math.atan2(turn[1, 0], turn[0, 0])
         else:
@@ -267,12 +266,16 @@ class Origin:
 
     @property
     def pose(self) -> Pose:
-        """The same as a transform."""
+        """The origin as a transform."""
         return Pose.from_rpy(self.xyz, self.rpy)
 
 
-class Complaints:
-    """Reads attributes and notes what is wrong; what it returns then is of no use but harmless."""
+class AttributeReader:
+    """Reads attributes and collects problems; after a problem it returns a harmless value.
+
+    Attributes:
+        problems: Problems so far.
+    """
 
     def __init__(self) -> None:
         self.problems: list[Problem] = []
@@ -280,13 +283,13 @@ class Complaints:
     def add(
         self, element: Element, message: str, hint: str = "", attribute: str | None = None
     ) -> None:
-        """Note an error at an element, or at one of its attributes."""
+        """Add a problem at an element, or at one of its attributes."""
         self.problems.append(element.problem(message, hint, attribute))
 
     def number(
         self, element: Element, attribute: str, within: Range, default: float | None = None
     ) -> float:
-        """A number; the default, or a complaint if there is none, where it is not given."""
+        """A number; if it is missing the default, or a problem if there is none."""
         text = element.attributes.get(attribute)
         if text is None:
             return self._missing(element, attribute) if default is None else default
@@ -300,7 +303,7 @@ class Complaints:
         within: Range,
         default: tuple[float, float, float] | None = None,
     ) -> tuple[float, float, float]:
-        """Three numbers; likewise."""
+        """Three numbers, likewise."""
         text = element.attributes.get(attribute)
         if text is None:
             if default is None:
@@ -310,7 +313,7 @@ class Complaints:
         return (found[0], found[1], found[2]) if found else default or (0.0, 0.0, 0.0)
 
     def name(self, element: Element, attribute: str = "name") -> str:
-        """A name that can stand in a world beside those of other arms; empty if it cannot."""
+        """A name that is valid in a world with other arms; empty after a problem."""
         name = element.attributes.get(attribute)
         if name is None:
             self._missing(element, attribute)
@@ -327,7 +330,7 @@ class Complaints:
         return "" if wrong else name
 
     def origin(self, element: Element) -> Origin:
-        """The ``<origin>`` of an element; none is the parent's frame itself."""
+        """The ``<origin>`` of an element; without one, the identity."""
         found = element.find("origin")
         if found is None:
             return Origin()
@@ -345,14 +348,16 @@ class Complaints:
     def _numbers(
         self, element: Element, attribute: str, text: str, count: int, within: Range
     ) -> tuple[float, ...]:
-        """So many numbers; none after a complaint."""
+        """``count`` numbers; an empty tuple after a problem."""
         words = text.split()
         what = f"<{element.tag}> {attribute}"
         wrong = next((word for word in words if not _NUMBER.fullmatch(word)), None)
         if wrong is not None or len(words) != count:
-            wanted = "a number" if count == 1 else f"{count} numbers"
+            expected = "a number" if count == 1 else f"{count} numbers"
             given = repr(text[:40]) if wrong is not None else f"{len(words)}"
-            self.add(element, f"{what}: expected {wanted}, not {given}", _advice(wrong), attribute)
+            self.add(
+                element, f"{what}: expected {expected}, not {given}", _advice(wrong), attribute
+            )
             return ()
         numbers = tuple(float(word) for word in words)
         outside = next((number for number in numbers if not within.holds(number)), None)

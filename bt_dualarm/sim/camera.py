@@ -1,4 +1,9 @@
-"""Cameras on the simulated clock: frames, latency, lost frames, and who listens."""
+"""Cameras on the simulated clock: exposure, latency, lost frames, subscribers.
+
+A `Camera` exposes at a fixed rate while it has subscribers, and delivers each frame after its
+latency. An *aim* callback may restrict the next exposure to the region where a target is expected.
+`GuardedCamera` is the view of a camera that skills get.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +31,12 @@ from bt_dualarm.sim.frame import (
 from bt_dualarm.sim.renderer import Exposure, Image, Region, RenderableWorld, Renderer, clip_region
 
 _CLOCK_TOLERANCE_S = 1e-9
-_MOST_LOOKS = 16  # far more than frames that are delivered in one step
-_STEADY = np.zeros(2)
+_MAX_FINDINGS = 16  # far more than the frames delivered in one step
+_NO_SHAKE = np.zeros(2)
 
 
 class CameraTiming(Protocol):
-    """The part of a camera's specification that is used here."""
+    """The part of a camera's specification that `Camera` uses."""
 
     @property
     def resolution(self) -> tuple[int, int]:
@@ -56,24 +61,27 @@ class CameraTiming(Protocol):
 
 FrameCallback: TypeAlias = Callable[[Frame], None]
 WindowRequest: TypeAlias = Callable[[float, Pose, int, int], Window]
-"""Asked before each exposure, with stamp, camera pose, width and height: what to expose."""
+"""Called before each exposure with stamp, camera pose, width and height; returns what to expose."""
 
 
 class Camera:
-    """A camera of the model, exposing at k / fps as long as somebody listens.
+    """A camera of the model, which exposes at the times k / fps while it has subscribers.
 
-    The runner asks ``due`` after each physics step, then calls ``capture`` and ``deliver``.
+    The runner tests `due` after each physics step, then calls `capture` and `deliver`.
 
     Args:
         name: Name of the camera in the model, for example ``arm2/camera``.
         spec: Resolution, frame rate, latency and faults; the field of view is the model's.
-        renderer: Renderer of the images; may serve several cameras.
-        rng: Source of its faults; seed 0 by default.
-        calibration: What is believed of it; by default what is true.
-        memory: Memory of what is found in its images; those that it knows are not drawn.
+        renderer: Renderer of the images; it may serve several cameras.
+        rng: Random stream of the faults; by default one with seed 0.
+        calibration: Nominal pose and optics, and image errors; by default an ideal camera.
+        memory: Memory of image processing; frames whose results it knows are not rendered.
 
     Attributes:
-        looks: Latest finds of those who listen, for the record; taken away by who reads them.
+        aim: Callback that selects the next exposure.
+        latest: Frame that was delivered last.
+        frames: Number of exposures so far.
+        findings: Latest annotations by trackers, for the record; whoever reads them removes them.
     """
 
     def __init__(
@@ -94,7 +102,7 @@ class Camera:
         self.aim: WindowRequest | None = None
         self.latest: Frame | None = None
         self.frames = 0
-        self.findings: deque[FrameFinding] = deque(maxlen=_MOST_LOOKS)
+        self.findings: deque[FrameFinding] = deque(maxlen=_MAX_FINDINGS)
         self._calibration = calibration
         self._memory = memory
         self._optics = Optics(renderer)
@@ -102,64 +110,64 @@ class Camera:
             self._optics = Optics(renderer, calibration.exposure_s, calibration.distortion)
         self._rng = rng or np.random.default_rng(0)
         self._next_index = 0
-        self._known: tuple[mujoco.MjModel, int] | None = None
+        self._cached_id: tuple[mujoco.MjModel, int] | None = None
         self._pending: deque[Frame] = deque()
         self._callbacks: list[FrameCallback] = []
 
     def subscribe(self, callback: FrameCallback) -> Callable[[], None]:
-        """Have every delivered frame handed to ``callback``, in order; returns how to stop it."""
+        """Call ``callback`` with every delivered frame; returns the function that unsubscribes."""
         self._callbacks.append(callback)
         return partial(self.unsubscribe, callback)
 
     def unsubscribe(self, callback: FrameCallback) -> None:
-        """Hand no more frames to ``callback``; harmless when that has ended."""
+        """Stop calling ``callback``; harmless if it is not subscribed."""
         if callback in self._callbacks:
             self._callbacks.remove(callback)
 
     def due(self, time: float) -> bool:
-        """Whether the next exposure on the grid k / fps has come."""
+        """Whether the next exposure time k / fps has come, and there is a subscriber."""
         if not self._callbacks:
             return False
         return time >= self._next_index * self.period - _CLOCK_TOLERANCE_S
 
     def capture(self, world: RenderableWorld) -> Frame:
-        """Expose now, whether due or not; the frame waits for ``deliver``, unless it gets lost.
+        """Expose now, whether due or not; the frame waits for `deliver`, unless it is lost.
 
         Raises:
-            WorldError: The model has no camera of this name (any more).
+            WorldError: The model has no camera of this name.
         """
         model = world.model
         data = world.data
-        camera_id = self._number_in(model)
-        # After mj_step positions of bodies are those before the step: bring them up to date,
-        # else a camera at 2 ms a step would see everything 2 ms late.
+        camera_id = self._id_in(model)
+        # mj_step leaves body positions at the state before the step: without an update the
+        # camera would see everything one step, 2 ms, late.
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
         fov_rad = math.radians(float(model.cam_fovy[camera_id]))
         time = float(data.time)
-        known = self._calibration or Calibration(lambda _: camera_pose(data, camera_id), fov_rad)
-        stamp = time + known.stamp_s
-        pose = known.pose_at(stamp)
+        nominal = self._calibration or Calibration(lambda _: camera_pose(data, camera_id), fov_rad)
+        stamp = time + nominal.stamp_s
+        pose = nominal.pose_at(stamp)
         window = self.aim(stamp, pose, self.width, self.height) if self.aim else Window()
         region = self._exposed(window)
-        shake = _STEADY
+        shake = _NO_SHAKE
         if self._is_faulty:
             shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
         exposure = Exposure(camera_id, self.width, self.height, region, window.stride, alone=True)
-        degrade = known.degradation(region, window.stride) if known.is_degraded else None
+        degrade = nominal.degradation(region, window.stride) if nominal.is_degraded else None
 
         def draw(state: mujoco.MjData) -> Image:
             return self._optics.render(model, state, exposure, shake, degrade)
 
         memory = self._memory if self._memory is not None and self._memory.keeps else None
-        facts = stamp, pose, known.fov_rad, region, window.stride, self.noise, memory
+        metadata = stamp, pose, nominal.fov_rad, region, window.stride, self.noise, memory
         size = self.width, self.height
         if memory is not None and memory.knows(stamp, region, window.stride):
-            then = Scenery.of(model, data)
-            frame = LazyFrame(size, lambda: draw(then.data()), *facts)
+            scenery = Scenery.of(model, data)
+            frame = LazyFrame(size, lambda: draw(scenery.data()), *metadata)
         else:
             blocks = draw(data)
-            frame = LazyFrame(size, lambda: blocks, *facts)
+            frame = LazyFrame(size, lambda: blocks, *metadata)
         if not self._is_faulty or self._rng.random() >= self.drop:
             self._pending.append(frame)
         self._next_index = math.floor((time + _CLOCK_TOLERANCE_S) / self.period) + 1
@@ -168,35 +176,35 @@ class Camera:
 
     @property
     def _is_faulty(self) -> bool:
-        """Whether anything is drawn of its faults."""
+        """Whether the random stream of the faults is used."""
         return bool(self.noise or self.drop)
 
-    def _number_in(self, model: mujoco.MjModel) -> int:
-        """Number of the camera in a model; looked up once."""
-        if self._known is None or self._known[0] is not model:
-            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, self.name)
-            if number < 0:
+    def _id_in(self, model: mujoco.MjModel) -> int:
+        """Id of the camera in a model; looked up once for each model."""
+        if self._cached_id is None or self._cached_id[0] is not model:
+            camera_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, self.name)
+            if camera_id < 0:
                 raise WorldError(f"the world has no camera {self.name!r}")
-            self._known = model, number
-        return self._known[1]
+            self._cached_id = model, camera_id
+        return self._cached_id[1]
 
     def _exposed(self, window: Window) -> Region:
-        """The window's region inside the image, its corner on the grid of blocks."""
+        """The window's region clipped to the image, its corner aligned with the grid of blocks."""
         left, top, right, bottom = clip_region(window.region, self.width, self.height)
         return left - left % window.stride, top - top % window.stride, right, bottom
 
     @property
     def has_seen(self) -> bool:
-        """Whether there are frames that have not been handed out."""
+        """Whether there are frames that have not been delivered."""
         return bool(self._pending)
 
     def deliver(self, time: float) -> list[Frame]:
-        """Hand out, oldest first, the frames whose latency has passed."""
+        """Pass frames whose latency has passed to the subscribers, oldest first; returns them."""
         ready = []
         while self._pending and self._pending[0].stamp + self.latency <= time + _CLOCK_TOLERANCE_S:
             frame = self._pending.popleft()
             if self._calibration is not None and self._calibration.stamp_s > 0:
-                # Where the arm is at the time of the stamp was not known at the exposure.
+                # The stamp was ahead of the clock: the arm's pose at that time was not known yet.
                 frame = frame.posed(self._calibration.pose_at(frame.stamp))
             self.latest = frame
             ready.append(frame)
@@ -206,13 +214,13 @@ class Camera:
 
 
 class GuardedCamera:
-    """Like `Camera` for those who look through it; a callback that raises is not called again.
+    """The camera of an arm as its leaves use it; a callback that raises is not called again.
 
     Args:
         camera: Camera of the arm, shared by all its leaves.
 
     Attributes:
-        fault: Error that a callback has raised, until somebody takes it up.
+        fault: Error that a callback has raised, until the runner handles and clears it.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -237,12 +245,12 @@ class GuardedCamera:
 
     @property
     def latest(self) -> Frame | None:
-        """The frame that was delivered last."""
+        """The frame that was delivered last, if any."""
         return self._camera.latest
 
     @property
     def aim(self) -> WindowRequest | None:
-        """What is asked before each exposure what to expose, as `Camera.aim`."""
+        """Callback that selects the next exposure, as `Camera.aim`."""
         return self._aim
 
     @aim.setter
@@ -255,12 +263,12 @@ class GuardedCamera:
 
     @property
     def findings(self) -> deque[FrameFinding]:
-        """What was found in frames of late, as `Camera.findings`."""
+        """Latest annotations of frames, as `Camera.findings`."""
         return self._camera.findings
 
     def subscribe(self, callback: FrameCallback) -> Callable[[], None]:
-        """Have every frame handed to ``callback``; returns how to stop it."""
-        return self._camera.subscribe(_Guarded(self, self._camera, callback))
+        """Call ``callback`` with every frame; returns the function that unsubscribes."""
+        return self._camera.subscribe(_GuardedCallback(self, self._camera, callback))
 
     def _guarded_aim(self, stamp: float, camera: Pose, width: int, height: int) -> Window:
         try:
@@ -271,16 +279,16 @@ class GuardedCamera:
             return Window()
 
 
-class _Guarded:
-    """A callback that is not called again once it has raised.
+class _GuardedCallback:
+    """A callback that is unsubscribed once it has raised.
 
-    A function would have to know itself for that, and so stay in memory, with whom it calls, until
-    Python looks for circles.
+    A class and not a closure: a closure that unsubscribes itself would be part of a reference
+    cycle, and keep itself and its subscriber alive until the next garbage collection.
 
     Args:
-        owner: Who learns what it has raised.
+        owner: Guarded camera that records the error.
         camera: Camera that calls it.
-        callback: Callback itself.
+        callback: The callback.
     """
 
     def __init__(self, owner: GuardedCamera, camera: Camera, callback: FrameCallback) -> None:

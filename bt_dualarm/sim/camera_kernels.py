@@ -1,4 +1,4 @@
-"""Motion across an image, and the part of an image that a lens needs: compiled."""
+"""Compiled kernels of the camera: speeds across the image, and the input region of the lens."""
 
 from __future__ import annotations
 
@@ -11,81 +11,82 @@ import numpy.typing as npt
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 
-# How fast things move across a picture.
+# Motion blur
 
-
-_NEAREST_M = 1e-3  # what is not so far ahead is not in a picture
+_NEAREST_M = 1e-3  # depth in front of the camera below which nothing is visible
 
 
 class Bodies(NamedTuple):
-    """All bodies of a model, as MuJoCo has them.
+    """Positions and velocities of all bodies of a model, in MuJoCo's arrays.
 
     Attributes:
-        places: Places in the world, of shape (nbody, 3), m.
-        motions: Turn and velocity along the world's axes, of shape (nbody, 6), rad/s and m/s: of
-            what moves with a body at the center of its tree.
-        centers: Centers of mass of all that hangs on a body, of shape (nbody, 3), m.
-        roots: Numbers of the bodies that their trees begin with, of shape (nbody,).
+        positions: Positions in the world (``xpos``), of shape (nbody, 3), m.
+        velocities: Angular, then linear velocity (``cvel``) along the world's axes, the latter at
+            the center of mass of the body's tree, of shape (nbody, 6), rad/s and m/s.
+        centers: Centers of mass of the subtrees (``subtree_com``), of shape (nbody, 3), m.
+        roots: Ids of the roots of the bodies' trees (``body_rootid``), of shape (nbody,).
     """
 
-    places: Matrix
-    motions: Matrix
+    positions: Matrix
+    velocities: Matrix
     centers: Matrix
     roots: npt.NDArray[np.int32]
 
 
 @kernel
 def fastest(
-    things: npt.NDArray[np.int64], radii: Vector, holder: int, bodies: Bodies,
+    ids: npt.NDArray[np.int64], radii: Vector, holder: int, bodies: Bodies,
     eye: Vector, axes: Matrix, focal_px: float,
     size: tuple[int, int], region: tuple[int, int, int, int],
 ) -> float:  # fmt: skip
-    """Highest speed of a thing that can be in a part of a picture across it, in pixels a second.
+    """Highest image speed of the bodies that may be visible in a region, in pixels per second.
 
     Args:
-        things: Numbers of the bodies that are asked, of shape (n,).
-        radii: How far they extend from their places, of shape (n,), m.
-        holder: Number of the body that the camera is part of.
-        bodies: Places and motion of all bodies.
-        eye: Place of the camera, of shape (3,), m.
-        axes: The camera's x (right), y (up) and z (backward) as columns, of shape (3, 3).
+        ids: Ids of the bodies to consider, of shape (n,).
+        radii: Bounding radii about their positions, of shape (n,), m.
+        holder: Id of the body that carries the camera.
+        bodies: Positions and velocities of all bodies.
+        eye: Position of the camera, of shape (3,), m.
+        axes: Camera's x (right), y (up) and z (backward) as columns, of shape (3, 3).
         focal_px: Focal length in pixels.
-        size: Width and height of the whole picture in pixels.
-        region: Part of it: left, top, right, bottom.
+        size: Width and height of the whole image in pixels.
+        region: Region of the image: left, top, right, bottom.
     """
     most = 0.0
-    its = np.empty(3)
-    ours = np.empty(3)
-    for number in range(len(things)):
-        place = bodies.places[things[number]]
-        its[:] = place - eye
-        x, y, z = _inward(axes, its)
+    relative = np.empty(3)
+    of_camera = np.empty(3)
+    for number in range(len(ids)):
+        position = bodies.positions[ids[number]]
+        relative[:] = position - eye
+        x, y, z = _in_camera(axes, relative)
         if not _is_shown(x, y, z, radii[number], focal_px, size, region):
             continue
-        _velocity(bodies, things[number], place, its)
-        _velocity(bodies, holder, place, ours)  # as if it moved with the camera
-        its -= ours
-        u, v, w = _inward(axes, its)
+        # The image shows the body's velocity relative to a point that moves with the camera.
+        _velocity(bodies, ids[number], position, relative)
+        _velocity(bodies, holder, position, of_camera)
+        relative -= of_camera
+        u, v, w = _in_camera(axes, relative)
+        # Derivative of the projection (x / z, y / z), with z < 0 in front of the camera.
         across = math.sqrt((u - x * w / z) ** 2 + (v - y * w / z) ** 2)
         most = max(most, focal_px * across / -z)
     return most
 
 
 @kernel
-def _velocity(bodies: Bodies, body: int, place: Vector, velocity: Vector) -> None:
-    """Enter the velocity of what moves with a body, at a place: of shape (3,), m/s."""
-    motion = bodies.motions[body]
+def _velocity(bodies: Bodies, body: int, point: Vector, velocity: Vector) -> None:
+    """Enter the velocity of the point of a body at a position, of shape (3,), m/s."""
+    motion = bodies.velocities[body]
     center = bodies.centers[bodies.roots[body]]
     for axis in range(3):
         after = (axis + 1) % 3
         last = (axis + 2) % 3
-        velocity[axis] = motion[3 + axis] + motion[after] * (place[last] - center[last])
-        velocity[axis] -= motion[last] * (place[after] - center[after])
+        velocity[axis] = motion[3 + axis] + motion[after] * (point[last] - center[last])
+        velocity[axis] -= motion[last] * (point[after] - center[after])
 
 
 @kernel
-def _inward(axes: Matrix, direction: Vector) -> tuple[float, float, float]:
-    """A direction of the world in the axes that are these columns."""
+def _in_camera(axes: Matrix, direction: Vector) -> tuple[float, float, float]:
+    """Rotate a direction of the world into the camera, whose axes are the columns of a matrix."""
     x = direction[0]
     y = direction[1]
     z = direction[2]
@@ -101,7 +102,7 @@ def _is_shown(
     x: float, y: float, z: float, radius: float, focal_px: float,
     size: tuple[int, int], region: tuple[int, int, int, int],
 ) -> bool:  # fmt: skip
-    """Whether a thing at a place in the camera's axes can be in a part of the picture."""
+    """Whether a sphere at a position in the camera can be visible in a region."""
     if z > -_NEAREST_M:
         return False
     left, top, right, bottom = region
@@ -112,21 +113,27 @@ def _is_shown(
     return left - room < column < right + room and top - room < row < bottom + room
 
 
-# Which part of a picture before a lens a part of the picture behind it comes from.
+# Lens
 
-
-Places: TypeAlias = npt.NDArray[np.float32]
-"""Where the rays of all pixels come from, along one axis, in pixels, of shape (height, width)."""
+LensMap: TypeAlias = npt.NDArray[np.float32]
+"""Source coordinate of each pixel along one axis, in pixels, of shape (height, width)."""
 
 
 @kernel
-def needed(
-    columns: Places, rows: Places, region: tuple[int, int, int, int], stride: int
+def source_region(
+    columns: LensMap, rows: LensMap, region: tuple[int, int, int, int], stride: int
 ) -> tuple[int, int, int, int]:
-    """The pixels before the lens that a part of the picture behind it is made of.
+    """Region of the undistorted image that a region of the distorted image is computed from.
 
     Args:
-        columns: Places along x; not a number where nothing is seen.
+        columns: Source coordinates along x; NaN where the lens shows nothing.
+        rows: Source coordinates along y.
+        region: Region of the distorted image: left, top, right, bottom.
+        stride: Edge in pixels of the blocks, of which only the corners are computed.
+
+    Returns:
+        Left, top, right, bottom, inside the image, with the four pixels that bilinear interpolation
+        needs around each source; the first pixel if the lens shows nothing.
         rows: Places along y.
         region: Part of the picture: left, top, right, bottom.
         stride: Edge in pixels of the blocks of which the corner alone is looked at.
@@ -151,7 +158,7 @@ def needed(
                 bottom = max(bottom, y)
     if right < left:
         return 0, 0, 1, 1
-    # What lies beyond the border has its color.
+    # Sources beyond the border take the color of the border.
     return (
         min(max(int(left), 0), width - 1), min(max(int(top), 0), height - 1),
         min(int(right) + 2, width), min(int(bottom) + 2, height),

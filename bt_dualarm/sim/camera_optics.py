@@ -1,4 +1,8 @@
-"""From a scene to an image: calibration, lens distortion, shutter, and shake."""
+"""Image formation: shake, shutter, lens distortion, noise, and what the calibration knows of them.
+
+`Optics` renders an exposure the way the true camera sees it. `Calibration` is the camera as its arm
+knows it, and holds the errors of its images that nobody can calibrate: noise and light.
+"""
 
 from __future__ import annotations
 
@@ -24,23 +28,23 @@ from bt_dualarm.sim.renderer import Exposure, Image, Region, Renderer, enter_blo
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.values import Uncertainty
 
-# Radial distortion of the lens, which the calibration does not contain
-
+# Lens distortion
 
 _RADII: Final = 4096
-"""Radii at which the formula is worked out; between two of them it is a line."""
+"""Radii at which the distortion is tabulated, with linear interpolation between them."""
 
 
 class Lens:
-    """Radial distortion, the first two terms of OpenCV's model.
+    """Radial distortion of the lens, by the first two terms of OpenCV's model.
 
-    A point at ``r`` from the middle, in focal lengths, is seen at ``r (1 + k1 r² + k2 r⁴)``
-    (Brown, Decentering distortion of lenses, 1966). Where the formula folds the image over,
-    nothing is seen. An image that was rectified by a calibration has what that did not know.
+    A point at radius ``r`` from the image center, in focal lengths, is imaged at
+    ``r (1 + k1 r² + k2 r⁴)`` (Brown, Decentering distortion of lenses, 1966). Where this is not
+    monotonic (the image would fold over), nothing is visible. It models the distortion that is left
+    after rectification with an inexact calibration.
 
     Args:
-        k1: Factor of the third power.
-        k2: Factor of the fifth power.
+        k1: Coefficient of the cubic term.
+        k2: Coefficient of the quintic term.
         width: Width of the whole image in pixels.
         height: Height of the whole image in pixels.
         focal_px: True focal length in pixels.
@@ -50,115 +54,104 @@ class Lens:
         y, x = np.indices((height, width)) + 0.5
         x = (x - width / 2) / focal_px
         y = (y - height / 2) / focal_px
-        seen_at = np.hypot(x, y)
-        scale = _straight(k1, k2, seen_at) / seen_at.clip(1e-12)
+        radius = np.hypot(x, y)
+        scale = _undistorted_radius(k1, k2, radius) / radius.clip(1e-12)
         columns = x * scale * focal_px + width / 2
         rows = y * scale * focal_px + height / 2
         self._columns: npt.NDArray[np.float32] = (columns - 0.5).astype(np.float32)
         self._rows: npt.NDArray[np.float32] = (rows - 0.5).astype(np.float32)
-        is_seen = np.isfinite(columns)
-        self._is_seen = None if is_seen.all() else is_seen
-        self._known: tuple[Region, int, _Part] | None = None
-        self._pixels: Image = np.zeros((height, width, 3), np.uint8)  # of the latest coarse blocks
+        is_visible = np.isfinite(columns)
+        self._is_visible = None if is_visible.all() else is_visible
+        self._cached: tuple[Region, int, _Remap] | None = None
+        self._scratch: Image = np.zeros((height, width, 3), np.uint8)
 
     def widened(self, exposure: Exposure) -> Exposure:
-        """What has to be drawn so that all of an exposure is there once it is bent."""
+        """The exposure of the undistorted image from which an exposure can be computed."""
         if exposure.is_empty:
             return exposure
-        needed = self._part(exposure).needed
-        asked = exposure
         return Exposure(
-            asked.camera_id, asked.width, asked.height, needed, asked.stride, asked.groups,
-            asked.alone,
+            exposure.camera_id, exposure.width, exposure.height, self._remap(exposure).source,
+            exposure.stride, exposure.groups, exposure.alone,
         )  # fmt: skip
 
     def distorted(self, image: Image, exposure: Exposure) -> Image:
-        """The image behind the lens, black outside of the exposure's region."""
-        (left, top, right, bottom) = self.widened(exposure).clipped
-        step = exposure.stride
-        drawn = image if step > 1 else image[top:bottom, left:right]
-        return exposure.paint(lambda _: self._behind(drawn, exposure))
+        """Distort a whole image; it is black outside the exposure's region."""
+        left, top, right, bottom = self.widened(exposure).clipped
+        source = image if exposure.stride > 1 else image[top:bottom, left:right]
+        return exposure.paint(lambda _: self._distort(source, exposure))
 
-    def seen(self, drawn: Image, exposure: Exposure) -> Image:
-        """Colors behind the lens of the blocks of an exposure, of shape (rows, columns, 3).
+    def distorted_blocks(self, blocks: Image, exposure: Exposure) -> Image:
+        """Distort blocks of pixels, of shape (rows, columns, 3).
 
         Args:
-            drawn: Colors before it of the blocks of that exposure, widened.
-            exposure: Exposure that is not empty, its corner on the grid of blocks.
+            blocks: Colors of the blocks of the exposure that `widened` returns.
+            exposure: Exposure that is not empty, its corner aligned with the grid of blocks.
         """
         if exposure.stride > 1:
             wide = self.widened(exposure)
-            enter_blocks(self._pixels, wide.clipped, wide.stride, drawn, wide.corner)
-            drawn = self._pixels
-        return self._behind(drawn, exposure)
+            enter_blocks(self._scratch, wide.clipped, wide.stride, blocks, wide.corner)
+            blocks = self._scratch
+        return self._distort(blocks, exposure)
 
-    def _behind(self, drawn: Image, exposure: Exposure) -> Image:
-        """As `seen`, of the pixels that are needed; of a coarse exposure, of the whole image."""
-        part = self._part(exposure)
-        seen = cv2.remap(
-            drawn, part.columns, part.rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    def _distort(self, source: Image, exposure: Exposure) -> Image:
+        """Distort the pixels of the source region; of coarse blocks, those of a whole image."""
+        remap = self._remap(exposure)
+        result = cv2.remap(
+            source, remap.columns, remap.rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
-        if part.is_seen is not None:
-            seen[~part.is_seen] = 0
-        return np.asarray(seen, dtype=np.uint8)
+        if remap.is_visible is not None:
+            result[~remap.is_visible] = 0
+        return np.asarray(result, dtype=np.uint8)
 
-    def _part(self, exposure: Exposure) -> _Part:
-        """Where the rays of an exposure come from: a target that rests is asked for again."""
-        # one ray a block: only its corner counts
+    def _remap(self, exposure: Exposure) -> _Remap:
+        """Source coordinates of an exposure, cached: a target at rest stays in its region."""
         region = exposure.clipped
         step = exposure.stride
-        if self._known is None or self._known[:2] != (region, step):
-            left, top, right, bottom = _needed()(self._columns, self._rows, region, step)
-            # Corners are of blocks.
-            needed = left - left % step, top - top % step, right, bottom
+        if self._cached is None or self._cached[:2] != (region, step):
+            source_region = _kernels().source_region
+            left, top, right, bottom = source_region(self._columns, self._rows, region, step)
+            source = left - left % step, top - top % step, right, bottom
             part = slice(region[1], region[3], step), slice(region[0], region[2], step)
-            is_seen = None if self._is_seen is None else self._is_seen[part]
-            # Less by whole numbers, places are as exact as before.
-            left, top = needed[:2] if step == 1 else (0, 0)
+            is_visible = None if self._is_visible is None else self._is_visible[part]
+            # Subtracting integers loses no precision.
+            left, top = source[:2] if step == 1 else (0, 0)
             columns = self._columns[part] - np.float32(left)
             rows = self._rows[part] - np.float32(top)
-            self._known = region, step, _Part(columns, rows, is_seen, needed)
-        return self._known[2]
+            self._cached = region, step, _Remap(columns, rows, is_visible, source)
+        return self._cached[2]
 
 
-class _Part(NamedTuple):
-    """A part of an image behind a lens.
+class _Remap(NamedTuple):
+    """Source coordinates of a region of the distorted image.
 
     Attributes:
-        columns: Places before it along x that its blocks show, of shape (rows, columns), px
-            from the corner of what is needed, of coarse blocks from that of the image.
-        rows: Likewise along y.
-        is_seen: Which of them show something, None where all do.
-        needed: Part of the image before it that they are made of.
+        columns: Coordinates along x, of shape (rows, columns), px from the corner of the source
+            region, or of the whole image for coarse blocks.
+        rows: Coordinates along y, likewise.
+        is_visible: Where the lens shows something, None if everywhere.
+        source: Region of the undistorted image that contains all sources.
     """
 
     columns: npt.NDArray[np.float32]
     rows: npt.NDArray[np.float32]
-    is_seen: npt.NDArray[np.bool_] | None
-    needed: Region
+    is_visible: npt.NDArray[np.bool_] | None
+    source: Region
 
 
-@cache
-def _needed() -> Callable[..., Region]:
-    """The kernel of the lens: an import statement costs as much as it does."""
-    from bt_dualarm.sim.camera_kernels import needed
-
-    return needed
-
-
-def _straight(k1: float, k2: float, seen_at: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Radii at which it is without the lens; not a number where nothing is seen."""
-    # Beyond twice the farthest of the image there is nothing that a lens within the ranges of
-    # k1 and k2 would show in it.
-    radius = np.linspace(0.0, 2.0 * float(seen_at.max()), _RADII)
+def _undistorted_radius(
+    k1: float, k2: float, imaged: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Invert the distortion for radii in the image; NaN where the lens shows nothing."""
+    # Lenses within the valid ranges of k1 and k2 show nothing from beyond twice the largest radius.
+    radius = np.linspace(0.0, 2.0 * float(imaged.max()), _RADII)
     bent = radius * (1.0 + k1 * radius**2 + k2 * radius**4)
     falls = np.flatnonzero(np.diff(bent) <= 0)
     end = int(falls[0]) + 1 if len(falls) else _RADII
-    return np.interp(seen_at, bent[:end], radius[:end], right=math.nan)
+    return np.interp(imaged, bent[:end], radius[:end], right=math.nan)
 
 
 def warm_up_lens() -> None:
-    """Have the kernel of the lens compiled."""
+    """Compile the kernel of the lens."""
     Lens(0.1, 0.1, 2, 2, 1.0).widened(Exposure(0, 2, 2, (0, 0, 1, 1)))
 
 
@@ -166,23 +159,23 @@ def warm_up_lens() -> None:
 
 
 SHARP_PX: Final = 0.5
-"""Motion during an exposure that no image shows: it is drawn once."""
+"""Motion during an exposure, in pixels, below which an image is sharp: it is rendered once."""
 
-MOST_PICTURES: Final = 8
-"""Images that an exposure is the mean of, at most: farther apart than a pixel only beyond it."""
+MAX_SUBIMAGES: Final = 8
+"""Largest number of images that are averaged; up to it they are at most a pixel apart."""
 
 Draw: TypeAlias = Callable[[mujoco.MjData, Exposure], Image]
-"""Draws a camera's image of a state whose kinematics are up to date."""
+"""Renders a camera's image of a state whose kinematics are up to date."""
 
 
 class Shutter:
-    """Takes the mean of images at even times, the stamp in their middle.
+    """Motion blur: averages images at evenly spaced times around the stamp.
 
-    How many there are hangs on how far objects in the image that are not an arm's links move
-    across it: one for each pixel. Where they do not, all of it is drawn once.
+    Their number is the distance in pixels that the fastest visible object moves during the
+    exposure; links of arms do not count.
 
     Args:
-        exposure_s: Seconds for which it is open.
+        exposure_s: Exposure time in s.
     """
 
     def __init__(self, exposure_s: float) -> None:
@@ -192,22 +185,22 @@ class Shutter:
     def render(
         self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, draw: Draw
     ) -> Image:
-        """The image of an exposure that has its middle now.
+        """Render an exposure whose middle is the current time.
 
-        Velocities are taken to be those of now; ``data`` stays as it is.
+        Velocities are taken as constant during the exposure; ``data`` is not changed.
         """
         motion = self._open_s * self._speed_px(model, data, exposure)
         if motion < SHARP_PX:
             return draw(data, exposure)
-        count = min(1 + math.ceil(motion), MOST_PICTURES)
-        total = np.array(count // 2, np.uint16)
+        count = min(1 + math.ceil(motion), MAX_SUBIMAGES)
+        total = np.array(count // 2, np.uint16)  # rounds the integer mean below
         for number in range(count):
             offset = (number + 0.5) / count - 0.5
             total = total + draw(self._state(model, data, offset * self._open_s), exposure)
         return (total // np.uint16(count)).astype(np.uint8)
 
     def _state(self, model: mujoco.MjModel, data: mujoco.MjData, later: float) -> mujoco.MjData:
-        """What everything is in, so many seconds later."""
+        """State after ``later`` seconds at the current velocities; may be negative."""
         scratch = self._scratch
         scratch.qpos[:] = data.qpos
         scratch.mocap_pos[:] = data.mocap_pos
@@ -218,18 +211,18 @@ class Shutter:
         return scratch
 
     def _speed_px(self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure) -> float:
-        """Highest speed of an object across the image, in pixels a second."""
+        """Highest image speed of an object that may be visible, in pixels per second."""
         if self._model is not model:
             self._model = model
             self._scratch = mujoco.MjData(model)
-            self._things, self._radii = _things(model)
+            self._objects, self._radii = _objects(model)
             self._roots = model.body_rootid.copy()
         camera = exposure.camera_id
         kernels = _kernels()
         size = (exposure.width, exposure.height)
         focal_px = focal_length_px(exposure.height, math.radians(float(model.cam_fovy[camera])))
         speed: float = kernels.fastest(
-            self._things, self._radii, int(model.cam_bodyid[camera]),
+            self._objects, self._radii, int(model.cam_bodyid[camera]),
             kernels.Bodies(data.xpos, data.cvel, data.subtree_com, self._roots),
             data.cam_xpos[camera], data.cam_xmat[camera].reshape(3, 3), focal_px,
             size, exposure.clipped,
@@ -237,9 +230,9 @@ class Shutter:
         return speed
 
 
-def _things(model: mujoco.MjModel) -> tuple[npt.NDArray[np.int64], Vector]:
-    """Bodies that are no link of an arm, the world left out, and how far they extend, m."""
-    things = [body for body in range(1, model.nbody) if "/" not in model.body(body).name]
+def _objects(model: mujoco.MjModel) -> tuple[npt.NDArray[np.int64], Vector]:
+    """Ids of all bodies that are not links of an arm, and their bounding radii in m."""
+    ids = [body for body in range(1, model.nbody) if "/" not in model.body(body).name]
     extents = [
         max(
             (
@@ -248,21 +241,21 @@ def _things(model: mujoco.MjModel) -> tuple[npt.NDArray[np.int64], Vector]:
             ),
             default=0.0,
         )
-        for body in things
+        for body in ids
     ]
-    return np.array(things, dtype=np.int64), np.array(extents)
+    return np.array(ids, dtype=np.int64), np.array(extents)
 
 
 @cache
 def _kernels() -> ModuleType:
-    """The kernel of motion: an import statement costs as much as it does."""
+    """The compiled kernels, imported once: an import statement costs as much as a kernel."""
     from bt_dualarm.sim import camera_kernels
 
     return camera_kernels
 
 
 def warm_up_shutter() -> None:
-    """Have the kernel of motion compiled."""
+    """Compile the kernel of motion blur."""
     spec = mujoco.MjSpec()
     spec.worldbody.add_camera()
     spec.worldbody.add_body(name="thing").add_geom(size=(0.1, 0.1, 0.1))
@@ -271,41 +264,36 @@ def warm_up_shutter() -> None:
     Shutter(1.0).render(model, data, Exposure(0, 2, 2), lambda *_: np.zeros((2, 2, 3), np.uint8))
 
 
-# Calibration of a camera, and the errors of its images
+# Calibration
 
+CONSTANT_LIGHT: Final = Uncertainty()
 
-EVEN: Final = Uncertainty()
-"""Light that does not change."""
-
-
-_BANK: Final = 2**18
-"""Values from among which an image's noise begins, of a larger one half as many at least.
-
-To draw it anew for each image costs a rendering.
-"""
+_NOISE_BANK: Final = 2**18
+"""Start positions of an image's noise in a precomputed sequence, at least half as many for large
+images. Fresh noise for each image would cost as much as rendering it."""
 
 
 @dataclass(eq=False)
 class Calibration:
-    """A camera as its arm knows it.
+    """The nominal camera of an arm, and the errors of its images.
 
     Attributes:
-        pose_at: Pose of the camera in the world (x right, y down, z forward) at a time in s, by
-            the arm's encoders and the mount of its description.
-        fov_rad: Vertical field of view by the file, rad.
-        stamp_s: Seconds by which its clock is ahead of the simulation's.
+        pose_at: Function that returns the camera's pose in the world (x right, y down, z forward)
+            at a time in s, by the arm's encoders and the nominal mount.
+        fov_rad: Vertical field of view by the tree file, rad.
+        stamp_s: Seconds by which the camera's clock is ahead of the simulation's.
         noise: Standard deviation of a pixel's noise, of 255 levels.
-        light: Spread of the brightness, drawn for each image.
-        exposure_s: Seconds for which the shutter is open.
-        distortion: Radial distortion that is not known, OpenCV's k1 and k2.
-        rng: Source of noise and light.
+        light: Uncertainty of the brightness, sampled for each image.
+        exposure_s: Exposure time, s.
+        distortion: Radial distortion that the calibration lacks, OpenCV's k1 and k2.
+        rng: Random stream of noise and light.
     """
 
     pose_at: Callable[[float], Pose]
     fov_rad: float
     stamp_s: float = 0.0
     noise: float = 0.0
-    light: Uncertainty = EVEN
+    light: Uncertainty = CONSTANT_LIGHT
     exposure_s: float = 0.0
     distortion: tuple[float, float] = (0.0, 0.0)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
@@ -314,11 +302,11 @@ class Calibration:
     )
 
     def degraded(self, image: Image, region: Region, stride: int = 1) -> Image:
-        """The image as it arrives; what was not exposed stays black.
+        """Add noise and a change of brightness to the exposed region of an image, in place.
 
         Args:
-            image: Image as it was exposed; it is changed.
-            region: Part that was.
+            image: Rendered image; it is changed and returned.
+            region: Region that was exposed.
             stride: Edge in pixels of the blocks that share a color.
         """
         left, top, right, bottom = region
@@ -327,65 +315,65 @@ class Calibration:
         return image
 
     def degradation(self, region: Region, stride: int = 1) -> Callable[[Image], Image]:
-        """What the next image will degrade, as it was drawn now.
+        """Sample the noise and brightness of the next image.
 
         Args:
-            region: Part that is exposed.
+            region: Region that is exposed.
             stride: Edge in pixels of the blocks that share a color.
 
         Returns:
-            Function of the colors of its blocks, of shape (rows, columns, 3).
+            Function that applies them to the blocks' colors, of shape (rows, columns, 3).
         """
         if not self.is_degraded:
             return lambda blocks: blocks
         left, top, right, bottom = region
         light = 1.0 + self.light.draw_one(self.rng)
         shape = -((top - bottom) // stride), -((left - right) // stride), 3
-        more, less = self._noise_of(math.prod(shape)).reshape(2, *shape)
+        positive, negative = self._sample_noise(math.prod(shape)).reshape(2, *shape)
 
         def degrade(blocks: Image) -> Image:
-            # OpenCV keeps to the levels that there are.
-            bright = cv2.add(cv2.convertScaleAbs(blocks, alpha=light), more)
-            return np.asarray(cv2.subtract(bright, less), dtype=np.uint8)
+            # OpenCV saturates at 0 and 255, NumPy would wrap around.
+            bright = cv2.add(cv2.convertScaleAbs(blocks, alpha=light), positive)
+            return np.asarray(cv2.subtract(bright, negative), dtype=np.uint8)
 
         return degrade
 
     @property
     def is_degraded(self) -> bool:
-        """Whether an image arrives as another than was exposed."""
+        """Whether images have noise or varying brightness at all."""
         return bool(self.noise or self.light.most)
 
-    def _noise_of(self, count: int) -> npt.NDArray[np.uint8]:
-        """What so many pixels have more and less, of shape (2, count).
+    def _sample_noise(self, count: int) -> npt.NDArray[np.uint8]:
+        """Positive and negative part of the noise of ``count`` values, of shape (2, count).
 
-        It is a stretch of noise that is drawn once, from anywhere in it.
+        A random section of a precomputed sequence.
         """
-        if self._bank.shape[1] < count + _BANK // 2:
-            drawn = self.rng.standard_normal(count + _BANK, dtype=np.float32)
-            self._bank = _more_and_less(drawn, self.noise)
+        if self._bank.shape[1] < count + _NOISE_BANK // 2:
+            values = self.rng.standard_normal(count + _NOISE_BANK, dtype=np.float32)
+            self._bank = _noise_levels(values, self.noise)
         begin = int(self.rng.integers(self._bank.shape[1] - count))
         return self._bank[:, begin : begin + count]
 
 
-def _more_and_less(drawn: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.uint8]:
-    """What values have more and less, in whole levels, of shape (2, n).
+def _noise_levels(values: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.uint8]:
+    """Positive and negative part of noise in whole levels, of shape (2, n).
 
     Args:
-        drawn: Values with a standard deviation of one, of shape (n,); they are changed.
-        sigma: Standard deviation that they are to have.
+        values: Standard normal values, of shape (n,); they are changed.
+        sigma: Standard deviation of the noise.
     """
-    # In place: by way of new arrays it takes several times as long.
-    levels = np.empty((2, len(drawn)), np.uint8)
-    np.multiply(drawn, sigma, out=drawn)
-    np.rint(drawn, out=drawn)
-    np.clip(drawn, 0, 255, out=levels[0], casting="unsafe")
-    np.negative(drawn, out=drawn)
-    np.clip(drawn, 0, 255, out=levels[1], casting="unsafe")
+    # In place: with temporary arrays it takes several times as long.
+    levels = np.empty((2, len(values)), np.uint8)
+    np.multiply(values, sigma, out=values)
+    np.rint(values, out=values)
+    np.clip(values, 0, 255, out=levels[0], casting="unsafe")
+    np.negative(values, out=values)
+    np.clip(values, 0, 255, out=levels[1], casting="unsafe")
     return levels
 
 
 def calibration_of(world: World, name: str, seed: int) -> Calibration:
-    """What is believed of the camera of an arm that is in the world, which has one.
+    """Nominal camera of an arm that is in the world and has a camera.
 
     Args:
         world: World that the arm is in.
@@ -398,28 +386,28 @@ def calibration_of(world: World, name: str, seed: int) -> Calibration:
     hardware = world.hardware[name]
     nominal = world.nominal[name]
     errors = world.devices.errors[name].camera
-    drawn = world.devices.sampled[name]
+    sampled = world.devices.sampled[name]
     return Calibration(
         pose_at=lambda time: nominal.camera_pose_at(hardware.q_at(time)),
         fov_rad=camera.fov_rad,
-        stamp_s=drawn.stamp_s,
+        stamp_s=sampled.stamp_s,
         noise=errors.noise,
         light=errors.light,
         exposure_s=errors.exposure,
-        distortion=drawn.distortion,
+        distortion=sampled.distortion,
         rng=random_stream(seed, f"{name}:pixels"),
     )
 
 
-# Image formation: shake, shutter, lens
+# Image formation
 
 
 class Optics:
-    """All that is between the scene and the pixels of one camera.
+    """Renders exposures of one camera with its shake, motion blur and distortion.
 
     Args:
         renderer: Renderer of its images.
-        exposure_s: Seconds for which its shutter is open.
+        exposure_s: Exposure time in s.
         distortion: Radial distortion of its lens, OpenCV's k1 and k2.
     """
 
@@ -442,14 +430,14 @@ class Optics:
         shake: Vector,
         degrade: Callable[[Image], Image] | None = None,
     ) -> Image:
-        """What an exposure shows: colors of its blocks, of shape (rows, columns, 3).
+        """Render the blocks of an exposure, of shape (rows, columns, 3).
 
         Args:
             model: Compiled world.
-            data: State of it, its kinematics up to date.
-            exposure: Part of the image that is asked for, alone, its corner on the grid of blocks.
-            shake: Turn of the camera about its x and y axes meanwhile, of shape (2,), rad.
-            degrade: What the colors of its blocks, of shape (rows, columns, 3), degrade besides.
+            data: Its state, with up-to-date kinematics.
+            exposure: Region to render, as blocks alone, its corner aligned with the grid of blocks.
+            shake: Rotation of the camera about its x and y axes, of shape (2,), rad.
+            degrade: Function that applies noise to the blocks, of shape (rows, columns, 3).
         """
         shakes = shake.any()
 
@@ -469,8 +457,8 @@ class Optics:
             focal_px = focal_length_px(exposure.height, fov_rad)
             self._lens = Lens(*self._distortion, exposure.width, exposure.height, focal_px)
         wide = self._lens.widened(exposure)
-        seen = self._lens.seen(self._exposed(model, data, wide, draw), exposure)
-        return seen if degrade is None else degrade(seen)
+        blocks = self._lens.distorted_blocks(self._exposed(model, data, wide, draw), exposure)
+        return blocks if degrade is None else degrade(blocks)
 
     def _exposed(
         self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, draw: Draw
@@ -482,7 +470,7 @@ class Optics:
 
 @contextmanager
 def _turned(data: mujoco.MjData, camera_id: int, angles: Vector) -> Iterator[None]:
-    """The camera turned about its x and y axes by ``angles`` of shape (2,), rad, meanwhile."""
+    """Turn the camera about its x and y axes by ``angles`` of shape (2,), rad, temporarily."""
     straight = data.cam_xmat[camera_id].copy()
     turn = scipy.spatial.transform.Rotation.from_rotvec([*angles, 0.0]).as_matrix()
     data.cam_xmat[camera_id] = (straight.reshape(3, 3) @ turn).ravel()

@@ -1,4 +1,8 @@
-"""Editing the MjSpec of a world: scenes, objects, markers, arms, cameras, welds."""
+"""Composition of the world's MjSpec: scenes, objects, markers, arms, cameras, welds.
+
+Functions add elements to, or remove them from, the `mujoco.MjSpec` that `World` compiles. `ArmBody`
+finds an arm again in the compiled model.
+"""
 
 from __future__ import annotations
 
@@ -34,21 +38,20 @@ from bt_dualarm.sim.arm_models import LinkFactors, SampledArm, inertia_per_mass
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.values import MarkerSpec
 
-# Support of an arm's base
+# Mounting surfaces
 
-
-_TOUCHING = 0.02  # m: a base this close to a surface is mounted on it
-_UPRIGHT_COSINE = np.cos(np.radians(5))  # a pedestal is built below bases that stand this straight
+_MAX_MOUNTING_GAP = 0.02  # m: a base this close to a surface is mounted on it
+_UPRIGHT_COSINE = np.cos(np.radians(5))  # bases that tilt more get no pedestal
 
 
 @dataclass(frozen=True)
 class MountingSurface:
-    """The surface under a base.
+    """The surface that an arm's base is mounted on.
 
     Attributes:
         body: Name of the MuJoCo body that the surface belongs to.
-        gap: Distance from the base to the surface in meters, against the base's z axis.
-        pedestal: Whether the gap needs a pedestal.
+        gap: Distance from the base down to the surface along the base's z axis, m.
+        pedestal: Whether a pedestal has to fill the gap.
     """
 
     body: str
@@ -57,19 +60,21 @@ class MountingSurface:
 
 
 def surface_below(model: mujoco.MjModel, data: mujoco.MjData, base: Pose) -> MountingSurface | None:
-    """What is under a base, None if there is nothing."""
+    """Find the surface under a base by a ray; None if there is none."""
     up: Vector = base.rotation_matrix[:, 2]
     geom = np.array([-1], dtype=np.int32)
-    start = base.position + _TOUCHING * up  # a base may be sunk into its surface a little
+    start = base.position + _MAX_MOUNTING_GAP * up  # the base may be slightly inside the surface
     distance = mujoco.mj_ray(model, data, start, -up, None, 1, -1, geom)
     if distance < 0:
         return None
-    gap = distance - _TOUCHING
+    gap = distance - _MAX_MOUNTING_GAP
     body = model.body(model.geom_bodyid[geom[0]]).name
-    return MountingSurface(body, gap, pedestal=bool(gap > _TOUCHING and up[2] > _UPRIGHT_COSINE))
+    return MountingSurface(
+        body, gap, pedestal=bool(gap > _MAX_MOUNTING_GAP and up[2] > _UPRIGHT_COSINE)
+    )
 
 
-# Lookup of names, with the nearest valid one in the error
+# Names
 
 
 def must_be_among(name: str, known: Collection[str], kind: str, where: str) -> None:
@@ -83,14 +88,14 @@ def must_be_among(name: str, known: Collection[str], kind: str, where: str) -> N
 
 
 def nearest(name: str, known: Collection[str]) -> str:
-    """What may have been meant, and everything that there is, as the end of a sentence."""
+    """End of an error message: the closest known name, and all known names."""
     near = difflib.get_close_matches(name, known, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return f"{hint} (there are: {', '.join(sorted(known)) or 'none'})"
 
 
 def name_of_geom(model: mujoco.MjModel, geom: int) -> str:
-    """What people call the object that a shape belongs to: its body, or a part of the scene."""
+    """Name for messages of the object that a geom belongs to: a body, or a part of the scene."""
     body = model.body(model.geom_bodyid[geom])
     return str((body.name if body.id else model.geom(geom).name) or "the scene")
 
@@ -98,10 +103,11 @@ def name_of_geom(model: mujoco.MjModel, geom: int) -> str:
 # Welds
 
 
-_WELD_SOLREF = (0.004, 1.0)  # s, damping ratio: as good as rigid at a 2 ms step
+_WELD_SOLREF = (0.004, 1.0)  # s, damping ratio: the stiffest that is stable at a 2 ms step
 _WELD_SOLIMP = (0.9999, 0.9999, 0.001)
-"""Share of what would pull a weld apart that it takes back at once. With MuJoCo's 0.9 a tenth of a
-wrist's torque turns the wrist alone, and a wide load shakes it: its own inertia is a hundredth."""
+"""Impedance: share of a disturbing acceleration that the constraint cancels. With MuJoCo's default
+of 0.9, a tenth of a wrist's torque turns the wrist without its load, whose inertia is a hundred
+times the wrist's own, and shakes wide loads."""
 
 
 def add_weld(
@@ -112,15 +118,15 @@ def add_weld(
     relative: Pose,
     tips: Sequence[str] = (),
 ) -> None:
-    """Weld two bodies, which do not touch one another from then on.
+    """Weld two bodies and ignore contacts between them.
 
     Args:
         spec: MjSpec of the world.
         name: Name of the weld.
-        body1: One of them.
-        body2: The other.
+        body1: Name of the first body.
+        body2: Name of the second body.
         relative: Pose of body2 in body1.
-        tips: Further bodies that body2 does not touch: those by which it is held.
+        tips: Further bodies whose contacts with body2 are ignored: the fingers that hold it.
     """
     weld = spec.add_equality(
         name=name,
@@ -131,7 +137,7 @@ def add_weld(
     )
     weld.solref = _WELD_SOLREF
     weld.solimp[:3] = _WELD_SOLIMP
-    # anchor in body2, relative pose, share of torque against force (mjEQ_WELD's eq_data)
+    # eq_data of mjEQ_WELD: anchor in body2, relative pose, torque scale.
     weld.data[:11] = [0, 0, 0, *relative.position, *relative.quaternion, 1]
     spec.add_exclude(name=name, bodyname1=body1, bodyname2=body2)
     for tip in tips:
@@ -146,11 +152,11 @@ def remove_weld(spec: mujoco.MjSpec, name: str) -> None:
             spec.delete(exclude)
 
 
-# Markers on objects: thin white and black boxes without contacts
+# Markers, as thin white and black boxes without contacts
 
 
 BOARD_M: Final = 1e-4
-"""Half of the thickness of the white board; the black cells are as thick again above it."""
+"""Half the thickness of the white board; the black cells on top of it are as thick."""
 
 DICTIONARIES: Final = {
     "aruco_4x4_50": cv2.aruco.DICT_4X4_50,
@@ -159,11 +165,11 @@ DICTIONARIES: Final = {
     "apriltag_16h5": cv2.aruco.DICT_APRILTAG_16h5,
     "apriltag_36h11": cv2.aruco.DICT_APRILTAG_36h11,
 }
-"""OpenCV's numbers of the sets."""
+"""OpenCV's constants by the names of marker dictionaries in tree files."""
 
 
 def marker_height(thing: ObjectSpec) -> float:
-    """Height in m of an object's marker above its center, in its own frame."""
+    """Height of an object's marker above its center along its z axis, m."""
     return 0.5 * thing.size[-1] + 4 * BOARD_M
 
 
@@ -182,14 +188,15 @@ def add_marker(body: mujoco.MjsBody, thing: ObjectSpec) -> None:
 
 
 def black_parts(marker: MarkerSpec) -> Iterator[tuple[float, float, float, float]]:
-    """Middle (x, y) and edges of boxes that cover the black cells of a marker, m.
+    """Boxes that cover the black cells of a marker: center x and y, width and height, m.
 
-    The marker's first corner is at -x, +y: seen from above it stands as it is printed.
+    Black cells side by side in a row become one box, which keeps the number of geoms low. The
+    marker's first corner is at -x, +y: seen from above it looks as printed.
     """
     count = marker.cells
     cell = marker.size / marker.cells
-    found = cv2.aruco.getPredefinedDictionary(DICTIONARIES[marker.dictionary])
-    image = np.asarray(found.generateImageMarker(marker.id, count))
+    dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARIES[marker.dictionary])
+    image = np.asarray(dictionary.generateImageMarker(marker.id, count))
     for row in range(count):
         column = 0
         while column < count:
@@ -220,20 +227,20 @@ def _box(
     )
 
 
-# Objects of a tree file as bodies
+# Objects
 
 
-_SLIDING_AND_ROLLING: Final = 6  # MuJoCo's `condim`: friction against every relative motion
+_CONDIM_ROLLING: Final = 6  # sliding, torsional and rolling friction
 _TORSION: Final = 0.005  # m, MuJoCo's default
 _ROLLING: Final = 0.1  # of the radius; a ball at 0.05 m/s rolls 15 mm, one at 0.3 m/s 140 mm
-_NO_ROLLING: Final = 0.0001  # m, MuJoCo's default; without effect but against what rolls
+_NO_ROLLING: Final = 0.0001  # m, MuJoCo's default; has no effect on boxes
 _UPRIGHT: Final = math.cos(math.radians(45))
 
 
 def add_object(
-    spec: mujoco.MjSpec, name: str, thing: ObjectSpec, pose: Pose, drawn: LinkFactors
+    spec: mujoco.MjSpec, name: str, thing: ObjectSpec, pose: Pose, sampled: LinkFactors
 ) -> None:
-    """Add an object; body, joint and geom bear its name, and its mass is the drawn one."""
+    """Add an object with its sampled mass; body, joint and geom have its name."""
     body = spec.worldbody.add_body(name=name, pos=pose.position, quat=pose.quaternion)
     if not thing.fixed:
         body.add_freejoint(name=name)
@@ -241,31 +248,32 @@ def add_object(
         name=name,
         type=GEOM_TYPES[thing.shape],
         size=half_sizes(thing.shape, thing.size),
-        mass=thing.mass * drawn.mass,
+        mass=thing.mass * sampled.mass,
         rgba=thing.rgba,
         friction=(thing.friction, _TORSION, _rolling(thing)),
-        condim=3 if thing.shape == "box" else _SLIDING_AND_ROLLING,
+        condim=3 if thing.shape == "box" else _CONDIM_ROLLING,
         group=OBJECT_GROUP,
     )
     add_marker(body, thing)
-    shift = _where_it_rests(thing, pose, drawn.shift)
+    shift = _stable_center_offset(thing, pose, sampled.shift)
     if shift.any():
-        body.mass = thing.mass * drawn.mass
+        body.mass = thing.mass * sampled.mass
         body.ipos = shift
         body.inertia = body.mass * inertia_per_mass(thing)
         body.explicitinertial = True
 
 
 def _rolling(thing: ObjectSpec) -> float:
-    """Coefficient of rolling friction in m: what rolls comes to rest, as everything does."""
+    """Coefficient of rolling friction in m, such that balls and cylinders come to rest."""
     return _NO_ROLLING if thing.shape == "box" else _ROLLING * thing.size[0]
 
 
-def _where_it_rests(thing: ObjectSpec, pose: Pose, shift: Vector) -> Vector:
-    """The drawn offset of the center of mass, of shape (3,), m, as far as it makes nothing roll.
+def _stable_center_offset(thing: ObjectSpec, pose: Pose, shift: Vector) -> Vector:
+    """Restrict a sampled offset of the center of mass, of shape (3,), m, so that nothing rolls off.
 
-    A ball whose center is aside would roll away from where the file has it as soon as time begins,
-    as would a cylinder or capsule that lies; there it stays in the middle, or on the axis.
+    An eccentric ball, or an eccentric cylinder or capsule that lies, would roll away from its
+    declared pose as soon as the simulation starts. Their offset is restricted to zero, or to the
+    axis.
     """
     if thing.shape == "sphere":
         return np.zeros(3)
@@ -274,7 +282,7 @@ def _where_it_rests(thing: ObjectSpec, pose: Pose, shift: Vector) -> Vector:
 
 
 def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:
-    """The declared pose, moved by the object's noise; independent of all other objects."""
+    """The declared pose with the object's noise, sampled independently of all other objects."""
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     shift = rng.uniform(-1, 1, 3) * np.asarray(thing.noise.xyz)
     turn = rng.uniform(-1, 1) * math.radians(thing.noise.yaw)
@@ -283,18 +291,18 @@ def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:
     return Pose(moved.position, (moved @ Pose(np.zeros(3), declared.quaternion)).quaternion)
 
 
-# Checks of a tree file against its robots and scene
+# Checks of a tree file
 
 
 def check_declarations(
     file: TreeFile, robots: Mapping[str, Robot], names_in_scene: Collection[str]
 ) -> None:
-    """Refuse at the start what would fail when a leaf spawns it an hour later.
+    """Check all declared arms and objects at the start, even those that are spawned later.
 
     Args:
         file: Declares the arms and objects.
         robots: Robot of each arm, by the arm's name.
-        names_in_scene: Names that the scene has taken.
+        names_in_scene: Names that the scene uses already.
 
     Raises:
         WorldError: A robot has no such posture or camera mount, or a name is taken.
@@ -311,17 +319,17 @@ def check_declarations(
             raise WorldError(f"{name!r} is the name of a part of the scene {scene!r} already")
 
 
-# Composition of the MjSpec
-
+# Scene and arms
 
 CAMERA = "camera"
+"""Name of an arm's camera, below the arm's prefix."""
 
 _IMPRATIO = 10.0
-_NOSLIP = 3
-_STIFF = (0.004, 1.0)  # s, damping ratio: two steps of 2 ms
-_PEDESTAL_HALF_WIDTH = 0.11  # m; the footprint of a Panda or UR10 base plate fits
+_NOSLIP_ITERATIONS = 3
+_STIFF_SOLREF = (0.004, 1.0)  # s, damping ratio: two steps of 2 ms
+_PEDESTAL_HALF_WIDTH = 0.11  # m; covers the base plates of a Panda and a UR10
 _PEDESTAL_COLOR = (0.42, 0.45, 0.50, 1.0)
-_OPENCV_TO_MUJOCO = Pose.from_rpy((0, 0, 0), (np.pi, 0, 0))  # MuJoCo's cameras look along -z, y up
+_OPENCV_TO_MUJOCO = Pose.from_rpy((0, 0, 0), (np.pi, 0, 0))  # MuJoCo: looking along -z, y up
 
 
 def scene_names() -> tuple[str, ...]:
@@ -365,23 +373,23 @@ def _read_scene(path: Path) -> mujoco.MjSpec:
         raise CatalogError(f"scene {path}: {error}") from error
 
 
-def copy_contact_options(spec: mujoco.MjSpec) -> None:
-    """Options of a world in which fingers hold objects: without them friction creeps.
+def set_grasp_contact_options(spec: mujoco.MjSpec) -> None:
+    """Set the contact options of a world in which grippers hold objects by friction.
 
     A cube of 0.2 kg that is shaken at 8 m/s² for 10 s slips 15.6 mm between pads with MuJoCo's
-    defaults, and less than 0.005 mm with these (``docs/grippers.md``). Objects lie stiffly on one
-    another: with MuJoCo's defaults light ones sink in by millimeters where fingers press them down,
-    so that a tower of five cubes becomes 15 mm lower, and fingers slide along what they hold.
+    defaults, and less than 0.005 mm with these (``docs/grippers.md``). Contacts are stiff, because
+    with the defaults light objects sink in by millimeters where fingers press on them: a tower of
+    five cubes becomes 15 mm lower, and fingers slide along the object.
     """
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = _IMPRATIO
-    spec.option.noslip_iterations = _NOSLIP
-    for geom in (*spec.geoms, spec.default.geom):  # what stands in the scene, and what comes
-        geom.solref = _STIFF
+    spec.option.noslip_iterations = _NOSLIP_ITERATIONS
+    for geom in (*spec.geoms, spec.default.geom):  # present and future geoms
+        geom.solref = _STIFF_SOLREF
 
 
 def names_in(spec: mujoco.MjSpec) -> frozenset[str]:
-    """Names of bodies, joints and shapes, which objects and arms must not take."""
+    """Names of bodies, joints and geoms, which objects and arms must not use."""
     return frozenset(element.name for element in (*spec.bodies, *spec.joints, *spec.geoms))
 
 
@@ -390,68 +398,65 @@ def add_arm(
     name: str,
     arm: ArmSpec,
     robot: Robot,
-    drawn: SampledArm,
+    sampled: SampledArm,
     gripper: Gripper | None = None,
     *,
     surface: MountingSurface | None,
     visuals: bool,
 ) -> None:
-    """Attach an arm with its names below ``name/``.
+    """Attach an arm; all its names begin with ``name/``.
 
     Args:
         spec: MjSpec of the world.
         name: Name of the arm in the tree file.
-        arm: Part of the tree file about it.
-        robot: Robot of the catalog that it is.
-        drawn: What the seed has made of it.
-        gripper: Gripper that is mounted on it, if one is.
-        surface: Surface under the base, if there is one.
-        visuals: Load the full visual meshes as well.
+        arm: Part of the tree file about the arm.
+        robot: Robot of the catalog.
+        sampled: Deviations of this arm from its description.
+        gripper: Gripper that is mounted on the arm, if any.
+        surface: Surface under the base, if any.
+        visuals: Also load the full visual meshes.
     """
     child = robot_spec(robot, visuals=visuals)
     if gripper is not None:
         add_gripper(child, robot, gripper, visuals=visuals)
-    for link, factors in drawn.links.items():
-        _make_heavier(child.body(link), factors)
-    _add_rotors(child, robot, drawn.rotor)
-    _attach(spec, name, arm, robot, child, drawn)
+    for link, factors in sampled.links.items():
+        body = child.body(link)
+        if body.mass > 0:
+            body.mass *= factors.mass
+            body.inertia = body.inertia * factors.inertia
+            body.fullinertia = body.fullinertia * factors.inertia
+            body.ipos = body.ipos + factors.shift
+    _set_rotors(child, robot, sampled.rotor)
+    _attach(spec, name, arm, robot, child, sampled)
     if surface is not None:
-        _mount(spec, name, robot, arm.base.pose, surface)
+        _mount_on_surface(spec, name, robot, arm.base.pose, surface)
 
 
 def nominal_model(
     name: str, arm: ArmSpec, robot: Robot, option: mujoco.MjOption, *, rotors: bool
 ) -> mujoco.MjModel:
-    """An arm alone on its base, as its controller believes it to be; names as in `add_arm`.
+    """Compile an arm alone on its base, without sampled deviations; names as in `add_arm`.
 
     Args:
         name: Name of the arm in the tree file.
-        arm: Part of the tree file about it.
-        robot: Robot of the catalog that it is.
-        option: Options of the world, of which gravity and time step are taken.
-        rotors: Whether its joints have rotors that weigh something.
+        arm: Part of the tree file about the arm.
+        robot: Robot of the catalog.
+        option: Options of the world, from which gravity and time step are copied.
+        rotors: Whether the model includes rotor inertias.
     """
     spec = mujoco.MjSpec()
     spec.option.gravity = option.gravity
     spec.option.timestep = option.timestep
     child = chain_spec(robot)
     if rotors:
-        _add_rotors(child, robot, robot.rotor_inertia)
+        _set_rotors(child, robot, robot.rotor_inertia)
     _attach(spec, name, arm, robot, child)
     return spec.compile()
 
 
-def _add_rotors(child: mujoco.MjSpec, robot: Robot, inertia: Vector) -> None:
+def _set_rotors(child: mujoco.MjSpec, robot: Robot, inertia: Vector) -> None:
     for joint, rotor in zip(robot.joints, inertia.tolist(), strict=True):
         child.joint(joint).armature = rotor
-
-
-def _make_heavier(body: mujoco.MjsBody, factors: LinkFactors) -> None:
-    if body.mass > 0:
-        body.mass *= factors.mass
-        body.inertia = body.inertia * factors.inertia
-        body.fullinertia = body.fullinertia * factors.inertia
-        body.ipos = body.ipos + factors.shift
 
 
 def _attach(
@@ -460,28 +465,28 @@ def _attach(
     arm: ArmSpec,
     robot: Robot,
     child: mujoco.MjSpec,
-    drawn: SampledArm | None = None,
+    sampled: SampledArm | None = None,
 ) -> None:
-    """Attach an arm and its camera, where it truly is if that was drawn."""
+    """Attach an arm and its camera, the camera with its sampled deviation if there is one."""
     base = arm.base.pose
     frame = spec.worldbody.add_frame(name=f"{name}/mount", pos=base.position, quat=base.quaternion)
     if arm.camera is not None and isinstance(arm.camera.mount, str):
         mount = robot.cameras[arm.camera.mount]
-        _add_camera(child.body(mount.link), CAMERA, arm.camera, mount.pose, drawn)
+        _add_camera(child.body(mount.link), CAMERA, arm.camera, mount.pose, sampled)
     spec.attach(child, prefix=f"{name}/", frame=frame)
     if arm.camera is not None and not isinstance(arm.camera.mount, str):
-        _add_camera(spec.worldbody, f"{name}/{CAMERA}", arm.camera, arm.camera.mount.pose, drawn)
+        _add_camera(spec.worldbody, f"{name}/{CAMERA}", arm.camera, arm.camera.mount.pose, sampled)
 
 
-def _mount(
+def _mount_on_surface(
     spec: mujoco.MjSpec, name: str, robot: Robot, base: Pose, surface: MountingSurface
 ) -> None:
-    """Put a pedestal in the gap; what the arm is mounted on cannot be hit by its first link.
+    """Add a pedestal if needed, and ignore contacts of the first link with the mounting surface.
 
-    A URDF's shapes of first links may be rough: a capsule reaches below the base that it turns on.
+    Collision shapes of first links are often rough: a capsule may reach below the base.
     """
     first = spec.joint(f"{name}/{robot.joints[0]}").parent.name
-    if spec.body(surface.body) is not None:  # it may have been an object that was taken away
+    if spec.body(surface.body) is not None:  # it may be an object that was removed
         spec.add_exclude(bodyname1=surface.body, bodyname2=first)
     if surface.pedestal:
         pedestal = _add_pedestal(spec, f"{name}/pedestal", base, surface.gap)
@@ -489,13 +494,13 @@ def _mount(
 
 
 def _add_camera(
-    body: mujoco.MjsBody, name: str, camera: CameraSpec, pose: Pose, drawn: SampledArm | None
+    body: mujoco.MjsBody, name: str, camera: CameraSpec, pose: Pose, sampled: SampledArm | None
 ) -> None:
-    """``pose`` has x right, y down, z forward."""
+    """Add a camera at ``pose`` (x right, y down, z forward) with its sampled focal length."""
     fovy = camera.fov
-    if drawn is not None and drawn.camera is not None:
-        pose = pose @ drawn.camera
-        fovy = math.degrees(2 * math.atan(math.tan(math.radians(fovy) / 2) / drawn.focal))
+    if sampled is not None and sampled.camera is not None:
+        pose = pose @ sampled.camera
+        fovy = math.degrees(2 * math.atan(math.tan(math.radians(fovy) / 2) / sampled.focal))
     turned = pose @ _OPENCV_TO_MUJOCO
     width, height = camera.resolution
     body.add_camera(
@@ -509,9 +514,9 @@ def _add_camera(
 
 def _add_pedestal(spec: mujoco.MjSpec, name: str, base: Pose, height: float) -> mujoco.MjsBody:
     middle = base @ Pose.from_rpy((0.0, 0.0, -height / 2))
-    # An arm may have a link of that name, but none that ends with a slash.
-    free = name if spec.body(name) is None else f"{name}/"
-    body = spec.worldbody.add_body(name=free, pos=middle.position, quat=middle.quaternion)
+    # An arm may have a link of this name; no link's name ends with a slash.
+    unique = name if spec.body(name) is None else f"{name}/"
+    body = spec.worldbody.add_body(name=unique, pos=middle.position, quat=middle.quaternion)
     body.add_geom(
         name=name,
         type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -523,7 +528,7 @@ def _add_pedestal(spec: mujoco.MjSpec, name: str, base: Pose, height: float) -> 
 
 
 def remove_arm(spec: mujoco.MjSpec, name: str, robot: Robot) -> None:
-    """Delete an arm's bodies, its pedestal, camera, mount and meshes."""
+    """Delete an arm's bodies, pedestal, camera, mount, meshes and tendons."""
     prefix = f"{name}/"
     spec.delete(spec.body(prefix + robot.base_link))
     leftovers = [*spec.bodies, *spec.cameras, *spec.frames, *spec.meshes, *spec.tendons]
@@ -531,19 +536,19 @@ def remove_arm(spec: mujoco.MjSpec, name: str, robot: Robot) -> None:
         spec.delete(element)
 
 
-# Indices of an arm in the arrays of a compiled model
+# Arms in the compiled model
 
 
 @dataclass(frozen=True, eq=False)
 class ArmBody:
-    """An arm that is present. Bound to one model and data: look it up again after a recompilation.
+    """An arm in one compiled model and data; find it again after a recompilation.
 
     Attributes:
         base: Pose of the robot's base link in the world.
         qpos_ids: Addresses of the joints' positions, base to tip, of shape (dof,); likewise
             ``dof_ids`` for velocities and ``actuator_ids`` for torques.
-        geom_ids: Ids of all shapes that can touch something.
-        tool_geom_ids: Those of them that belong to the links beyond the last joint.
+        geom_ids: Ids of all geoms that can be in contact.
+        tool_geom_ids: Those of them beyond the last joint.
         camera_id: Id of the arm's camera, -1 if it has none.
     """
 
@@ -587,37 +592,39 @@ class ArmBody:
             tool_site=model.site(f"{name}/{TOOL_SITE}").id,
             tool_body=model.body(f"{name}/{robot.tool_link}").id,
             geom_ids=frozenset(geoms),
-            tool_geom_ids=frozenset(g for g, body in geoms.items() if _hangs_on(model, body, last)),
+            tool_geom_ids=frozenset(
+                g for g, body in geoms.items() if _is_descendant(model, body, last)
+            ),
             camera_id=mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, f"{name}/{CAMERA}"),
         )
 
     @property
     def q(self) -> Vector:
-        """Measured joint positions in rad, of shape (dof,)."""
+        """True joint positions in rad, of shape (dof,)."""
         positions: Vector = self.data.qpos[self.qpos_ids]
         return positions
 
     @property
     def v(self) -> Vector:
-        """Measured joint velocities in rad/s, of shape (dof,)."""
+        """True joint velocities in rad/s, of shape (dof,)."""
         velocities: Vector = self.data.qvel[self.dof_ids]
         return velocities
 
     @property
     def tool_pose(self) -> Pose:
-        """The tool frame in the world, as of the last forward kinematics."""
+        """Pose of the tool frame in the world, as of the last forward kinematics."""
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, self.data.site_xmat[self.tool_site])
         return Pose(self.data.site_xpos[self.tool_site].copy(), quaternion)
 
     @property
     def tool_link_pose(self) -> Pose:
-        """The link that carries the tool, in the world."""
+        """Pose in the world of the link that carries the tool."""
         return Pose(self.data.xpos[self.tool_body].copy(), self.data.xquat[self.tool_body].copy())
 
 
-def _hangs_on(model: mujoco.MjModel, body: int, link: int) -> bool:
-    """Whether a body is a link, or hangs on it, as the fingers on the hand do."""
+def _is_descendant(model: mujoco.MjModel, body: int, link: int) -> bool:
+    """Whether a body is ``link`` or one of its descendants."""
     while body not in (0, link):
         body = int(model.body_parentid[body])
     return body == link

@@ -13,15 +13,15 @@ from bt_dualarm.core.share import weakly
 from bt_dualarm.sim.composition import name_of_geom
 from bt_dualarm.sim.world import World
 
-_NOBODY = -1
+_NO_ARM = -1
 
 
 class ContactMonitor:
-    """What one arm touches from now on, what it touches already and what it holds aside.
+    """New contacts of one arm; objects that it touched at the start or holds do not count.
 
     Args:
         arm: Name of the arm.
-        already: Names of the objects that it touches when the watch begins.
+        already: Names of the objects that it touches at the start.
 
     Attributes:
         forces_n: Largest normal force of a contact, by the name of the object, N.
@@ -33,15 +33,16 @@ class ContactMonitor:
         self._already = already
 
     def note(self, thing: str, force_n: float) -> None:
-        """Take up one contact."""
+        """Record one contact with an object, its normal force in N."""
         if thing not in self._already and force_n > self.forces_n.get(thing, 0.0):
             self.forces_n[thing] = force_n
 
 
 class Contacts:
-    """Looks at the contacts of a world in each of its steps, for those who watch.
+    """Observes the contacts of a world in each step, on behalf of its monitors.
 
-    After a step MuJoCo has found the contacts of now, and has no forces for them yet.
+    It runs before the second half of a step, when contacts and their forces match (see
+    `Stepping.advance`): afterwards MuJoCo has new contacts without forces.
 
     Args:
         world: World whose arms and objects may come and go.
@@ -49,33 +50,33 @@ class Contacts:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._watches: list[ContactMonitor] = []
+        self._monitors: list[ContactMonitor] = []
         self._generation = -1
-        world.on_forces.append(weakly(self._look))
+        world.on_forces.append(weakly(self._observe))
 
     def watch(self, arm: str) -> ContactMonitor:
-        """Begin to watch an arm that is in the world."""
-        watch = ContactMonitor(
-            arm, frozenset(thing for one, thing, _ in self._touching() if one == arm)
+        """Start to monitor an arm that is in the world."""
+        monitor = ContactMonitor(
+            arm, frozenset(thing for one, thing, _ in self._foreign_contacts() if one == arm)
         )
-        self._watches.append(watch)
-        return watch
+        self._monitors.append(monitor)
+        return monitor
 
-    def end(self, watch: ContactMonitor) -> None:
-        """Watch no more; harmless when that has ended."""
-        self._watches = [one for one in self._watches if one is not watch]
+    def end(self, monitor: ContactMonitor) -> None:
+        """Stop a monitor; harmless if it has stopped already."""
+        self._monitors = [one for one in self._monitors if one is not monitor]
 
-    def _look(self) -> None:
-        """Take up what was touched in this step."""
-        if not self._watches:
+    def _observe(self) -> None:
+        """Pass the contacts of this step to the monitors."""
+        if not self._monitors:
             return
-        for arm, thing, force in self._touching():
-            for watch in self._watches:
-                if watch.arm == arm:
-                    watch.note(thing, force)
+        for arm, thing, force in self._foreign_contacts():
+            for monitor in self._monitors:
+                if monitor.arm == arm:
+                    monitor.note(thing, force)
 
-    def _touching(self) -> list[tuple[str, str, float]]:
-        """Arm, object and normal force in N of each contact of an arm with what is not its own."""
+    def _foreign_contacts(self) -> list[tuple[str, str, float]]:
+        """Arm, object and normal force in N of each contact of an arm with something foreign."""
         model = self._world.model
         data = self._world.data
         if not data.ncon:
@@ -83,34 +84,35 @@ class Contacts:
         if self._generation != self._world.generation:
             self._bind()
         geoms = data.contact.geom
-        if not self._meets(geoms, self._owner, self._holder):
+        # The kernel rejects the usual case, in which no contact is foreign, in microseconds.
+        if not self._any_foreign(geoms, self._owner, self._holder):
             return []
         owners = self._owner[geoms]
         holders = self._holder[geoms]
-        strange = (owners[:, 0] != owners[:, 1]) & (owners.max(axis=1) != _NOBODY)
-        strange &= data.contact.dist <= 0.0  # a cup's lip feels what is near, too
-        strange &= (holders[:, 0] != owners[:, 1]) & (holders[:, 1] != owners[:, 0])
+        foreign = (owners[:, 0] != owners[:, 1]) & (owners.max(axis=1) != _NO_ARM)
+        foreign &= data.contact.dist <= 0.0  # a cup's lip has contacts across its gap
+        foreign &= (holders[:, 0] != owners[:, 1]) & (holders[:, 1] != owners[:, 0])
         found = []
         force = np.empty(6)
-        for i in np.flatnonzero(strange).tolist():
+        for i in np.flatnonzero(foreign).tolist():
             mujoco.mj_contactForce(model, data, i, force)
             for mine, other in ((0, 1), (1, 0)):
                 arm = self._arms[owners[i, mine]]
                 thing = name_of_geom(model, int(geoms[i, other])).partition("/")[0]
-                if owners[i, mine] != _NOBODY and thing != arm:  # its pedestal bears its name
+                if owners[i, mine] != _NO_ARM and thing != arm:  # the pedestal has the arm's name
                     found.append((arm, thing, float(force[0])))
         return found
 
     def _bind(self) -> None:
-        """Look up whose the shapes are, and who holds what."""
-        from bt_dualarm.sim.device_kernels import any_unrequested
+        """Look up which arm owns, and which holds, each geom."""
+        from bt_dualarm.sim.device_kernels import any_foreign_contact
 
         world = self._world
-        self._meets = any_unrequested
+        self._any_foreign = any_foreign_contact
         self._generation = world.generation
         self._arms = tuple(world.arms)
-        self._owner = np.full(world.model.ngeom, _NOBODY)
-        self._holder = np.full(world.model.ngeom, _NOBODY - 1)
+        self._owner = np.full(world.model.ngeom, _NO_ARM)
+        self._holder = np.full(world.model.ngeom, _NO_ARM - 1)
         for index, body in enumerate(world.arms.values()):
             self._owner[list(body.geom_ids)] = index
         for held in world.attachments:
@@ -118,10 +120,10 @@ class Contacts:
 
 
 def warm_up_contacts() -> None:
-    """Have all kernels of contacts compiled."""
-    from bt_dualarm.sim.device_kernels import any_unrequested
+    """Compile the kernel of contacts."""
+    from bt_dualarm.sim.device_kernels import any_foreign_contact
 
     pairs = np.zeros((4, 2), np.int32)
     numbers = np.zeros(1, np.int64)
-    for one in (pairs, pairs[::2]):  # a single contact lies in one piece, several do not
-        any_unrequested(one, numbers, numbers)
+    for one in (pairs, pairs[::2]):  # one contact is a contiguous array, several are strided
+        any_foreign_contact(one, numbers, numbers)

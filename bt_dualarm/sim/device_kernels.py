@@ -1,4 +1,8 @@
-"""Sensors, drives, friction and fingers at one physics step: compiled."""
+"""Compiled kernels of one physics step: encoders, drives, friction, grippers, contacts.
+
+Each call serves the joints of all arms, whose constants and states are rows of arrays (see
+`kernel_columns`): a call from Python costs more than the arithmetic for one joint.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +15,10 @@ import numpy.typing as npt
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.sim.kernel_columns import (
-    ASKED_FORCE,
-    ASKED_SPEED,
-    ASKED_WIDTH,
+    COMMANDED,
+    COMMANDED_FORCE,
+    COMMANDED_SPEED,
+    COMMANDED_WIDTH,
     COULOMB,
     COUNT,
     CREEP,
@@ -23,11 +28,12 @@ from bt_dualarm.sim.kernel_columns import (
     FORCE,
     GAIN,
     GRIP_GAIN,
-    KEPT,
     LATE,
     MOST,
     NARROW,
+    NEW_WEIGHT,
     OFFSET,
+    OLD_WEIGHT,
     PER_STEP,
     REFERENCE,
     RESOLUTION,
@@ -35,16 +41,14 @@ from bt_dualarm.sim.kernel_columns import (
     SHARE,
     SHUT,
     STIFFNESS,
-    TAKEN,
     TORQUE,
     VISCOUS,
-    WANTED,
     WHOLE,
     WINDOW,
     WOUND_UP,
 )
 
-# What sensors, drives and friction do at each physics step, joint by joint, of all arms.
+# Encoders, drives and friction
 
 
 Numbers: TypeAlias = npt.NDArray[np.int64]
@@ -65,196 +69,197 @@ def read_joints(
     before: Matrix,
     readings: Matrix,
 ) -> None:
-    """Read positions, and what velocities come of them and of earlier readings.
+    """Read all encoders and derive velocities from this and earlier readings.
 
     Args:
-        where: Row, and addresses of position and velocity of each joint, of shape (k, 3).
+        where: Row, and addresses of position and velocity in the plant, of each joint, (k, 3).
         q: Positions of the plant, of shape (nq,), rad.
         v: Velocities of the plant, of shape (nv,), rad/s.
-        encoders: What is known of the encoders, see `kernel_columns`.
+        encoders: Constants of the encoders, see `kernel_columns`.
         counts: Windows and numbers of earlier readings, see there; changed.
-        noise: Noise of readings, of shape (l, n), rad.
-        row: Row of it that this reading has.
-        past: Positions of earlier readings, of shape (m, n), rad: rows go round.
-        newest: Row of them that this reading takes.
+        noise: Batch of noise, of shape (l, n), rad.
+        row: Row of it for this reading.
+        past: Ring buffer of positions of earlier readings, of shape (m, n), rad.
+        newest: Row of it for this reading.
         step: Seconds between two readings.
-        before: Positions and velocities so far, of shape (2, n), rad and rad/s.
-        readings: Takes those of now, likewise.
+        before: Previous positions and velocities, of shape (2, n), rad and rad/s.
+        readings: Takes the new ones, likewise.
     """
     for k in range(len(where)):
         joint = where[k, 0]
-        place = where[k, 1]
-        rate = where[k, 2]
-        reading = in_steps(q[place] + noise[row, joint], encoders[joint, RESOLUTION])
+        position = where[k, 1]
+        velocity = where[k, 2]
+        reading = quantized(q[position] + noise[row, joint], encoders[joint, RESOLUTION])
         past[newest, joint] = readings[0, joint] = reading
         window = counts[joint, WINDOW]
         count = counts[joint, COUNT]
         span = min(count, window)
         if window == 0:
-            readings[1, joint] = v[rate]
-        elif span == 0:  # an arm comes into the world at rest
+            readings[1, joint] = v[velocity]
+        elif span == 0:  # arms are added to the world at rest
             readings[1, joint] = 0.0
         else:
-            way = reading - past[(newest - span) % len(past), joint]
-            taken = encoders[joint, TAKEN] / (span * step)
-            readings[1, joint] = before[1, joint] * encoders[joint, KEPT] + way * taken
+            distance = reading - past[(newest - span) % len(past), joint]
+            weight = encoders[joint, NEW_WEIGHT] / (span * step)
+            filtered = before[1, joint] * encoders[joint, OLD_WEIGHT]
+            readings[1, joint] = filtered + distance * weight
         counts[joint, COUNT] = min(count, window) + 1
 
 
 @kernel
-def in_steps(value: float, step: float) -> float:
-    """A number in whole steps; a step of 0 leaves it as it is."""
+def quantized(value: float, step: float) -> float:
+    """Round a number to a multiple of ``step``; 0 leaves it as it is."""
     return np.rint(value * (1.0 / step)) * step if step > 0.0 else value
 
 
 @kernel
-def pass_on(where: Numbers, sent: Matrix, newest: int, drives: Matrix, motors: Vector) -> None:
-    """Enter torques that were sent a while ago, and what a slow drive makes of them.
+def apply_torques(
+    where: Numbers, sent: Matrix, newest: int, drives: Matrix, motors: Vector
+) -> None:
+    """Apply the delayed commands after the first-order lag of the drives.
 
     Args:
-        where: Row and address of the motor of each joint, of shape (k, 2).
-        sent: Torques of the last steps, of shape (m, n), N m: rows go round.
-        newest: Row of those of now.
-        drives: What is known of the drives, see `kernel_columns`; takes what they give.
-        motors: Takes the same, in the plant, of shape (nu,).
+        where: Row, and address of the motor in the plant, of each joint, of shape (k, 2).
+        sent: Ring buffer of commands of the last steps, of shape (m, n), N m.
+        newest: Row of it for the current step.
+        drives: Constants and state of the drives, see `kernel_columns`; changed.
+        motors: Controls of the plant, of shape (nu,); changed.
     """
     count = len(sent)
     for k in range(len(where)):
         joint = where[k, 0]
         motor = where[k, 1]
-        late = int(drives[where[k, 0], WHOLE])
-        sent[newest, joint] = drives[joint, WANTED]
-        last = sent[(newest - late) % count, joint]
-        before = sent[(newest - late - 1) % count, joint]
-        asked = last + drives[joint, LATE] * (before - last)
+        delay = int(drives[where[k, 0], WHOLE])
+        sent[newest, joint] = drives[joint, COMMANDED]
+        last = sent[(newest - delay) % count, joint]
+        before = sent[(newest - delay - 1) % count, joint]
+        delayed = last + drives[joint, LATE] * (before - last)
         share = drives[joint, SHARE]
         torque = drives[joint, TORQUE]
-        torque = torque + share * (asked - torque) if share < 1.0 else asked
+        torque = torque + share * (delayed - torque) if share < 1.0 else delayed
         drives[joint, TORQUE] = motors[motor] = torque
 
 
 @kernel
-def take_torques(torque: Vector, drives: Matrix) -> None:
-    """Enter what motors are to give: in whole steps, with their gain, within their efforts.
+def command_torques(torque: Vector, drives: Matrix) -> None:
+    """Command torques to drives, which quantize them, have a gain error, and respect effort limits.
 
     Args:
-        torque: Torques that are commanded, of shape (dof,), N m.
-        drives: What is known of the drives of these joints, see `kernel_columns`; takes the
-            torques.
+        torque: Commanded torques, of shape (dof,), N m.
+        drives: Constants and state of the drives of these joints, see `kernel_columns`; changed.
     """
     for i in range(len(torque)):
-        asked = torque[i]
+        commanded = torque[i]
         effort = drives[i, EFFORT]
         if drives[i, PER_STEP] > 0.0:
-            asked = np.rint(asked * drives[i, PER_STEP])
-        drives[i, WANTED] = max(min(drives[i, GAIN] * asked, effort), -effort)
+            commanded = np.rint(commanded * drives[i, PER_STEP])
+        drives[i, COMMANDED] = max(min(drives[i, GAIN] * commanded, effort), -effort)
 
 
 @kernel
 def apply_friction(
     where: Numbers, friction: Matrix, v: Vector, dry: Vector, damping: Vector
 ) -> None:
-    """Enter friction at velocities of now.
+    """Set the friction of the plant for its current velocities; see `JointFriction` for the model.
 
     Args:
-        where: Row, and address of the velocity of each joint, of shape (k, 2).
-        friction: Friction of the joints, see `kernel_columns`.
+        where: Row, and address of the velocity in the plant, of each joint, of shape (k, 2).
+        friction: Constants of the joints, see `kernel_columns`.
         v: Velocities of the plant, of shape (nv,), rad/s.
-        dry: Takes dry friction, of shape (nv,), N m.
-        damping: Takes what grows with speed, of shape (nv,), N m s/rad.
+        dry: Dry friction of the plant (``dof_frictionloss``), of shape (nv,), N m; changed.
+        damping: Damping of the plant (``dof_damping``), of shape (nv,), N m s/rad; changed.
     """
     for k in range(len(where)):
         joint = where[k, 0]
         i = where[k, 1]
-        fall = friction[joint, DROP]
-        if fall != 0.0:
-            fall *= math.exp(v[i] * v[i] * friction[joint, NARROW])
+        stribeck = friction[joint, DROP]
+        if stribeck != 0.0:
+            stribeck *= math.exp(v[i] * v[i] * friction[joint, NARROW])
         rise = friction[joint, RISE]
         offset = friction[joint, OFFSET]
         if rise > 0.0:
+            # Friction that builds up gradually is set as a damping coefficient, torque over speed.
             speed = v[i] + CREEP
             start = math.tanh(offset / rise)
             build_up = math.tanh((speed + offset) / rise) - start
-            gentle = (friction[joint, COULOMB] + fall) * build_up / speed
-            dry[i], damping[i] = 0.0, friction[joint, VISCOUS] + gentle
+            secant = (friction[joint, COULOMB] + stribeck) * build_up / speed
+            dry[i], damping[i] = 0.0, friction[joint, VISCOUS] + secant
         else:
-            dry[i], damping[i] = friction[joint, COULOMB] + fall, friction[joint, VISCOUS]
+            dry[i], damping[i] = friction[joint, COULOMB] + stribeck, friction[joint, VISCOUS]
 
 
-# What moves fingers: compiled, for each step of physics.
+# Grippers
 
 
 @kernel
-def push(q: Vector, v: Vector, drive: Vector, step: float, motor: Vector) -> None:
-    """The speed loop: a reference runs ahead at the speed asked for, as far as force allows.
+def drive_fingers(q: Vector, v: Vector, drive: Vector, step: float, motor: Vector) -> None:
+    """Speed loop of two fingers: a spring and damper to a reference that moves at the set speed.
+
+    The reference leads the fingers by no more than the spring needs for the commanded force
+    (anti-windup), so blocked fingers press with exactly that force.
 
     Args:
-        q: Ways of both fingers, of shape (2,), m.
+        q: Positions of both fingers, of shape (2,), m.
         v: Their speeds, of shape (2,), m/s.
-        drive: What is known of the drive, see `kernel_columns`; changed.
-        step: Seconds of a step of physics.
-        motor: Takes the force on each finger, of shape (1,), N.
+        drive: Constants, command and state of the drive, see `kernel_columns`; changed.
+        step: Seconds of a physics step.
+        motor: Control of the plant, the force on each finger, of shape (1,), N; changed.
     """
-    asked = drive[ASKED_FORCE]
+    limit = drive[COMMANDED_FORCE]
     stiffness = drive[STIFFNESS]
     width = q[0] + q[1]
     rate = v[0] + v[1]
-    ahead = WOUND_UP * asked / stiffness
-    goal = SHUT if drive[ASKED_WIDTH] <= 0.0 else drive[ASKED_WIDTH]
-    stride = drive[ASKED_SPEED] * step
+    lead = WOUND_UP * limit / stiffness
+    goal = SHUT if drive[COMMANDED_WIDTH] <= 0.0 else drive[COMMANDED_WIDTH]
+    stride = drive[COMMANDED_SPEED] * step
     reference = drive[REFERENCE]
-    way = min(max(goal - reference, -stride), stride)
-    force = stiffness * (reference - width) + drive[DAMPING] * (way / step - rate)
-    drive[REFERENCE] = min(max(reference + way, width - ahead), width + ahead)
-    drive[FORCE] = min(max(force, -asked), asked)
+    advance = min(max(goal - reference, -stride), stride)
+    force = stiffness * (reference - width) + drive[DAMPING] * (advance / step - rate)
+    drive[REFERENCE] = min(max(reference + advance, width - lead), width + lead)
+    drive[FORCE] = min(max(force, -limit), limit)
     motor[0] = min(max(drive[FORCE] * drive[GRIP_GAIN], -drive[MOST]), drive[MOST])
 
 
-# What two pads feel, turned into the tool frame: compiled, for each reading.
-
-
 @kernel
-def felt_in_tool(
-    felt: Vector, palm: Vector, turn: Matrix, gains: Vector, noise: Matrix, row: int
+def pad_forces_in_tool(
+    sensed: Vector, palm: Vector, tool: Matrix, gains: Vector, noise: Matrix, row: int
 ) -> Matrix:
-    """Force of what is held on each pad, in the axes of the tool frame, of shape (2, 3), N.
+    """Force of the held object on each pad, in the axes of the tool frame, of shape (2, 3), N.
 
     Args:
-        felt: Force of each pad on what it touches, in the axes of the world, of shape (6,), N.
-        palm: Rotation of the palm, row by row, of shape (9,).
-        turn: Rotation of the tool frame in the palm, of shape (3, 3).
-        gains: Share of a force that each pad's sensor reads, of shape (2,).
-        noise: What readings have of noise, of shape (n, 6), N.
-        row: The one of them to take.
+        sensed: Force of each pad on the object, in the axes of the world, of shape (6,), N.
+        palm: Rotation matrix of the palm, row by row, of shape (9,).
+        tool: Rotation matrix of the tool frame in the palm, of shape (3, 3).
+        gains: Factor of each pad's reading, of shape (2,).
+        noise: Batch of noise, of shape (n, 6), N.
+        row: Row of it for this reading.
     """
     forces = np.empty((2, 3))
     for axis in range(3):
-        x = palm[0] * turn[0, axis] + palm[1] * turn[1, axis] + palm[2] * turn[2, axis]
-        y = palm[3] * turn[0, axis] + palm[4] * turn[1, axis] + palm[5] * turn[2, axis]
-        z = palm[6] * turn[0, axis] + palm[7] * turn[1, axis] + palm[8] * turn[2, axis]
+        x = palm[0] * tool[0, axis] + palm[1] * tool[1, axis] + palm[2] * tool[2, axis]
+        y = palm[3] * tool[0, axis] + palm[4] * tool[1, axis] + palm[5] * tool[2, axis]
+        z = palm[6] * tool[0, axis] + palm[7] * tool[1, axis] + palm[8] * tool[2, axis]
         for pad in range(2):
             first = 3 * pad
-            along = felt[first] * x + felt[first + 1] * y + felt[first + 2] * z
+            along = sensed[first] * x + sensed[first + 1] * y + sensed[first + 2] * z
+            # The sensor has the force on the object; the force on the pad is the reaction.
             forces[pad, axis] = noise[row, first + axis] - gains[pad] * along
     return forces
-
-
-# What lies between pads, and where it goes with the palm: compiled, for each step of a hold.
 
 
 Integers = npt.NDArray[np.int32]
 
 
 @kernel
-def gripped(geoms: Integers, distances: Vector, first: int, second: int, bodies: Integers) -> int:
-    """The body that touches both pads of a gripper; -1 where none does.
+def held_body(geoms: Integers, distances: Vector, first: int, second: int, bodies: Integers) -> int:
+    """Find the body in contact with both pads of a gripper; -1 if there is none.
 
     Args:
-        geoms: Shapes of each contact, of shape (n, 2).
-        distances: Distances of them, of shape (n,), m.
-        first: Shape of one pad.
-        second: Shape of the other pad; of a cup again the same.
-        bodies: Body of each shape, of shape (ngeom,).
+        geoms: Geoms of each contact, of shape (n, 2).
+        distances: Distance of each contact, of shape (n,), m.
+        first: Geom of one pad.
+        second: Geom of the other pad; for a cup the same again.
+        bodies: Body of each geom, of shape (ngeom,).
     """
     for i in range(len(geoms)):
         if distances[i] > 0.0:
@@ -276,34 +281,39 @@ def gripped(geoms: Integers, distances: Vector, first: int, second: int, bodies:
 
 
 @kernel
-def remember(places: Matrix, turns: Matrix, first: int, second: int, rows: Matrix) -> None:
-    """Enter where one body is into a row, and where another one is into that after the next.
+def store_poses(
+    positions: Matrix, quaternions: Matrix, first: int, second: int, rows: Matrix
+) -> None:
+    """Store the poses of one or two bodies in the rows of `move_with_palm`.
 
     Args:
-        places: Places of all bodies, of shape (nbody, 3), m.
-        turns: Quaternions of all bodies, of shape (nbody, 4).
-        first: Body of the first row.
-        second: Body of the third row, where there is one.
+        positions: Positions of all bodies, of shape (nbody, 3), m.
+        quaternions: Quaternions of all bodies, of shape (nbody, 4).
+        first: Body whose pose goes into the first row.
+        second: Body whose pose goes into the third row, if there is one.
         rows: Positions and quaternions, of shape (3, 7) or (2, 7); changed.
     """
-    rows[0, :3], rows[0, 3:] = places[first], turns[first]
+    rows[0, :3], rows[0, 3:] = positions[first], quaternions[first]
     if len(rows) > 2:
-        rows[2, :3], rows[2, 3:] = places[second], turns[second]
+        rows[2, :3], rows[2, 3:] = positions[second], quaternions[second]
 
 
 @kernel
-def go_with(pose: Vector, rows: Matrix, jacobian: Matrix, velocities: Vector, step: float) -> None:
-    """Put a body where it is in the palm's frame, and not where its straight line has led it.
+def move_with_palm(
+    pose: Vector, rows: Matrix, jacobian: Matrix, velocities: Vector, step: float
+) -> None:
+    """Move a held body with the palm along its arc, instead of along a straight line.
 
-    A step moves a free body along its velocity. The palm's points, turned by joints, move along
-    arcs: by half the square of the step times the centripetal acceleration farther. What a body
-    that goes with the palm has been moved too little is added.
+    MuJoCo moves a free body along its velocity for a step. Points of the palm, which joints rotate,
+    move along arcs: farther by half the squared step times the centripetal acceleration. The
+    difference between the arc of a point fixed in the palm and its straight line is added to the
+    body's pose, which keeps any true motion relative to the palm.
 
     Args:
         pose: Position and quaternion of the body after the step, of shape (7,); changed.
-        rows: Position and quaternion of the palm before the step, of the palm after it, and of the
-            body before it, of shape (3, 7).
-        jacobian: Jacobian of the palm's origin before it, of shape (6, nv): places, then turns.
+        rows: Position and quaternion of the palm before and after the step, and of the body before
+            it, of shape (3, 7).
+        jacobian: Jacobian of the palm's origin before the step, linear above angular, (6, nv).
         velocities: Velocities of the step, of shape (nv,).
         step: Seconds of the step.
     """
@@ -313,19 +323,19 @@ def go_with(pose: Vector, rows: Matrix, jacobian: Matrix, velocities: Vector, st
             rates[i] += jacobian[i, k] * velocities[k]
     before = rows[0]
     after = rows[1]
-    was = rows[2]
-    arm = was[:3] - before[:3]
+    body = rows[2]
+    lever = body[:3] - before[:3]
     turn = product(after[3:], conjugate(before[3:]))
-    there = after[:3] + turned(turn, arm)
-    straight = was[:3] + step * (rates[:3] + crossed(rates[3:], arm))
-    pose[:3] += there - straight
-    meant = rotation(step * rates[3:])
-    pose[3:] = product(product(turn, conjugate(meant)), pose[3:])
+    arc = after[:3] + turned(turn, lever)
+    straight = body[:3] + step * (rates[:3] + crossed(rates[3:], lever))
+    pose[:3] += arc - straight
+    integrated = rotation(step * rates[3:])
+    pose[3:] = product(product(turn, conjugate(integrated)), pose[3:])
 
 
 @kernel
 def product(a: Vector, b: Vector) -> Vector:
-    """Of two quaternions, each of shape (4,), w first."""
+    """Product of two quaternions, each of shape (4,), w first."""
     return np.array(
         (
             a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
@@ -338,48 +348,47 @@ def product(a: Vector, b: Vector) -> Vector:
 
 @kernel
 def conjugate(a: Vector) -> Vector:
-    """The turn back, of shape (4,)."""
+    """Conjugate of a unit quaternion, the inverse rotation, of shape (4,)."""
     return np.array((a[0], -a[1], -a[2], -a[3]))
 
 
 @kernel
 def crossed(a: Vector, b: Vector) -> Vector:
-    """The cross product of two vectors of shape (3,)."""
+    """Cross product of two vectors of shape (3,)."""
     return np.array(
         (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
     )
 
 
 @kernel
-def turned(turn: Vector, arm: Vector) -> Vector:
-    """A vector of shape (3,) turned by a quaternion of shape (4,)."""
-    twice = 2.0 * crossed(turn[1:], arm)
-    there: Vector = arm + turn[0] * twice + crossed(turn[1:], twice)
-    return there
+def turned(turn: Vector, vector: Vector) -> Vector:
+    """Rotate a vector of shape (3,) by a unit quaternion of shape (4,)."""
+    twice = 2.0 * crossed(turn[1:], vector)
+    result: Vector = vector + turn[0] * twice + crossed(turn[1:], twice)
+    return result
 
 
 @kernel
 def rotation(angles: Vector) -> Vector:
-    """The quaternion of a turn about a vector of shape (3,) by its length in rad."""
+    """Quaternion of a rotation vector of shape (3,), rad."""
     half = 0.5 * math.sqrt(angles[0] ** 2 + angles[1] ** 2 + angles[2] ** 2)
     share = 0.5 * math.sin(half) / half if half > 1e-12 else 0.5
     return np.array((math.cos(half), share * angles[0], share * angles[1], share * angles[2]))
 
 
-# Whether a contact is one that anybody minds, without looking at each from Python.
-
+# Contacts
 
 Pairs: TypeAlias = npt.NDArray[np.int32]
 ContactNumbers: TypeAlias = npt.NDArray[np.int64]
 
 
 @kernel
-def any_unrequested(geoms: Pairs, owner: ContactNumbers, holder: ContactNumbers) -> bool:
-    """Whether an arm touches what is neither its own nor held by it.
+def any_foreign_contact(geoms: Pairs, owner: ContactNumbers, holder: ContactNumbers) -> bool:
+    """Whether an arm is in contact with something that it neither owns nor holds.
 
     Args:
-        geoms: Numbers of the shapes of each contact, of shape (n, 2).
-        owner: Number of the arm that has a shape, by the shape's number; -1 for none.
+        geoms: Geoms of each contact, of shape (n, 2).
+        owner: Number of the arm that owns a geom, by the geom's id; -1 for none.
         holder: Number of the arm that holds it, likewise; less than -1 for none.
     """
     for i in range(len(geoms)):

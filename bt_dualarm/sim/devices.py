@@ -1,4 +1,8 @@
-"""Sensors, drives and joint friction of all arms: what controllers read and command."""
+"""Sensors, drives and joint friction of all arms.
+
+`DeviceBank` keeps them in common arrays, one row per joint, so that one kernel call per physics
+step serves all arms. `ArmHardware` is one arm's interface to its controller.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +23,7 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointFriction
 from bt_dualarm.sim.arm_models import SampledArm, random_stream
 from bt_dualarm.sim.kernel_columns import (
+    COMMANDED,
     COULOMB,
     COUNT,
     COUNTS,
@@ -29,28 +34,27 @@ from bt_dualarm.sim.kernel_columns import (
     ENCODERS,
     FRICTION,
     GAIN,
-    KEPT,
     LATE,
     NARROW,
+    NEW_WEIGHT,
     OFFSET,
+    OLD_WEIGHT,
     PER_STEP,
     RESOLUTION,
     RISE,
     SHARE,
-    TAKEN,
     TORQUE,
     VISCOUS,
-    WANTED,
     WHOLE,
     WINDOW,
 )
 from bt_dualarm.spec.reality import DriveErrors, EncoderErrors, RealityErrors
 
-# Indices of an arm in the arrays of the plant and of the device bank
+# Indices of an arm's joints
 
 
 class PlantArm(Protocol):
-    """Where an arm lies in the arrays of the plant."""
+    """Addresses of an arm in the arrays of the plant."""
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -74,7 +78,7 @@ class PlantArm(Protocol):
 
 
 def parts_of(dofs: Mapping[str, int]) -> dict[str, slice]:
-    """Which joints are whose where those of all arms lie side by side.
+    """Slice of each arm in arrays with the joints of all arms.
 
     Args:
         dofs: Number of joints of each arm, by name.
@@ -84,7 +88,7 @@ def parts_of(dofs: Mapping[str, int]) -> dict[str, slice]:
 
 
 def count_of(parts: Mapping[str, slice]) -> int:
-    """Joints of all arms together."""
+    """Number of joints of all arms together."""
     return max((part.stop for part in parts.values()), default=0)
 
 
@@ -93,15 +97,15 @@ def joints_of(
     parts: Mapping[str, slice],
     *addresses: Callable[[PlantArm], npt.NDArray[np.int64]],
 ) -> npt.NDArray[np.int64]:
-    """Joints of some arms: which they are among those of all, and where they lie in the plant.
+    """Index table of the joints of some arms.
 
     Args:
         arms: Arms of the plant, by name.
-        parts: Which joints are whose among those of all arms.
-        addresses: What is asked of where an arm lies.
+        parts: Slice of each arm among the joints of all arms.
+        addresses: Functions that return an arm's addresses in the plant.
 
     Returns:
-        A row a joint, of shape (k, 1 + len(addresses)).
+        For each joint its index among all joints, and its addresses, (k, 1 + len(addresses)).
     """
     rows = [
         np.stack((np.arange(parts[name].start, parts[name].stop), *(of(arm) for of in addresses)))
@@ -111,29 +115,30 @@ def joints_of(
     return np.ascontiguousarray(np.concatenate((none, *rows), axis=1).T, dtype=np.int64)
 
 
-# Encoders: quantized, noisy position and the velocity derived from it
-
+# Encoders
 
 KEPT_S: Final = 0.25
-"""Seconds for which readings are kept, for images whose stamp is late or early."""
+"""Seconds for which readings are kept, for images with late or early time stamps."""
 
-_DRAWN = 512
-"""Readings whose noise is drawn at once: one by one that costs as much as all the rest."""
+_NOISE_BATCH = 512
+"""Readings per batch of noise: drawing it one by one would dominate the cost of a reading."""
 
 
 class Encoders:
-    """Reads all arms that are there once a physics step, in one call.
+    """Reads the joints of all present arms, once per physics step, in one call.
+
+    An encoder quantizes a noisy position; the velocity is differenced and low-pass filtered.
 
     Args:
-        errors: Resolution, noise, and how a velocity is made of positions, by arm.
+        errors: Resolution, noise and velocity filter, by arm.
         parts: Columns of each arm's joints among those of all.
         timestep: Seconds between two readings.
 
     Attributes:
         stamp: Time of the last reading in s.
-        readings: Positions of it and velocities, of shape (2, n), rad and rad/s; a new array with
-            each reading.
-        past: Earlier readings with their stamps, those of `KEPT_S`, the last one too.
+        readings: Positions and velocities, of shape (2, n), rad and rad/s; a new array with each
+            reading.
+        past: Readings of the last `KEPT_S` seconds with their stamps, oldest first.
     """
 
     def __init__(
@@ -150,36 +155,36 @@ class Encoders:
         self._deviation = {name: math.radians(one.noise) for name, one in errors.items()}
         for name, one in errors.items():
             window = max(1, round(one.window / timestep)) if one.window else 0
-            share = -math.expm1(-2 * math.pi * one.cutoff * timestep) if one.cutoff else 1.0
+            weight = -math.expm1(-2 * math.pi * one.cutoff * timestep) if one.cutoff else 1.0
             self._encoders[parts[name], RESOLUTION] = math.radians(one.resolution)
-            self._encoders[parts[name], KEPT] = 1.0 - share
-            self._encoders[parts[name], TAKEN] = share
+            self._encoders[parts[name], OLD_WEIGHT] = 1.0 - weight
+            self._encoders[parts[name], NEW_WEIGHT] = weight
             self._counts[parts[name], WINDOW] = window
         rows = int(self._counts[:, WINDOW].max(initial=0)) + 1
         self._window = np.zeros((rows, count))
         self._newest = -1
-        self._noise = np.zeros((_DRAWN, count))
+        self._noise = np.zeros((_NOISE_BATCH, count))
         self._row = 0
         self._sources: dict[str, np.random.Generator] = {}
         self._before: Matrix = self.readings
         self._has_read = False
 
     def begin(self, name: str, source: np.random.Generator) -> None:
-        """Have an arm's encoders, which come into the world, read with noise from a source."""
+        """Start the encoders of an arm that is added, with a random stream for their noise."""
         self._counts[self._parts[name], COUNT] = 0
         self._sources[name] = source
-        self._draw(name, self._row)
+        self._draw_noise(name, self._row)
 
     def end(self, name: str) -> None:
-        """Forget those of an arm that goes."""
+        """Remove the encoders of an arm that leaves the world."""
         del self._sources[name]
 
     def connect(self, data: mujoco.MjData, arms: Mapping[str, PlantArm]) -> None:
-        """Belong to the arms of the plant that are there; anew after each recompilation."""
+        """Connect to the present arms of the plant; again after each recompilation."""
         self._where = joints_of(
             arms, self._parts, lambda arm: arm.qpos_ids, lambda arm: arm.dof_ids
         )
-        # Views: looking a field up costs more than reading it.
+        # Views: an attribute lookup on mjData costs more than reading the array.
         self._q = data.qpos
         self._v = data.qvel
 
@@ -190,9 +195,9 @@ class Encoders:
         """
         if time <= self.stamp:
             self._forget(time)
-        if self._row == _DRAWN:
+        if self._row == _NOISE_BATCH:
             for name in self._sources:
-                self._draw(name, 0)
+                self._draw_noise(name, 0)
             self._row = 0
         row = self._row
         self._row = self._row + 1
@@ -214,14 +219,14 @@ class Encoders:
                 before,
                 self.readings,
             )
-        else:  # before anything moves nobody waits for machine code
+        else:  # the first reading does without the kernel, so that a start does not wait for it
             self._read_first(self._noise[row])
         self.stamp = time
         self._before = before
         self.past.append((time, self.readings))
 
-    def _draw(self, name: str, first: int) -> None:
-        """Draw the noise of an arm's readings to come, from a row on."""
+    def _draw_noise(self, name: str, first: int) -> None:
+        """Draw the noise of an arm's next readings, from row ``first`` on."""
         part = self._parts[name]
         deviation = self._deviation[name]
         if deviation:
@@ -229,7 +234,7 @@ class Encoders:
             drawn[:] = deviation * self._sources[name].standard_normal(drawn.shape)
 
     def _forget(self, time: float) -> None:
-        """What was read at this moment already, and all of it where time has gone back."""
+        """Drop an earlier reading at this time, and all readings if time went back."""
         counts = self._counts[:, COUNT]
         if time < self.stamp:
             counts[:] = 0
@@ -242,33 +247,32 @@ class Encoders:
             self.past.pop()
 
     def _read_first(self, noise: Vector) -> None:
-        """Read joints that were not read before; they come into the world at rest."""
-        joints, places, rates = self._where.T
-        reading = self._q[places] + noise[joints]
+        """First reading of all joints, which are at rest."""
+        joints, positions, velocities = self._where.T
+        reading = self._q[positions] + noise[joints]
         resolution = self._encoders[joints, RESOLUTION]
-        steps = resolution > 0.0
-        resolution = resolution[steps]
-        reading[steps] = np.rint(reading[steps] * (1.0 / resolution)) * resolution
+        is_quantized = resolution > 0.0
+        resolution = resolution[is_quantized]
+        reading[is_quantized] = np.rint(reading[is_quantized] * (1.0 / resolution)) * resolution
         self._window[self._newest, joints] = self.readings[0, joints] = reading
-        is_read = self._counts[joints, WINDOW] == 0
-        self.readings[1, joints] = np.where(is_read, self._v[rates], 0.0)
+        is_true_velocity = self._counts[joints, WINDOW] == 0
+        self.readings[1, joints] = np.where(is_true_velocity, self._v[velocities], 0.0)
         self._counts[joints, COUNT] = 1
         self._has_read = True
 
 
 @cache
 def kernels() -> ModuleType:
-    """The kernels: an import statement costs as much as they do."""
+    """The compiled kernels, imported once: an import statement costs as much as a kernel."""
     from bt_dualarm.sim import device_kernels
 
     return device_kernels
 
 
-# Drives: from commanded to applied torque
+# Drives
 
-
-_FINEST = 1e-12
-"""Step of a torque, as a share of the effort limit, that numbers themselves have."""
+_FINEST_QUANTUM = 1e-12
+"""Share of the effort limit below which quantization is lost in floating-point rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +280,7 @@ class ArmDrives:
     """The drives of one arm.
 
     Attributes:
-        errors: Delay, lag, steps of the torque.
+        errors: Delay, bandwidth and quantization of the torque.
         gain: Factor of each joint's torque, of shape (dof,).
         effort: Effort limits, of shape (dof,), N m.
     """
@@ -287,22 +291,23 @@ class ArmDrives:
 
     @property
     def is_ideal(self) -> bool:
-        """Whether they give what is commanded at once."""
+        """Whether the applied torque is the commanded one without delay."""
         errors = self.errors
         is_slow = errors.delay or errors.bandwidth
         return not (is_slow or self.quantum) and bool((self.gain == 1).all())
 
     @property
     def quantum(self) -> float:
-        """Step of a torque as a share of the effort limit; 0 for none."""
-        return self.errors.quantum if self.errors.quantum > _FINEST else 0.0
+        """Quantum of a torque as a share of the effort limit; 0 for none."""
+        return self.errors.quantum if self.errors.quantum > _FINEST_QUANTUM else 0.0
 
 
 class Drives:
-    """Act once a physics step, all in one call; those that are ideal need not.
+    """Turn commanded into applied torques, for all arms with drives that are not ideal.
 
-    A delay that is no multiple of the step is the mean of two steps: over a step it gives the
-    impulse that the delayed torque has.
+    A drive quantizes and limits a command, has a gain error, a delay and a first-order lag. A delay
+    of a fractional number of steps is interpolated between two of them: over a step this gives the
+    impulse of the delayed torque.
 
     Args:
         arms: Drives by arm.
@@ -321,7 +326,7 @@ class Drives:
             quantum = one.quantum
             effort = one.effort
             rows[:, WHOLE], rows[:, LATE] = divmod(round(one.errors.delay / timestep, 9), 1.0)
-            # What a torque is rounded in, and what it then is at the joint.
+            # A command is rounded to quanta, each of which has the joint torque of GAIN.
             rows[:, PER_STEP] = 1.0 / (quantum * effort) if quantum else 0.0
             rows[:, GAIN] = one.gain * quantum * effort if quantum else one.gain
             rows[:, EFFORT] = effort
@@ -332,49 +337,48 @@ class Drives:
         self._new: set[str] = set()
 
     def of(self, name: str) -> Matrix:
-        """What machine code commands the drives of an arm by, see `kernel_columns`."""
+        """Rows of an arm's drives, by which kernels command them; see `kernel_columns`."""
         return self._drives[self._parts[name]]
 
     def is_ideal(self, name: str) -> bool:
-        """Whether the drives of an arm give what is commanded at once."""
+        """Whether an arm's applied torques are the commanded ones without delay."""
         return self._arms[name].is_ideal
 
     def begin(self, name: str) -> None:
-        """Have an arm's drives, which come into the world, hold what they are asked for first."""
-        self.of(name)[:, WANTED] = 0.0
+        """Start the drives of an arm that is added: the first command applies without delay."""
+        self.of(name)[:, COMMANDED] = 0.0
         self._new.add(name)
 
     def connect(self, data: mujoco.MjData, arms: Mapping[str, PlantArm]) -> None:
-        """Belong to the arms of the plant that are there; anew after each recompilation."""
-        acting = {name: arm for name, arm in arms.items() if not self._arms[name].is_ideal}
-        self._where = joints_of(acting, self._parts, lambda arm: arm.actuator_ids)
+        """Connect to the present arms of the plant; again after each recompilation."""
+        real = {name: arm for name, arm in arms.items() if not self._arms[name].is_ideal}
+        self._where = joints_of(real, self._parts, lambda arm: arm.actuator_ids)
         self._motors = data.ctrl  # a view, as in `Encoders`
 
     def drive(self) -> None:
-        """Have the motors give the torques of the next step."""
+        """Apply the motor torques of the next step."""
         if not len(self._where):
             return
-        while self._new:  # an arm comes as if its drives had held it for long
+        while self._new:  # as if the drives had held the arm for long
             name = self._new.pop()
             rows = self.of(name)
-            self._sent[:, self._parts[name]] = rows[:, TORQUE] = rows[:, WANTED]
+            self._sent[:, self._parts[name]] = rows[:, TORQUE] = rows[:, COMMANDED]
         self._newest = (self._newest + 1) % len(self._sent)
-        kernels().pass_on(self._where, self._sent, self._newest, self._drives, self._motors)
+        kernels().apply_torques(self._where, self._sent, self._newest, self._drives, self._motors)
 
 
-# Joint friction: MuJoCo's dry friction and damping, updated at each step
-
+# Joint friction
 
 STIFF: Final = (0.004, 1.0), (0.9999, 0.9999)
-"""Reference and impedance of the constraint by which MuJoCo has dry friction: with its defaults a
-joint that sticks creeps at 0.05 rad/s under half of the load that it bears, with these at 1e-5."""
+"""``solref`` and ``solimp`` of MuJoCo's dry friction, which is a soft constraint. With the defaults
+a sticking joint creeps at 0.05 rad/s under half its breakaway load, with these at 1e-5 rad/s."""
 
 
 class JointFrictionModel:
-    """Friction of the joints of all arms in the plant, set in one call.
+    """Sets MuJoCo's dry friction and damping of all joints at each step, in one call.
 
-    Dry friction is a constraint of MuJoCo, whose level follows the speed (Stribeck). Friction that
-    builds up over a speed is damping, of so many N m s/rad as give its torque at the speed of now:
+    Dry friction is a constraint of MuJoCo, whose level follows the speed (Stribeck effect).
+    Friction that builds up over a speed is set as damping: its torque divided by the current speed.
     MuJoCo integrates damping implicitly, so light links stay stable.
 
     Args:
@@ -386,56 +390,60 @@ class JointFrictionModel:
         self._friction = friction
         self._parts = parts
         self._rows = np.concatenate([np.zeros((0, FRICTION)), *map(rows_of, friction.values())])
-        self._still: set[str] = set()  # arms that have not moved: nobody waits for machine code
+        # Arms that have not moved yet are set without the kernel: a start need not wait for it.
+        self._unmoved: set[str] = set()
 
     def begin(self, name: str) -> None:
-        """Have an arm that comes into the world stand."""
-        self._still.add(name)
+        """Start the friction of an arm that is added, at rest."""
+        self._unmoved.add(name)
 
     def connect(
         self, model: mujoco.MjModel, data: mujoco.MjData, arms: Mapping[str, PlantArm]
     ) -> None:
-        """Belong to the arms of the plant that are there; anew after each recompilation."""
-        # Views: looking a field up costs more than what is done with it.
+        """Connect to the present arms of the plant; again after each recompilation."""
+        # Views: an attribute lookup on mjData costs more than the arithmetic on it.
         self._v = data.qvel
         self._dry = model.dof_frictionloss
         self._damping = model.dof_damping
-        self._arms = {name: arm for name, arm in arms.items() if _is_some(self._friction[name])}
+        self._arms = {
+            name: arm for name, arm in arms.items() if _has_friction(self._friction[name])
+        }
         for arm in self._arms.values():
             model.dof_solref[arm.dof_ids] = STIFF[0]
             model.dof_solimp[arm.dof_ids, :2] = STIFF[1]
-        self._take_up()
+        self._partition()
 
     def act(self) -> None:
-        """Set friction for the velocities of now; before MuJoCo works out passive forces."""
-        if self._standing:
-            self._look_at_standing()
+        """Set friction for the current velocities, before MuJoCo computes passive forces."""
+        if self._at_rest:
+            self._set_static()
         if len(self._where):
             kernels().apply_friction(self._where, self._rows, self._v, self._dry, self._damping)
 
-    def _take_up(self) -> None:
-        """Tell arms that stand from those that have moved."""
-        self._standing = [name for name in self._arms if name in self._still]
-        moving = {name: arm for name, arm in self._arms.items() if name not in self._still}
+    def _partition(self) -> None:
+        """Separate arms that have not moved yet from those that have."""
+        self._at_rest = [name for name in self._arms if name in self._unmoved]
+        moving = {name: arm for name, arm in self._arms.items() if name not in self._unmoved}
         self._where = joints_of(moving, self._parts, lambda arm: arm.dof_ids)
 
-    def _look_at_standing(self) -> None:
-        """Set friction of arms that stand, and take up those that move now."""
-        for name in self._standing:
+    def _set_static(self) -> None:
+        """Set the friction of arms at rest, and detect those that move now."""
+        for name in self._at_rest:
             dofs = self._arms[name].dof_ids
             friction = self._friction[name]
             if self._v[dofs].any():
-                self._still.remove(name)
+                self._unmoved.remove(name)
             else:
-                gentle = friction.rise > 0.0
-                slope = friction.static * friction.build_up(np.full_like(gentle, CREEP, float))
-                self._dry[dofs] = np.where(gentle, 0.0, friction.static)
-                self._damping[dofs] = friction.viscous + np.where(gentle, slope / CREEP, 0.0)
-        self._take_up()
+                is_smooth = friction.rise > 0.0
+                creep = np.full_like(is_smooth, CREEP, float)
+                slope = friction.static * friction.build_up(creep) / CREEP
+                self._dry[dofs] = np.where(is_smooth, 0.0, friction.static)
+                self._damping[dofs] = friction.viscous + np.where(is_smooth, slope, 0.0)
+        self._partition()
 
 
 def rows_of(friction: JointFriction) -> Matrix:
-    """Friction of one arm's joints as the kernel reads it, of shape (dof, FRICTION)."""
+    """Rows of one arm's joints for the friction kernel, of shape (dof, FRICTION)."""
     rows = np.empty((len(friction.coulomb), FRICTION))
     rows[:, COULOMB] = friction.coulomb
     rows[:, DROP] = friction.static - friction.coulomb
@@ -446,8 +454,8 @@ def rows_of(friction: JointFriction) -> Matrix:
     return rows
 
 
-def _is_some(friction: JointFriction) -> bool:
-    """Whether there is any."""
+def _has_friction(friction: JointFriction) -> bool:
+    """Whether any joint has friction."""
     return bool(friction.coulomb.any() or friction.static.any() or friction.viscous.any())
 
 
@@ -457,31 +465,31 @@ def _is_some(friction: JointFriction) -> bool:
 class ArmHardware:
     """The sensors and drives of one arm, for as long as it is in the world.
 
-    Readings are those of the moment at which sensors were read: what becomes of the plant after
-    that is not known to anybody who reads here.
+    Readings belong to the time of the last reading; the plant may have moved on since.
 
     Args:
         encoders: Encoders of all arms.
-        part: Its joints among those of all.
+        part: Slice of this arm's joints among those of all.
         drives: Drives of all arms.
-        name: The arm's name.
+        name: Name of the arm.
 
     Attributes:
         commanded: Torques that were commanded last, of shape (dof,), N m.
-        drives: What machine code commands its drives by, see `kernel_columns`; it then says so.
+        drives: Rows of the arm's drives, by which kernels command them (see `kernel_columns`);
+            call `note_command` afterwards.
     """
 
     def __init__(self, encoders: Encoders, part: slice, drives: Drives, name: str) -> None:
         self._encoders = encoders
         self._part = part
-        self._since = encoders.stamp  # earlier readings are not of this arm
+        self._since = encoders.stamp  # earlier readings belong to a previous arm of this name
         self.drives: Matrix = drives.of(name)
         self._is_ideal = drives.is_ideal(name)
         self.commanded: Vector = np.zeros(len(self.drives))
 
     def connect(self, plant: PlantArm) -> None:
-        """Belong to an arm of the plant; anew after each recompilation."""
-        # A view, as in `Encoders`. A chain's joints follow each other.
+        """Connect to an arm of the plant; again after each recompilation."""
+        # A view, as in `Encoders`: the motors of a chain are adjacent.
         self._motors = plant.data.ctrl[plant.actuator_ids[0] : plant.actuator_ids[-1] + 1]
 
     @property
@@ -502,9 +510,9 @@ class ArmHardware:
         return self._encoders.stamp
 
     def q_at(self, time: float) -> Vector:
-        """Positions by the encoders at a time in s, between readings on a line, of shape (dof,).
+        """Positions by the encoders at a time in s, interpolated linearly, of shape (dof,), rad.
 
-        Before the first that is kept, and after the last, that one.
+        Outside the stored readings the first or the last one is returned.
         """
         later = (self.stamp, self.q)
         for stamp, readings in reversed(self._encoders.past):
@@ -520,23 +528,23 @@ class ArmHardware:
         return later[1]
 
     def command(self, torque: Vector) -> None:
-        """Give the drives torques that hold until the next command.
+        """Command torques, which hold until the next command.
 
         Args:
-            torque: Torques of the joints, of shape (dof,), N m, within their efforts.
+            torque: Torques of the joints, of shape (dof,), N m, within their effort limits.
         """
-        kernels().take_torques(np.array(torque, dtype=float), self.drives)
+        kernels().command_torques(np.array(torque, dtype=float), self.drives)
         self.note_command(torque)
 
     def note_command(self, torque: Vector) -> None:
-        """Note that the drives have been given torques, of shape (dof,), N m; see `command`."""
+        """Record torques, of shape (dof,), N m, that a kernel has entered into `drives`."""
         self.commanded = torque
         if self._is_ideal:
             self._motors[:] = torque
 
 
 def warm_up_sensors() -> None:
-    """Have all kernels of sensors and drives compiled."""
+    """Compile the kernels of sensors, drives and friction."""
     compiled = kernels()
     one = np.ones(1)
     two = np.zeros((1, 2), np.int64)
@@ -545,20 +553,20 @@ def warm_up_sensors() -> None:
     table = np.ones((1, ENCODERS))
     past = np.ones((2, 1))
     compiled.read_joints(three, one, one, table, counts, past, 0, past, 0, 1.0, past, past)
-    compiled.pass_on(two, past, 0, np.ones((1, DRIVES)), one)
-    compiled.take_torques(one, np.ones((1, DRIVES)))
+    compiled.apply_torques(two, past, 0, np.ones((1, DRIVES)), one)
+    compiled.command_torques(one, np.ones((1, DRIVES)))
     compiled.apply_friction(two, np.ones((1, FRICTION)), one, one, one)
 
 
-# Device bank: the devices of all arms in common arrays, so that one call serves all
+# Device bank
 
 
 class DeviceBank:
-    """What the joints of all arms are sensed and driven by, and how they rub.
+    """Encoders, drives and joint friction of all arms.
 
     Args:
-        errors: What sensors and drives do to what goes through them, by arm that may come.
-        drawn: The robot of the batch that each of them is.
+        errors: Error bounds of each arm that may be added.
+        sampled: Sampled deviations of each of them.
         efforts: Effort limits of their joints, of shape (dof,) each, N m.
         timestep: Seconds of one physics step.
     """
@@ -566,7 +574,7 @@ class DeviceBank:
     def __init__(
         self,
         errors: Mapping[str, RealityErrors],
-        drawn: Mapping[str, SampledArm],
+        sampled: Mapping[str, SampledArm],
         efforts: Mapping[str, Vector],
         timestep: float,
     ) -> None:
@@ -574,41 +582,41 @@ class DeviceBank:
         encoders = {name: one.encoder for name, one in errors.items()}
         self._encoders = Encoders(encoders, parts, timestep)
         drives = {
-            name: ArmDrives(one.drive, drawn[name].gain, efforts[name])
+            name: ArmDrives(one.drive, sampled[name].gain, efforts[name])
             for name, one in errors.items()
         }
         self._drives = Drives(drives, parts, timestep)
         self._friction_model = JointFrictionModel(
-            {name: one.friction for name, one in drawn.items()}, parts
+            {name: one.friction for name, one in sampled.items()}, parts
         )
 
     def begin(self, name: str, seed: int) -> ArmHardware:
-        """The sensors and drives of an arm that comes, whose noise a seed draws."""
+        """Start and return the sensors and drives of an arm that is added; noise is by ``seed``."""
         self._encoders.begin(name, random_stream(seed, f"{name}:encoders"))
         self._drives.begin(name)
         self._friction_model.begin(name)
         return ArmHardware(self._encoders, self._parts[name], self._drives, name)
 
     def end(self, name: str) -> None:
-        """Forget an arm that goes."""
+        """Remove the devices of an arm that leaves the world."""
         self._encoders.end(name)
 
     def connect(
         self, model: mujoco.MjModel, data: mujoco.MjData, arms: Mapping[str, PlantArm]
     ) -> None:
-        """Belong to the arms of the plant that are there; anew after each recompilation."""
+        """Connect to the present arms of the plant; again after each recompilation."""
         self._encoders.connect(data, arms)
         self._drives.connect(data, arms)
         self._friction_model.connect(model, data, arms)
 
     def sense(self, time: float) -> None:
-        """Read the sensors at a simulated time in s, instead of what they read at this moment."""
+        """Read the sensors at a simulated time in s; replaces a reading at the same time."""
         self._encoders.read(time)
 
     def drive(self) -> None:
-        """Let the drives act during the next step of physics."""
+        """Apply the drives' torques for the next physics step."""
         self._drives.drive()
 
     def update_friction(self) -> None:
-        """Set the joints' friction for the velocities that the plant has now."""
+        """Set the joint friction for the plant's current velocities."""
         self._friction_model.act()

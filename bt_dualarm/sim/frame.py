@@ -1,4 +1,9 @@
-"""Frames: one exposure of a camera, drawn when somebody looks at it."""
+"""Camera frames: one exposure each, rendered when its pixels are first read.
+
+`Frame` is the image with the pose of the camera. `LazyFrame` renders on demand: when a record
+already knows what perception found in a frame, its pixels are never needed. `Scenery` is the copied
+state that such a frame is rendered from.
+"""
 
 from __future__ import annotations
 
@@ -14,21 +19,18 @@ import numpy as np
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.sim.renderer import Image, Region, enter_blocks
 
-# Annotations of a frame for the record, which no decision uses
-
 
 @dataclass(frozen=True)
 class FrameFinding:
-    """A target, or none, in one frame.
+    """Annotation of a frame for the record: the tracked target, if it was detected.
 
     Attributes:
         stamp: Simulated time of the exposure in s.
-        pixel: Center of what was taken for the target, from the image's top left corner; None
-            where nothing was.
-        area_px: Area of it in square pixels, 0 where nothing was.
-        point: Estimated position of the target at the exposure, in the world, m; None before it
-            was first seen.
-        locked: Whether it had been seen in enough frames in a row.
+        pixel: Center of the detection, from the image's top left corner; None without one.
+        area_px: Area of the detection in square pixels, 0 without one.
+        point: Estimated position of the target at the exposure, in the world, m; None before the
+            first detection.
+        locked: Whether the target was detected in enough consecutive frames.
     """
 
     stamp: float
@@ -39,32 +41,32 @@ class FrameFinding:
 
 
 JsonList: TypeAlias = list[Any]
-"""What was found in an image as JSON can say it: numbers, texts, lists of them."""
+"""Results of image processing in JSON's types: numbers, strings, lists of them."""
 
 
 class FrameMemory(Protocol):
-    """What was found in a camera's images: kept for a record, or known from one."""
+    """Results of image processing, kept for a record or read back from one."""
 
     @property
     def keeps(self) -> bool:
-        """Whether anything is kept or known: else images do without."""
+        """Whether results are kept at all; if not, frames ignore the memory."""
 
     def knows(self, stamp: float, region: Region, stride: int) -> bool:
-        """Whether such an image is known, and what those who looked at it found."""
+        """Whether the results for this image are known, so that it need not be rendered."""
 
     def recall(self, stamp: float, question: str, look: Callable[[], JsonList]) -> JsonList:
-        """The answer to a question about the image of a stamp.
+        """Result of one processing step on the image of a stamp, known or computed.
 
         Args:
             stamp: Stamp of the image in s.
-            question: Text that says what is looked for, and how.
-            look: Function that looks at the pixels for it.
+            question: Text that identifies the step and all its parameters.
+            look: Function that computes the result from the pixels.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One exposure.
+    """One exposure of a camera.
 
     Pixel coordinates have their origin at the outer corner of the top left pixel, x to the
     right, y down: the center of that pixel is (0.5, 0.5), that of the image (width/2, height/2).
@@ -72,13 +74,13 @@ class Frame:
     Attributes:
         stamp: Simulated time of the exposure in s.
         image: Red, green, blue, of shape (height, width, 3), black outside ``region``.
-        pose: Pose of the camera in the world at the exposure (x right, y down, z forward: OpenCV).
+        pose: Pose of the camera in the world at the exposure (OpenCV: x right, y down, z forward).
         fov_rad: Vertical field of view in rad.
         region: Part of the image that was exposed.
         stride: Edge of the blocks of pixels that share one sample; 1 for a full image.
-        noise_px: Standard deviation along x and y of a shift of the whole image.
-        memory: Memory of what is found in it, None where nobody keeps that.
-        merges: Number of images that it is the mean of.
+        noise_px: Standard deviation along x and y of the camera's shake, in pixels.
+        memory: Memory of the results of image processing, if they are kept.
+        merges: Number of images that were averaged.
     """
 
     stamp: float
@@ -93,22 +95,21 @@ class Frame:
 
     @cached_property
     def blocks(self) -> Image:
-        """Colors of the blocks of what was exposed, of shape (rows, columns, 3)."""
+        """Colors of the blocks in the exposed region, of shape (rows, columns, 3)."""
         left, top, right, bottom = self.region
         return np.ascontiguousarray(
             self.image[top : bottom : self.stride, left : right : self.stride]
         )
 
     def posed(self, pose: Pose) -> Frame:
-        """The same image, by a camera that is believed to have been elsewhere."""
-        seen = self
+        """The same image with a corrected camera pose."""
         return Frame(
-            seen.stamp, seen.image, pose, seen.fov_rad, seen.region, seen.stride, seen.noise_px,
-            seen.memory, seen.merges,
+            self.stamp, self.image, pose, self.fov_rad, self.region, self.stride, self.noise_px,
+            self.memory, self.merges,
         )  # fmt: skip
 
     def answer(self, question: str, look: Callable[[], JsonList]) -> JsonList:
-        """What is found in it; not looked for where that is known; arguments as of `Memory`."""
+        """Result of a processing step, recalled or computed; see `FrameMemory.recall`."""
         if self.memory is None:
             return look()
         return self.memory.recall(self.stamp, f"{question} in {self.merges}", look)
@@ -130,12 +131,13 @@ class Frame:
 
     @cached_property
     def world_in_camera(self) -> Pose:
-        """The inverse of ``pose``, worked out once."""
+        """Pose of the world in the camera: the inverse of ``pose``."""
         return self.pose.inverse
 
     @cached_property
     def right(self) -> Vector:
-        """Unit vector of the image's x axis in the world, of shape (3,), worked out once."""
+        """Unit vector of the image's x axis in the world, of shape (3,)."""
+        # First column of the rotation matrix, in floats: faster than NumPy here.
         w, x, y, z = self.pose.quaternion.tolist()
         length = math.sqrt(x * x + y * y + z * z + w * w)
         w = w / length
@@ -145,7 +147,7 @@ class Frame:
         return np.array((x * x - y * y - z * z + w * w, 2 * (x * y + z * w), 2 * (x * z - y * w)))
 
     def ray(self, pixel: tuple[float, float]) -> Vector:
-        """Direction in the world, of shape (3,), through a pixel; 1 m deep along the view axis."""
+        """Viewing ray through a pixel in the world, of shape (3,), with a depth of 1 m."""
         x = (pixel[0] - self.width / 2.0) / self.focal_px
         y = (pixel[1] - self.height / 2.0) / self.focal_px
         direction: Vector = self.pose.turn(np.array((x, y, 1.0)))
@@ -154,7 +156,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Window:
-    """What a tracker wants exposed: a part of the image (all for ``None``) and how finely."""
+    """Requested exposure: a region of the image (None: all of it) and the edge of its blocks."""
 
     region: Region | None = None
     stride: int = 1
@@ -165,41 +167,39 @@ def focal_length_px(height: int, fov_rad: float) -> float:
     return height / 2.0 / math.tan(fov_rad / 2.0)
 
 
-# Lazy frame, rendered on first access in the state of its exposure
-
-
-_KNOWN = tuple(field for field in fields(Frame) if field.name != "image")
+_METADATA = tuple(field for field in fields(Frame) if field.name != "image")
 
 
 class LazyFrame(Frame):
-    """As `Frame`; what was exposed is drawn once, and not at all where nobody asks for it.
+    """A frame whose pixels are rendered on first access, and never if they are not needed.
 
     Args:
         size: Width and height of the whole image in pixels.
-        draw: Function that draws the blocks that were exposed, of shape (rows, columns, 3).
-        known: All other attributes of a frame, in their order.
+        draw: Function that renders the exposed blocks, of shape (rows, columns, 3).
+        metadata: All other attributes of a frame, in their order.
     """
 
-    def __init__(self, size: tuple[int, int], draw: Callable[[], Image], *known: object) -> None:
-        own = vars(self)
+    def __init__(self, size: tuple[int, int], draw: Callable[[], Image], *metadata: object) -> None:
+        own = vars(self)  # the dataclass is frozen: no attribute can be assigned
         own["_size"] = size
         own["_draw"] = draw
-        for number, field in enumerate(_KNOWN):
-            own[field.name] = known[number] if number < len(known) else field.default
+        for number, field in enumerate(_METADATA):
+            own[field.name] = metadata[number] if number < len(metadata) else field.default
 
     @classmethod
     def of(cls, frame: Frame, draw: Callable[[], Image], **changed: object) -> LazyFrame:
-        """One as another frame is, of another image."""
-        known = {**vars(frame), **changed}
-        return cls((frame.width, frame.height), draw, *(known[field.name] for field in _KNOWN))
+        """A frame with the metadata of another one, some of it changed, and another image."""
+        values = {**vars(frame), **changed}
+        metadata = (values[field.name] for field in _METADATA)
+        return cls((frame.width, frame.height), draw, *metadata)
 
     def posed(self, pose: Pose) -> Frame:
-        """The same image, by a camera that is believed to have been elsewhere."""
+        """The same image with a corrected camera pose."""
         return LazyFrame.of(self, lambda: self.blocks, pose=pose)
 
     @cached_property
     def blocks(self) -> Image:
-        """Colors of the blocks of what was exposed, of shape (rows, columns, 3)."""
+        """Colors of the blocks in the exposed region, of shape (rows, columns, 3)."""
         draw: Callable[[], Image] = vars(self)["_draw"]
         return draw()
 
@@ -224,16 +224,16 @@ class LazyFrame(Frame):
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """All that an image hangs on, at one moment: copies, for who draws it later.
+    """A copy of the state that an image depends on, from which it can be rendered later.
 
     Attributes:
-        model: Compiled world, which nobody changes.
+        model: Compiled world, which must not change.
         qpos: Positions in MuJoCo's order, of shape (nq,).
         qvel: Velocities in MuJoCo's order, of shape (nv,).
-        mocap_pos: Positions of bodies that are moved from outside, of shape (nmocap, 3), m.
-        mocap_quat: Their turns, of shape (nmocap, 4).
-        cvel: Velocities of bodies, of shape (nbody, 6).
-        subtree_com: Centers of mass that these are about, of shape (nbody, 3), m.
+        mocap_pos: Positions of mocap bodies, of shape (nmocap, 3), m.
+        mocap_quat: Their orientations, of shape (nmocap, 4).
+        cvel: Velocities of bodies, of shape (nbody, 6); for motion blur.
+        subtree_com: Centers of mass that ``cvel`` refers to, of shape (nbody, 3), m.
     """
 
     model: mujoco.MjModel
@@ -246,12 +246,12 @@ class Scenery:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Scenery:
-        """The world as it is now."""
+        """Copy the current state of a world."""
         names = [field.name for field in fields(cls) if field.name != "model"]
         return cls(model, *(getattr(data, name).copy() for name in names))
 
     def data(self) -> mujoco.MjData:
-        """A state of its own, its kinematics up to date."""
+        """Create a MuJoCo state from the copy, its kinematics up to date."""
         data = mujoco.MjData(self.model)
         for field in fields(self):
             if field.name != "model":

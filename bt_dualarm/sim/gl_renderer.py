@@ -1,4 +1,9 @@
-"""Images by OpenGL, and the choice between the two renderers."""
+"""Rendering by OpenGL, an option, and the choice between the two renderers.
+
+The ray caster needs no system library and makes the same images on every machine, so it is the
+default. Images by OpenGL are equivalent for a color filter; nothing else in the package depends on
+the choice.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +22,11 @@ from bt_dualarm.core.errors import RendererError
 from bt_dualarm.sim.ray_renderer import RayRenderer
 from bt_dualarm.sim.renderer import Blocks, Exposure, Image, Renderer, RendererKind
 
-# Headless OpenGL context, found by trying and never by setting ``MUJOCO_GL``.
+# Headless contexts
 #
-# A wrong ``MUJOCO_GL`` breaks ``import mujoco`` itself, and a missing library causes an error deep
-# inside PyOpenGL. Therefore ctypes looks for the library before MuJoCo's module is imported.
+# The context is found by trying, never by setting ``MUJOCO_GL``: a wrong value breaks
+# ``import mujoco`` itself, and a missing library raises errors deep inside PyOpenGL. Therefore
+# ctypes looks for the libraries before MuJoCo's module is imported.
 
 
 _EGL_PLATFORM_DEVICE = 0x313F
@@ -28,21 +34,21 @@ _MAX_DEVICES = 16
 
 
 class OpenedContext(Protocol):
-    """What ``mujoco.egl.GLContext`` and ``mujoco.osmesa.GLContext`` are used for here."""
+    """The common part of ``mujoco.egl.GLContext`` and ``mujoco.osmesa.GLContext``."""
 
     def make_current(self) -> None:
-        """Direct the drawing of this thread to the context."""
+        """Make the context current in this thread."""
 
 
 @dataclass(frozen=True, eq=False)
 class GlContext:
-    """An open context and the platform's name."""
+    """An open context and the name of its platform."""
 
     platform: str
     context: OpenedContext
 
     def make_current(self) -> None:
-        """Direct the drawing of this thread to the context."""
+        """Make the context current in this thread."""
         self.context.make_current()
 
 
@@ -65,7 +71,7 @@ def open_context(width: int = 640, height: int = 480) -> GlContext:
             probe()
             context = importlib.import_module(module).GLContext(width, height)
             context.make_current()
-        # PyOpenGL reports a library that it cannot use by any of these.
+        # PyOpenGL raises any of these for a library that it cannot use.
         except (RendererError, ImportError, AttributeError, RuntimeError, OSError) as error:
             reasons.append(f"{platform}: {error}")
         else:
@@ -74,7 +80,7 @@ def open_context(width: int = 640, height: int = 480) -> GlContext:
 
 
 def probe_egl() -> None:
-    """Ask EGL for a device that can be initialised.
+    """Check that EGL has a device that can be initialized.
 
     Raises:
         RendererError: There is no EGL library, no OpenGL library, or no such device.
@@ -89,11 +95,11 @@ def probe_egl() -> None:
     if not query or not display_of:
         raise RendererError("libEGL cannot list devices")
     if not _any_device_starts(egl, query, display_of):
-        raise RendererError("no EGL device can be initialised")
+        raise RendererError("no EGL device can be initialized")
 
 
 def probe_osmesa() -> None:
-    """Look for the off-screen Mesa library.
+    """Check that the off-screen Mesa library is installed.
 
     Raises:
         RendererError: It is not installed.
@@ -121,7 +127,7 @@ def _any_device_starts(egl: ctypes.CDLL, query: int, display_of: int) -> bool:
     egl.eglInitialize.argtypes = [pointer, pointer, pointer]
     if not query_devices(_MAX_DEVICES, devices, ctypes.byref(count)):
         return False
-    # Not terminated again: the display belongs to the process, and a context may be open on it.
+    # No eglTerminate: the display belongs to the process, and a context may be open on it.
     return any(
         display and egl.eglInitialize(display, None, None)
         for display in (
@@ -130,21 +136,19 @@ def _any_device_starts(egl: ctypes.CDLL, query: int, display_of: int) -> bool:
     )
 
 
-# OpenGL renderer, at the quality that a color filter needs and a CPU can afford
-
-
 _SPARE_GEOMS = 100
 
 
 class GlRenderer:
-    """Draws with MuJoCo's classic renderer in a context of its own.
+    """Renders with MuJoCo's classic renderer in its own context.
 
-    It changes ``model.vis`` (image buffer, samples), which no physics reads.
+    By default without shadows and reflections, at the quality that a color filter needs and a CPU
+    can afford. It changes ``model.vis`` (image buffer, samples), which has no effect on physics.
 
     Args:
-        context: Result of ``gl_context.open_context``.
-        samples: Samples per pixel; 0 is the fastest, 4 make centroids three times finer.
-        effects: Draw shadows and reflections: for images, 10 times slower without a GPU.
+        context: Result of `open_context`.
+        samples: Samples per pixel; 0 is the fastest, 4 give three times finer centroids.
+        effects: Render shadows and reflections: 10 times slower without a GPU.
     """
 
     name = "gl"
@@ -186,7 +190,7 @@ class GlRenderer:
         self._upload = None
 
     def _uploaded(self, model: mujoco.MjModel, width: int, height: int) -> _Upload:
-        """The model's meshes, once for each model and anew when a larger image is wanted."""
+        """Meshes on the GPU, uploaded once per model, and again if a larger image is requested."""
         if self._upload is None or not self._upload.serves(model, width, height):
             self.close()
             visual = model.vis
@@ -203,7 +207,7 @@ class GlRenderer:
         data: mujoco.MjData,
         exposure: Exposure,
     ) -> None:
-        """Where everything is now, seen by the camera of the exposure."""
+        """Update the scene to the current state and the camera of the exposure."""
         self._option.geomgroup[:] = 0
         self._option.geomgroup[list(exposure.groups)] = 1
         self._camera.fixedcamid = exposure.camera_id
@@ -213,12 +217,12 @@ class GlRenderer:
 
 @dataclass(frozen=True, eq=False)
 class _Upload:
-    """What OpenGL was given of a model.
+    """The resources of one model in OpenGL.
 
     Attributes:
-        model: Compiled; its buffer's size is that of ``buffers``.
+        model: Compiled model; its buffer size is that of ``buffers``.
         scene: Geoms, lights and cameras, for MuJoCo's renderer.
-        buffers: Meshes and textures, and the image that is drawn into.
+        buffers: Meshes, textures and the offscreen image.
     """
 
     model: mujoco.MjModel
@@ -226,7 +230,7 @@ class _Upload:
     buffers: mujoco.MjrContext
 
     def serves(self, model: mujoco.MjModel, width: int, height: int) -> bool:
-        """Whether an image of so many pixels of a model can be drawn."""
+        """Whether an image of this size of a model can be rendered."""
         wide = self.buffers.offWidth
         high = self.buffers.offHeight
         return model is self.model and width <= wide and height <= high
@@ -243,7 +247,7 @@ def _upload(model: mujoco.MjModel, *, effects: bool) -> _Upload:
 
 
 def _narrow(scene: mujoco.MjvScene, exposure: Exposure, blocks: Blocks, fovy_deg: float) -> None:
-    """Narrow the view to some blocks: the rest is then neither transformed nor filled."""
+    """Narrow the view frustum to some blocks, so that the rest costs nothing."""
     (top, bottom), (left, right) = (
         (part.start * exposure.stride, part.stop * exposure.stride) for part in blocks
     )
@@ -256,19 +260,14 @@ def _narrow(scene: mujoco.MjvScene, exposure: Exposure, blocks: Blocks, fovy_deg
         camera.frustum_width = 0.5 * (right - left) * pixel
 
 
-# Choice of the renderer.
-#
-# The ray caster needs no system library and makes the same images on every machine, so it is the
-# default. The images of OpenGL, an option, are equivalent for a color filter: nothing else in the
-# package depends on which of the two is used.
-
+# Choice
 
 GL_PACKAGES = "libegl1 and libgl1 (or libosmesa6)"
-"""Packages of Debian and Ubuntu that bring OpenGL without a screen."""
+"""Packages of Debian and Ubuntu that provide OpenGL without a screen."""
 
 
 class RendererChoice(NamedTuple):
-    """How to make the renderer, and one sentence for the user on which one it is."""
+    """Factory of the chosen renderer, and one sentence about it for the user."""
 
     create: Callable[[], Renderer]
     message: str
@@ -282,11 +281,11 @@ def choose_renderer(
     Args:
         kind: ``"gl"`` insists on OpenGL, ``"ray"`` never touches it, ``"auto"`` takes OpenGL
             where it works.
-        find_context: Opener of an off-screen context, raises RendererError; for tests that play
-            a machine without OpenGL.
+        find_context: Function that opens an off-screen context or raises RendererError; tests
+            replace it.
 
     Raises:
-        RendererError: OpenGL was asked for and does not work here, or the kind is unknown.
+        RendererError: OpenGL was requested and does not work here, or the kind is unknown.
     """
     if kind not in get_args(RendererKind):
         raise RendererError(f"no renderer {kind!r}; there are 'auto', 'gl' and 'ray'")

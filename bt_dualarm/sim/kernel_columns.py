@@ -1,93 +1,90 @@
-"""Columns of what the kernels of sensors, drives and fingers read."""
+"""Columns of the arrays that the kernels of sensors, drives, friction and fingers work on."""
 
 from __future__ import annotations
 
 from typing import Final
 
-# Columns of what the kernels of sensors and drives read: a row a joint, of all arms.
+# One row per joint, of all arms.
 
 
-# Of the encoders, of shape (n, ENCODERS).
+# Encoders, of shape (n, ENCODERS).
 RESOLUTION: Final = 0
-"""Steps in which positions are read, rad; 0 for none."""
-KEPT: Final = 1
-"""Share of a velocity that stays from one reading to the next."""
-TAKEN: Final = 2
-"""Share of a difference that it takes up."""
+"""Quantum of the positions, rad; 0 for none."""
+OLD_WEIGHT: Final = 1
+"""Weight of the previous velocity in the low-pass filter."""
+NEW_WEIGHT: Final = 2
+"""Weight of the new velocity in the low-pass filter."""
 ENCODERS: Final = 3
 
-# Of their readings, whole numbers of shape (n, COUNTS).
+# Readings, integers of shape (n, COUNTS).
 WINDOW: Final = 0
-"""Readings over which a velocity is differenced; 0 where it is read as it is."""
+"""Readings over which positions are differenced to a velocity; 0: the true velocity is read."""
 COUNT: Final = 1
-"""Readings that there have been, as far as a window asks for them."""
+"""Number of readings so far, up to the window."""
 COUNTS: Final = 2
 
-# Of friction, of shape (n, FRICTION).
+# Friction, of shape (n, FRICTION).
 COULOMB: Final = 0
-"""Dry friction, N m."""
+"""Coulomb friction, N m."""
 DROP: Final = 1
-"""How much more of it a joint has that stands, N m."""
+"""Static friction in excess of Coulomb friction, N m."""
 NARROW: Final = 2
-"""-1/v_s² of the speed at which that is left behind, s²/rad²."""
+"""-1/v_s² with the Stribeck velocity v_s, s²/rad²."""
 VISCOUS: Final = 3
-"""Friction that grows with speed, N m s/rad."""
+"""Viscous friction, N m s/rad."""
 RISE: Final = 4
-"""Speed over which dry friction builds up, rad/s; 0 where it is there at once."""
+"""Speed over which dry friction builds up, rad/s; 0 for a step."""
 OFFSET: Final = 5
-"""Offset of the speed at which it does, rad/s."""
+"""Offset of the speed in the sigmoid, rad/s."""
 FRICTION: Final = 6
 
-# Of the drives, of shape (n, DRIVES).
+# Drives, of shape (n, DRIVES).
 PER_STEP: Final = 0
-"""Steps of a torque of one, 1/(N m); 0 for none."""
+"""Quanta per unit of torque, 1/(N m); 0 without quantization."""
 GAIN: Final = 1
-"""Torque of a step, or of one, N m."""
+"""True torque of a quantum, N m, or factor of the torque without quantization."""
 EFFORT: Final = 2
 """Effort limits, N m."""
-WANTED: Final = 3
-"""Torques that they are to give, N m."""
+COMMANDED: Final = 3
+"""Commanded torques, quantized and with the gain error, N m."""
 TORQUE: Final = 4
-"""Torques that they give, N m."""
+"""Applied torques, N m."""
 WHOLE: Final = 5
-"""Whole steps of physics by which they are late."""
+"""Delay in whole physics steps."""
 LATE: Final = 6
-"""Part of a step by which they are late beyond that."""
+"""Remaining delay as a fraction of a step."""
 SHARE: Final = 7
-"""Share of the way to a torque that is gone in a step of physics."""
+"""Weight of the commanded torque per step in the first-order lag."""
 DRIVES: Final = 8
 
 CREEP: Final = 1e-9
-"""Speed in rad/s that is added before a secant is taken: that of a joint that stands is a slope."""
+"""Speed in rad/s that is added before dividing by it: at rest the secant becomes the slope."""
 
 
-# Places of what the kernel of two fingers reads.
-
-
-# Of the drive of two fingers, of shape (DRIVE,). Ways are of the opening, forces of each finger.
+# Drive of two fingers, of shape (DRIVE,). Widths are of the opening, forces of each finger.
 STIFFNESS: Final = 0
-"""Of the speed loop, N/m."""
+"""Stiffness of the speed loop, N/m."""
 DAMPING: Final = 1
-"""Of it, N s/m."""
+"""Damping of the speed loop, N s/m."""
 GRIP_GAIN: Final = 2
-"""Factor of its force."""
+"""Factor of the applied force."""
 MOST: Final = 3
-"""Force that no motor exceeds, N."""
-ASKED_WIDTH: Final = 4
-"""Opening that is asked for, m; 0 closes."""
-ASKED_SPEED: Final = 5
-"""Speed that is asked for, m/s."""
-ASKED_FORCE: Final = 6
-"""Most force that is asked for, N."""
+"""Force limit of the motor, N."""
+COMMANDED_WIDTH: Final = 4
+"""Commanded opening, m; 0 closes."""
+COMMANDED_SPEED: Final = 5
+"""Commanded speed, m/s."""
+COMMANDED_FORCE: Final = 6
+"""Commanded force limit, N."""
 REFERENCE: Final = 7
-"""Opening that it is after now, m."""
+"""Reference of the speed loop: the opening that it tracks now, m."""
 FORCE: Final = 8
-"""Force that it takes itself to give, N; positive where it opens."""
+"""Force by the drive's own model, without gain error, N; positive opens."""
 DRIVE: Final = 9
 
 WOUND_UP: Final = 1.2
-"""Share of the force that is asked for up to which the speed loop winds up: a finger that is
-pressed on trembles within it, and the force stays what was asked for."""
+"""Share of the commanded force up to which the speed loop winds up. Beyond 1, small motions of a
+pressed finger do not change the force."""
 
 SHUT: Final = -1.0
-"""m; opening toward which fingers close that are to press: none of them gets there."""
+"""Target opening of a closing gripper, m: below 0, so that the fingers keep pressing."""

@@ -1,4 +1,11 @@
-"""Images of a world for people: shadows, viewpoints, and renders after the fact."""
+"""Images of a world for people: with shadows, from a good viewpoint, by ray casting.
+
+They are rendered from copies of the state, so rendering does not change the world. Cameras in the
+control loop have no shadows: these take time, and would need wider color ranges. Shadows are found
+by shadow mapping (L. Williams, SIGGRAPH 1978): the scene is rendered from each lamp, which does not
+see a shadowed surface. Percentage-closer filtering smooths them (Reeves, Salesin, Cook, SIGGRAPH
+1987).
+"""
 
 from __future__ import annotations
 
@@ -18,34 +25,29 @@ from bt_dualarm.sim.ray_kernel_arrays import Fan, Hits
 from bt_dualarm.sim.ray_renderer import RayScene, Shading, fan_of
 from bt_dualarm.sim.renderer import Image, RenderableWorld, Viewpoint, fitted
 
-# Images for people, with shadows.
-#
-# Cameras in the loop have no shadows: they take time, and color ranges would have to be wider.
-# Shadows are found by a second rendering of the scene from the lamp, in which a shadowed surface is
-# hidden ("shadow mapping", L. Williams, SIGGRAPH 1978), smoothed by percentage-closer filtering
-# (Reeves, Salesin, Cook, SIGGRAPH 1987).
+# Shadows
 
 
 _MAP_PX: Final = 800
 """Rays across a lamp's view: 4 to 8 mm on a table below a lamp 3 m up."""
 
-_MOST_LAMPS: Final = 2
-"""Lamps that cast shadows: the brightest; others light everything."""
+_MAX_LAMPS: Final = 2
+"""Number of lamps that cast shadows, the brightest ones; the others light everything."""
 
 _FAR_M: Final = 50.0
-"""Distance from which a light without a place looks at the scene: its rays are nearly parallel."""
+"""Distance of a directional light's viewpoint: its rays are nearly parallel."""
 
 _WIDEST_DEG: Final = 150.0
-_BIAS_M: Final = 2e-3
+_BIAS_M: Final = 2e-3  # against self-shadowing by the limited precision of the depths
 
 _CORNERS: Final = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
 class ScenePainter:
-    """Draws states of one model.
+    """Renders states of one model, with shadows.
 
     Args:
-        model: Compiled; nothing of it is changed.
+        model: Compiled model; it is not changed.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -53,52 +55,52 @@ class ScenePainter:
         self._shapes = RayScene(model, LOOP_GROUPS)
         self._shading = Shading(model)
         lights = self._shading.lights
-        casting = [n for n, light in enumerate(lights.active) if model.light_castshadow[light]]
-        casting.sort(key=lambda number: -float(lights.diffuse[number].sum()))
-        self._lamps = casting[:_MOST_LAMPS]
+        casters = [n for n, light in enumerate(lights.active) if model.light_castshadow[light]]
+        casters.sort(key=lambda number: -float(lights.diffuse[number].sum()))
+        self._lamps = casters[:_MAX_LAMPS]
         self._planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         drawn = np.isin(model.geom_group, LOOP_GROUPS) & ~self._planes
         self._casters = np.flatnonzero(drawn)
 
     def trace(self, data: mujoco.MjData, fan: Fan) -> Hits:
-        """What rays meet."""
+        """Trace rays; returns what they hit."""
         return self._shapes.trace(data, fan)
 
     def draw(
         self, data: mujoco.MjData, viewpoint: Viewpoint, size: tuple[int, int], finer: int = 1
     ) -> Image:
-        """An image of shape (height, width, 3).
+        """Render an image of shape (height, width, 3).
 
         Args:
-            data: State with positions of geoms and lights that are up to date.
-            viewpoint: Where it is seen from.
-            size: Width and height in pixels.
-            finer: Pixels along each direction that get one share of shadow, where they are to be
-                averaged anyway; both sizes are multiples of it.
+            data: State with up-to-date positions of geoms and lights.
+            viewpoint: Viewpoint of the image.
+            size: Width and height in pixels, multiples of ``finer``.
+            finer: Edge in pixels of blocks that share one shadow value, for images that are
+                averaged down by that factor afterwards.
         """
         fan = fan_of(viewpoint, *size)
         hits = self.trace(data, fan)
-        picture = self._shading.colors(data, fan, hits)
+        image = self._shading.colors(data, fan, hits)
         if not self._lamps:
-            return picture
+            return image
         seen = np.stack([self._visibility(data, fan, hits, lamp, finer) for lamp in self._lamps])
         seen = seen.repeat(finer, axis=1).repeat(finer, axis=2).reshape(len(self._lamps), -1)
         shaded = np.flatnonzero((seen < 1.0).any(axis=0))
         if len(shaded):
-            # Little of an image is in shadow: that alone is colored again.
+            # Only pixels in shadow, usually few, are shaded again.
             part = fan._replace(rays=fan.rays.reshape(3, 1, -1)[..., shaded])
-            met = Hits(
+            shaded_hits = Hits(
                 hits.geoms.reshape(1, -1)[:, shaded],
                 hits.distances.reshape(1, -1)[:, shaded],
                 hits.normals.reshape(3, 1, -1)[..., shaded],
             )
-            picture.reshape(-1, 3)[shaded] = self._shadowed(data, part, met, seen[:, shaded])
-        return picture
+            image.reshape(-1, 3)[shaded] = self._shadowed(data, part, shaded_hits, seen[:, shaded])
+        return image
 
     def _shadowed(
         self, data: mujoco.MjData, fan: Fan, hits: Hits, seen: npt.NDArray[np.float32]
     ) -> Image:
-        """Colors of n rays of which each lamp lights a share, of shape (lamps, n): (n, 3)."""
+        """Colors, of shape (n, 3), of n rays whose hits each lamp lights by a share, (lamps, n)."""
         lights = self._shading.lights
         dark = lights.diffuse.copy()
         dark[self._lamps] = 0.0
@@ -112,7 +114,7 @@ class ScenePainter:
         return image
 
     def _colors(self, data: mujoco.MjData, fan: Fan, hits: Hits, diffuse: Matrix) -> Image:
-        """Colors by lamps of these diffuse colors, of shape (n, 3), without shadows."""
+        """Colors of n rays, of shape (n, 3), without shadows, by given diffuse colors of lamps."""
         from bt_dualarm.sim.ray_trace_kernels import shade
 
         pixels: Image = np.empty((*hits.geoms.shape, 3), dtype=np.uint8)
@@ -123,25 +125,25 @@ class ScenePainter:
     def _visibility(
         self, data: mujoco.MjData, fan: Fan, hits: Hits, lamp: int, finer: int
     ) -> npt.NDArray[np.float32]:
-        """Share of a lamp's light that reaches what rays met: every ``finer``-th, both ways."""
-        some = (slice(None, None, finer), slice(None, None, finer))
-        geoms = hits.geoms[some]
-        distances = hits.distances[some].astype(np.float32).ravel()
+        """Share of a lamp's light at the hit of every ``finer``-th ray of each row and column."""
+        subset = (slice(None, None, finer), slice(None, None, finer))
+        geoms = hits.geoms[subset]
+        distances = hits.distances[subset].astype(np.float32).ravel()
         view = self._view_from(data, lamp)
         if view is None:
             return np.ones(geoms.shape, np.float32)
         depths = self._depths(data, view)
         texel = 2.0 * math.tan(math.radians(view.fov_deg) / 2.0) / _MAP_PX
-        distances[geoms.ravel() < 0] = 0.0  # the sky is not asked
-        # All in the lamp's axes, of shape (3, rays).
+        distances[geoms.ravel() < 0] = 0.0  # the sky, at infinity
+        # From here on in the lamp's axes, of shape (3, rays).
         turn = (view.axes.T @ fan.axes).astype(np.float32)
         eye = (view.axes.T @ (fan.eye - view.eye)).astype(np.float32)
-        rays = fan.rays[:, *some].astype(np.float32).reshape(3, -1)
-        normals = hits.normals[:, *some].astype(np.float32).reshape(3, -1)
+        rays = fan.rays[:, *subset].astype(np.float32).reshape(3, -1)
+        normals = hits.normals[:, *subset].astype(np.float32).reshape(3, -1)
         points = turn @ rays
         points *= distances
         points += eye[:, None]
-        # A surface must not shade itself: compared is a point off it by some rays of the lamp.
+        # A surface must not shade itself: the point is moved off it by 1.5 texels of the depth map.
         off = np.float32(1.5 * texel) * np.sqrt(np.einsum("ij,ij->j", points, points))
         points += (view.axes.T.astype(np.float32) @ normals) * off
         away = np.sqrt(np.einsum("ij,ij->j", points, points)) - np.float32(_BIAS_M)
@@ -153,7 +155,7 @@ class ScenePainter:
         return _filtered(depths, across, down, away).reshape(geoms.shape)
 
     def _view_from(self, data: mujoco.MjData, lamp: int) -> Viewpoint | None:
-        """The view of what can cast a shadow, as far as a view can be wide; None without any."""
+        """Viewpoint of a lamp that shows all shadow casters, if it can; None if there are none."""
         lights = self._shading.lights
         light = int(lights.active[lamp])
         boxes = self.model.geom_aabb[self._casters]
@@ -171,20 +173,20 @@ class ScenePainter:
             middle[0] += 1e-3  # a viewpoint cannot look straight down
         inside = (points - eye) @ Viewpoint(eye, middle, 90.0).axes
         fov_deg = _WIDEST_DEG
-        if (inside[:, 2] < -1e-2).all():  # else some stand beside the lamp, or above it
+        if (inside[:, 2] < -1e-2).all():  # else some casters are beside the lamp or above it
             slope = float(np.abs(inside[:, :2] / inside[:, 2:]).max()) * 1.02
             fov_deg = min(2.0 * math.degrees(math.atan(slope)), _WIDEST_DEG)
         return Viewpoint(eye, middle, fov_deg)
 
     def _depths(self, data: mujoco.MjData, view: Viewpoint) -> npt.NDArray[np.float32]:
-        """How far a lamp sees, m, inf where nothing casts a shadow, of shape (px, px)."""
+        """Depth map of a lamp, m, of shape (px, px); inf where nothing casts a shadow."""
         hits = self.trace(data, _even(fan_of(view, _MAP_PX, _MAP_PX)))
         ground = self._planes[hits.geoms] | (hits.geoms < 0)
         return np.where(ground, np.inf, hits.distances).astype(np.float32)
 
 
 def _even(fan: Fan) -> Fan:
-    """The fan with each ray in the middle of its cell: edges of shadows are not jittered."""
+    """The fan without jitter, each ray in the middle of its cell: shadows get smooth edges."""
     rows, columns = fan.rays.shape[1:]
     y, x = np.indices((rows, columns)) + 0.5
     x = fan.spacing * (x - fan.center[0])
@@ -199,7 +201,7 @@ def _filtered(
     down: npt.NDArray[np.float32],
     away: npt.NDArray[np.float32],
 ) -> npt.NDArray[np.float32]:
-    """Share of four neighbors in a lamp's view that do not hide a point, weighted by nearness."""
+    """Share of the four nearest texels that do not occlude a point, with bilinear weights."""
     edge = _MAP_PX - 1
     share = np.ones(len(away), np.float32)
     inside = np.flatnonzero((across >= 0) & (down >= 0) & (across < edge) & (down < edge))
@@ -224,33 +226,26 @@ def _filtered(
     return share
 
 
-# Images of a world from outside, by ray casting alone.
-#
-# They are rendered from copies of the state, so that rendering changes nothing in the world.
-
+# Stills
 
 _FOV_DEG: Final = 35.0
 _RISE: Final = 0.55
-"""How far up the eye is for each meter that it is away, as people stand before a cell."""
+"""Height of the viewpoint per meter of distance, as of people who stand in front of a cell."""
 
 _AZIMUTHS_DEG: Final = tuple(range(30, 390, 45))
 _SKETCH: Final = (120, 90)
-"""Pixels that tell well enough who hides whom."""
+"""Size in pixels of the images in which candidate viewpoints are compared."""
 
 _LOST_M: Final = 2.0
-"""What is farther away from all arms is left out: it would make everything else tiny."""
-
-_BOX_CORNERS: Final = np.array(
-    [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float
-)
+"""Distance from all arms beyond which objects are ignored: they would make the rest tiny."""
 
 
 @dataclass(frozen=True, eq=False)
 class StillRenderer:
-    """A world at one moment.
+    """Renderer of a world at one moment, independent of the world from then on.
 
     Attributes:
-        model: Compiled; nothing of it is changed.
+        model: Compiled model; it is not changed.
         qpos: Positions of all joints, a copy.
         time: Simulated time in seconds.
     """
@@ -261,7 +256,7 @@ class StillRenderer:
 
     @classmethod
     def of(cls, world: RenderableWorld) -> StillRenderer:
-        """The world as it is now."""
+        """Copy the current state of a world."""
         return cls(world.model, world.data.qpos.copy(), float(world.data.time))
 
     @property
@@ -270,11 +265,11 @@ class StillRenderer:
         return bool(np.isfinite(self.qpos).all())
 
     def draw(self, viewpoint: Viewpoint, width: int, height: int) -> Image:
-        """An image of scene, arms and objects, of shape (height, width, 3)."""
+        """Render scene, arms and objects, of shape (height, width, 3)."""
         return self._painter.draw(self.data, viewpoint, (width, height))
 
     def subjects(self) -> Matrix:
-        """Corners of the boxes around all shapes of arms and objects, of shape (n, 3)."""
+        """Corners of the bounding boxes of all geoms of arms and objects, of shape (n, 3), m."""
         groups = self.model.geom_group
         arms = self.corners((groups != SCENE_GROUP) & (groups != OBJECT_GROUP))
         objects = self.corners(groups == OBJECT_GROUP)
@@ -285,8 +280,11 @@ class StillRenderer:
         return np.vstack((arms, objects))
 
     def clarity(self, viewpoint: Viewpoint) -> float:
-        """How well all arms and objects are seen: a hidden one costs more than a big one gains."""
-        geoms = self._trace(fan_of(viewpoint, *_SKETCH)).geoms
+        """Score of a viewpoint: sum over arms and objects of the logarithm of their visible pixels.
+
+        By the logarithm a hidden object costs more than a large one gains.
+        """
+        geoms = self._painter.trace(self.data, fan_of(viewpoint, *_SKETCH)).geoms
         seen = geoms[geoms >= 0]
         seen = seen[self.model.geom_group[seen] != SCENE_GROUP]
         roots = self.model.body_rootid[self.model.geom_bodyid[seen]]
@@ -294,26 +292,22 @@ class StillRenderer:
 
     @cached_property
     def data(self) -> mujoco.MjData:
-        """Where everything is."""
+        """State of the model with up-to-date kinematics."""
         data = mujoco.MjData(self.model)
         data.qpos[:] = self.qpos
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_camlight(self.model, data)
         return data
 
-    def _trace(self, fan: Fan) -> Hits:
-        return self._painter.trace(self.data, fan)
-
     @cached_property
     def _painter(self) -> ScenePainter:
-        """What draws it: read from the model once for all viewpoints."""
         return ScenePainter(self.model)
 
     def corners(self, which: npt.NDArray[np.bool_]) -> Matrix:
-        """Corners of the boxes around some shapes, of shape (n, 3), m."""
+        """Corners of the bounding boxes of selected geoms, of shape (n, 3), m."""
         geoms = np.flatnonzero(which & np.isin(self.model.geom_group, LOOP_GROUPS))
         boxes = self.model.geom_aabb[geoms]
-        local = boxes[:, None, :3] + _BOX_CORNERS * boxes[:, None, 3:]
+        local = boxes[:, None, :3] + _CORNERS * boxes[:, None, 3:]
         axes = self.data.geom_xmat[geoms].reshape(-1, 3, 3)
         places = self.data.geom_xpos[geoms][:, None]
         corners: Matrix = (np.einsum("gij,gcj->gci", axes, local) + places).reshape(-1, 3)
@@ -321,11 +315,11 @@ class StillRenderer:
 
 
 def best_viewpoint(stills: Sequence[StillRenderer], aspect: float) -> Viewpoint | None:
-    """Viewpoint that shows arms and objects of all the stills best; None if there are none.
+    """The clearest viewpoint for all stills; None if they contain no arm or object.
 
     Args:
-        stills: Moments of a world, each to be seen whole.
-        aspect: Width of an image by its height.
+        stills: Moments of a world.
+        aspect: Width of an image over its height.
     """
     points = np.vstack([np.zeros((0, 3)), *(still.subjects() for still in stills)])
     if not len(points):

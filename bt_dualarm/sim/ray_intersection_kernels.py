@@ -1,4 +1,8 @@
-"""Where rays enter convex meshes, planes, spheres, cylinders and capsules: compiled."""
+"""Compiled kernels that intersect rays with convex meshes, planes, spheres, cylinders, capsules.
+
+Everything is conservative: a test may keep a cell that no ray needs, but never drops one that it
+does.
+"""
 
 from __future__ import annotations
 
@@ -12,30 +16,30 @@ from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.sim.ray_kernel_arrays import CAPSULE, CYLINDER, PLANE, SPHERE, Fan, Marks, Shapes
 
-# Which cells of a row lie on the inner side of planes through the eye, and which of them can.
+# Planes through the eye
 #
-# A ray through column c and row r of the grid points along ((c - c0) s, -(r - r0) s, -1), with the
-# camera's axis at (c0, r0) and the spacing s. It lies on the inner side of a plane with the
-# normal e
-# if A c + B r + C <= 0, with A = e_x, B = -e_y, C = -e_x c0 + e_y r0 - e_z / s. Each ray passes
-# through some point of its cell: a cell can be inside if one of its corners is, and is if all are.
+# A ray through column c and row r of the grid has the direction ((c - c0) s, -(r - r0) s, -1), with
+# the camera's axis at (c0, r0) and the spacing s. It is on the inner side of a plane with the
+# normal e if A c + B r + C <= 0, with A = e_x, B = -e_y, C = -e_x c0 + e_y r0 - e_z / s. Each ray
+# passes through some point of its cell: a cell may be inside if one of its corners is, and is
+# certainly inside if all are.
 
 
 Crossing: TypeAlias = tuple[float, float, float]
-"""Column where a plane crosses the near end of row 0, columns that it goes on by for each row, and
-a number above 0 where cells to the left are inside, below 0 where those to the right are, 0 where
-columns do not tell."""
+"""Column at which a plane crosses the start of row 0; slope in columns per row; and a number that
+is positive if cells to the left are inside, negative if those to the right are, 0 if columns do not
+decide."""
 
 _STEEP = 1e-9
-"""Share of the other terms that A must have: planes along the rows say nothing of columns."""
+"""Share of the other terms that A must exceed: planes along the rows do not bound columns."""
 
 _EDGE_SPARE = 0.01
-"""Share of a cell that covers errors of rounding."""
+"""Margin in cells for rounding errors."""
 
 
 @kernel
 def crossing(spacing: float, center: tuple[float, float], x: float, y: float, z: float) -> Crossing:
-    """Where a plane crosses the rows of a grid.
+    """Intersect a plane through the eye with the rows of a grid.
 
     Args:
         spacing: Spacing of a fan.
@@ -55,26 +59,26 @@ def crossing(spacing: float, center: tuple[float, float], x: float, y: float, z:
 def stretch(
     left: int, right: int, row: int, first: Crossing, second: Crossing, third: Crossing
 ) -> tuple[int, int, int, int]:
-    """Which cells of a row can be inside of three planes.
+    """Cells of a row that may be inside three planes, and those that certainly are.
 
     Args:
-        left: First column that is asked for.
-        right: First column after them.
+        left: First column to test.
+        right: End of the columns.
         row: The row.
-        first: Where a plane crosses the rows.
-        second: Another one.
-        third: And another.
+        first: Intersection of a plane with the rows, by `crossing`.
+        second: Likewise.
+        third: Likewise.
 
     Returns:
-        Column of the first cell that can be inside, of the first that is, of the first after it
-        that may not be, and of the first that cannot be; without one that is inside, any.
+        First column that may be inside, first that certainly is, end of the certain ones, and end
+        of the possible ones. If none is certain, the two in the middle are arbitrary.
     """
     begin = float(left)
     end = float(right)
     begin, sure, unsure, end = _narrowed(begin, begin, end, end, row, first)
     begin, sure, unsure, end = _narrowed(begin, sure, unsure, end, row, second)
     begin, sure, unsure, end = _narrowed(begin, sure, unsure, end, row, third)
-    # What is cut off after the point is not below 0: it is rounded down.
+    # int() truncates, which rounds down as all values are 0 or more.
     return int(begin), int(sure), int(max(unsure, 0.0)), int(max(end, 0.0))
 
 
@@ -82,7 +86,7 @@ def stretch(
 def _narrowed(
     begin: float, sure: float, unsure: float, end: float, row: int, plane: Crossing
 ) -> tuple[float, float, float, float]:
-    """The columns of `stretch` on the inner side of one more plane."""
+    """Intersect the result of `stretch` with the inner side of one more plane."""
     from_column, slope, side = plane
     at = from_column + slope * row
     least = at + min(slope, 0.0) - _EDGE_SPARE
@@ -94,14 +98,13 @@ def _narrowed(
     return begin, sure, begin, end
 
 
-# Where on the grid of a fan something is seen: cells that its rays have to be asked in.
-
+# Projection to the grid
 
 NEAR_M = 1e-3
-"""What is not at least so far ahead is not projected."""
+"""Depth below which points are not projected."""
 
 _SPARE = 0.01
-"""Share of a cell that covers errors of rounding."""
+"""Margin in cells for rounding errors."""
 
 
 @kernel
@@ -110,8 +113,8 @@ def sphere_is_seen(fan: Fan, center: Vector, radius: float) -> bool:
 
     Args:
         fan: The rays.
-        center: Place of its center in the camera's axes from the eye, of shape (3,), in m.
-        radius: Radius in m; inf is always seen.
+        center: Center in the camera, of shape (3,), m.
+        radius: Radius in m; with inf the result is always true.
     """
     rows = fan.rays.shape[1]
     columns = fan.rays.shape[2]
@@ -130,10 +133,10 @@ def sphere_is_seen(fan: Fan, center: Vector, radius: float) -> bool:
 def _reaches(
     offset: float, depth: float, center: float, count: int, reach: float, spacing: float
 ) -> bool:
-    """Whether a sphere reaches between the planes through the first and the last border."""
+    """Whether a sphere reaches between the planes through the first and the last cell border."""
     low = -_SPARE - center
     high = count + _SPARE - center
-    # A border lies at offset = border · depth; its distance is the excess by the normal's length.
+    # The plane is offset = border · depth; the excess over the normal's length is the distance.
     under = (low * depth - offset) / math.sqrt(1.0 + (low * spacing) ** 2)
     over = (offset - high * depth) / math.sqrt(1.0 + (high * spacing) ** 2)
     return under <= reach and over <= reach
@@ -141,11 +144,11 @@ def _reaches(
 
 @kernel
 def project(fan: Fan, points: Matrix) -> None:
-    """Enter column and row of points that lie ahead.
+    """Enter column and row of the points in front of the camera.
 
     Args:
         fan: The rays.
-        points: Places in the camera's axes from the eye, then column and row, of shape (n, 5).
+        points: Positions in the camera, then column and row, of shape (n, 5); changed.
     """
     for point in points:
         depth = -point[2]
@@ -157,20 +160,21 @@ def project(fan: Fan, points: Matrix) -> None:
 
 @kernel
 def cells(least: float, most: float, count: int) -> tuple[int, int]:
-    """The first of the cells that lie between two places, and the first one after them."""
+    """First cell between two coordinates, and the end of the cells."""
     first = min(max(least - _SPARE, 0.0), float(count))
     last = min(max(most + _SPARE, -1.0), float(count))
-    # What is cut off after the point is not below 0: it is rounded down.
+    # int() truncates, which rounds down as all values are 0 or more.
     return int(first), min(int(last + 1.0), count)
 
 
 @kernel
 def box_of(fan: Fan, points: Matrix) -> tuple[int, int, int, int]:
-    """Rows from and to, columns from and to, that can meet what points span; empty: none can.
+    """Bounding box of projected points: first and end row, first and end column; may be empty.
 
     Args:
         fan: The rays.
-        points: As of `project`, which they have been through.
+        points: Points after `project`. If some of them are behind the camera, the result is the
+            whole grid, or empty if all are beside it.
     """
     rows = fan.rays.shape[1]
     columns = fan.rays.shape[2]
@@ -203,7 +207,7 @@ def box_of(fan: Fan, points: Matrix) -> tuple[int, int, int, int]:
 
 @kernel
 def _beside(points: Matrix, axis: int, center: float, count: int, spacing: float) -> bool:
-    """Whether all points, some of them behind the eye, lie on the outer side of one border."""
+    """Whether all points, some of them behind the camera, are outside of one border."""
     under = True
     over = True
     for point in points:
@@ -214,16 +218,15 @@ def _beside(points: Matrix, axis: int, center: float, count: int, spacing: float
     return under or over
 
 
-# What need not be asked of rays, as they have met something nearer.
-
+# Occlusion
 
 SURELY = 0.999
-"""Share of the least depth of a shape that the distance of its places surely has, but rounded."""
+"""Factor of a shape's least depth that, despite rounding, is a lower bound of its distance."""
 
 
 @kernel
 def is_ahead(corners: Matrix) -> bool:
-    """Whether all corners were projected."""
+    """Whether all corners are in front of the camera and were projected."""
     ahead = True
     for corner in range(len(corners)):
         ahead = ahead and -corners[corner, 2] >= NEAR_M
@@ -232,7 +235,7 @@ def is_ahead(corners: Matrix) -> bool:
 
 @kernel
 def nearest(corners: Matrix) -> float:
-    """Distance that no place of what corners span falls short of: that of a plane ahead, m."""
+    """Lower bound of the distance of a convex hull of corners: their least depth, m."""
     least = math.inf
     for corner in range(len(corners)):
         least = min(least, -corners[corner, 2])
@@ -241,7 +244,7 @@ def nearest(corners: Matrix) -> float:
 
 @kernel
 def is_hidden(box: tuple[int, int, int, int], near: float, distances: Matrix) -> bool:
-    """Whether all rays of a box meet something nearer than that."""
+    """Whether all rays of a box hit something nearer than ``near``."""
     top, bottom, left, right = box
     for row in range(top, bottom):
         for column in range(left, right):
@@ -250,13 +253,14 @@ def is_hidden(box: tuple[int, int, int, int], near: float, distances: Matrix) ->
     return True
 
 
-# Where rays enter a convex body: each triangle that looks at the eye, in the cells it covers.
+# Convex polyhedra
 #
-# With corners a, b, c as seen from the eye, a ray d passes through the triangle if d·(a x b),
-# d·(b x c) and d·(c x a) have one sign. Neighbors have the same product of their common edge
-# but for
-# its sign, to the last bit: no ray slips between them. It enters at the inverse distance (n / h)·d,
-# with the plane's outward normal n and its distance h along n, negative where it looks at the eye.
+# Each triangle that faces the camera is intersected with the rays of the cells that it covers. With
+# corners a, b, c relative to the eye, a ray d passes through the triangle if d·(a x b), d·(b x c)
+# and d·(c x a) have one sign. Neighboring triangles have the same product for their common edge up
+# to its sign, to the last bit: no ray slips between them. The inverse distance of the intersection
+# is (n / h)·d, with the plane's outward normal n and its offset h along n, which is negative if the
+# triangle faces the camera.
 
 
 _HULL_TINY = 1e-12
@@ -266,21 +270,21 @@ _Three: TypeAlias = tuple[float, float, float]
 
 @kernel
 def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) -> None:
-    """Mark a convex body where it is nearer than what is there.
+    """Mark a convex polyhedron where it is nearer than the present marks.
 
-    From inside nothing looks at the eye: a body is invisible then, as in OpenGL.
+    From inside no triangle faces the camera: the body is invisible then, as in OpenGL.
 
     Args:
         shapes: The shapes.
-        index: Which of them.
-        axes: The body's axes as columns in the world, of shape (3, 3).
+        index: Index of the polyhedron.
+        axes: Its axes as columns in the world, of shape (3, 3).
         fan: The rays.
-        marks: What they meet; the eye's place in the body's axes and their turn are entered.
+        marks: Intersections so far, with eye and turn for this shape; changed.
     """
     heap = shapes.heaps[index]
     eye = marks.eyes[index]
     turn = marks.turns[index]
-    corners = seen(shapes.corners[heap[0] : heap[1]], eye, turn, fan)
+    corners = in_camera(shapes.corners[heap[0] : heap[1]], eye, turn, fan)
     top, bottom, left, right = box_of(fan, corners)
     if top >= bottom or left >= right:
         return
@@ -299,7 +303,7 @@ def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) 
         a = corners[shapes.triangles[number, 0] - heap[0]]
         b = corners[shapes.triangles[number, 1] - heap[0]]
         c = corners[shapes.triangles[number, 2] - heap[0]]
-        box = _box(a, b, c, rows, columns) if ahead else box_of(fan, _together(a, b, c))
+        box = _box(a, b, c, rows, columns) if ahead else box_of(fan, _stacked(a, b, c))
         if box[0] >= box[1] or box[2] >= box[3]:
             continue
         near = -SURELY * max(a[2], b[2], c[2]) if ahead else 0.0
@@ -316,15 +320,15 @@ def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) 
 
 @kernel
 def _box(a: Vector, b: Vector, c: Vector, rows: int, columns: int) -> tuple[int, int, int, int]:
-    """Rows from and to, columns from and to, that can meet a triangle that is ahead."""
+    """Bounding box of a projected triangle: first and end row, first and end column."""
     top, bottom = cells(min(a[4], b[4], c[4]), max(a[4], b[4], c[4]), rows)
     left, right = cells(min(a[3], b[3], c[3]), max(a[3], b[3], c[3]), columns)
     return top, bottom, left, right
 
 
 @kernel
-def _together(a: Vector, b: Vector, c: Vector) -> Matrix:
-    """Three corners as `box_of` takes them."""
+def _stacked(a: Vector, b: Vector, c: Vector) -> Matrix:
+    """Three corners as rows of an array."""
     corners = np.empty((3, 5))
     corners[0] = a
     corners[1] = b
@@ -333,8 +337,8 @@ def _together(a: Vector, b: Vector, c: Vector) -> Matrix:
 
 
 @kernel
-def seen(corners: Matrix, eye: Vector, turn: Matrix, fan: Fan) -> Matrix:
-    """Corners in the camera's axes from the eye, with column and row, of shape (n, 5)."""
+def in_camera(corners: Matrix, eye: Vector, turn: Matrix, fan: Fan) -> Matrix:
+    """Transform corners to the camera and project them, of shape (n, 5); see `project`."""
     points = np.empty((len(corners), 5))
     for number in range(len(corners)):
         for axis in range(3):
@@ -353,9 +357,9 @@ def _mark(
     rays: npt.NDArray[np.float64], spacing: float, center: tuple[float, float],
     faces: npt.NDArray[np.int32], distances: Matrix,
 ) -> None:  # fmt: skip
-    """Mark a triangle within a box: rays on the inner side of its three sides.
+    """Mark a triangle within a box where it is nearest: rays on the inner side of its three edges.
 
-    None of it is nearer than `near`: what rays have met nearer than that stays.
+    ``near`` is a lower bound of its distance: rays that hit something nearer are skipped.
     """
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
     ux, uy, uz = plane
@@ -384,13 +388,13 @@ def _mark(
 
 @kernel
 def _cross(a: Vector, b: Vector) -> _Three:
-    """The product a x b."""
+    """Cross product a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
 def _inverse(turn: Matrix, normal: Vector, height: float) -> _Three:
-    """The normal in the camera's axes, by the plane's distance."""
+    """Normal in the camera over the plane's offset, n / h."""
     return (
         (turn[0, 0] * normal[0] + turn[1, 0] * normal[1] + turn[2, 0] * normal[2]) / height,
         (turn[0, 1] * normal[0] + turn[1, 1] * normal[1] + turn[2, 1] * normal[2]) / height,
@@ -398,12 +402,11 @@ def _inverse(turn: Matrix, normal: Vector, height: float) -> _Three:
     )
 
 
-# Where rays enter planes, spheres, cylinders and capsules.
+# Planes and curved shapes
 #
-# All in the shape's own axes: planes are z = 0 seen from above, the others lie about the origin
-# along
-# z. ``eye`` and ``ray`` are of shape (3,), rays of length one. From inside a shape is invisible, as
-# in OpenGL.
+# In the shape's own frame planes are z = 0, seen from above, and the others lie about the origin
+# along z. ``eye`` and ``ray`` are of shape (3,), rays of unit length. From inside a shape is
+# invisible, as in OpenGL.
 
 
 _TINY = 1e-12
@@ -412,7 +415,7 @@ _ON_THE_CAP_M = 1e-9
 
 @kernel
 def meet_round(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) -> None:
-    """Mark a shape that is no hull where it is nearer than what is there; as `meet_hull`."""
+    """Mark a shape that is not a polyhedron; as `meet_hull`."""
     kind = shapes.kinds[index]
     size = shapes.sizes[index]
     eye = marks.eyes[index]
@@ -447,7 +450,7 @@ def meet_round(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks)
 
 @kernel
 def _meet_plane(size: Vector, index: int, face: int, fan: Fan, marks: Marks) -> None:
-    """Mark z = 0 within half the lengths along x and y, where rays go down."""
+    """Mark a plane, z = 0 within its half lengths along x and y, where rays point down."""
     eye = marks.eyes[index]
     turn = marks.turns[index]
     edge = crossing(fan.spacing, fan.center, turn[2, 0], turn[2, 1], turn[2, 2])
@@ -476,7 +479,7 @@ def _meet_plane(size: Vector, index: int, face: int, fan: Fan, marks: Marks) -> 
 
 @kernel
 def _corners_about(kind: int, size: Vector, eye: Vector, turn: Matrix, fan: Fan) -> Matrix:
-    """Corners of a box about the shape, as of `project`, which they have been through, (8, 5)."""
+    """Projected corners of the bounding box of a shape, of shape (8, 5); see `project`."""
     length = size[0] if kind == SPHERE else size[1] + (size[0] if kind == CAPSULE else 0.0)
     corners = np.empty((8, 5))
     for number in range(8):
@@ -491,7 +494,7 @@ def _corners_about(kind: int, size: Vector, eye: Vector, turn: Matrix, fan: Fan)
 
 @kernel
 def contains(kind: int, size: Vector, eye: Vector) -> bool:
-    """Whether the eye is inside; for a plane, whether it is below it."""
+    """Whether the eye is inside a shape, or below a plane."""
     x = float(eye[0])
     y = float(eye[1])
     z = float(eye[2])
@@ -508,7 +511,7 @@ def contains(kind: int, size: Vector, eye: Vector) -> bool:
 
 @kernel
 def enter(kind: int, size: Vector, eye: Vector, ray: Vector) -> float:
-    """Distance of the entry of a ray into what is no plane, inf for a miss."""
+    """Distance at which a ray enters a sphere, cylinder or capsule; inf if it misses."""
     if kind == SPHERE:
         return _enter_ball(size[0], 0.0, eye, ray)
     if kind == CYLINDER:
@@ -521,7 +524,7 @@ def enter(kind: int, size: Vector, eye: Vector, ray: Vector) -> float:
 
 @kernel
 def _enter_ball(radius: float, height: float, eye: Vector, ray: Vector) -> float:
-    """Distance to a sphere about (0, 0, height)."""
+    """Distance at which a ray enters a sphere about (0, 0, height)."""
     z = eye[2] - height
     along: float = eye[0] * ray[0] + eye[1] * ray[1] + z * ray[2]
     squared: float = along**2 - (eye[0] * eye[0] + eye[1] * eye[1] + z * z - radius**2)
@@ -530,7 +533,11 @@ def _enter_ball(radius: float, height: float, eye: Vector, ray: Vector) -> float
 
 @kernel
 def _enter_cylinder(size: Vector, eye: Vector, ray: Vector) -> float:
-    """Distance to the common part of the inside of the wall and what is between the caps."""
+    """Distance at which a ray enters a cylinder.
+
+    The ray is inside where its section of the infinite cylinder and its section of the slab between
+    the caps overlap.
+    """
     a = max(ray[0] ** 2 + ray[1] ** 2, _TINY)
     b = eye[0] * ray[0] + eye[1] * ray[1]
     squared: float = b**2 - a * (eye[0] ** 2 + eye[1] ** 2 - size[0] ** 2)
@@ -549,7 +556,7 @@ def _enter_cylinder(size: Vector, eye: Vector, ray: Vector) -> float:
 def outward(
     kind: int, radius: float, half: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """The outward unit normal of a shape of a radius and a half length at a place on it."""
+    """Outward unit normal at a point on a shape with a radius and a half length."""
     if kind == PLANE:
         return 0.0, 0.0, 1.0
     if kind == CYLINDER:

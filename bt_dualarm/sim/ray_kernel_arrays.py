@@ -1,4 +1,4 @@
-"""Rays, shapes, lights and hits as arrays for the kernels of the ray caster."""
+"""Rays, shapes, lights and hits as arrays, for the kernels of the ray caster."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ CYLINDER: Final = 3
 CAPSULE: Final = 4
 
 NOTHING: Final = -1
-"""Mark of a ray that meets nothing."""
+"""Face index of a ray that hits nothing."""
 
 
 class Fan(NamedTuple):
-    """Rays from one eye, on a grid.
+    """Rays from one point, on a grid of image cells.
 
     Attributes:
-        eye: Position of the eye in the world, of shape (3,), in m.
+        eye: Origin of the rays in the world, of shape (3,), m.
         axes: Camera's x (right), y (up) and z (backward) as columns in the world.
-        rays: Unit vectors in these axes, of shape (3, rows, columns); each passes through its own
-            cell of the grid.
-        spacing: Distance of neighboring rays one meter ahead.
-        center: Column and row on the grid of the camera's axis.
+        rays: Unit vectors in these axes, of shape (3, rows, columns); each passes through some
+            point of its cell.
+        spacing: Distance of neighboring cells at a depth of 1 m.
+        center: Column and row of the camera's axis on the grid.
     """
 
     eye: Vector
@@ -41,12 +41,12 @@ class Fan(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """What the rays of a fan meet.
+    """First intersections of the rays of a fan.
 
     Attributes:
-        geoms: Number of each geom, -1 for nothing, of shape (rows, columns).
-        distances: Distance from the eye in m, inf for nothing, of shape (rows, columns).
-        normals: Outward unit normals in the world, zero for nothing, of shape (3, rows, columns).
+        geoms: Id of each geom, -1 for none, of shape (rows, columns).
+        distances: Distance from the eye in m, inf for none, of shape (rows, columns).
+        normals: Outward unit normals in the world, zero for none, of shape (3, rows, columns).
     """
 
     geoms: npt.NDArray[np.int32]
@@ -55,21 +55,21 @@ class Hits(NamedTuple):
 
     @classmethod
     def none(cls, fan: Fan) -> Hits:
-        """Of rays that have met nothing yet."""
+        """Hits of rays that hit nothing."""
         grid = fan.rays.shape[1:]
         return cls(np.full(grid, -1, np.int32), np.full(grid, np.inf), np.zeros((3, *grid)))
 
 
 class Marks(NamedTuple):
-    """What the rays of a fan meet, as numbers from which `Hits` can be worked out.
+    """First intersections in the compact form that the kernels fill, from which `Hits` follow.
 
     Attributes:
-        faces: Number of a face among all of the shapes; of what is curved, -2 less its number among
-            them; -1 for nothing. Of shape (rows, columns).
-        distances: Distance from the eye in m, inf for nothing, of shape (rows, columns).
-        normals: Outward unit normals in the world of the faces that were asked, (f + n, 3).
-        eyes: Place of the eye in the axes of each shape that was asked, of shape (n, 3), in m.
-        turns: The camera's axes as columns in those axes, of shape (n, 3, 3).
+        faces: Index of a face among all faces of the shapes; for a curved shape -2 less its index;
+            -1 for none. Of shape (rows, columns).
+        distances: Distance from the eye in m, inf for none, of shape (rows, columns).
+        normals: Outward unit normals in the world of the faces that were tested, (f + n, 3).
+        eyes: Position of the eye in the frame of each shape that was tested, of shape (n, 3), m.
+        turns: The camera's axes as columns in that frame, of shape (n, 3, 3).
     """
 
     faces: npt.NDArray[np.int32]
@@ -80,23 +80,21 @@ class Marks(NamedTuple):
 
 
 class Shapes(NamedTuple):
-    """Shapes of n geoms, all hulls in one heap.
+    """Shapes of n geoms; the hulls share one array of corners and one of triangles.
 
     Attributes:
-        geoms: Numbers of the geoms in the model, of shape (n,).
+        geoms: Ids of the geoms in the model, of shape (n,).
         kinds: `HULL`, `PLANE`, `SPHERE`, `CYLINDER` or `CAPSULE`, of shape (n,).
-        sizes: Half lengths of a plane along x and y (inf: no end), radius and half length of the
-            others, of shape (n, 3), in m.
-        radii: Radii of the spheres about the geoms' centers that hold them, inf for planes, of
-            shape (n,), in m.
-        corners: Corners of all hulls, of shape (c, 3), in m.
-        triangles: Numbers of corners in this heap, of shape (f, 3).
+        sizes: Half lengths of a plane along x and y (inf: infinite); radius and half length of the
+            others, of shape (n, 3), m.
+        radii: Radii of bounding spheres about the geoms' centers, inf for planes, (n,), m.
+        corners: Corners of all hulls, of shape (c, 3), m.
+        triangles: Indices of their corners, of shape (f, 3).
         normals: Outward unit normals of the triangles, of shape (f, 3).
-        offsets: Distances of the planes from the origin of the geom, of shape (f,), in m.
-        heaps: First corner, last corner, first triangle, last triangle of each geom, the last
-            ones not counted, of shape (n, 4).
-        owners: Number of the geom of each face, of shape (f + n,): of each triangle, then of each
-            shape as a whole, which a plane's one face is.
+        offsets: Distances of the triangles' planes from the geom's origin, of shape (f,), m.
+        heaps: First and end corner, first and end triangle of each geom, of shape (n, 4).
+        owners: Id of the geom of each face, of shape (f + n,): of each triangle, then of each shape
+            as a whole (the one face of a plane).
     """
 
     geoms: Numbers
@@ -112,15 +110,15 @@ class Shapes(NamedTuple):
 
 
 class Lights(NamedTuple):
-    """Colors and lights of a model.
+    """Colors and lights of a model, each color as red, green, blue from 0 to 1.
 
     Attributes:
-        base: Red, green, blue of each geom, the sky's in the last row, of shape (ngeom + 1, 3).
-        ambient: What comes from all sides, of shape (3,).
-        head: What comes from the eye, of shape (3,).
-        active: Numbers of the lights that are on, of shape (n,).
-        distant: Whether they are of infinite distance, of shape (n,).
-        diffuse: Their colors, of shape (n, 3).
+        base: Color of each geom, the sky's in the last row, of shape (ngeom + 1, 3).
+        ambient: Ambient light, of shape (3,).
+        head: Head light, which shines from the eye, of shape (3,).
+        active: Ids of the active lights, of shape (n,).
+        distant: Whether they are directional, of shape (n,).
+        diffuse: Their diffuse colors, of shape (n, 3).
     """
 
     base: Matrix

@@ -1,4 +1,11 @@
-"""Images by ray casting: the same pixels on every machine, without a system library."""
+"""Rendering by ray casting: the same pixels on every machine, without a system library.
+
+One call of ``mj_multiRay`` for a whole image takes 0.3 to 3 µs per ray. Most geoms cover few
+pixels, so compiled kernels intersect only these rays with planes, spheres, cylinders, capsules,
+boxes and convex meshes; the other shapes are left to ``mj_multiRay``. Colors follow the diffuse
+part of MuJoCo's lighting, so that one color range serves both renderers: base color, head light and
+lights, without shadows and highlights, and with textures reduced to their mean color.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +34,9 @@ from bt_dualarm.sim.ray_kernel_arrays import (
 )
 from bt_dualarm.sim.renderer import Blocks, Exposure, Image, Viewpoint
 
-# Shapes with a closed-form intersection, as arrays for the kernels
+# Shapes
 
-
-_CONVEX_TOLERANCE = 1e-4
+_CONVEX_TOLERANCE = 1e-4  # share of a mesh's size by which a corner may lie outside a face
 _Type = mujoco.mjtGeom
 
 _ROUND: Final = {
@@ -41,11 +47,11 @@ _ROUND: Final = {
 
 
 class RayHull(NamedTuple):
-    """A convex body.
+    """A convex polyhedron.
 
     Attributes:
         corners: Positions of the corners, of shape (c, 3), m.
-        triangles: Numbers of the corners of each triangle, anticlockwise seen from outside, (f, 3).
+        triangles: Corner indices of each triangle, counterclockwise from outside, (f, 3).
         normals: Outward unit normals of the triangles, of shape (f, 3).
         offsets: Distances of their planes from the origin along the normals, of shape (f,).
     """
@@ -57,45 +63,45 @@ class RayHull(NamedTuple):
 
 
 def shapes_of(model: mujoco.MjModel, geoms: Sequence[int]) -> tuple[Shapes, list[int]]:
-    """The geoms that have a closed form, and the numbers of those that have none."""
+    """Convert geoms to arrays; returns also the ids of those without a closed-form intersection."""
     hulls = {geom: _hull(model, geom) for geom in geoms}
     known = [geom for geom in geoms if hulls[geom] is not None or _kind(model, geom) != HULL]
-    bodies = [hulls[geom] or _NOTHING for geom in known]
+    bodies = [hulls[geom] or _NO_HULL for geom in known]
     ends = np.cumsum([(0, 0), *((len(body.corners), len(body.triangles)) for body in bodies)], 0)
     shifted = [body.triangles + first for body, first in zip(bodies, ends[:-1, 0], strict=True)]
     sizes = model.geom_size[known].reshape(-1, 3).astype(float)
     kinds = np.array([_kind(model, geom) for geom in known], dtype=np.int64)
-    endless = (kinds == PLANE)[:, None] & (sizes <= 0.0)
+    is_infinite = (kinds == PLANE)[:, None] & (sizes <= 0.0)
     # A plane has no bounding sphere; MuJoCo gives it the radius 0.
     bounds = model.geom_rbound[known].astype(float)
     shapes = Shapes(
         geoms=np.array(known, dtype=np.int64),
         kinds=kinds,
-        sizes=np.where(endless, math.inf, sizes),
+        sizes=np.where(is_infinite, math.inf, sizes),
         radii=np.where(bounds > 0.0, bounds, math.inf),
-        corners=np.vstack([_NOTHING.corners, *(body.corners for body in bodies)]),
-        triangles=np.vstack([_NOTHING.triangles, *shifted]),
-        normals=np.vstack([_NOTHING.normals, *(body.normals for body in bodies)]),
-        offsets=np.concatenate([_NOTHING.offsets, *(body.offsets for body in bodies)]),
+        corners=np.vstack([_NO_HULL.corners, *(body.corners for body in bodies)]),
+        triangles=np.vstack([_NO_HULL.triangles, *shifted]),
+        normals=np.vstack([_NO_HULL.normals, *(body.normals for body in bodies)]),
+        offsets=np.concatenate([_NO_HULL.offsets, *(body.offsets for body in bodies)]),
         heaps=np.column_stack((ends[:-1, 0], ends[1:, 0], ends[:-1, 1], ends[1:, 1])),
         owners=np.concatenate([np.repeat(known, np.diff(ends[:, 1])), known]).astype(np.int64),
     )
     return shapes, sorted(set(geoms) - set(known))
 
 
-_NOTHING: Final = RayHull(
+_NO_HULL: Final = RayHull(
     np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3)), np.zeros(0)
 )
 
 
 def _kind(model: mujoco.MjModel, geom: int) -> int:
-    """What the geom is; a hull is what is made of triangles, and what has no closed form."""
+    """Kind of a geom; `HULL` for polyhedra, and for geoms without a closed form."""
     kind = int(model.geom_type[geom])
     return PLANE if kind == _Type.mjGEOM_PLANE else _ROUND.get(_Type(kind), HULL)
 
 
 def _hull(model: mujoco.MjModel, geom: int) -> RayHull | None:
-    """The geom as a convex body of triangles, ``None`` if it is none."""
+    """The geom as a convex polyhedron, None if it is not one."""
     kind = model.geom_type[geom]
     if kind == _Type.mjGEOM_BOX:
         return box(model.geom_size[geom].astype(float))
@@ -105,13 +111,13 @@ def _hull(model: mujoco.MjModel, geom: int) -> RayHull | None:
 
 
 def box(half: Vector) -> RayHull:
-    """A box about the origin, two triangles a side.
+    """A box about the origin, with two triangles per side.
 
     Args:
         half: Half lengths along x, y and z, of shape (3,), m.
     """
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-    # Sides +x, +y, +z, -x, -y, -z: corners anticlockwise seen from outside.
+    # Sides +x, +y, +z, -x, -y, -z: corners counterclockwise from outside.
     sides = ((4, 6, 7, 5), (2, 3, 7, 6), (1, 5, 7, 3), (0, 1, 3, 2), (0, 4, 5, 1), (0, 2, 6, 4))
     triangles = [half_side for a, b, c, d in sides for half_side in ((a, b, c), (a, c, d))]
     normals = np.vstack([np.eye(3), -np.eye(3)]).repeat(2, axis=0)
@@ -120,7 +126,7 @@ def box(half: Vector) -> RayHull:
 
 
 def _convex_mesh(model: mujoco.MjModel, mesh: int) -> RayHull | None:
-    """A mesh as a convex body, or ``None`` if it has a dent."""
+    """A mesh as a convex polyhedron, None if it is concave."""
     start = model.mesh_vertadr[mesh]
     count = model.mesh_vertnum[mesh]
     vertices = model.mesh_vert[start : start + count].astype(float)
@@ -130,19 +136,16 @@ def _convex_mesh(model: mujoco.MjModel, mesh: int) -> RayHull | None:
     corners = vertices[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
-    sound = areas > areas.max() * _CONVEX_TOLERANCE**2
-    normals = normals[sound] / areas[sound, None]
-    offsets = np.einsum("ij,ij->i", normals, corners[sound].mean(axis=1))
+    is_regular = areas > areas.max() * _CONVEX_TOLERANCE**2
+    normals = normals[is_regular] / areas[is_regular, None]
+    offsets = np.einsum("ij,ij->i", normals, corners[is_regular].mean(axis=1))
     size = float(np.ptp(vertices, axis=0).max())
     if (normals @ vertices.T - offsets[:, None]).max() > _CONVEX_TOLERANCE * size:
         return None
-    return RayHull(vertices, triangles[sound], normals, offsets)
+    return RayHull(vertices, triangles[is_regular], normals, offsets)
 
 
-# Colors of ray-cast surfaces: the diffuse part of MuJoCo's lighting, without shadows.
-#
-# Base color, head light and lights follow the rules of the OpenGL renderer, so that one color range
-# serves both. Textures are reduced to their mean color; highlights are left out.
+# Colors
 
 
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
@@ -152,10 +155,10 @@ class Shading:
     """Colors and lights of one model.
 
     Args:
-        model: Compiled.
+        model: Compiled model.
 
     Attributes:
-        lights: What the kernels read of them.
+        lights: Arrays for the kernels.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -163,7 +166,7 @@ class Shading:
         head = model.vis.headlight
         ambient = np.array(head.ambient, dtype=float) * bool(head.active)
         self.lights = Lights(
-            # The last row serves geom -1: a ray that hit nothing sees the sky.
+            # The last row is the sky's: rays that hit nothing have the geom id -1.
             base=np.vstack([geom_colors(model), _sky_color(model)]),
             ambient=ambient + model.light_ambient[active].sum(axis=0),
             head=np.array(head.diffuse, dtype=float) * bool(head.active),
@@ -173,7 +176,7 @@ class Shading:
         )
 
     def colors(self, data: mujoco.MjData, fan: Fan, hits: Hits) -> Image:
-        """Colors of what the rays of ``fan`` met, of shape (rows, columns, 3).
+        """Colors of the hits of ``fan``, of shape (rows, columns, 3).
 
         Light positions of ``data`` must be up to date.
         """
@@ -185,11 +188,11 @@ class Shading:
 
 
 def geom_colors(model: mujoco.MjModel) -> Matrix:
-    """Red, green, blue of each geom, of shape (ngeom, 3): its own color, else its material's."""
+    """Color of each geom, of shape (ngeom, 3): its own, else its material's."""
     colors: Matrix = model.geom_rgba[:, :3].astype(float)
     materials = model.geom_matid
-    plain = (model.geom_rgba == np.array(_DEFAULT_RGBA, dtype=np.float32)).all(axis=1)
-    from_material = (materials >= 0) & plain
+    has_default = (model.geom_rgba == np.array(_DEFAULT_RGBA, dtype=np.float32)).all(axis=1)
+    from_material = (materials >= 0) & has_default
     colors[from_material] = model.mat_rgba[materials[from_material], :3]
     role = mujoco.mjtTextureRole.mjTEXROLE_RGB
     for geom in np.flatnonzero(materials >= 0):
@@ -200,7 +203,7 @@ def geom_colors(model: mujoco.MjModel) -> Matrix:
 
 
 def _sky_color(model: mujoco.MjModel) -> Vector:
-    """Mean color of the sky box, of shape (3,); black, as in OpenGL, where there is none."""
+    """Mean color of the sky box, of shape (3,); black, as in OpenGL, if there is none."""
     skies = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
     return _mean_color(model, int(skies[0])) if len(skies) else np.zeros(3)
 
@@ -218,21 +221,17 @@ def _mean_color(model: mujoco.MjModel, texture: int) -> Vector:
     return mean
 
 
-# Intersections of rays: in closed form where possible, by ``mj_multiRay`` for the rest.
-#
-# One call of ``mj_multiRay`` for a whole image takes 0.3 to 3 microseconds a ray. Most geoms cover
-# few pixels, so compiled kernels intersect only those for planes, spheres, cylinders, capsules,
-# boxes and convex meshes. Other shapes are left to ``mj_multiRay``.
+# Rays
 
 
 _NO_LIMIT_M = 1e10
 
 
 class RayScene:
-    """The visible geoms of a model.
+    """The visible geoms of a model, ready for ray casting.
 
     Args:
-        model: Geometry is read once; poses come with the state.
+        model: Compiled model; its shapes are read once, poses come with the state.
         groups: Geom groups that are visible.
     """
 
@@ -240,10 +239,10 @@ class RayScene:
         self.model = model
         visible = [g for g in range(model.ngeom) if _is_visible(model, g, groups)]
         self._shapes, others = shapes_of(model, visible)
-        self._others = _only(model, others) if others else None
+        self._others = _model_with_only(model, others) if others else None
 
     def trace(self, data: mujoco.MjData, fan: Fan) -> Hits:
-        """Follow the rays to the nearest surfaces."""
+        """Find the first intersection of each ray."""
         from bt_dualarm.sim.ray_trace_kernels import describe, trace
 
         axes = data.geom_xmat
@@ -253,11 +252,11 @@ class RayScene:
         return hits
 
     def colors(self, shading: Shading, data: mujoco.MjData, fan: Fan) -> Image:
-        """Colors of what the rays meet, of shape (rows, columns, 3).
+        """Colors of the first intersections, of shape (rows, columns, 3).
 
         Args:
             shading: Colors and lights of the model.
-            data: State with positions of geoms and lights that are up to date.
+            data: State with up-to-date positions of geoms and lights.
             fan: The rays.
         """
         if self._others is not None:
@@ -273,14 +272,14 @@ class RayScene:
 
 
 def _is_visible(model: mujoco.MjModel, geom: int, groups: Sequence[int]) -> bool:
-    """Whether a geom is in a visible group and not wholly transparent: ``mj_multiRay``'s rule."""
+    """Whether a geom is in a visible group and not fully transparent, as in ``mj_multiRay``."""
     material = model.geom_matid[geom]
     opaque = model.geom_rgba[geom, 3] > 0.0 or (material >= 0 and model.mat_rgba[material, 3] > 0.0)
     return bool(opaque and model.geom_group[geom] in groups)
 
 
-def _only(model: mujoco.MjModel, geoms: Sequence[int]) -> mujoco.MjModel:
-    """A copy of the model in which these geoms alone are in group 0."""
+def _model_with_only(model: mujoco.MjModel, geoms: Sequence[int]) -> mujoco.MjModel:
+    """A copy of the model in which only these geoms are in group 0."""
     alone = copy.copy(model)
     alone.geom_group[:] = 1
     alone.geom_group[list(geoms)] = 0
@@ -288,7 +287,7 @@ def _only(model: mujoco.MjModel, geoms: Sequence[int]) -> mujoco.MjModel:
 
 
 def _cast(model: mujoco.MjModel, data: mujoco.MjData, fan: Fan, hits: Hits) -> None:
-    """Enter the geoms in group 0 of ``model`` into the hits by ``mj_multiRay``."""
+    """Update the hits with the geoms in group 0 of ``model``, by ``mj_multiRay``."""
     rays = fan.axes @ fan.rays.reshape(3, -1)
     count = rays.shape[1]
     first_group = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
@@ -310,16 +309,16 @@ _JITTER_SEED = 7
 
 
 class RayRenderer:
-    """One ray a pixel, or a block of pixels, through a random but fixed point of it.
+    """Renders with one ray per pixel or block of pixels, through a random but fixed point of it.
 
-    The jitter makes centroids finer: rays on a grid all cross a straight edge at the same
-    moment, jittered ones one after the other (0.15 against 0.05 px standard deviation).
+    The jitter makes centroids more precise: rays on a regular grid all cross a straight edge at the
+    same moment, jittered ones one after the other (standard deviation 0.05 instead of 0.15 px).
     """
 
     name = "ray"
 
     def __init__(self) -> None:
-        self._drawn: _Drawn | None = None
+        self._cached: _ModelCache | None = None
 
     def render(self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure) -> Image:
         """See `Renderer`."""
@@ -329,22 +328,22 @@ class RayRenderer:
         self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, blocks: Blocks
     ) -> Image:
         """Colors of some blocks of the image, of shape (rows, columns, 3)."""
-        if self._drawn is None or self._drawn.model is not model:
-            self._drawn = _Drawn(model)
-        scene = self._drawn.scene(exposure.groups)
+        if self._cached is None or self._cached.model is not model:
+            self._cached = _ModelCache(model)
+        scene = self._cached.scene(exposure.groups)
         fan = _fan(model, data, exposure, blocks)
-        return scene.colors(self._drawn.shading, data, fan)
+        return scene.colors(self._cached.shading, data, fan)
 
     def close(self) -> None:
-        """Let go of the last model."""
-        self._drawn = None
+        """Release the last model."""
+        self._cached = None
 
 
-class _Drawn:
-    """What was read of a model, once for all images of it.
+class _ModelCache:
+    """Shading and scenes of one model, read once for all its images.
 
     Args:
-        model: Compiled.
+        model: Compiled model.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -353,14 +352,14 @@ class _Drawn:
         self._scenes: dict[tuple[int, ...], RayScene] = {}
 
     def scene(self, groups: tuple[int, ...]) -> RayScene:
-        """What rays meet of the geoms in these groups."""
+        """The scene with the geoms in these groups."""
         if groups not in self._scenes:
             self._scenes[groups] = RayScene(self.model, groups)
         return self._scenes[groups]
 
 
 def warm_up_renderer() -> None:
-    """Have all kernels of the ray caster compiled."""
+    """Compile the kernels of the ray caster."""
     spec = mujoco.MjSpec()
     spec.worldbody.add_geom(size=(0.1, 0.1, 0.1))
     spec.worldbody.add_camera()
@@ -369,7 +368,7 @@ def warm_up_renderer() -> None:
 
 
 def fan_of(viewpoint: Viewpoint, width: int, height: int) -> Fan:
-    """The rays of a whole image, one a pixel."""
+    """The rays of a whole image, one per pixel."""
     return Fan(
         eye=viewpoint.eye,
         axes=viewpoint.axes,
@@ -380,7 +379,7 @@ def fan_of(viewpoint: Viewpoint, width: int, height: int) -> Fan:
 
 
 def _fan(model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, blocks: Blocks) -> Fan:
-    """The rays of those blocks of a camera's image that are drawn."""
+    """The rays of some blocks of a camera's image."""
     camera_id = exposure.camera_id
     stride = exposure.stride
     width = exposure.width
@@ -402,7 +401,7 @@ def _fan(model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure, blocks:
 def _rays_of(
     grid: tuple[int, int, float, int], top: int, bottom: int, left: int, right: int
 ) -> npt.NDArray[np.float64]:
-    """Some of the rays of a camera: a target that rests is asked for in the same part again."""
+    """Part of a camera's rays, cached: a target at rest stays in the same region."""
     return camera_rays(*grid)[:, top:bottom, left:right].copy()
 
 

@@ -1,4 +1,4 @@
-"""Which surface each ray meets first, and what color it has there: compiled."""
+"""Compiled kernels of the ray caster: the first surface on each ray, and its color."""
 
 from __future__ import annotations
 
@@ -21,24 +21,26 @@ from bt_dualarm.sim.ray_kernel_arrays import (
     Shapes,
 )
 
-# What each ray of a fan meets first.
+# First intersections
 
 
 @kernel
-def trace(shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan) -> Marks:
-    """Mark the nearest surfaces.
+def trace(shapes: Shapes, positions: Matrix, axes: Matrix, fan: Fan) -> Marks:
+    """Find the nearest surface on each ray.
+
+    Shapes are visited from near to far, so that later ones are mostly hidden and cost little.
 
     Args:
         shapes: The shapes of n geoms.
-        places: Places of all geoms of the model, of shape (ngeom, 3), in m.
-        axes: Axes of all geoms of the model, row by row, of shape (ngeom, 9).
+        positions: Positions of all geoms of the model, of shape (ngeom, 3), m.
+        axes: Rotation matrices of all geoms of the model, row by row, of shape (ngeom, 9).
         fan: The rays.
 
     Returns:
-        What they meet.
+        The intersections in compact form.
     """
-    marks = _nothing(shapes, fan)
-    for index in _ahead(shapes, places, fan):
+    marks = _no_marks(shapes, fan)
+    for index in _visible_by_distance(shapes, positions, fan):
         geom = shapes.geoms[index]
         own = axes[geom].reshape(3, 3)
         eye = marks.eyes[index]
@@ -46,7 +48,7 @@ def trace(shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan) -> Marks:
         for one in range(3):
             eye[one] = 0.0
             for other in range(3):
-                eye[one] += (fan.eye[other] - places[geom, other]) * own[other, one]
+                eye[one] += (fan.eye[other] - positions[geom, other]) * own[other, one]
                 turn[one, other] = 0.0
                 for between in range(3):
                     turn[one, other] += own[between, one] * fan.axes[between, other]
@@ -58,8 +60,8 @@ def trace(shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan) -> Marks:
 
 
 @kernel
-def _nothing(shapes: Shapes, fan: Fan) -> Marks:
-    """Marks of rays that have met nothing yet."""
+def _no_marks(shapes: Shapes, fan: Fan) -> Marks:
+    """Marks of rays that hit nothing."""
     rows = fan.rays.shape[1]
     columns = fan.rays.shape[2]
     count = len(shapes.geoms)
@@ -73,7 +75,7 @@ def _nothing(shapes: Shapes, fan: Fan) -> Marks:
 
 @kernel
 def describe(shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks) -> Hits:
-    """What is marked; arguments as of `trace`."""
+    """Convert marks to hits; arguments as of `trace`."""
     rows, columns = marks.faces.shape
     hits = Hits(np.empty((rows, columns), np.int32), marks.distances, np.empty((3, rows, columns)))
     faces, owners, normals = facets(shapes, axes, fan, marks)
@@ -90,11 +92,11 @@ def describe(shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks) -> Hits:
 def facets(
     shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks
 ) -> tuple[npt.NDArray[np.int32], Numbers, Matrix]:
-    """The faces that rays meet; of what is curved, one for each ray; arguments as of `describe`.
+    """Faces that rays hit, with one face per ray for curved shapes; arguments as of `describe`.
 
     Returns:
-        Number of the face that each ray meets, -1 for nothing, of shape (rows, columns); numbers
-        of the faces' geoms, of shape (n,); their outward unit normals in the world, (n, 3).
+        Index of the face that each ray hits, -1 for none, of shape (rows, columns); ids of the
+        faces' geoms, of shape (n,); their outward unit normals in the world, of shape (n, 3).
     """
     count = 0
     for row in range(marks.faces.shape[0]):
@@ -117,12 +119,12 @@ def _add_rounds(
     shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks,
     faces: npt.NDArray[np.int32], owners: Numbers, normals: Matrix,
 ) -> None:  # fmt: skip
-    """Enter a face for each ray that meets what is curved, after all others."""
+    """Append a face, with the local normal, for each ray that hits a curved shape."""
     rays = fan.rays
     eyes = marks.eyes
     turns = marks.turns
     size = shapes.sizes
-    place = np.empty(3)
+    point = np.empty(3)
     face = len(shapes.owners)
     for row in range(faces.shape[0]):
         for column in range(faces.shape[1]):
@@ -137,11 +139,11 @@ def _add_rounds(
             for axis in range(3):
                 along = turns[index, axis, 0] * x + turns[index, axis, 1] * y
                 along += turns[index, axis, 2] * z
-                place[axis] = eyes[index, axis] + away * along
+                point[axis] = eyes[index, axis] + away * along
             kind = shapes.kinds[index]
             radius = size[index, 0]
             half = size[index, 1]
-            u, v, w = outward(kind, radius, half, place[0], place[1], place[2])
+            u, v, w = outward(kind, radius, half, point[0], point[1], point[2])
             own = axes[geom]
             for axis in range(3):
                 along = own[3 * axis] * u + own[3 * axis + 1] * v
@@ -152,10 +154,10 @@ def _add_rounds(
 
 
 @kernel
-def _ahead(shapes: Shapes, places: Matrix, fan: Fan) -> Numbers:
-    """Numbers of the shapes whose bounding sphere reaches into the fan, planes last.
+def _visible_by_distance(shapes: Shapes, positions: Matrix, fan: Fan) -> Numbers:
+    """Indices of the shapes whose bounding sphere reaches into the fan, near ones first.
 
-    In the order of distance; of shapes that lie in one surface, the first is seen.
+    Planes, which have no bounding sphere, come last. Of coplanar surfaces the first one is visible.
     """
     count = len(shapes.geoms)
     closest = np.empty(count)
@@ -165,7 +167,7 @@ def _ahead(shapes: Shapes, places: Matrix, fan: Fan) -> Numbers:
         for axis in range(3):
             center[axis] = 0.0
             for along in range(3):
-                offset = places[shapes.geoms[index], along] - fan.eye[along]
+                offset = positions[shapes.geoms[index], along] - fan.eye[along]
                 center[axis] += offset * fan.axes[along, axis]
         radius = shapes.radii[index]
         if sphere_is_seen(fan, center, radius):
@@ -176,7 +178,7 @@ def _ahead(shapes: Shapes, places: Matrix, fan: Fan) -> Numbers:
 
 @kernel
 def _by_distance(closest: Vector) -> Numbers:
-    """Numbers of those that are not NaN, nearest first, equal ones as they come."""
+    """Indices of the values that are not NaN, in ascending order (a stable insertion sort)."""
     order = np.empty(len(closest), np.int64)
     filled = 0
     for index in range(len(closest)):
@@ -191,16 +193,16 @@ def _by_distance(closest: Vector) -> Numbers:
     return order[:filled]
 
 
-# Colors of what rays have met.
+# Colors
 
 
 @kernel
 def draw(
-    shapes: Shapes, places: Matrix, axes: Matrix, fan: Fan, lights: Lights,
+    shapes: Shapes, positions: Matrix, axes: Matrix, fan: Fan, lights: Lights,
     lit_from: Matrix, lit_along: Matrix, pixels: npt.NDArray[np.uint8],
 ) -> None:  # fmt: skip
-    """Enter the colors of what the rays meet; arguments as of `trace` and `shade`."""
-    marks = trace(shapes, places, axes, fan)
+    """Trace rays and enter the colors of what they hit; arguments as of `trace` and `shade`."""
+    marks = trace(shapes, positions, axes, fan)
     faces, owners, normals = facets(shapes, axes, fan, marks)
     sun = _sun(lights, lit_from, lit_along)
     _shade(lights, sun, fan, faces, owners, normals, marks.distances, pixels)
@@ -211,15 +213,15 @@ def shade(
     lights: Lights, lit_from: Matrix, lit_along: Matrix, fan: Fan, hits: Hits,
     pixels: npt.NDArray[np.uint8],
 ) -> None:  # fmt: skip
-    """Enter colors into the pixels, of shape (rows, columns, 3): sky where nothing was met.
+    """Enter the colors of hits, of shape (rows, columns, 3), the sky's where there is none.
 
     Args:
         lights: The lights.
-        lit_from: Places of all lights of the model, of shape (nlight, 3), in m.
-        lit_along: Unit vectors along which they shine, of shape (nlight, 3).
+        lit_from: Positions of all lights of the model, of shape (nlight, 3), m.
+        lit_along: Unit vectors of their directions, of shape (nlight, 3).
         fan: The rays.
-        hits: What they met.
-        pixels: The pixels.
+        hits: Their hits.
+        pixels: The pixels; changed.
     """
     rows, columns = hits.geoms.shape
     faces = np.empty((rows, columns), np.int32)
@@ -240,7 +242,7 @@ def _shade(
     lights: Lights, sun: Matrix, fan: Fan, faces: npt.NDArray[np.int32], owners: Numbers,
     normals: Matrix, distances: Matrix, pixels: npt.NDArray[np.uint8],
 ) -> None:  # fmt: skip
-    """As `shade`, of faces as of `facets`; lights are at, or toward, `sun`, of shape (n, 3)."""
+    """As `shade`, for faces as of `facets`, and lights at, or toward, ``sun`` of shape (n, 3)."""
     light = np.empty(3)
     sky = _sky(lights)
     rays = fan.rays
@@ -286,7 +288,7 @@ def _shade(
 
 @kernel
 def _sky(lights: Lights) -> npt.NDArray[np.uint8]:
-    """The color of the sky, which no light falls on, of shape (3,)."""
+    """Color of the sky, which is not shaded, of shape (3,)."""
     sky = np.empty(3, np.uint8)
     for channel in range(3):
         sky[channel] = _level(lights.base[-1, channel])
@@ -295,13 +297,13 @@ def _sky(lights: Lights) -> npt.NDArray[np.uint8]:
 
 @kernel
 def _level(shaded: float) -> np.uint8:
-    """The level, of 255, of a share of full brightness."""
+    """Pixel value, 0 to 255, of a brightness from 0 to 1."""
     return np.uint8(min(max(shaded, 0.0), 1.0) * 255.0 + 0.5)
 
 
 @kernel
 def _sun(lights: Lights, lit_from: Matrix, lit_along: Matrix) -> Matrix:
-    """Places of the lights that are on, the direction toward those that are distant, (n, 3)."""
+    """Positions of the active lights, or the directions toward directional ones, (n, 3)."""
     sun = np.empty((len(lights.active), 3))
     for index in range(len(sun)):
         for axis in range(3):
@@ -312,7 +314,7 @@ def _sun(lights: Lights, lit_from: Matrix, lit_along: Matrix) -> Matrix:
     return sun
 
 
-# Blocks of pixels that share a color, in an image.
+# Blocks
 
 
 @kernel
@@ -323,11 +325,11 @@ def enter(
     step: int,
     blocks: npt.NDArray[np.uint8],
 ) -> None:
-    """Enter blocks into a region of an image, of shape (height, width, 3).
+    """Write blocks into a region of an image, of shape (height, width, 3).
 
     Args:
-        image: Image that takes them.
-        region: Part that they cover: left, top, right, bottom.
+        image: Image; changed.
+        region: Region that they cover: left, top, right, bottom.
         corner: Column and row of the first pixel of the first block, at most those of the region.
         step: Edge of a block in pixels.
         blocks: Their colors, of shape (rows, columns, 3).
@@ -346,5 +348,5 @@ def enter(
         first = corner[1] + row * step
         for y in range(max(first, top), min(first + step, bottom)):
             part = flat[y, 3 * left : 3 * right]
-            for place in range(len(part)):
-                part[place] = inside[place]
+            for i in range(len(part)):
+                part[i] = inside[i]

@@ -1,4 +1,8 @@
-"""What a camera renders with: the interface of both renderers, and the choice between them."""
+"""Interface of the renderers: exposures, blocks of pixels, and viewpoints.
+
+A camera asks a `Renderer` for an `Exposure`: a region of its image, in full resolution or in blocks
+of pixels that share a color. `ray_renderer` and `gl_renderer` implement the protocol.
+"""
 
 from __future__ import annotations
 
@@ -29,17 +33,17 @@ RendererKind: TypeAlias = Literal["auto", "gl", "ray"]
 
 @dataclass(frozen=True)
 class Exposure:
-    """What is drawn of a camera's image, and how finely.
+    """A region of a camera's image, and the resolution in which it is rendered.
 
     Attributes:
-        camera_id: Number of the camera in the model.
+        camera_id: Id of the camera in the model.
         width: Width of the whole image in pixels.
         height: Height of the whole image in pixels.
-        region: Part that is drawn, the rest stays black; None for the whole image.
-        stride: Edge in pixels of the blocks that share a color; 1 for a full image.
+        region: Region that is rendered, the rest stays black; None for the whole image.
+        stride: Edge in pixels of the blocks that share a color; 1 for full resolution.
         groups: Geom groups that are visible.
-        alone: Whether the colors of its blocks are asked for, of shape (rows, columns, 3), and no
-            image that is black around them.
+        alone: Whether the result is an array of the blocks' colors, of shape (rows, columns, 3),
+            instead of a full image.
     """
 
     camera_id: int
@@ -51,11 +55,11 @@ class Exposure:
     alone: bool = False
 
     def paint(self, draw: Callable[[Blocks], Image]) -> Image:
-        """What is asked for: the image, of shape (height, width, 3), or its blocks alone.
+        """Render the image, of shape (height, width, 3), or its blocks alone.
 
         Args:
-            draw: Colors of some blocks, of shape (rows, columns, 3); not called where the region
-                is empty.
+            draw: Function that returns the colors of some blocks, of shape (rows, columns, 3); not
+                called for an empty region.
         """
         if self.is_empty:
             return np.zeros((0, 0, 3) if self.alone else (self.height, self.width, 3), np.uint8)
@@ -70,7 +74,7 @@ class Exposure:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is drawn."""
+        """Whether the clipped region is empty."""
         left, top, right, bottom = self.clipped
         return right <= left or bottom <= top
 
@@ -89,7 +93,7 @@ class Exposure:
 
     @cached_property
     def clipped(self) -> Region:
-        """The part that is drawn, inside the image; may be empty."""
+        """The region inside the image; may be empty."""
         return clip_region(self.region, self.width, self.height)
 
 
@@ -106,21 +110,21 @@ class RenderableWorld(Protocol):
 
 
 class Renderer(Protocol):
-    """Draws what a camera of the model sees."""
+    """Renders the images of a model's cameras."""
 
     @property
     def name(self) -> str:
         """``"gl"`` or ``"ray"``."""
 
     def render(self, model: mujoco.MjModel, data: mujoco.MjData, exposure: Exposure) -> Image:
-        """The image that is asked for, of shape (height, width, 3), or its blocks alone.
+        """Render an image of shape (height, width, 3), or its blocks alone.
 
         Needs kinematics and camera poses of ``data`` to be up to date (``mj_kinematics``,
         ``mj_camlight``).
         """
 
     def close(self) -> None:
-        """Give back what the renderer holds; harmless when repeated."""
+        """Free the renderer's resources; harmless when repeated."""
 
 
 def clip_region(region: Region | None, width: int, height: int) -> Region:
@@ -135,11 +139,11 @@ def clip_region(region: Region | None, width: int, height: int) -> Region:
 def enter_blocks(
     image: Image, region: Region, step: int, blocks: Image, corner: tuple[int, int] | None = None
 ) -> None:
-    """Enter blocks into a region of an image, of shape (height, width, 3).
+    """Write blocks into a region of an image, of shape (height, width, 3).
 
     Args:
-        image: Image that takes them.
-        region: Part that they cover; the last ones may be cut off.
+        image: Image, changed in place.
+        region: Region that they cover; the last blocks may be cut off.
         step: Edge of a block in pixels.
         blocks: Their colors, of shape (rows, columns, 3).
         corner: Column and row of the first pixel of the first block; by default the region's.
@@ -154,25 +158,24 @@ def enter_blocks(
 
 
 def _covering(start: int, stop: int, stride: int) -> slice:
-    """Numbers of the blocks of ``stride`` pixels that cover the pixels from start to stop."""
+    """Indices of the blocks of ``stride`` pixels that cover the pixels from start to stop."""
     return slice(start // stride, -(-stop // stride))
 
 
-# Viewpoint from which everything that matters is in the image
-
+# Viewpoints
 
 _MARGIN = 1.06
-"""So much farther away than needed, so that nothing touches the edge of the image."""
+"""Factor of the distance that leaves a margin around the points at the edge of the image."""
 
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """A pinhole camera for people, outside of the world.
+    """A pinhole camera that is not part of the model, for images for people.
 
     Attributes:
-        eye: Position of the eye in the world, of shape (3,), m.
-        look_at: Point of the world that appears in the middle, of shape (3,), m.
-        fov_deg: Angle that the height of the image spans.
+        eye: Position of the camera in the world, of shape (3,), m.
+        look_at: Point of the world in the middle of the image, of shape (3,), m.
+        fov_deg: Vertical field of view.
     """
 
     eye: Vector
@@ -185,7 +188,7 @@ class Viewpoint:
         return _axes_toward(self.eye - self.look_at)
 
     def pixels(self, points: Matrix, width: int, height: int) -> Matrix:
-        """Where points of the world, of shape (n, 3), appear in an image: of shape (n, 2)."""
+        """Project points of the world, of shape (n, 3), to pixels, of shape (n, 2)."""
         inside = (points - self.eye) @ self.axes
         focal = height / 2 / math.tan(math.radians(self.fov_deg) / 2)
         x = width / 2 - focal * inside[:, 0] / inside[:, 2]
@@ -194,13 +197,13 @@ class Viewpoint:
 
 
 def fitted(points: Matrix, direction: Vector, fov_deg: float, aspect: float) -> Viewpoint:
-    """The nearest viewpoint in a direction that has all points in its image.
+    """The nearest viewpoint in a given direction whose image contains all points.
 
     Args:
         points: Points of the world, of shape (n, 3), at least one, m.
-        direction: Vector from the scene to the eye, of shape (3,), not vertical.
-        fov_deg: Angle that the height of the image spans.
-        aspect: Width of the image by its height.
+        direction: Vector from the scene to the camera, of shape (3,), not vertical.
+        fov_deg: Vertical field of view.
+        aspect: Width of the image over its height.
     """
     axes = _axes_toward(direction)
     inside = points @ axes
@@ -213,6 +216,7 @@ def fitted(points: Matrix, direction: Vector, fov_deg: float, aspect: float) -> 
 
 
 def _axes_toward(backward: Vector) -> Matrix:
+    """Camera axes as columns, z along ``backward``, x horizontal."""
     z = backward / np.linalg.norm(backward)
     x = np.cross((0.0, 0.0, 1.0), z)
     x /= np.linalg.norm(x)

@@ -1,4 +1,9 @@
-"""One MuJoCo world with arms and objects that come and go while it runs."""
+"""The simulated world: one MuJoCo model whose arms and objects come and go while it runs.
+
+The world keeps an `mujoco.MjSpec` and recompiles it whenever something is added or removed; MuJoCo
+carries over the state of everything that stays. `generation` counts recompilations: code that keeps
+indices or views of ``model`` and ``data`` must look them up again when it changes.
+"""
 
 from __future__ import annotations
 
@@ -28,38 +33,36 @@ from bt_dualarm.sim.composition import (
 from bt_dualarm.sim.world_view import Devices, HoldingView
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 
-# Physics step, with a check for divergence
+# Physics step
 
-
-_ABSURD_SPEED = 1e4  # rad/s or m/s: nothing on a table moves like this
+_MAX_SPEED = 1e4  # rad/s or m/s: no valid state comes near it
 
 
 class Stepping:
-    """Makes the steps of a world, until it is compiled anew.
+    """Steps one compiled model and detects divergence.
 
     Args:
         model: Compiled world.
-        data: State of it.
+        data: Its state.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._model = model
         self._data = data
-        # Views: looking a field up costs more than what is done with it.
-        self._torque = data.ctrl
-        self._speed = data.qvel
-        self._place = data.qpos
+        # Views: an attribute lookup on mjData costs more than the arithmetic on it.
+        self._ctrl = data.ctrl
+        self._qvel = data.qvel
+        self._qpos = data.qpos
 
     def advance(self, between: Iterable[Callable[[], None]] = ()) -> float:
-        """Advance by one step; positions, contacts and inertias are then those of now.
+        """Advance by one step and bring positions, contacts and inertias up to date.
 
-        ``mj_step`` would leave them as they were before the step, 2 ms old: its two halves are
-        called in the other order.
+        ``mj_step`` leaves the derived quantities at the state before the step, 2 ms old. Calling
+        its two halves in reverse order (``mj_step2``, then ``mj_step1``) avoids that.
 
         Args:
-            between: Functions that are called when velocities are those of now, and forces that
-                hang on them are not; contacts are those of before, with the forces that they had in
-                the step.
+            between: Functions called between the halves: velocities are new, while contacts and
+                their forces are still those of the step.
 
         Returns:
             Simulated time in s.
@@ -69,18 +72,20 @@ class Stepping:
         """
         model = self._model
         data = self._data
-        torque = self._torque
-        if not math.isfinite(torque.dot(torque)):  # MuJoCo would take all torques for zero
-            raise DivergenceError(_diagnosis(model, data, "is driven by what is not a number"))
+        ctrl = self._ctrl
+        if not math.isfinite(ctrl.dot(ctrl)):  # MuJoCo would replace all controls by zero
+            raise DivergenceError(_divergence(model, data, "has a command that is not finite"))
         before = data.time
         mujoco.mj_step2(model, data)
-        speed = self._speed
-        place = self._place
-        # Squares, because one product of vectors costs a tenth of looking at each element.
-        if not (speed.dot(speed) < _ABSURD_SPEED**2 and math.isfinite(place.dot(place))):
-            raise DivergenceError(_diagnosis(model, data, "moves absurdly fast or is not a number"))
-        for look in between:
-            look()
+        qvel = self._qvel
+        qpos = self._qpos
+        # A dot product costs a tenth of a test of each element.
+        if not (qvel.dot(qvel) < _MAX_SPEED**2 and math.isfinite(qpos.dot(qpos))):
+            raise DivergenceError(
+                _divergence(model, data, "moves impossibly fast or has a state that is not finite")
+            )
+        for callback in between:
+            callback()
         mujoco.mj_step1(model, data)
         now: float = data.time
         if now <= before:
@@ -88,16 +93,16 @@ class Stepping:
         return now
 
 
-def _diagnosis(model: mujoco.MjModel, data: mujoco.MjData, what: str) -> str:
+def _divergence(model: mujoco.MjModel, data: mujoco.MjData, what: str) -> str:
     return f"the simulation diverged at {data.time:.3f} s: {_culprit(model, data)} {what}"
 
 
 def _culprit(model: mujoco.MjModel, data: mujoco.MjData) -> str:
-    """What has a force or position that is not finite, else the fastest joint."""
+    """Name the actuator or joint with a non-finite value, else the fastest joint."""
     if not np.isfinite(data.ctrl).all():
         actuator = int(np.argmin(np.isfinite(data.ctrl)))
-        turns = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT  # else a gripper's
-        return f"{'joint' if turns else 'drive'} {model.actuator(actuator).name!r}"
+        is_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT  # else a gripper
+        return f"{'joint' if is_joint else 'drive'} {model.actuator(actuator).name!r}"
     if not np.isfinite(data.qpos).all():
         address = int(np.argmin(np.isfinite(data.qpos)))
         joint = int(np.searchsorted(model.jnt_qposadr, address, "right")) - 1
@@ -106,34 +111,36 @@ def _culprit(model: mujoco.MjModel, data: mujoco.MjData) -> str:
     return f"joint {model.joint(model.dof_jntid[fastest]).name!r}"
 
 
-# Penetration check of a spawned object or arm
+# Penetration of a spawned object or arm
 
-
-MOST_DEPTH = 0.005
-"""Depth in meters up to which an object that comes may be inside another: contacts push it out."""
+MAX_DEPTH = 0.005
+"""Penetration in m up to which something may be spawned inside another: contacts push it out."""
 
 
 def deepest_overlap(
     model: mujoco.MjModel, data: mujoco.MjData, name: str
 ) -> tuple[str, float] | None:
-    """What an arm or object is deepest inside of, and how deep in m; None below ``MOST_DEPTH``.
+    """Find the deepest penetration of an arm or object into another.
 
     Args:
         model: Compiled model.
-        data: State of it, with the contacts of now.
+        data: Its state, with current contacts.
         name: Name of the arm or object.
+
+    Returns:
+        Name of the other and the depth in m; None if no depth exceeds ``MAX_DEPTH``.
     """
     worst = None
     for geoms, distance in zip(data.contact.geom.tolist(), data.contact.dist, strict=True):
         names = [name_of_geom(model, geom) for geom in geoms]
         own = [part == name or part.startswith(f"{name}/") for part in names]
-        if own[0] != own[1] and -distance > max(MOST_DEPTH, worst[1] if worst else 0.0):
+        if own[0] != own[1] and -distance > max(MAX_DEPTH, worst[1] if worst else 0.0):
             worst = names[own.index(False)], float(-distance)
     return worst
 
 
 def overlap_error(kind: str, name: str, other: str, depth: float) -> OverlapError:
-    """What is said of an arm or object that would be so many meters deep in another object."""
+    """Error for an arm or object (``kind``) that would penetrate another by ``depth`` in m."""
     return OverlapError(name, f"{kind} {name!r} would be {1000 * depth:.0f} mm deep in {other}")
 
 
@@ -141,21 +148,23 @@ _log = logging.getLogger(__name__)
 
 
 class World(HoldingView):
-    """The composed world: ``model`` and ``data`` change identity when ``generation`` grows.
+    """The composed world; ``model`` and ``data`` are replaced when ``generation`` increases.
 
-    They are the plant: who controls an arm reads its `hardware` and `nominal`.
+    They are the plant. Controllers must not read them, but only `hardware` and `nominal`.
 
     Args:
-        file: Declares scene, objects and arms.
-        seed: Moves objects by their noise.
+        file: Tree file that declares scene, objects and arms.
+        seed: Seed of the noise on object poses and of all sampled errors.
         visuals: Load the full visual meshes, for images.
 
     Attributes:
-        before_removal: Functions that are told the name of an arm that is about to be taken away.
-        on_forces: Functions that are called in each step, when contacts have the forces of it.
+        before_removal: Functions called with the name of an arm just before it is removed.
+        on_forces: Functions called in each step while contacts and their forces are consistent.
         declared_arms: Every arm of the file, present or not.
         declared_objects: Every object of the file, likewise.
-        devices: Hardware, grippers and nominal model of each arm that is present, by name.
+        robots: Robot of each declared arm, with its gripper mounted.
+        generation: Number of recompilations so far.
+        devices: Hardware, grippers and nominal model of each arm that is present.
 
     Raises:
         CatalogError: A robot or scene is unknown or broken.
@@ -163,7 +172,7 @@ class World(HoldingView):
     """
 
     def __init__(self, file: TreeFile, seed: int = 0, *, visuals: bool = False) -> None:
-        mujoco.set_mju_user_warning(_log.warning)  # else it writes a file where the user stands
+        mujoco.set_mju_user_warning(_log.warning)  # by default MuJoCo writes MUJOCO_LOG.TXT
         self._file = file
         self._visuals = visuals
         self.declared_arms: Mapping[str, ArmSpec] = file.arms
@@ -186,13 +195,13 @@ class World(HoldingView):
         self._spec = composition.scene_spec(file.world, file.root)
         if mounted:
             self.on_forces.append(self.devices.move_held_objects)
-            composition.copy_contact_options(self._spec)
+            composition.set_grasp_contact_options(self._spec)
         check_declarations(file, self.robots, composition.names_in(self._spec))
-        self.attachments = Attachments(self._spec, self._recompile, self._take_up)
+        self.attachments = Attachments(self._spec, self._recompile, self._rebind)
         self._compile_first()
 
     def step(self) -> None:
-        """Advance by one physics step; positions, contacts and inertias are then those of now.
+        """Advance by one physics step; positions, contacts and inertias are up to date afterwards.
 
         Raises:
             DivergenceError: A torque or the state is not finite, or time did not advance.
@@ -206,17 +215,17 @@ class World(HoldingView):
         self.devices.sense(self.data.time)
 
     def overlaps(self) -> Iterator[OverlapError]:
-        """Each arm or object that is inside another object now; of two in each other the first."""
-        said: set[tuple[str, str]] = set()
+        """Yield one error for each pair of arms or objects that penetrate each other."""
+        reported: set[tuple[str, str]] = set()
         for kind, names in (("arm", self.arms), ("object", self.objects)):
             for name in names:
                 inside = deepest_overlap(self.model, self.data, name)
-                if inside is not None and (inside[0].partition("/")[0], name) not in said:
-                    said.add((name, inside[0].partition("/")[0]))
+                if inside is not None and (inside[0].partition("/")[0], name) not in reported:
+                    reported.add((name, inside[0].partition("/")[0]))
                     yield overlap_error(kind, name, *inside)
 
     def refuse_overlaps(self) -> None:
-        """Raise an `OverlapError` if an arm or object is inside another object at the start."""
+        """Raise an `OverlapError` if any arm or object penetrates another."""
         for error in self.overlaps():
             raise error
 
@@ -224,22 +233,22 @@ class World(HoldingView):
         """Add a declared arm in its initial posture.
 
         Raises:
-            WorldError: Not declared, present already, or something is in its place.
+            WorldError: Not declared, present already, or its place is taken.
         """
         must_be_among(name, self._file.arms, "arm", "declared")
         if name in self.arms:
             raise WorldError(f"arm {name!r} is present already")
         self._add_arm(name)
         self._recompile()
-        self._take_posture(name)
-        self._look_again()
+        self._set_initial_posture(name)
+        self._refresh()
         inside = deepest_overlap(self.model, self.data, name)
         if inside is not None:
             self.remove_arm(name)
             raise overlap_error("arm", name, *inside)
 
     def remove_arm(self, name: str) -> None:
-        """Take an arm away; what it held falls.
+        """Remove an arm; the objects that it held fall.
 
         Raises:
             WorldError: The arm is not present.
@@ -247,7 +256,7 @@ class World(HoldingView):
         must_be_among(name, self.arms, "arm", "in the world")
         for notify in self.before_removal:
             notify(name)
-        if name not in self.arms:  # who was told has taken it away
+        if name not in self.arms:  # a callback has removed it already
             return
         self.attachments.forget(name)
         composition.remove_arm(self._spec, name, self.robots[name])
@@ -259,7 +268,7 @@ class World(HoldingView):
         """Add a declared object at rest, at its declared pose or at ``pose``.
 
         Raises:
-            WorldError: Not declared, present already, or something is in its place.
+            WorldError: Not declared, present already, or its place is taken.
         """
         must_be_among(name, self._file.objects, "object", "declared")
         if name in self.objects:
@@ -272,7 +281,7 @@ class World(HoldingView):
             raise overlap_error("object", name, *inside)
 
     def remove_object(self, name: str) -> None:
-        """Take an object away, out of any arm's hold.
+        """Remove an object, even one that an arm holds.
 
         Raises:
             WorldError: The object is not present.
@@ -284,12 +293,12 @@ class World(HoldingView):
         self._recompile()
 
     def restore(self, state: Vector) -> None:
-        """Go back to a state of the same generation, bit for bit; drives keep theirs."""
+        """Restore a state of the same generation, bit for bit; drives keep their own state."""
         mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-        self._look_again()
+        self._refresh()
 
     def _compile_first(self) -> None:
-        """What does not move comes first: the arms' bases may stand on it."""
+        """Compile the fixed objects first: they may be the surfaces that arms are mounted on."""
         self._add_objects(fixed=True)
         self._compile()
         self._surfaces: dict[str, MountingSurface | None] = {
@@ -303,8 +312,8 @@ class World(HoldingView):
         self._compile()
         self._bind()
         for name in self.arms:
-            self._take_posture(name)
-        self._look_again()
+            self._set_initial_posture(name)
+        self._refresh()
 
     def _add_objects(self, *, fixed: bool) -> None:
         for name, thing in self._file.objects.items():
@@ -324,21 +333,21 @@ class World(HoldingView):
         mujoco.mj_step1(self.model, self.data)
 
     def _recompile(self) -> None:
-        """Take up changes of the spec; the state of everything that stays is kept."""
+        """Compile the changed spec, keeping the state of everything that stays."""
         try:
             self.model, self.data = self._spec.recompile(self.model, self.data)
         except ValueError as error:
             raise WorldError(f"MuJoCo cannot recompile the world: {error}") from error
-        self._take_up()
+        self._rebind()
 
-    def _take_up(self) -> None:
-        """Let everybody look again at what there is, and at who holds what."""
+    def _rebind(self) -> None:
+        """Start a new generation: bind arms and devices to model, data and attachments."""
         self.generation += 1
         self._bind()
-        self._look_again()
+        self._refresh()
 
-    def _look_again(self) -> None:
-        """Bring up to date what hangs on the state, and read the sensors."""
+    def _refresh(self) -> None:
+        """Update everything derived from the state, and read the sensors."""
         self.devices.update_friction()
         mujoco.mj_step1(self.model, self.data)
         self.sense()
@@ -355,18 +364,18 @@ class World(HoldingView):
     def _add_arm(self, name: str) -> None:
         arm = self._file.arms[name]
         robot = self.robots[name]
-        drawn = self.devices.sampled[name]
+        sampled = self.devices.sampled[name]
         surface = self._surfaces[name]
         visuals = self._visuals
         gripper = self.devices.mounted.get(name)
         composition.add_arm(
-            self._spec, name, arm, robot, drawn, gripper, surface=surface, visuals=visuals
+            self._spec, name, arm, robot, sampled, gripper, surface=surface, visuals=visuals
         )
         self.devices.add(name, self._spec.option)
         self.arms[name] = None  # type: ignore[assignment]  # bound when the model is compiled
 
-    def _take_posture(self, name: str) -> None:
-        """Put an arm that has just come into its initial posture: before its first step only."""
+    def _set_initial_posture(self, name: str) -> None:
+        """Put an arm that was just added into its initial posture, before its first step."""
         posture = self.robots[name].postures[self._file.arms[name].posture]
         self.data.qpos[self.arms[name].qpos_ids] = posture
         self.devices.open_gripper(name)

@@ -1,4 +1,4 @@
-"""What can be measured in a world: poses, velocities, contacts, attachments."""
+"""Access to a world: its devices, and measurements of poses, velocities and contacts."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ from bt_dualarm.sim.grippers import GripperHardware, HeldObjectMotion, move_held
 from bt_dualarm.spec.document import ObjectSpec, TreeFile
 from bt_dualarm.spec.reality import REALITY_SETS, RealityErrors, resolved
 
-# Interface of arms to their controllers: hardware and nominal model
+# Devices
 
 
 class Devices:
-    """Hardware and nominal model of each arm that is present.
+    """Hardware and nominal model of each arm that is present: all that its controller may use.
 
     Args:
-        file: Declares the arms, and how far they are from what is believed of them.
-        robots: Robot of each of them.
+        file: Declares the arms, and the error bounds of their hardware and models.
+        robots: Robot of each declared arm.
         mounted: Grippers by arm, of those that have one.
-        seed: Seed that draws how far.
+        seed: Seed of all sampled errors.
 
     Attributes:
         hardware: Sensors and drives by arm.
         mounted: Grippers by arm, of those declared that have one.
         grippers: Drives and sensors of the grippers by arm.
-        nominal: What is believed of each arm.
-        errors: How far each declared arm may be from that.
-        sampled: What the seed has made of each declared arm.
+        nominal: Nominal model of each arm.
+        errors: Error bounds of each declared arm.
+        sampled: Sampled deviations of each declared arm.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Devices:
         self.nominal: dict[str, NominalArm] = {}
         self.mounted = mounted
         self.grippers: dict[str, GripperHardware] = {}
-        self._places: list[tuple[ArmHardware, Vector]] = []
+        self._sensed_joints: list[tuple[ArmHardware, Vector]] = []
         self._held_motions: list[HeldObjectMotion] = []
         self.errors: dict[str, RealityErrors] = {
             name: resolved(file.world.reality, arm.reality, REALITY_SETS)
@@ -78,7 +78,7 @@ class Devices:
         self._bank = DeviceBank(self.errors, self.sampled, efforts, file.world.timestep)
 
     def add(self, name: str, option: mujoco.MjOption) -> None:
-        """Equip an arm that comes into a world with these options."""
+        """Create the devices of an arm that is added to a world with these options."""
         arm = self._file.arms[name]
         robot = self._robots[name]
         errors = self.errors[name]
@@ -95,17 +95,17 @@ class Devices:
             self.grippers[name] = GripperHardware(self.mounted[name], errors, rng, option.timestep)
 
     def open_gripper(self, name: str) -> None:
-        """Put the fingers of an arm that has just come to where its drive holds them: open."""
+        """Open the gripper of an arm that was just added."""
         if name in self.grippers:
-            self.grippers[name].stand_open()
+            self.grippers[name].set_open()
 
     def sampled_object(self, name: str) -> LinkFactors:
-        """What the seed has made of an object's mass: the world's reality has the spread."""
+        """Sample the mass of an object within the bounds of the world's `reality`."""
         errors = resolved(self._file.world.reality, None, REALITY_SETS)
         return sample_object(errors.payload, self._seed, name)
 
     def remove(self, name: str) -> None:
-        """Forget an arm that goes."""
+        """Remove the devices of an arm that leaves the world."""
         del self.hardware[name], self.nominal[name]
         self._bank.end(name)
         self.grippers.pop(name, None)
@@ -117,13 +117,13 @@ class Devices:
         held: Iterable[Attachment],
         objects: Mapping[str, ObjectSpec],
     ) -> None:
-        """Belong to what was recompiled: the plant's arms, and what they hold now."""
+        """Connect to the arms of a recompiled plant, and update the loads that they hold."""
         self._model, self._plant = plant
         self._sensed = mujoco.MjData(self._model)
         self._is_sensed = False
-        self._places = []
+        self._sensed_joints = []
         self._held_motions = []
-        self._everywhere = self._sensed.qpos  # views, as in `ArmHardware`
+        self._sensed_qpos = self._sensed.qpos  # a view: attribute lookups on mjData are slow
         loads: dict[str, list[NominalLoad]] = {name: [] for name in arms}
         for one in held:
             known = one.mass_declared and self.errors[one.arm].payload.known
@@ -133,7 +133,7 @@ class Devices:
             self.hardware[name].connect(body)
             first = body.qpos_ids[0]
             last = body.qpos_ids[-1]
-            self._places.append((self.hardware[name], self._everywhere[first : last + 1]))
+            self._sensed_joints.append((self.hardware[name], self._sensed_qpos[first : last + 1]))
             self.nominal[name].hold(loads[name])
             if name in self.grippers:
                 self.grippers[name].connect(self._model, body.data, name)
@@ -143,7 +143,7 @@ class Devices:
         self._bank.connect(*plant, arms)
 
     def sense(self, time: float) -> None:
-        """Read the sensors of all arms at a simulated time in s, which is now."""
+        """Read the sensors of all arms at the current simulated time in s."""
         self._is_sensed = False
         self._bank.sense(time)
         for gripper in self.grippers.values():
@@ -151,56 +151,56 @@ class Devices:
 
     @property
     def sensed(self) -> mujoco.MjData:
-        """Where everything is by the last readings, for planning; worked out when asked for.
+        """Estimated state of the world by the last readings, for planning; computed on demand.
 
-        Arms are where their encoders say, objects where they are. Who keeps views of it asks for it
-        before reading them.
+        Arms and fingers are at the positions of their encoders, objects at their true poses. Access
+        the property again before reading from views of it: that updates them.
         """
         if not self._is_sensed:
             self._is_sensed = True
-            self._everywhere[:] = self._plant.qpos
-            for hardware, place in self._places:
-                place[:] = hardware.q
+            self._sensed_qpos[:] = self._plant.qpos
+            for hardware, q in self._sensed_joints:
+                q[:] = hardware.q
             for gripper in self.grippers.values():
-                gripper.place(self._everywhere)
+                gripper.set_finger_positions(self._sensed_qpos)
             mujoco.mj_kinematics(self._model, self._sensed)
         return self._sensed
 
     def drive(self) -> None:
-        """Let all drives act during the next step."""
+        """Apply the torques and forces of all drives for the next step."""
         self._bank.drive()
         for gripper in self.grippers.values():
             gripper.drive()
 
     def move_held_objects(self) -> None:
-        """Let what grippers hold go with them, after the integration of a step."""
+        """Correct the motion of held objects after the integration of a step."""
         move_held_objects(self._model, self._plant, self._held_motions)
 
     def update_friction(self) -> None:
-        """Set the friction of all arms for the velocities of now."""
+        """Set the joint friction of all arms for the current velocities."""
         self._bank.update_friction()
 
 
 def _fingers(gripper: Gripper | None) -> tuple[str, ...]:
-    """Bodies of an arm that its description does not contain."""
+    """Bodies that a gripper adds to its arm besides the palm."""
     return FINGERS if gripper is not None and gripper.fingers else ()
 
 
-# Measurements in a world: poses, motions and contacts
+# Measurements
 
-
-_FARTHEST = 1e3
-"""Meters to which a distance is measured: larger than any world that can be reached across."""
+_MAX_DISTANCE_M = 1e3
+"""Cutoff in m of distance queries, larger than any world."""
 
 
 class WorldView:
-    """The measurable side of a world; what a camera is meant to see is not taken from here.
+    """Measurements of a world's true state, for set-up, scoring and tests.
+
+    Perception does not read them: it has only camera images.
 
     Attributes:
-        model: Compiled model; a new object after every change of the world's parts.
+        model: Compiled model; a new object after every recompilation.
         data: State of the model; likewise.
-        devices: All that arms are controlled through: sensors and drives, and what is believed of
-            them.
+        devices: Hardware and nominal model of the arms.
         arms: Arms that are present, by name.
         objects: Objects that are present, by name.
     """
@@ -213,7 +213,7 @@ class WorldView:
 
     @property
     def sensed(self) -> mujoco.MjData:
-        """Positions by the sensors, and where all bodies are by them; see `Devices.sensed`."""
+        """Estimated state of the world by the last sensor readings; see `Devices.sensed`."""
         return self.devices.sensed
 
     @property
@@ -227,7 +227,7 @@ class WorldView:
         return float(self.model.opt.timestep)
 
     def state(self) -> Vector:
-        """Everything the simulation goes on from (``mjSTATE_INTEGRATION``), of shape (n,)."""
+        """The complete state of the simulation (``mjSTATE_INTEGRATION``), of shape (n,)."""
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         state = np.empty(mujoco.mj_stateSize(self.model, kind))
         mujoco.mj_getState(self.model, self.data, state, kind)
@@ -239,12 +239,12 @@ class WorldView:
         return int(self.model.body(name).id)
 
     def object_geom(self, name: str) -> int:
-        """Id of an object's shape."""
+        """Id of an object's geom."""
         must_be_among(name, self.objects, "object", "in the world")
         return int(self.model.geom(name).id)
 
     def pose_address(self, name: str) -> int:
-        """Where the seven numbers of a free object's pose begin in ``qpos``."""
+        """Address in ``qpos`` of a free object's pose, of seven numbers."""
         joint = self.model.body_jntadr[self.object_body(name)]
         return int(self.model.jnt_qposadr[joint])
 
@@ -258,12 +258,12 @@ class WorldView:
         return Pose(self.data.xpos[body].copy(), self.data.xquat[body].copy())
 
     def surface_point(self, name: str, direction: Vector, pose: Pose | None = None) -> Vector:
-        """Where a ray from an object's center leaves it, of shape (3,), in the world.
+        """Point at which a ray from an object's center leaves it, of shape (3,), in the world, m.
 
         Args:
             name: Name of the object.
             direction: Direction of the ray in the world, of unit length.
-            pose: Pose that it is believed to have; its true one by default.
+            pose: Estimated pose of the object; its true one by default.
         """
         pose = self.object_pose(name) if pose is None else pose
         ray = np.abs(direction @ pose.rotation_matrix) + 1e-12
@@ -274,7 +274,7 @@ class WorldView:
             radius, length = thing.size
             reach = min(radius / float(np.hypot(ray[0], ray[1])), 0.5 * length / float(ray[2]))
         elif thing.shape == "capsule":
-            reach = _out_of_capsule(thing.size[0], thing.size[1], ray)
+            reach = _ray_out_of_capsule(thing.size[0], thing.size[1], ray)
         else:
             reach = thing.size[0]
         point: Vector = pose.position + reach * direction
@@ -292,12 +292,12 @@ class WorldView:
         must_be_among(arm, self.arms, "arm", "in the world")
         geom = self.object_geom(thing)
         return min(
-            float(mujoco.mj_geomDistance(self.model, self.data, tool, geom, _FARTHEST, None))
+            float(mujoco.mj_geomDistance(self.model, self.data, tool, geom, _MAX_DISTANCE_M, None))
             for tool in self.arms[arm].tool_geom_ids
         )
 
     def touches(self, arm: str, thing: str) -> bool:
-        """Whether an arm's tool and an object touch now."""
+        """Whether an arm's tool and an object are in contact."""
         geom = self.object_geom(thing)
         tool = self.arms[arm].tool_geom_ids
         contact = self.data.contact
@@ -307,18 +307,19 @@ class WorldView:
         )
 
 
-def _out_of_capsule(radius: float, length: float, ray: Vector) -> float:
-    """Meters from a capsule's center along a ray, of shape (3,), all of it positive."""
+def _ray_out_of_capsule(radius: float, length: float, ray: Vector) -> float:
+    """Distance in m at which a ray, of shape (3,), all positive, leaves a capsule's center."""
     across = float(np.hypot(ray[0], ray[1]))
     along = float(ray[2])
     half = 0.5 * length
-    aside = radius / across
-    if aside * along <= half:
-        return aside
+    to_wall = radius / across
+    if to_wall * along <= half:
+        return to_wall
+    # Beyond the wall the ray leaves through the cap, a sphere about (0, 0, half).
     return half * along + float(np.sqrt(radius**2 - (half * across) ** 2))
 
 
-# Attachments of objects to arms, by weld or gripper
+# Attachments
 
 
 class HoldingView(WorldView):
@@ -327,8 +328,8 @@ class HoldingView(WorldView):
     Attributes:
         robots: Robot of each declared arm, its gripper mounted.
         hardware: Sensors and drives of the arms that are present, by name.
-        nominal: What is believed of them, likewise.
-        attachments: What they hold.
+        nominal: Nominal models of these arms, by name.
+        attachments: Objects that the arms hold.
     """
 
     robots: dict[str, Robot]
@@ -337,12 +338,12 @@ class HoldingView(WorldView):
     attachments: Attachments
 
     def attach(self, arm: str, thing: str, seen: Pose | None = None) -> Attachment:
-        """Weld an object to an arm's tool link as it is now; believed to be where it was ``seen``.
+        """Weld an object to an arm's tool link; its nominal pose is the one ``seen``, if given.
 
         Raises:
             WorldError: Arm or object is not present, or the object is fixed.
         """
-        relative = self._believed(arm, thing, seen)
+        relative = self._estimated_in_tool(arm, thing, seen)
         pose = self.object_pose(thing)
         link = f"{arm}/{self.robots[arm].tool_link}"
         held = Attachment(arm, thing, relative, self.time, bool(seen))
@@ -350,9 +351,10 @@ class HoldingView(WorldView):
         return self.attachments.attach(held, link, relative, self._tips_on(arm, thing))
 
     def _tips_on(self, arm: str, thing: str) -> tuple[str, ...]:
-        """Fingers of an arm that are shut and touch an object: it is their tips that it hangs on.
+        """Fingers of an arm that are closed on an object and hold it with their tips.
 
-        Welded to the hand and pressed on by its tips, they could not slide along it to open.
+        Contacts of these fingers with the welded object are ignored: pressed against it, they could
+        not slide along it to open.
         """
         gripper = self.devices.grippers.get(arm)
         if gripper is None or not gripper.gripper.fingers:
@@ -382,7 +384,7 @@ class HoldingView(WorldView):
         Raises:
             WorldError: Arm or object is not present, or the object is fixed.
         """
-        relative = self._believed(arm, thing, pose)
+        relative = self._estimated_in_tool(arm, thing, pose)
         held = Attachment(
             arm,
             thing,
@@ -396,8 +398,8 @@ class HoldingView(WorldView):
         )
         self.attachments.hold(held)
 
-    def _believed(self, arm: str, thing: str, pose: Pose | None) -> Pose:
-        """An object at ``pose``, by default its true one, in the tool link by the encoders."""
+    def _estimated_in_tool(self, arm: str, thing: str, pose: Pose | None) -> Pose:
+        """Pose in the tool link, by the encoders, of an object at ``pose`` (default: true pose)."""
         must_be_among(arm, self.arms, "arm", "in the world")
         must_be_among(thing, self.objects, "object", "in the world")
         if self.objects[thing].fixed:

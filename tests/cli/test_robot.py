@@ -62,8 +62,8 @@ def test_what_is_guessed_is_said_to_be(folder: Path) -> None:
 WRONG = {
     "no file": (["none.urdf"], "there is no URDF 'none.urdf'"),
     "no such link": (["small.urdf", "--base", "bas", "--tool", "flange"], "did you mean 'base'?"),
-    "no joint between": (["small.urdf", "--base", "lower", "--tool", "flange"], "no joint that"),
-    "upside down": (["small.urdf", "--base", "flange", "--tool", "base"], "no joint that turns"),
+    "no joint between": (["small.urdf", "--base", "lower", "--tool", "flange"], "no revolute"),
+    "upside down": (["small.urdf", "--base", "flange", "--tool", "base"], "no revolute joint"),
     "another ending": (
         ["small.urdf", "--base", "base", "--tool", "flange", "--out", "a.txt"], "ends with .yaml"
     ),
@@ -71,7 +71,7 @@ WRONG = {
         ["small.urdf", "--base", "base", "--tool", "flange", "--out", "old.yaml"], "already exists"
     ),
     "elsewhere": (
-        ["small.urdf", "--base", "base", "--tool", "flange", "--out", "x/arm.yaml"], "lies neither"
+        ["small.urdf", "--base", "base", "--tool", "flange", "--out", "x/arm.yaml"], "is neither"
     ),
 }  # fmt: skip
 

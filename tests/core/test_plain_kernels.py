@@ -17,12 +17,12 @@ from bt_dualarm.core.pose import Vector
 from bt_dualarm.perception.tracking_kernels import blend_in_plane
 from bt_dualarm.safety.region_kernels import longest_free_time
 from bt_dualarm.sim.device_kernels import (
-    any_unrequested,
-    felt_in_tool,
-    go_with,
-    gripped,
-    push,
-    remember,
+    any_foreign_contact,
+    drive_fingers,
+    held_body,
+    move_with_palm,
+    pad_forces_in_tool,
+    store_poses,
 )
 from bt_dualarm.sim.kernel_columns import DRIVE
 from bt_dualarm.sim.ray_trace_kernels import enter
@@ -99,7 +99,7 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         rng.normal(size=3),
         np.empty((3, 2)),
     ),
-    felt_in_tool: lambda rng: (
+    pad_forces_in_tool: lambda rng: (
         rng.normal(size=6),
         rng.normal(size=9),
         rng.normal(size=(3, 3)),
@@ -107,28 +107,33 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         rng.normal(size=(N, 6)),
         int(rng.integers(N)),
     ),
-    gripped: lambda rng: (
+    held_body: lambda rng: (
         rng.integers(0, 4, (8, 2), dtype=np.int32),
         rng.uniform(-1.0, 0.5, 8),
         0,
         1,
         rng.integers(0, 2, 4, dtype=np.int32),
     ),
-    remember: lambda rng: (
+    store_poses: lambda rng: (
         rng.normal(size=(BODIES, 3)),
         quaternions(rng, BODIES),
         2,
         4,
         np.zeros((3, 7)),
     ),
-    go_with: lambda rng: (
+    move_with_palm: lambda rng: (
         np.concatenate((rng.normal(size=3), *quaternions(rng, 1))),
         np.hstack((rng.normal(size=(3, 3)), quaternions(rng, 3))),
         rng.normal(size=(6, 9)),
         rng.normal(size=9),
         0.002,
     ),
-    push: lambda rng: (*rng.normal(size=(2, 2)), rng.uniform(0.5, 2.0, DRIVE), 0.002, np.zeros(1)),
+    drive_fingers: lambda rng: (
+        *rng.normal(size=(2, 2)),
+        rng.uniform(0.5, 2.0, DRIVE),
+        0.002,
+        np.zeros(1),
+    ),
     enter: lambda rng: (
         np.zeros((12, 14, 3), np.uint8),
         (3, 2, 12, 10),
@@ -136,7 +141,7 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         2,
         rng.integers(0, 256, (5, 5, 3), dtype=np.uint8),
     ),
-    any_unrequested: lambda rng: (
+    any_foreign_contact: lambda rng: (
         rng.integers(0, 6, (3, 2), dtype=np.int32),
         np.array((-1, -1, 0, 0, 1, 1)),
         rng.choice((-2, 0, 1), 6),

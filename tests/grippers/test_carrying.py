@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.sim.device_kernels import go_with, gripped, rotation
+from bt_dualarm.sim.device_kernels import held_body, move_with_palm, rotation
 
 STEP = 0.002
 
@@ -30,7 +30,7 @@ def test_a_thing_that_goes_with_the_palm_stays_where_it_is_in_it(seed: int) -> N
     turned = Pose(np.zeros(3), rotation(STEP * rates[3:])) @ Pose(np.zeros(3), held.quaternion)
     pose = np.array((*straight, *turned.quaternion))
     rows = np.array([(*one.position, *one.quaternion) for one in (palm, after, held)])
-    go_with(pose, rows, np.eye(6), rates, STEP)
+    move_with_palm(pose, rows, np.eye(6), rates, STEP)
     before = palm.inverse @ held
     now = after.inverse @ Pose(pose[:3], pose[3:])
     assert now.distance(before) < 1e-12
@@ -43,7 +43,7 @@ def test_held_is_what_touches_both_pads() -> None:
     """Not what one pad pushes, nor what is near without a touch."""
     bodies = np.array((7, 7, 3, 4, 5), np.int32)  # of two pads and three things
     both = np.array(((0, 2), (3, 1), (2, 1), (4, 0)), np.int32)
-    assert gripped(both, np.full(4, -1e-4), 0, 1, bodies) == 3
-    assert gripped(both[:2], np.full(2, -1e-4), 0, 1, bodies) == -1
-    assert gripped(both, np.array((-1e-4, -1e-4, 1e-4, -1e-4)), 0, 1, bodies) == -1
-    assert gripped(both[3:], np.full(1, -1e-4), 0, 0, bodies) == 5  # a cup
+    assert held_body(both, np.full(4, -1e-4), 0, 1, bodies) == 3
+    assert held_body(both[:2], np.full(2, -1e-4), 0, 1, bodies) == -1
+    assert held_body(both, np.array((-1e-4, -1e-4, 1e-4, -1e-4)), 0, 1, bodies) == -1
+    assert held_body(both[3:], np.full(1, -1e-4), 0, 0, bodies) == 5  # a cup

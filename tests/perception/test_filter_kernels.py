@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bt_dualarm.perception.target_filter import Oscillator, carried
+from bt_dualarm.perception.target_filter import Oscillator, propagated
 from bt_dualarm.perception.tracking_kernels import (
     COLUMNS,
     blend,
-    carry,
     correct,
     has_moved,
+    propagate,
     scatter,
 )
 from tests.plain_kernels import plain
@@ -31,13 +31,13 @@ def target(seed: int) -> tuple[Any, Any]:
 def test_what_is_carried_on_is_what_derivative_and_noise_say(dt: float) -> None:
     model = Oscillator()
     (state, covariance) = target(3)
-    moved, spread = model.carry(state, covariance, dt)
-    by_matrices = carried(model, state, covariance, dt)
+    moved, spread = model.propagate(state, covariance, dt)
+    by_matrices = propagated(model, state, covariance, dt)
     assert moved == pytest.approx(by_matrices[0], rel=1e-12, abs=1e-12)
     assert spread == pytest.approx(by_matrices[1], rel=1e-12, abs=1e-12)
     its = np.empty((3, 4))
     of_its = np.empty((3, 4, 4))
-    plain(carry)(state, covariance, dt, (10.0, 0.5), its, of_its)
+    plain(propagate)(state, covariance, dt, (10.0, 0.5), its, of_its)
     assert spread == pytest.approx(of_its, rel=1e-12, abs=1e-12)
 
 

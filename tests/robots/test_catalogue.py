@@ -171,7 +171,7 @@ def test_a_file_outside_the_root_is_refused_with_the_rule(name: str, tmp_path: P
     inside = tmp_path / "inside"
     inside.mkdir()
     (tmp_path / "z1.yaml").write_text((HERE / "robots" / "z1.yaml").read_text())
-    with pytest.raises(CatalogError, match=r"below .*; a robot's page lies beside the tree"):
+    with pytest.raises(CatalogError, match=r"below .*; a robot's description must be in"):
         load_robot(name, inside)
 
 

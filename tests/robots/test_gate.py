@@ -42,7 +42,7 @@ FLANGE = '<link name="flange"/>'
 
 WRONG = {
     "no mass": (MASS, "", "<inertial>", "lacks a <mass>"),
-    "a mass of nothing": (MASS, '<mass value="0"/>', "<mass", "weighs nothing"),
+    "a mass of nothing": (MASS, '<mass value="0"/>', "<mass", "has no mass"),
     "a negative mass": (MASS, '<mass value="-1"/>', "-1", "from 0 to 10000 kg, not -1"),
     "a mass as text": (MASS, '<mass value="heavy"/>', "heavy", "expected a number, not 'heavy'"),
     "a comma": (MASS, '<mass value="0,5"/>', "0,5", "write 0.5: the decimal mark is a point"),
@@ -57,20 +57,20 @@ WRONG = {
     ),
     "an origin of NaN": (SHIFT, '<origin xyz="0 nan 0"/>', "0 nan 0", "must be from -1000"),
     "an origin of four": (SHIFT, '<origin xyz="0 0 0 0"/>', "0 0 0 0", "not 4"),
-    "a circle": ('<parent link="base"/>', '<parent link="lower"/>', "<joint", "closes a circle"),
+    "a circle": ('<parent link="base"/>', '<parent link="lower"/>', "<joint", "closes a cycle"),
     "a joint of its own": (
-        '<parent link="base"/>', '<parent link="upper"/>', "<joint", "closes a circle"
+        '<parent link="base"/>', '<parent link="upper"/>', "<joint", "closes a cycle"
     ),
     "two joints of one name": ('name="elbow"', 'name="shoulder"', "shoulder", "two joints"),
     "two links of one name": (FLANGE, '<link name="finger"/>', "finger", "two links 'finger'"),
     "two joints of one child": (
-        '<child link="flange"/>', '<child link="finger"/>', "<joint", "hangs on 'flange_j"
+        '<child link="flange"/>', '<child link="finger"/>', "<joint", "of both 'flange_j"
     ),
     "a link that is not there": (
         '<child link="flange"/>', '<child link="flagne"/>', "flagne", "did you mean 'flange'?"
     ),
     "a joint without a child": ('<child link="flange"/>', "", "<joint", "lacks a <child>"),
-    "two roots": (FLANGE, FLANGE + '<link name="loose"/>', "<link", "both hang on nothing"),
+    "two roots": (FLANGE, FLANGE + '<link name="loose"/>', "<link", "both have no parent"),
     "an unknown type": (ELBOW, ELBOW.replace("revolute", "rotary"), "rotary", "joint type 'rotary"),
     "a nameless link": (FLANGE, "<link/>", "<link/>", "<link> lacks the attribute 'name'"),
     "a name with a slash": (FLANGE, '<link name="a/b"/>', "a/b", "holds a slash"),
@@ -78,7 +78,7 @@ WRONG = {
     "a shape of no size": (SPHERE, '<sphere radius="0"/>', '0"', "greater than 0 m"),
     "a shape without": ("<geometry>" + SPHERE + "</geometry>", "", "<collision>", "lacks a <geom"),
     "an inertia of no body": (
-        'iyy="0.01" iyz="0" izz="0.005"', 'iyy="-0.01" iyz="0" izz="0.005"', "<inertia", "no body"
+        'iyy="0.01" iyz="0" izz="0.005"', 'iyy="-0.01" iyz="0" izz="0.005"', "<inertia", "impossib"
     ),
     "a mimic": (STOPS, STOPS + '<mimic joint="slide"/>', "elbow", "no movable joint 'elbow'"),
     "a template": (FLANGE, '<xacro:arm name="a"/>', "<xacro", "xacro ROBOT.xacro > ROBOT.urdf"),
@@ -89,11 +89,11 @@ WRONG = {
     "no file of the mesh": (SPHERE, '<mesh filename="a.stl"/>', "a.stl", "does not exist"),
     "a mesh without a name": (SPHERE, "<mesh/>", "<mesh", "lacks the attribute 'filename'"),
     "a mesh of the system": (
-        SPHERE, '<mesh filename="file:///etc/passwd"/>', "file:///", "meshes lie below the folder"
+        SPHERE, '<mesh filename="file:///etc/passwd"/>', "file:///", "meshes must be below"
     ),
-    "a mesh above": (SPHERE, '<mesh filename="../../a.stl"/>', "../../", "leads out of"),
+    "a mesh above": (SPHERE, '<mesh filename="../../a.stl"/>', "../../", "is outside of"),
     "a mesh above its package": (
-        SPHERE, '<mesh filename="package://panda_description/../../../a.stl"/>', "pack", "leads out"
+        SPHERE, '<mesh filename="package://panda_description/../../../a.stl"/>', "pack", "outside"
     ),
     "a mesh of the web": (
         SPHERE, '<mesh filename="https://a.example/a.stl"/>', "https", "not on this machine"

@@ -55,7 +55,7 @@ def test_a_joint_stands_at_either_end_of_its_limits(name: str) -> None:
 def test_beyond_its_limits_a_joint_is_refused(name: str) -> None:
     for joint, told in LOCKED[name].items():
         for value in (told.lower - 0.01, told.upper + 0.01):
-            with pytest.raises(CatalogError, match=f"{joint}.*limits are|{joint}.*goes with"):
+            with pytest.raises(CatalogError, match=f"{joint}.*limits are|{joint}.*follows"):
                 load_robot(name, WORLD, {joint: value})
 
 
@@ -100,7 +100,7 @@ def test_a_page_cannot_lock_a_joint_beyond_its_limits(tmp_path: Path) -> None:
     (problem,) = caught.value.problems
     assert (problem.place.line, problem.message, problem.hint) == (
         line_of(text, "0.05}"),
-        "joint 'slide' cannot stand at 0.05 m",
+        "joint 'slide' cannot be at 0.05 m",
         "its limits are 0 to 0.04 m",
     )
 
@@ -125,10 +125,10 @@ arms:
 """
 
 SAID = {
-    "0.05}": ("joint 'panda_finger_joint1' cannot stand at 0.05 m", "its limits are 0 to 0.04 m"),
+    "0.05}": ("joint 'panda_finger_joint1' cannot be at 0.05 m", "its limits are 0 to 0.04 m"),
     "panda_finger_jiont1": ("there is no locked joint of panda", "did you mean 'panda_finger_jo"),
     "panda_joint1": ("joint 'panda_joint1' is one of the arm's", "locked joints of panda: panda_f"),
-    "0.04}, tree: go_home}\n  arm5": ("joint 'panda_finger_joint2' goes with", "panda_finger_jo"),
+    "0.04}, tree: go_home}\n  arm5": ("joint 'panda_finger_joint2' follows", "panda_finger_jo"),
     "slide": ("there is no locked joint of ur5 'slide'", "ur5 has none"),
     "panda_finger_joint1: 0.04}\n    tree": ("comes off for panda_hand", "use `open_gripper`"),
     "wide": ("panda_finger_joint1: expected a number", "not text 'wide'"),

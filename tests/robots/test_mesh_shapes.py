@@ -197,7 +197,7 @@ def test_they_are_computed_once_and_a_damaged_file_again(
 
     meshes.mesh_shapes.cache_clear()
     with monkeypatch.context() as without:
-        without.setattr(meshes, "_computed", computed)
+        without.setattr(meshes, "_computed_hulls", computed)
         assert same(meshes.mesh_shapes(UR5_BASE, ONE), first)
     kept.write_bytes(kept.read_bytes()[:100])
     meshes.mesh_shapes.cache_clear()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.sim.camera_kernels import needed
+from bt_dualarm.sim.camera_kernels import source_region
 from bt_dualarm.sim.camera_optics import Lens
 from bt_dualarm.sim.renderer import Exposure, Image, Region
 from tests.plain_kernels import plain
@@ -87,7 +87,7 @@ def test_an_empty_part_stays_black() -> None:
     assert not lens(0.1, 0.0).distorted(spot((160.0, 120.0)), nothing).any()
 
 
-@pytest.mark.parametrize("kernel", [needed, plain(needed)])
+@pytest.mark.parametrize("kernel", [source_region, plain(source_region)])
 @pytest.mark.parametrize("stride", [1, 3])
 def test_what_is_needed_holds_the_four_pixels_about_each_place(kernel: Any, stride: int) -> None:
     """Inside the image; the first pixel where nothing is seen."""

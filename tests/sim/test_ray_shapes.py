@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bt_dualarm.sim import ray_renderer
-from bt_dualarm.sim.ray_intersection_kernels import box_of, contains, seen
+from bt_dualarm.sim.ray_intersection_kernels import box_of, contains, in_camera
 from bt_dualarm.sim.ray_kernel_arrays import CAPSULE, CYLINDER, PLANE, SPHERE, Fan, Hits
 from bt_dualarm.sim.ray_renderer import RayScene, box, camera_rays
 
@@ -138,7 +138,7 @@ def test_what_reaches_behind_the_eye_beside_it_needs_no_ray() -> None:
     corners = box(np.full(3, 0.1)).corners
 
     def cells(*place: float) -> tuple[int, int, int, int]:
-        points = seen(corners + place, np.zeros(3), np.eye(3), fan)
+        points = in_camera(corners + place, np.zeros(3), np.eye(3), fan)
         return box_of(fan, points)
 
     for x, y in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):

@@ -12,7 +12,7 @@ import pytest
 
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.camera import Camera
-from bt_dualarm.sim.camera_optics import MOST_PICTURES, Calibration
+from bt_dualarm.sim.camera_optics import MAX_SUBIMAGES, Calibration
 from bt_dualarm.sim.ray_renderer import RayRenderer
 from bt_dualarm.sim.renderer import Exposure, Image
 from bt_dualarm.spec.document import CameraSpec
@@ -125,4 +125,4 @@ def test_where_no_thing_moves_across_it_a_picture_is_drawn_once(speeds: Any) -> 
 
 
 def test_a_fast_thing_is_drawn_so_often_and_no_more() -> None:
-    assert render(0.1, cube=(2.0, 0, 0, 0, 0, 0))[1] == MOST_PICTURES
+    assert render(0.1, cube=(2.0, 0, 0, 0, 0, 0))[1] == MAX_SUBIMAGES

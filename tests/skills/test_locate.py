@@ -294,5 +294,5 @@ def test_a_ground_of_the_things_color_is_told(stage: Stage) -> None:
     can = {"shape": "cylinder", "size": [0.025, 0.08], "color": "orange"}
     leaf = stage.run(on_desk([0.45, 0.28, 0.12], can)).leaf("locate")
     assert leaf.code == "NOT_SEEN"
-    assert "% of the picture have it, up to its edge; what is behind" in leaf.reason
+    assert "% of the image has it, up to its border; the background" in leaf.reason
     assert 0.8 < float(leaf.metrics["beyond_share"]) <= 1.0
