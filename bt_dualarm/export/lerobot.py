@@ -1,4 +1,8 @@
-"""Records as a LeRobot data set (format v3.0) for imitation learning."""
+"""Export of records as a LeRobot data set (format v3.0), for imitation learning.
+
+Files and fields follow https://huggingface.co/docs/lerobot/lerobot-dataset-v3: Parquet for numbers,
+MP4 for cameras, `meta/` for their description. A run is an episode.
+"""
 
 from __future__ import annotations
 
@@ -25,27 +29,27 @@ from bt_dualarm.replay.scene import GripperKind, file_part, gripper_kind, joints
 from bt_dualarm.sim.ray_renderer import RayRenderer
 from bt_dualarm.sim.renderer import Exposure
 
-# One run as an episode of a LeRobot data set: its features, numbers frame by frame, pictures.
+# Episodes
 
 
 FPS: Final = 25
-"""Frames a second: every second state that is kept."""
+"""Frames per second: every second recorded state."""
 
 STATE: Final = "observation.state"
-"""Positions of joints in rad, openings of grippers in m, a cup's share of the full vacuum."""
+"""Joint positions in rad, openings of grippers in m, share of a cup's full vacuum."""
 
 VELOCITY: Final = "observation.velocity"
-"""Velocities of joints in rad/s, speeds of openings in m/s."""
+"""Joint velocities in rad/s, speeds of openings in m/s."""
 
 EFFORT: Final = "observation.effort"
-"""Commanded torques of joints in N m, sensed forces of grippers in N."""
+"""Commanded joint torques in N m, measured forces of grippers in N."""
 
 ACTION: Final = "action"
-"""Set-points of joints in rad; of two fingers the opening (m), its speed (m/s) and force (N) that
-were asked for; of a cup the force in N, 0 to let go."""
+"""Joint set-points in rad; commanded opening (m), speed (m/s) and force (N) of fingers; commanded
+force of a cup in N, 0 to let go."""
 
 OBJECTS: Final = "observation.environment_state"
-"""Poses of all objects that can move: place in m, quaternion (w, x, y, z)."""
+"""Poses of all movable objects: position in m, quaternion (w, x, y, z)."""
 
 DONE: Final = "next.done"
 SUCCESS: Final = "next.success"
@@ -57,14 +61,14 @@ Columns: TypeAlias = dict[str, npt.NDArray[np.generic]]
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
-    """What one camera has before it in all frames: whole pictures without noise.
+    """Full images of one camera in all frames, without noise.
 
     Attributes:
         record: The record.
         arm: Name of the camera's arm.
-        width: Width in pixels, even: H.264 in 4:2:0 has no odd ones.
+        width: Width in pixels, even, as H.264 in 4:2:0 requires.
         height: Height in pixels, even.
-        moments: The run in each frame.
+        moments: State of the run in each frame.
     """
 
     record: Record
@@ -74,7 +78,7 @@ class CameraView:
     moments: Sequence[Moment]
 
     def pictures(self) -> Iterator[Picture]:
-        """A picture for each frame, of shape (height, width, 3); black without the camera."""
+        """Render an image for each frame, of shape (height, width, 3); black without the camera."""
         renderer = RayRenderer()
         model = None
         data = None
@@ -95,15 +99,15 @@ class CameraView:
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """A run as the frames of a demonstration.
+    """A run as a demonstration.
 
     Attributes:
-        task: What it shows, in words.
-        succeeded: Whether the run did.
-        robots: Robot and gripper of each arm, in words, in the order of the file.
-        columns: Numbers of all frames by feature, each of shape (frames, n).
-        names: What the n numbers of a feature are, where n is not 1.
-        views: What each camera has before it, by feature.
+        task: Description of the task.
+        succeeded: Whether the run succeeded.
+        robots: Titles of robot and gripper of each arm, in the order of the file.
+        columns: Values of all frames by feature, each of shape (frames, n).
+        names: Names of the n values of a feature, if n is not 1.
+        views: Images of each camera, by feature.
     """
 
     task: str
@@ -120,7 +124,7 @@ class Episode:
 
     @property
     def features(self) -> dict[str, Facts]:
-        """What ``meta/info.json`` says of each feature."""
+        """Description of each feature in ``meta/info.json``."""
         found: dict[str, Any] = {}
         for name, values in self.columns.items():
             names = self.names.get(name)
@@ -150,14 +154,13 @@ class Episode:
 
 
 def episode_of(record: Record) -> Episode:
-    """A record as an episode.
+    """Convert a record to an episode.
 
-    An arm or object that is not in the world yet has zeros; of one that was removed the last values
-    stay.
+    An arm or object that is not in the world yet has zeros; one that was removed keeps its last
+    values.
 
     Raises:
-        ReplayError: The record has no state, or does not say what its grippers did: it is of an
-            earlier version.
+        ReplayError: The record has no states, or none of its grippers: it is of an earlier version.
     """
     if not len(record.times):
         raise ReplayError(f"{record.folder} holds no state")
@@ -198,7 +201,7 @@ def episode_of(record: Record) -> Episode:
 def _of_arm(
     record: Record, arm: str, rows: Sequence[int], moments: Sequence[Moment]
 ) -> dict[str, tuple[list[str], npt.NDArray[np.float64]]]:
-    """Names and numbers of an arm and its gripper by feature, of shape (frames, n)."""
+    """Names and values of an arm and its gripper by feature, of shape (frames, n)."""
     arm = file_part(arm)  # names become parts of columns
     sent = [record.arm_row(arm, row) for row in rows]
     known = next(((at, row) for at, row in enumerate(sent) if row is not None), None)
@@ -242,7 +245,7 @@ def _of_arm(
 def _gripper_numbers(
     record: Record, arm: str, row: int, kind: GripperKind | None
 ) -> dict[str, list[float]]:
-    """What a gripper adds to each feature."""
+    """Names and values that a gripper adds to each feature."""
     if kind is None:
         return {STATE: [], VELOCITY: [], EFFORT: [], ACTION: []}
     state = record.gripper(arm, row)
@@ -278,7 +281,7 @@ def _objects(
 
 
 def differences(features: Facts, others: Facts) -> list[str]:
-    """Sentences on what of some features is not that of others, as ``meta/info.json`` has them."""
+    """Differences between two sets of features of ``meta/info.json``, as sentences."""
     found = []
     for name in sorted(features.keys() | others.keys()):
         ours = features.get(name)
@@ -304,36 +307,36 @@ def _listed(names: Sequence[str]) -> str:
     return f"{', '.join(names[:3])}{more}"
 
 
-# The files of a LeRobot data set: frames, episodes, tasks, statistics (parquet, JSON), films.
+# Files of a data set: frames, episodes, tasks, statistics (Parquet, JSON), videos
 
 
 VERSION: Final = "v3.0"
 MOST_DATA_MB: Final = 100
 MOST_VIDEO_MB: Final = 200
 FILES_A_CHUNK: Final = 1000
-"""Files of a chunk, and how large they grow: what LeRobot takes by default."""
+"""Number of files per chunk, and their sizes: the defaults of LeRobot."""
 
 KEY_EVERY: Final = 2
-"""Pictures from one that stands for itself to the next: training asks for them in any order."""
+"""Interval of key frames: short, because training reads frames in random order."""
 
 _DATA: Final = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _EPISODES: Final = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _VIDEO: Final = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 _TASKS: Final = "meta/tasks.parquet"
 _SAMPLED_EVERY: Final = 10
-"""Pictures from one to the next that the statistics of a video look at, each eighth pixel."""
+"""Interval of the frames in a video's statistics, of which every eighth pixel counts."""
 
 _QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
 @dataclass
 class _Place:
-    """The file of a series to which episodes are being added.
+    """The file of a series to which episodes are added.
 
     Attributes:
-        number: Its number, chunks counted through.
-        writer: What adds to it; None before there is something.
-        frames: Frames that are in it.
+        number: Its number, over all chunks.
+        writer: Its writer; None before the first episode.
+        frames: Number of its frames.
     """
 
     number: int
@@ -343,13 +346,13 @@ class _Place:
 
     @property
     def indices(self) -> dict[str, int]:
-        """Chunk and file, as paths have them."""
+        """Indices of chunk and file in paths."""
         chunk, file = divmod(self.number, FILES_A_CHUNK)
         return {"chunk_index": chunk, "file_index": file}
 
     def close_at(self, megabytes: float) -> None:
-        """Go on with the next file where this one has grown that large."""
-        # The encoder is a process of its own: it makes the file when it comes to it.
+        """Continue with the next file if this one has reached its size."""
+        # The encoder is a separate process, which creates the file later.
         size = self.path.stat().st_size if self.path.exists() else 0
         if self.writer is not None and size >= megabytes * 2**20:
             self.writer.close()
@@ -359,15 +362,15 @@ class _Place:
 
 
 class DatasetWriter:
-    """Adds episodes to a data set, new or not.
+    """Adds episodes to a new or existing data set.
 
     Args:
-        folder: Folder of the data set; one that has `meta/info.json` is added to, in files of
-            its own: those that are there already are not changed, but for three in `meta/`.
+        folder: Folder of the data set. If it has `meta/info.json`, episodes are added in new
+            files: existing ones are not changed, except for three in `meta/`.
 
     Raises:
-        ReplayError: The package pyarrow is not installed, or what is there is no data set that
-            can be added to.
+        ReplayError: The package pyarrow is not installed, or the existing data set is
+            incompatible.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -404,7 +407,7 @@ class DatasetWriter:
         self._open.close()
 
     def _next(self, pattern: str) -> int:
-        """Number of the first file of a series that is not there yet."""
+        """Number of the first file of a series that does not exist yet."""
         found = [
             FILES_A_CHUNK * int(path.parent.name.partition("-")[2])
             + int(path.stem.partition("-")[2])
@@ -413,7 +416,7 @@ class DatasetWriter:
         return max(found, default=-1) + 1
 
     def _take_up(self) -> None:
-        """Read what is there already."""
+        """Read the existing data set."""
         try:
             info = json.loads((self._folder / "meta" / "info.json").read_bytes())
             if info["codebase_version"] != VERSION or info["fps"] != FPS:
@@ -450,8 +453,8 @@ class DatasetWriter:
             source: Name of the run, for errors.
 
         Raises:
-            ReplayError: Its features are not those of the data set; the package imageio-ffmpeg is
-                not installed.
+            ReplayError: Its features differ from those of the data set, or the package
+                imageio-ffmpeg is not installed.
             OSError: It cannot be written.
         """
         if self._info is None:
@@ -494,7 +497,7 @@ class DatasetWriter:
             )
 
     def _indices(self, episode: Episode) -> Columns:
-        """Columns that every data set has."""
+        """Columns of every data set."""
         frames = np.arange(episode.length)
         return {
             "timestamp": (frames / FPS).astype(np.float32)[:, None],
@@ -505,7 +508,7 @@ class DatasetWriter:
         }
 
     def _add_frames(self, columns: Columns) -> dict[str, int]:
-        """Add the numbers of all frames; returns which file they are in."""
+        """Add the values of all frames; returns the indices of their file."""
         pa = self._pa
         place = self._data
         place.close_at(MOST_DATA_MB)
@@ -525,7 +528,7 @@ class DatasetWriter:
         return place.indices
 
     def _add_film(self, key: str, view: CameraView) -> tuple[Facts, Facts]:
-        """Add the pictures of a camera; returns where they are, and their statistics."""
+        """Add the images of a camera; returns their location and their statistics."""
         place = self._films.get(key)
         if place is None:
             place = self._films[key] = _Place(self._next(f"videos/{key}/*/file-*.mp4"))
@@ -548,7 +551,7 @@ class DatasetWriter:
         return {**place.indices, **stamps}, {**statistics, "count": [len(view.moments)]}
 
     def finish(self) -> None:
-        """Write what is said of all episodes; nothing can be added after that.
+        """Write the description of all episodes; no more can be added afterwards.
 
         Raises:
             OSError: It cannot be written.
@@ -561,7 +564,7 @@ class DatasetWriter:
         path = self._folder / _EPISODES.format(**place.indices)
         path.parent.mkdir(parents=True, exist_ok=True)
         self._parquet.write_table(self._pa.Table.from_pylist(self._rows), path)
-        (self._folder / _TASKS).unlink(missing_ok=True)  # it may be linked from elsewhere
+        (self._folder / _TASKS).unlink(missing_ok=True)  # it may be a hard link
         self._parquet.write_table(_tasks(self._pa, self._tasks), self._folder / _TASKS)
         counts = {
             "total_episodes": self._episodes,
@@ -575,7 +578,7 @@ class DatasetWriter:
         write_text(self._folder / "meta" / "info.json", info)
 
     def _all_statistics(self) -> Facts:
-        """Statistics of all frames by feature: of numbers exactly, of pictures from samples."""
+        """Statistics of all frames by feature: of values exactly, of images from samples."""
         assert self._info is not None  # noqa: S101 - there is an episode
         paths = sorted(self._folder.glob("data/*/*.parquet"))
         found: Facts = {}
@@ -593,7 +596,7 @@ class DatasetWriter:
 
 
 def _info(episode: Episode) -> Facts:
-    """What ``meta/info.json`` says, but for what is counted."""
+    """Content of ``meta/info.json``, except for counts."""
     indices: Facts = {
         name: {"dtype": kind, "shape": [1], "names": None}
         for name, kind in (
@@ -622,7 +625,7 @@ def _info(episode: Episode) -> Facts:
 
 
 def _tasks(pa: Any, tasks: list[str]) -> Any:  # the package has no types
-    """Numbers of the tasks with their texts as index, as pandas would write it."""
+    """Table of tasks, their texts as index, as pandas would write it."""
     numbers = pa.array(range(len(tasks)), pa.int64())
     table = pa.table({"task_index": numbers, "task": pa.array(tasks)})
     columns = [
@@ -651,12 +654,12 @@ def _column(name: str, kind: str, numpy_kind: str) -> Facts:
 
 
 def _statistics(values: npt.NDArray[np.generic]) -> Facts:
-    """Statistics of the numbers of a feature, of shape (frames, n)."""
+    """Statistics of the values of a feature, of shape (frames, n)."""
     return {**_summarized(values.astype(float)), "count": [len(values)]}
 
 
 def _summarized(rows: Matrix) -> dict[str, list[float]]:
-    """Least, largest, mean, spread and quantiles of columns of a table of shape (n, columns)."""
+    """Minimum, maximum, mean, standard deviation and quantiles of a table, (n, columns)."""
     summary = {
         "min": rows.min(axis=0),
         "max": rows.max(axis=0),
@@ -701,13 +704,13 @@ def _pooled(parts: list[Facts]) -> Facts:
 
 @dataclass(frozen=True)
 class Demonstrations:
-    """What an export has written.
+    """Counts of an export.
 
     Attributes:
-        episodes: Runs that were written.
-        failed: Those of them that did not succeed, which the data set marks.
-        left_out: Runs that were left out, as they did not succeed.
-        frames: Frames of all that were written.
+        episodes: Number of runs that were written.
+        failed: Number of those that did not succeed, which the data set marks.
+        left_out: Number of runs that were left out, as they did not succeed.
+        frames: Number of frames that were written.
     """
 
     episodes: int
@@ -724,21 +727,21 @@ def write_dataset(
     append: bool = False,
     progress: Callable[[int, Path], None] | None = None,
 ) -> Demonstrations:
-    """Write the runs of some records as one data set, whole or not at all.
+    """Write the runs of some records as one data set, which appears only when it is complete.
 
     Args:
         folders: Folders of records, in the order of the episodes.
-        target: Folder to write, which is not there yet, or empty.
+        target: Folder to write, which does not exist yet, or is empty.
         only_successes: Whether runs that did not succeed are left out.
-        append: Whether the runs are added to the data set that is in the folder.
-        progress: Called before a run is read, with how many were before it, and its folder.
+        append: Whether the runs are added to the data set in the folder.
+        progress: Called before a run is read, with the number of runs before it, and its folder.
 
     Raises:
-        ReplayError: There is something in the folder already, or nothing to append to; a run's
-            features are not those of the others, or it has no state; no run succeeded where only
-            those are wanted; a package is not installed.
+        ReplayError: The folder is not empty, or has no data set to append to; the features of runs
+            differ, or a run has no states; only successes are requested, but no run succeeded; a
+            package is not installed.
         HistoryError: A record cannot be read.
-        OSError: It cannot be written there.
+        OSError: The data set cannot be written.
     """
     is_there = target.exists() and (not target.is_dir() or any(target.iterdir()))
     if is_there and not append:
@@ -782,7 +785,7 @@ def _succeeded(record: Record) -> bool:
 
 
 def _linked(source: str, target: str) -> None:
-    """The same file at another place, copied where that cannot be; nothing of it is changed."""
+    """Hard-link a file, or copy it where that is impossible; it must not be changed afterwards."""
     try:
         os.link(source, target)
     except OSError:
@@ -790,7 +793,7 @@ def _linked(source: str, target: str) -> None:
 
 
 def _put(half: Path, target: Path) -> None:
-    """Move a folder into its place, in which there may be an older one."""
+    """Move a folder to its target, replacing an older one."""
     if target.is_dir() and any(target.iterdir()):
         old = target.with_name(f".{target.name}.old.{token_hex(4)}")
         target.replace(old)

@@ -1,4 +1,4 @@
-"""A record as messages over time with JSON schemas, and as an MCAP file."""
+"""Export of a record as MCAP: time-stamped messages with JSON schemas, which Foxglove shows."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class Message:
 
     Attributes:
         topic: Name of its channel.
-        schema: Name of what it says, as in `message_schemas`.
+        schema: Name of its schema, a key of `message_schemas`.
         time_s: Simulated time in s.
-        content: Fields, ready for JSON.
+        content: Fields in JSON's types.
     """
 
     topic: str
@@ -61,10 +61,10 @@ def timestamp(time: float) -> dict[str, int]:
     return {"sec": seconds, "nsec": nanoseconds}
 
 
-# JSON schemas of the messages of a record: Foxglove's by their specification, and our own.
+# Schemas
 #
-# Those whose names begin with ``foxglove.`` have the fields, types and required ones of
-# https://docs.foxglove.dev/docs/sdk/schemas; viewers show them by that name.
+# Schemas whose names begin with ``foxglove.`` have the fields, types and required fields of
+# https://docs.foxglove.dev/docs/sdk/schemas; viewers recognize them by name.
 
 
 Schema: TypeAlias = dict[str, Any]
@@ -79,7 +79,7 @@ _ANY: Final[Schema] = {}
 def _object(
     fields: Mapping[str, Schema], title: str = "", optional: tuple[str, ...] = ()
 ) -> Schema:
-    """An object with these fields, all but the optional ones required."""
+    """Schema of an object with these fields, all required but the optional ones."""
     required = [name for name in fields if name not in optional]
     named = {"title": title} if title else {}
     return {**named, "type": "object", "properties": dict(fields), "required": required}
@@ -245,11 +245,11 @@ _FIELDS: Final[dict[str, dict[str, Schema]]] = {
 
 
 def schema_of(name: str) -> Schema:
-    """The JSON schema of a message, of an object with any fields where none is known."""
+    """The JSON schema of a message; that of an arbitrary object if there is none."""
     return {"title": name, **_object(_FIELDS.get(name, {}))}
 
 
-# What the cameras of a record saw, as messages: pictures, intrinsics, what was found in them.
+# Cameras: images, intrinsics, detections
 
 
 _LOCKED = (0.1, 0.9, 0.2, 1.0)
@@ -263,7 +263,7 @@ def camera_frame(arm: str) -> str:
 
 
 def camera_messages(record: Record) -> Iterator[Message]:
-    """``/ARM/camera/image`` where pictures were kept, ``…/calibration`` and ``…/found``."""
+    """``/ARM/camera/image`` if images were recorded, ``…/calibration`` and ``…/found``."""
     for picture in recorded_frames(record):
         content = {
             "timestamp": timestamp(picture.time),
@@ -283,7 +283,7 @@ def camera_messages(record: Record) -> Iterator[Message]:
 
 
 def _calibrations(record: Record, arm: str, camera: Facts) -> Iterator[Message]:
-    """Intrinsics as they are believed, once a second, so that a viewer has them wherever it is."""
+    """Nominal intrinsics, once per second, so that a viewer has them at any time."""
     width, height = camera["resolution"]
     focal = focal_length_px(height, math.radians(camera["fov"]))
     matrix = [focal, 0.0, width / 2.0, 0.0, focal, height / 2.0, 0.0, 0.0, 1.0]
@@ -304,7 +304,7 @@ def _calibrations(record: Record, arm: str, camera: Facts) -> Iterator[Message]:
 
 
 def _found(note: Facts) -> Facts:
-    """A circle of the area of what was found; none where nothing was."""
+    """A circle of the area of a detection; none without one."""
     if note["pixel"] is None:
         return {"circles": [], "points": [], "texts": []}
     x, y = note["pixel"]
@@ -324,17 +324,15 @@ def _color(rgba: tuple[float, float, float, float]) -> Facts:
     return dict(zip("rgba", rgba, strict=True))
 
 
-# The scene of a record as messages: shapes of robots, grippers, objects and what stands around.
+# Scene: shapes of robots, grippers, objects and surroundings
 #
-# One message of `foxglove.SceneUpdate` for each arm, and one for all else, whenever that
-# changes: as
-# things are spawned and removed. Shapes are in the frames of their bodies, which move by
-# ``/bodies``.
-# Each message has all of its topic, so that a viewer that jumps to a time needs the last one alone.
+# There is one `foxglove.SceneUpdate` for each arm, and one for everything else, whenever that
+# changes by spawning or removal. Shapes are in the frames of their bodies, which move by
+# ``/bodies``. Each message is complete, so that a viewer that jumps to a time needs only the last.
 
 
 _FLOOR_M: Final = 10.0
-"""Width that is drawn of a ground without end."""
+"""Width of the visible part of an infinite plane, m."""
 
 _THIN_M: Final = 1e-3
 _ALL: Final = 1  # of foxglove.SceneEntityDeletion: everything of the topic
@@ -390,7 +388,7 @@ def _entities(shapes: Iterable[DrawnShape]) -> Iterator[Facts]:
 
 
 def _primitives(shape: DrawnShape) -> Iterator[tuple[str, Facts]]:
-    """What a shape is drawn by: the name of the list that it belongs to, and its fields."""
+    """Primitive of a shape: the name of its list in the entity, and its fields."""
     color = dict(zip("rgba", (round(part, 4) for part in shape.color), strict=True))
     x, y, z = shape.size.tolist()
     pose = _pose(shape.position, shape.quaternion)
@@ -446,7 +444,8 @@ def _glb_text(mesh: Mesh) -> str:
 def glb(mesh: Mesh) -> bytes:
     """A mesh in binary glTF 2.0, by its specification.
 
-    glTF's y axis points up, where ours is z: viewers turn it back by 90° about x.
+    The y axis of glTF points up, here z does: viewers rotate meshes by 90° about x, which is
+    compensated in the vertices.
     """
     x, y, z = mesh.vertices.T
     vertices = np.ascontiguousarray(np.stack((x, z, -y), axis=1), "<f4")
@@ -501,7 +500,7 @@ def _vector(x: float, y: float, z: float) -> Facts:
 
 
 _EVERY: Final = 2
-"""States from one message of bodies to the next: 25 a second."""
+"""Interval of messages with body poses, in recorded states: 25 messages per second."""
 
 # levels of foxglove.Log
 _INFO = 2
@@ -509,15 +508,15 @@ _ERROR = 4
 
 
 def messages_of(record: Record) -> list[Message]:
-    """All messages, in the order of their times.
+    """All messages of a record, in chronological order.
 
-    ``/status`` has changes of status, ``/log`` the same for people; ``/ARM/ports``,
-    ``/ARM/wrote``, ``/ARM/frame``, ``/ARM/look``, ``/ARM/found``, ``/ARM/holds`` and ``/ARM/guard``
-    the notes; ``/ARM/joints`` where the joints were, those of fingers too, with the torques that
-    were commanded, ``/ARM/set_point`` what was sent, in rad, s and N m (m and N of fingers);
-    ``/ARM/gripper`` what a gripper sensed, was asked for and held; ``/bodies`` the poses of all
-    bodies and cameras in the world, in m; ``/scene/…`` what they look like (`scene_messages`),
-    ``/ARM/camera/…`` what `camera_messages` says.
+    ``/status`` has status changes, ``/log`` the same as text. ``/ARM/ports``, ``/ARM/wrote``,
+    ``/ARM/frame``, ``/ARM/look``, ``/ARM/found``, ``/ARM/holds`` and ``/ARM/guard`` are notes.
+    ``/ARM/joints`` has measured joint positions, those of fingers too, and commanded torques;
+    ``/ARM/set_point`` the set-points, in rad, s and N m (m and N for fingers); ``/ARM/gripper``
+    state, command and held objects of a gripper; ``/bodies`` the poses of all bodies and cameras in
+    the world, in m; ``/scene/…`` their shapes (`scene_messages`); ``/ARM/camera/…`` see
+    `camera_messages`.
     """
     found = [
         *_statuses(record),
@@ -557,7 +556,7 @@ def _notes(record: Record) -> Iterator[Message]:
 
 
 def _joints(record: Record) -> Iterator[Message]:
-    """Measured and sent: by the model's own names, as `foxglove.JointStates`."""
+    """Measured states and set-points, with the model's names, as `foxglove.JointStates`."""
     for arm in record.arms:
         for index, time in enumerate(record.times.tolist()):
             row = record.arm_row(arm, index)
@@ -573,7 +572,7 @@ def _joints(record: Record) -> Iterator[Message]:
                 for j, joint in enumerate(now)
             ]
             fingers = finger_joints(model, arm)
-            gripper = record.gripper(arm, index)  # of earlier versions: what the state has, no more
+            gripper = record.gripper(arm, index)  # records of earlier versions have only the state
             grip = None if gripper is None else _rounded(gripper)
             now += _measured(
                 model, moment, fingers, [grip["force_n"]] * len(fingers) if grip else None
@@ -592,7 +591,7 @@ def _joints(record: Record) -> Iterator[Message]:
 def _measured(
     model: mujoco.MjModel, moment: Moment, joints: Sequence[int], efforts: Sequence[float] | None
 ) -> list[Facts]:
-    """Name, position, velocity and effort, where it is known, as `foxglove.JointState`."""
+    """Name, position, velocity and, if known, effort, as `foxglove.JointState`."""
     at = model.jnt_qposadr[joints]
     to = model.jnt_dofadr[joints]
     where = moment.qpos[at].round(9).tolist()
@@ -607,7 +606,7 @@ def _measured(
 
 
 def _grippers(record: Record) -> Iterator[Message]:
-    """What each gripper sensed, was asked for, and was believed to hold."""
+    """State and command of each gripper, and the objects that it was assumed to hold."""
     for arm in record.arms:
         changes = held_over_time(record, arm)
         held: tuple[str, ...] = ()
@@ -622,7 +621,7 @@ def _grippers(record: Record) -> Iterator[Message]:
 
 
 def _rounded(state: GripperState) -> dict[str, float]:
-    """Numbers of a gripper by name and unit, as exact as the record has them."""
+    """Values of a gripper by name and unit, in the precision of the record."""
     named = {
         "width_m": state.width,
         "speed_m_s": state.speed,
@@ -673,7 +672,7 @@ def _transform(name: str, position: Vector, quaternion: Vector, time: float) -> 
 
 
 def write_mcap(messages: Sequence[Message], path: Path) -> None:
-    """Write messages in the order of their times, whole or not at all.
+    """Write messages in chronological order; the file appears only when it is complete.
 
     Args:
         messages: The messages.

@@ -38,11 +38,11 @@ _KINDS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles.
+    """A triangle mesh.
 
     Attributes:
         vertices: Vertices of shape (n, 3), m, 32-bit.
-        faces: Numbers of three vertices each, anticlockwise seen from outside, of shape (m, 3).
+        faces: Indices of three vertices each, counterclockwise from outside, of shape (m, 3).
     """
 
     vertices: npt.NDArray[np.float32]
@@ -54,12 +54,12 @@ class DrawnShape:
     """One shape of a body.
 
     Attributes:
-        body: Name of the body; ``world`` for what stands still.
+        body: Name of the body; ``world`` for static shapes.
         name: Name of the shape, which may be empty.
         kind: ``plane``, ``sphere``, ``capsule``, ``ellipsoid``, ``cylinder``, ``box`` or ``mesh``.
-        position: Place in the body, of shape (3,), m.
+        position: Position in the body, of shape (3,), m.
         quaternion: Orientation in the body (w, x, y, z).
-        size: MuJoCo's sizes: half lengths of a box or plane (0: no end), radius and half length.
+        size: MuJoCo's sizes: half lengths of a box or plane (0: infinite), radius and half length.
         color: Red, green, blue, opacity, from 0 to 1.
         mesh: Triangles of a mesh.
     """
@@ -79,7 +79,7 @@ def drawn_shapes(model: mujoco.MjModel, arms: dict[str, Facts]) -> list[DrawnSha
 
     Args:
         model: The compiled world.
-        arms: What the record says of each arm, by name.
+        arms: The record's data of each arm, by name.
     """
     drawn = [*_shapes(model, LOOP_GROUPS)]
     for arm, facts in arms.items():
@@ -107,7 +107,7 @@ def drawn_shapes(model: mujoco.MjModel, arms: dict[str, Facts]) -> list[DrawnSha
 
 
 def _is_covered(shape: DrawnShape, bodies: Collection[str]) -> bool:
-    """Whether the hull of a link is not drawn, as its real mesh is; a tool's shape has no other."""
+    """Whether a visual mesh replaces the hull of a link; tool shapes have no visual mesh."""
     return shape.body in bodies and not shape.name.endswith(f"/{TOOL_GEOM}")
 
 
@@ -115,7 +115,7 @@ def _is_covered(shape: DrawnShape, bodies: Collection[str]) -> bool:
 def _real_shapes(
     robot: str, gripper: str | None, locked: tuple[tuple[str, float], ...]
 ) -> Sequence[DrawnShape]:
-    """Real shapes of a robot and its gripper, without the arm's name; none of what is unknown."""
+    """Visual shapes of a robot and its gripper, without the arm's prefix; none if unknown."""
     if robot not in robot_names() or (gripper is not None and gripper not in gripper_names()):
         return ()
     try:

@@ -16,19 +16,19 @@ from bt_dualarm.replay.scene import file_part, held_over_time
 from bt_dualarm.spec.ports import escaped
 
 _FORMULAS: Final = frozenset("=+-@\t\r\n\uff1d\uff0b\uff0d\uff20")
-"""Characters with which a cell begins that a spreadsheet takes for a formula, wide ones too."""
+"""First characters of cells that spreadsheets interpret as formulas, with full-width forms."""
 
 
 def tables_of(record: Record) -> Iterator[tuple[str, str]]:
     """Yields the name and content of each table, with numbers in SI units.
 
-    ``events.csv`` has changes of status, ``notes.csv`` ports, keys, pictures and what was found in
-    them; ``arm_NAME.csv`` set-points and torques, ``gripper_NAME.csv`` what the arm's gripper
-    sensed, was asked for and held, and ``states_N.csv`` positions and velocities of generation N of
-    the world, all at 50 Hz.
+    ``events.csv`` has status changes; ``notes.csv`` ports, blackboard keys, images and detections;
+    ``arm_NAME.csv`` set-points and torques; ``gripper_NAME.csv`` state, command and held objects of
+    a gripper; and ``states_N.csv`` positions and velocities of generation N of the world, all at
+    50 Hz.
 
     Raises:
-        ReplayError: An arm has a name that no tree file can give to it.
+        ReplayError: An arm has a name that is invalid in tree files.
     """
     columns = ("time_s", "arm", "path", "kind", "old", "new", "code", "reason", "metrics")
     events = [[_cell(event[name]) for name in columns] for event in record.events]
@@ -102,7 +102,7 @@ _GRIPPER_COLUMNS: Final = (
 
 
 def _gripper_rows(record: Record, arm: str) -> Iterator[list[object]]:
-    """State and command of a gripper, and the objects that it was believed to hold."""
+    """State and command of a gripper, and the objects that it was assumed to hold."""
     changes = held_over_time(record, arm)
     held: tuple[str, ...] = ()
     for index, time in enumerate(record.times.tolist()):

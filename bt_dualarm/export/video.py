@@ -1,4 +1,4 @@
-"""A record as a film: the scene, wrist cameras, and the trees beside it."""
+"""Export of a record as a video: the scene, wrist cameras, and the behavior trees beside it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ARM_COLORS: Final[tuple[RGB, ...]] = (
     (142, 90, 220),
     (0, 172, 193),
 )
-"""Colors by which arms and their tools' ways are told apart, in the order of the file."""
+"""Colors of the arms and of the paths of their tools, in the order of the file."""
 
 BORDER: Final[RGB] = (24, 28, 36)
 PAPER: Final[RGB] = (250, 250, 248)
@@ -52,32 +52,32 @@ STATUS: Final[dict[str, tuple[str, RGB]]] = {
 
 @cache
 def font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """Letters that have the marks of all statuses: DejaVu Sans, which matplotlib brings."""
+    """A font with the marks of all statuses: DejaVu Sans, which matplotlib includes."""
     import matplotlib as mpl
 
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / name), size)
 
 
-# The scene of a film: smooth and with shadows, the tools' ways of late, and wrist cameras.
+# Scene: antialiased, with shadows, the recent paths of the tools, and wrist cameras
 
 
 FINER: Final = 2
-"""Rays a pixel along each direction: edges are smooth by that."""
+"""Rays per pixel along each axis, for antialiasing."""
 
 _TRAIL_S: Final = 3.0
 _FADING: Final = 12
-"""Pieces of a trail, each fainter than the one after it."""
+"""Segments of a trail, older ones fainter."""
 
 INSET: Final = 0.27
-"""Width of a wrist camera's picture as a share of the scene's."""
+"""Width of a wrist camera's image as a share of the scene's."""
 
 _FRESH_S: Final = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class _World:
-    """One compiled model, ready to be drawn."""
+    """One compiled model, ready to be rendered."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
@@ -90,12 +90,12 @@ class _World:
 
 @dataclass(eq=False)
 class FilmScene:
-    """Draws moments of a record, in their order.
+    """Renders moments of a record, in chronological order.
 
     Attributes:
         record: The record.
-        size: Width and height of the picture in pixels.
-        at_left: Whether the cameras' pictures are at the left.
+        size: Width and height of the image in pixels.
+        at_left: Whether the camera images are at the left.
         at_top: Whether they are at the top.
     """
 
@@ -114,7 +114,7 @@ class FilmScene:
             self._looks[arm] = [note for note in own if note["kind"] == "look"]
 
     def draw(self, moment: Moment, viewpoint: Viewpoint) -> Image.Image:
-        """The picture of a moment."""
+        """Render the image of one moment."""
         world = self._at(moment)
         width, height = (FINER * side for side in self.size)
         image = Image.fromarray(world.painter.draw(world.data, viewpoint, (width, height), FINER))
@@ -148,7 +148,7 @@ class FilmScene:
                 _faded(draw, viewpoint.pixels(points, *image.size), color)
 
     def _draw_insets(self, image: Image.Image, moment: Moment, world: _World) -> None:
-        """What each arm's camera has before it, and a circle around what a tracker found there."""
+        """Images of the wrist cameras, with a circle around the target of a tracker."""
         at = margin = round(0.02 * self.size[0])
         for arm, facts in self.record.arms.items():
             camera = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_CAMERA, f"{arm}/camera")
@@ -176,7 +176,7 @@ class FilmScene:
 
 
 def _faded(draw: ImageDraw.ImageDraw, pixels: Matrix, color: RGB) -> None:
-    """A line that begins faint and ends bright."""
+    """Draw a line that fades toward its start."""
     cuts = np.linspace(0, len(pixels) - 1, min(_FADING, len(pixels) - 1) + 1).astype(int)
     for number, (first, last) in enumerate(pairwise(cuts), 1):
         piece = [(float(x), float(y)) for x, y in pixels[first : last + 1]]
@@ -185,7 +185,7 @@ def _faded(draw: ImageDraw.ImageDraw, pixels: Matrix, color: RGB) -> None:
 
 
 def _framed(image: Image.Image, seen: Image.Image, corner: tuple[int, int], text: str) -> None:
-    """Paste a picture with a thin border and a caption in its corner."""
+    """Paste an image with a thin border and a caption in its corner."""
     x, y = corner
     draw = ImageDraw.Draw(image, "RGBA")
     draw.rectangle((x - 2, y - 2, x + seen.width + 1, y + seen.height + 1), fill=(*BORDER, 255))
@@ -197,28 +197,28 @@ def _framed(image: Image.Image, seen: Image.Image, corner: tuple[int, int], text
 
 
 _STILLS: Final = 7
-"""Moments by which the side is chosen from which the run is seen best."""
+"""Number of moments by which the viewing direction is chosen."""
 
 _EVERY_S: Final = 0.2
 _CALM_S: Final = 1.5
-"""Seconds over which the camera is carried along: standard deviation of the mean."""
+"""Standard deviation in s of the Gaussian that smooths the camera's motion."""
 
 _NEAR: Final = 0.2
-"""How near it goes: 0 shows all of the cell all the time, 1 what moves alone."""
+"""Closeness of the view: 0 always shows the whole cell, 1 only what moves."""
 
 _AT_HAND_M: Final = 0.35
 
 
 def followed(record: Record, times: Sequence[float], aspect: float) -> list[Viewpoint]:
-    """A viewpoint for each time in s: one side of the cell, nearer where the work is.
+    """Viewpoints over time: from one direction, and closer to the moving parts.
 
     Args:
         record: The record.
         times: Simulated times in s, ascending.
-        aspect: Width of the picture by its height.
+        aspect: Width of the image over its height.
 
     Raises:
-        ReplayError: There is nothing to be seen in the record.
+        ReplayError: The record shows no arm or object.
     """
     stills = [_still(record, time) for time in np.linspace(times[0], times[-1], _STILLS).tolist()]
     whole = best_viewpoint(stills, aspect)
@@ -237,7 +237,7 @@ def followed(record: Record, times: Sequence[float], aspect: float) -> list[View
 def clear_corner(
     record: Record, times: Sequence[float], viewpoints: Sequence[Viewpoint], aspect: float
 ) -> tuple[bool, bool]:
-    """The corner of the picture where least is hidden: whether it is left, and whether it is top.
+    """The corner of the image that covers the least; whether it is at the left, and at the top.
 
     Args:
         record: The record.
@@ -266,7 +266,7 @@ def _still(record: Record, time: float) -> StillRenderer:
 
 
 def _wanted(still: StillRenderer, whole: Viewpoint, aspect: float) -> Matrix:
-    """Eye and point looked at, of shape (6,), m: between all of the cell and the work alone."""
+    """Camera position and target, of shape (6,), m, between those of the cell and of the action."""
     points = still.corners(_work(still))
     if not len(points):
         return np.concatenate((whole.eye, whole.look_at))
@@ -277,7 +277,7 @@ def _wanted(still: StillRenderer, whole: Viewpoint, aspect: float) -> Matrix:
 
 
 def _work(still: StillRenderer) -> npt.NDArray[np.bool_]:
-    """Which shapes the work is about: the outer halves of the arms, and what is at their tools."""
+    """Mask of the geoms of the action: the outer halves of the arms, and objects at their tools."""
     model = still.model
     data = still.data
     names = [model.body(body).name for body in model.geom_bodyid]
@@ -297,7 +297,7 @@ def _work(still: StillRenderer) -> npt.NDArray[np.bool_]:
 
 
 def _outer_half(model: mujoco.MjModel, tip: int) -> list[int]:
-    """Bodies from the tool down to the middle of its arm."""
+    """Bodies from the tool to the middle of its arm."""
     chain = [tip]
     while model.body_parentid[chain[-1]]:
         chain.append(int(model.body_parentid[chain[-1]]))
@@ -306,12 +306,12 @@ def _outer_half(model: mujoco.MjModel, tip: int) -> list[int]:
 
 _SIZES: Final = (19, 18, 17, 16, 15, 14, 13, 12, 11, 10)
 _INDENT: Final = 1.3
-"""Indentation of a child, in heights of a letter."""
+"""Indentation of a child, in letter heights."""
 
 
 @dataclass(frozen=True)
 class _PanelLine:
-    """One line: how far in, a mark, a text, and what stands at its end."""
+    """One line: indentation, mark, text, and the text at its right end."""
 
     depth: int
     mark: str
@@ -324,7 +324,7 @@ class _PanelLine:
 
 @dataclass(eq=False)
 class FilmPanel:
-    """Draws the trees of a record.
+    """Renders the behavior trees of a record.
 
     Attributes:
         record: The record.
@@ -345,11 +345,11 @@ class FilmPanel:
 
     @property
     def _scale(self) -> float:
-        """Panels are laid out for 400 pixels across."""
+        """Scale of the layout, which is designed for a width of 400 pixels."""
         return 400.0 / self.size[0]
 
     def draw(self, time: float) -> Image.Image:
-        """The panel at a time in s."""
+        """Render the panel at a time in s."""
         image = Image.new("RGB", self.size, PAPER)
         draw = ImageDraw.Draw(image)
         margin = round(20 / self._scale)
@@ -381,7 +381,7 @@ class FilmPanel:
     def _write(
         self, draw: ImageDraw.ImageDraw, line: _PanelLine, y: int, left: int, right: int
     ) -> int:
-        """Write a line; returns where the next one begins."""
+        """Draw a line; returns the position of the next one."""
         letters = font(self._letters, bold=line.bold)
         step = round(1.6 * self._letters)
         x = left + round(line.depth * _INDENT * self._letters)
@@ -437,20 +437,20 @@ def _wrapped(reason: str, width: int = 40) -> list[str]:
 Picture = npt.NDArray[np.uint8]
 
 _PANEL: Final = 0.3125
-"""Width of the trees as a share of the picture's."""
+"""Width of the trees' panel as a share of the image's."""
 
 _MOST_BYTES: Final = 3 * 2**20
-"""Bytes of an animation: what pages on the web show without much ado."""
+"""Largest size of an animation, bytes: what most web pages accept."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """How large a film is, and how many pictures it has.
+    """Size and frame rate of a video.
 
     Attributes:
-        width: Width of its pictures in pixels, even.
+        width: Width in pixels, even.
         height: Height in pixels, even.
-        fps: Pictures for each simulated second.
+        fps: Frames per simulated second.
     """
 
     width: int
@@ -463,15 +463,15 @@ ANIMATION: Final = Format(800, 450, 10.0)
 
 
 def write_film(record: Record, path: Path) -> None:
-    """Write a film in H.264, whole or not at all.
+    """Write a video in H.264; the file appears only when it is complete.
 
     Args:
         record: The record.
         path: File to write; its name ends with ``.mp4``.
 
     Raises:
-        ReplayError: There is nothing to be seen in the record, or imageio-ffmpeg is not installed.
-        OSError: The film cannot be written there.
+        ReplayError: The record shows no arm or object, or imageio-ffmpeg is not installed.
+        OSError: The file cannot be written.
     """
     beside = path.with_name(f".{path.stem}.half.mp4")
     try:
@@ -485,13 +485,13 @@ def write_film(record: Record, path: Path) -> None:
 
 
 class Encoder:
-    """Writes pictures as H.264 (yuv420p), one by one.
+    """Encodes images as H.264 (yuv420p), one by one.
 
     Args:
         path: File to write, which ends with ``.mp4``.
         size: Width and height in pixels, even.
-        fps: Pictures a second.
-        key_every: Pictures from one that stands for itself to the next.
+        fps: Frames per second.
+        key_every: Interval of key frames, in frames.
 
     Raises:
         ReplayError: The package imageio-ffmpeg is not installed.
@@ -511,23 +511,23 @@ class Encoder:
         self._film.send(None)
 
     def add(self, picture: Picture) -> None:
-        """Add a picture of shape (height, width, 3), red, green, blue."""
+        """Add an image of shape (height, width, 3), red, green, blue."""
         self._film.send(np.ascontiguousarray(picture).tobytes())
 
     def close(self) -> None:
-        """Finish the file; again changes nothing."""
+        """Finish the file; harmless when repeated."""
         self._film.close()
 
 
 def write_animation(record: Record, path: Path) -> None:
-    """Write a film without sound or player, as an animated WebP of 3 MB at most.
+    """Write an animated WebP of at most 3 MB, which needs no player.
 
     Args:
         record: The record.
         path: File to write; its name ends with ``.webp``.
 
     Raises:
-        ReplayError: There is nothing to be seen in the record.
+        ReplayError: The record shows no arm or object.
         OSError: The file cannot be written there.
     """
     images = [Image.fromarray(picture) for picture in pictures(record, ANIMATION)]
@@ -551,10 +551,10 @@ def write_animation(record: Record, path: Path) -> None:
 
 
 def pictures(record: Record, form: Format) -> Iterator[Picture]:
-    """Pictures of the film, of shape (height, width, 3), red, green, blue.
+    """Render the frames of the video, of shape (height, width, 3), red, green, blue.
 
     Raises:
-        ReplayError: There is nothing to be seen in the record.
+        ReplayError: The record shows no arm or object.
     """
     if not len(record.times):
         raise ReplayError(f"{record.folder} holds nothing to be seen: no state was kept")

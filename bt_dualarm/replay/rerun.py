@@ -487,7 +487,8 @@ def _raise_unless_frames_explain(
     if any(edited(record, remade.trees, time)) or not recalled:
         raise PastChangedError(_explained(record, remade, past, registry))
     _log.warning(
-        "what the record has of pictures leads elsewhere from %.3f s on: they are drawn again", time
+        "recorded image results diverge from the run from %.3f s on: images are rendered again",
+        time,
     )
 
 

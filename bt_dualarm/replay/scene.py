@@ -59,7 +59,7 @@ def gripper_kind(model: mujoco.MjModel, arm: str) -> GripperKind | None:
 
 
 def held_over_time(record: Record, arm: str) -> list[tuple[float, tuple[str, ...]]]:
-    """Objects that an arm was believed to hold, by its gripper or a weld, at each change.
+    """Objects that an arm was assumed to hold, by its gripper or a weld, at each change.
 
     Returns:
         Simulated time in s and names of the objects, in chronological order; empty if nothing was

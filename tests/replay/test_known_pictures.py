@@ -89,7 +89,7 @@ def test_answers_that_lead_elsewhere_are_dropped_and_all_is_drawn(
     ):
         assert run.assembly.frame_logs["arm1"].taken == 0
         result = run.finish()
-    assert "what the record has of pictures leads elsewhere from" in caplog.text
+    assert "recorded image results diverge from the run from" in caplog.text
     assert record.end is not None
     assert result.state_sha256 == record.end["state_sha256"]
 
