@@ -1,9 +1,9 @@
 """Planning among shelves, boxes, cages and tables: python -m benchmarks.scenes [--problems N].
 
 Problems of `scene_problems`, every arm of the catalog. Printed, of CPU time: what finding a way
-takes, and all from a request to a timed trajectory; how many are solved, and how many of these not
-by the compiled search but by OMPL; how long the ways are, against the shortest of so many others
-(``--best``); and what MuJoCo says of contacts when the motions are replayed.
+takes, and all from a request to a timed trajectory; how many are solved, and how many of these by
+OMPL, not by the compiled search for narrow passages; how long the ways are, against the shortest of
+so many others (``--best``); and what MuJoCo says of contacts when the motions are replayed.
 
 A problem counts when somebody solves it: here, or with ten times the checks and other planners.
 """
@@ -40,7 +40,7 @@ class Outcome:
         kind: Kind of scene, and robot.
         request_s: From the problem to a timed trajectory.
         plan_s: Of these, or of a run of its own, what finding the way takes.
-        quick: The compiled search found it; a straight way counts.
+        by_ompl: A planner of OMPL found it, not the compiled one for narrow passages.
         ratio: Length of the way over the shortest known; 1 where it is straight.
         overlap: Deepest contact in m when replayed.
         solved: It came to a trajectory that touches nothing.
@@ -49,7 +49,7 @@ class Outcome:
     kind: str
     request_s: float = 0.0
     plan_s: float = 0.0
-    quick: bool = True
+    by_ompl: bool = False
     straight: bool = False
     ratio: float = 1.0
     overlap: float = 0.0
@@ -71,7 +71,7 @@ def solve(kind: str, world: World, problem: PlanningProblem, best: int) -> Outco
             began = time.process_time()
             way = path_around(ready)
             outcome.plan_s = time.process_time() - began
-            outcome.quick = way.quick is not None
+            outcome.by_ompl = way.by_ompl
             outcome.ratio = _ratio(ready, way.corners, best)
         outcome.overlap = replayed(world, "arm1", motion.q, ready.checker.radii)[0]
         outcome.solved = outcome.overlap <= OVERLAP_M
@@ -104,7 +104,7 @@ def table(outcomes: list[Outcome], left_out: int) -> str:
             f"solved             {len(solved)}  {100 * len(solved) / len(outcomes):.2f} %  "
             f"{dict(missed) or ''}",
             f"straight           {len(solved) - len(searched)}; "
-            f"by OMPL {sum(not one.quick for one in searched)}",
+            f"by OMPL {sum(one.by_ompl for one in searched)}",
             _times("plan", [one.plan_s for one in solved]),
             _times("plan, searched", [one.plan_s for one in searched]),
             _times("request, all", [one.request_s for one in solved]),

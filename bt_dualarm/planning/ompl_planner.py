@@ -1,8 +1,11 @@
-"""Path search with OMPL: the available planners, and one search within a budget.
+"""Path search with OMPL: the available planners, one search within a budget, and shortcuts.
 
 OMPL: I. A. Sucan, M. Moll, L. E. Kavraki, The Open Motion Planning Library, IEEE Robotics and
 Automation Magazine 19(4), 2012. A search is reproducible: it ends after a count of checks, and its
 random numbers depend on its seed.
+
+OMPL's own discrete motion validator is replaced: an edge is checked by one call of `Edges`, so that
+Python is entered once per edge and not once per configuration.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import functools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias, get_args
 
@@ -17,10 +21,12 @@ import numpy as np
 
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.planning.edges import Edges
 from bt_dualarm.robots.robot import JointLimits
 
 if TYPE_CHECKING:
     import ompl.base
+    import ompl.geometric
 
 Planner: TypeAlias = Literal[
     "RRTConnect",
@@ -49,12 +55,12 @@ its time sorting edges and checks less and less; a round took as long as 10 to 4
 _ASK_EVERY = 16
 """Rounds of a planner between two polls whether the plan is still needed."""
 
-_ROUNDS = 3
-"""Rounds of shortcuts: more of them hardly shorten a path."""
+_SHORTCUTS = 30
+"""Number of shortcuts that are tried: more of them hardly shorten a path."""
 
 _IDLE = 5000
 """Rounds without a single check after which a search ends. Optimizing planners would never end once
-they take the straight path for free, as it may be at their resolution."""
+the straight path is free."""
 
 _STRAIGHT = 1 + 1e-6
 """Length of a path relative to the straight one at which it counts as optimal. With 1 exactly,
@@ -66,69 +72,56 @@ at most; AORRTC's may never end if one of several goals is unreachable."""
 
 
 class OmplSearch:
-    """Search for a path from one start to one of several goals.
-
-    States of OMPL are joint angles times the radii, in m: the Euclidean distance of two states is
-    then comparable with the motion of the arm.
+    """Search for a path from one start to one of several goals; can be run only once.
 
     Args:
-        checker: Collision checker of the arm.
+        arm: The arm, its checks, and the count of these.
         start: Configuration of shape (dof,), rad.
         goals: Configurations, each of shape (dof,), rad.
-        limits: Position limits to stay within.
-        radii: Largest motion of the arm per radian of each joint, of shape (dof,), m/rad.
         seed: Random seed; at least 1.
+        beyond: Range of samples beyond the ends, within the joint limits, rad. For joints with two
+            turns, most samples would be wasted without it.
     """
 
     def __init__(
         self,
-        checker: CollisionChecker,
+        arm: ArmChecks,
         start: Vector,
         goals: Sequence[Vector],
-        limits: JointLimits,
-        radii: Vector,
         seed: int,
+        beyond: float = np.pi,
     ) -> None:
-        self._checker = checker
-        self._radii = radii
-        self._ompl = ompl = _ompl()
+        ompl = _ompl()
         # OMPL has one global seed. It comes first: the space may draw random numbers, too.
         ompl.util.RNG.setSeed(seed)
-        self._space = ompl.base.RealVectorStateSpace(len(start))
-        self._space.setBounds(self._bounds(np.array((start, *goals)), limits))
-        self._information = ompl.base.SpaceInformation(self._space)
-        self._problem = ompl.base.ProblemDefinition(self._information)
-        self._problem.addStartState(self._state(start))
-        ends = ompl.base.GoalStates(self._information)
+        ends = np.array((start, *goals))
+        lower = np.maximum(ends.min(axis=0) - beyond, arm.limits.lower)
+        upper = np.minimum(ends.max(axis=0) + beyond, arm.limits.upper)
+        self._budget = arm.budget
+        self._space = _ScaledSpace(arm, lower, upper)
+        information = self._space.information
+        self._problem = ompl.base.ProblemDefinition(information)
+        self._problem.addStartState(self._space.state(start))
+        states = ompl.base.GoalStates(information)
         for goal in goals:
-            ends.addState(self._state(goal))
-        self._problem.setGoal(ends)
+            states.addState(self._space.state(goal))
+        self._problem.setGoal(states)
+        radii = arm.checker.radii
         shortest = min(float(np.linalg.norm((goal - start) * radii)) for goal in goals)
-        length = ompl.base.PathLengthOptimizationObjective(self._information)
+        length = ompl.base.PathLengthOptimizationObjective(information)
         length.setCostThreshold(ompl.base.Cost(_STRAIGHT * shortest))
         self._problem.setOptimizationObjective(length)
 
-    def run(
-        self, name: Planner, longest_edge: float, resolution: float, budget: Budget
-    ) -> Matrix | None:
+    def run(self, name: Planner, longest_edge: float) -> Matrix | None:
         """Corners of a shortened path, of shape (n, dof), rad; None if none was found.
-
-        A search can be run only once.
 
         Args:
             name: Name of the planner.
             longest_edge: Longest edge of its trees, as motion of the arm, m.
-            resolution: Largest motion of the arm between two checks, m.
-            budget: Counter of checks, which ends the search.
         """
-        ompl = self._ompl
-        validity = _Validity(self._checker, self._radii, budget)
-        self._information.setStateValidityChecker(validity)
-        # OMPL's resolution is a share of the space's diagonal.
-        share = resolution / self._space.getMaximumExtent()
-        self._information.setStateValidityCheckingResolution(share)
-        self._information.setup()
-        planner = getattr(ompl.geometric, name)(self._information)
+        ompl = _ompl()
+        budget = self._budget
+        planner = getattr(ompl.geometric, name)(self._space.information)
         if hasattr(planner, "setRange"):
             planner.setRange(longest_edge)
         planner.setProblemDefinition(self._problem)
@@ -139,49 +132,128 @@ class OmplSearch:
         budget.end()
         if not self._problem.hasExactSolution():  # an approximate one ends elsewhere
             return None
-        path = self._problem.getSolutionPath()
-        simplifier = ompl.geometric.PathSimplifier(self._information)
-        for _ in range(_ROUNDS):
-            simplifier.partialShortcutPath(path)
-            simplifier.reduceVertices(path)
-        return np.array([validity.angles(state) for state in path.getStates()])
-
-    def _bounds(self, ends: Matrix, limits: JointLimits) -> ompl.base.RealVectorBounds:
-        """Half a turn beyond the ends: for joints with two turns, most samples would be wasted."""
-        lower = np.maximum(ends.min(axis=0) - np.pi, limits.lower) * self._radii
-        upper = np.minimum(ends.max(axis=0) + np.pi, limits.upper) * self._radii
-        bounds = self._ompl.base.RealVectorBounds(len(lower))
-        for i, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
-            bounds.setLow(i, low)
-            bounds.setHigh(i, high)
-        return bounds
-
-    def _state(self, q: Vector) -> ompl.base.State:
-        state = self._space.allocState()
-        for i, value in enumerate((q * self._radii).tolist()):
-            state[i] = value
-        return state
+        return self._space.shortened(self._problem.getSolutionPath())
 
 
-class _Validity:
-    """Validity checker for states of OMPL; counts its checks.
+def shortened(corners: Matrix, arm: ArmChecks, seed: int) -> Matrix:
+    """A path with shortcuts, of shape (n, dof), rad.
 
-    Separate from the search: OMPL never frees a callback that refers back to OMPL.
+    Args:
+        corners: Corners of the path, of shape (n, dof), rad.
+        arm: The arm, its checks, and the count of these.
+        seed: Random seed; at least 1.
+    """
+    ompl = _ompl()
+    ompl.util.RNG.setSeed(seed)
+    space = _ScaledSpace(arm, arm.limits.lower, arm.limits.upper)
+    path = ompl.geometric.PathGeometric(space.information)
+    for q in corners:
+        path.append(space.state(q))
+    return space.shortened(path)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmChecks:
+    """What a search knows of the arm.
+
+    Attributes:
+        checker: Collision checker of its configurations.
+        edges: Collision checks of its straight motions.
+        limits: Position limits to stay within.
+        budget: Counter of both kinds of checks, which ends a search.
     """
 
-    def __init__(self, checker: CollisionChecker, radii: Vector, budget: Budget) -> None:
-        self._checker = checker
-        self._radii = radii
-        self._budget = budget
-        self._joints = range(len(radii))
+    checker: CollisionChecker
+    edges: Edges
+    limits: JointLimits
+    budget: Budget
+
+
+class _ScaledSpace:
+    """OMPL's space of joint angles times the radii, in m, with the checks of an arm.
+
+    The Euclidean distance of two states is then comparable with the motion of the arm.
+
+    Args:
+        arm: The arm, its checks, and the count of these.
+        lower: Lower bounds of samples, of shape (dof,), rad.
+        upper: Upper bounds of samples, of shape (dof,), rad.
+    """
+
+    def __init__(self, arm: ArmChecks, lower: Vector, upper: Vector) -> None:
+        base = _ompl().base
+        self._radii = arm.checker.radii
+        self._joints = slice(0, len(self._radii))  # states of OMPL do not know their length
+        self._space = base.RealVectorStateSpace(len(self._radii))
+        bounds = base.RealVectorBounds(len(self._radii))
+        scaled = zip((lower * self._radii).tolist(), (upper * self._radii).tolist(), strict=True)
+        for i, (low, high) in enumerate(scaled):
+            bounds.setLow(i, low)
+            bounds.setHigh(i, high)
+        self._space.setBounds(bounds)
+        self.information = base.SpaceInformation(self._space)
+        self.information.setStateValidityChecker(_Configurations(arm))
+        self.information.setMotionValidator(_edge_validator()(self.information, arm))
+        self.information.setup()
+
+    def state(self, q: Vector) -> ompl.base.State:
+        """State of a configuration of shape (dof,), rad."""
+        state = self._space.allocState()
+        state[self._joints] = (q * self._radii).tolist()
+        return state
+
+    def shortened(self, path: ompl.geometric.PathGeometric) -> Matrix:
+        """Corners of a path with shortcuts, of shape (n, dof), rad; changes the path."""
+        simplifier = _ompl().geometric.PathSimplifier(self.information)
+        simplifier.reduceVertices(path)
+        # From anywhere to anywhere: by default, shortcuts span a third of the corners at most.
+        simplifier.partialShortcutPath(path, _SHORTCUTS, _SHORTCUTS, 1.0)
+        simplifier.reduceVertices(path)
+        return np.array([state[self._joints] for state in path.getStates()]) / self._radii
+
+
+class _Configurations:
+    """Validity checker for states of OMPL.
+
+    Like the validator of edges, it does not refer to any object of OMPL: OMPL never frees a
+    callback that refers back to it.
+    """
+
+    def __init__(self, arm: ArmChecks) -> None:
+        self._arm = arm
+        self._radii = arm.checker.radii
+        self._joints = slice(0, len(self._radii))
 
     def __call__(self, state: ompl.base.State) -> bool:
-        self._budget.count_check()
-        return self._checker.free(self.angles(state))
+        self._arm.budget.count_checks(1)
+        return self._arm.checker.free(np.array(state[self._joints]) / self._radii)
 
-    def angles(self, state: ompl.base.State) -> Vector:
-        """Configuration of a state, of shape (dof,), rad."""
-        return np.array([state[i] for i in self._joints]) / self._radii
+
+@functools.cache
+def _edge_validator() -> Callable[[ompl.base.SpaceInformation, ArmChecks], object]:
+    """Class of the validator of edges, created on first use: its base class is OMPL's."""
+
+    class EdgeValidator(_ompl().base.MotionValidator):  # type: ignore[misc]
+        """Motion validator that checks a whole edge in one call."""
+
+        def __init__(self, information: ompl.base.SpaceInformation, arm: ArmChecks) -> None:
+            super().__init__(information)
+            self._edges = arm.edges
+            self._budget = arm.budget
+            self._radii = arm.checker.radii
+            self._joints = slice(0, len(self._radii))
+
+        def checkMotion(self, start: ompl.base.State, end: ompl.base.State) -> bool:  # noqa: N802
+            """Whether the edge is free; the name is OMPL's."""
+            before = self._edges.checked
+            free = self._edges.is_free(
+                np.array(start[self._joints]) / self._radii,
+                np.array(end[self._joints]) / self._radii,
+            )
+            self._budget.count_checks(self._edges.checked - before)
+            return free
+
+    return EdgeValidator
 
 
 class Budget:
@@ -207,13 +279,13 @@ class Budget:
         self._per_round = 1
         self._is_searching = False
 
-    def count_check(self) -> None:
-        """Count a configuration that is checked.
+    def count_checks(self, count: int) -> None:
+        """Count configurations that are checked.
 
         Raises:
             EndlessRoundError: The current search should have ended long ago.
         """
-        self.states += 1
+        self.states += count
         if self._is_searching and self.states > self.limit + _LONGEST_ROUND:
             raise EndlessRoundError
         if self._idle <= _IDLE:  # else the search is over, and may still make a check or two
@@ -229,6 +301,11 @@ class Budget:
         """End the search; further checks, to shorten its path, are counted without a limit."""
         self._is_searching = False
 
+    def is_abandoned(self) -> bool:
+        """Whether the result is no longer needed; polls."""
+        self.given_up = self.given_up or self._abandoned()
+        return self.given_up
+
     def is_spent(self) -> bool:
         """Whether no further search may begin."""
         return self.given_up or max(self.states, self._cost_of_rounds) >= self.limit
@@ -239,7 +316,7 @@ class Budget:
         self._idle += 1
         self._cost_of_rounds += self._per_round
         if self._rounds % _ASK_EVERY == 0:
-            self.given_up = self.given_up or self._abandoned()
+            self.is_abandoned()
         return self.is_spent() or self._idle > _IDLE
 
 

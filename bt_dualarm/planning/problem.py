@@ -1,8 +1,9 @@
 """Motion planning of one arm: from a problem to a collision-free path and a timed motion.
 
-A straight line in joint space is taken if it is free. Otherwise a compiled RRT-Connect searches a
-path (`QuickSearch`), or OMPL where that one finds none; its corners are then rounded as far as
-obstacles allow, and the path is timed.
+A straight line in joint space is taken if it is free. Otherwise OMPL searches a path, with compiled
+checks of whole edges (`CompiledEdges`); what its RRT-Connect does not find soon is searched by one
+for narrow passages (`CompiledRRTConnect`). The corners are then rounded as far as obstacles allow,
+and the path is timed.
 
 Planning is in scaled joint angles, the distance in m that the farthest point of the arm moves, so
 that one resolution holds for shoulder and wrist alike. A search ends after a number of checks, not
@@ -29,19 +30,40 @@ from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, refuse_beyond
 from bt_dualarm.kinematics.solver import EXACT, Tolerance
-from bt_dualarm.planning.ompl_planner import DEFAULT_PLANNER, Budget, OmplSearch, Planner
-from bt_dualarm.planning.rrt_connect import QuickSearch
+from bt_dualarm.planning.edges import (
+    CompiledEdges,
+    Edges,
+    SampledEdges,
+    is_path_free,
+    path_length,
+)
+from bt_dualarm.planning.ompl_planner import (
+    DEFAULT_PLANNER,
+    ArmChecks,
+    Budget,
+    OmplSearch,
+    Planner,
+    shortened,
+)
+from bt_dualarm.planning.rrt_connect import CompiledRRTConnect
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.trajectory.paths import CartesianPath, corner_curve
 from bt_dualarm.trajectory.point_to_point import TimedPath, point_to_point, time_path, timed_path
 from bt_dualarm.trajectory.trajectory import LONG, Trajectory
 
-_COARSE = 0.03
-"""Initial resolution of a search: largest motion of the arm between two checks, m. A path that
-fails the fine check is searched again at half of it."""
+_SHORT_CHECKS = 500
+"""Maximum number of checks of the short search. With 1,000, OMPL solves 5 % more problems of
+`benchmarks.scenes`, and those that it does not solve take half as long again."""
 
-_FINEST = 0.002
-"""Finest resolution, m. OMPL measures along the diagonal, the fine check joint by joint."""
+_SHORT_EDGE = 1.0
+"""Longest edge of the short search, as motion of the arm, m."""
+
+_SHORT_RANGE = np.pi / 2
+"""Range of the samples of the short search beyond the ends, rad: most paths need no more."""
+
+_PATHS = 3
+"""Maximum number of paths of which the short search takes the shortest: the first one that
+RRT-Connect finds depends on luck."""
 
 _ATTEMPTS = ((1.5, 0.1), (0.7, 0.4), (0.35, 1.0))
 """Longest edge of the search trees, as motion of the arm in m, and the share of all checks after
@@ -177,24 +199,27 @@ class PathSearch:
     Attributes:
         corners: Corners, of shape (n, dof), rad.
         checker: Collision checker of the path.
-        quick: Compiled search that found it; None if OMPL did.
+        edges: Collision checks of its segments.
+        by_ompl: Whether a planner of OMPL found it, not the compiled one.
     """
 
     corners: Matrix
     checker: CollisionChecker
-    quick: QuickSearch | None
+    edges: Edges
+    by_ompl: bool = True
 
     def is_free(self, corners: Matrix) -> bool:
         """Whether another path, given by its corners of shape (n, dof), rad, is free."""
-        if self.quick is None:
-            return is_free(self.checker, corners)
-        return self.quick.is_free(corners)
+        return is_path_free(self.edges, corners)
 
     def is_dense_path_free(self, rows: Matrix) -> bool:
-        """Whether a dense path, of shape (n, dof), rad, is free by the compiled search."""
-        if self.quick is None or not self.quick.is_dense_path_free(rows):
+        """Whether a dense path, of shape (n, dof), rad, is free by the compiled checks."""
+        radii = self.checker.radii
+        if not isinstance(self.edges, CompiledEdges):
             return False
-        moved = np.abs(np.diff(rows, axis=0)) @ self.checker.radii
+        if not self.edges.is_dense_path_free(rows, radii):
+            return False
+        moved = np.abs(np.diff(rows, axis=0)) @ radii
         first = int((np.cumsum(moved) < _NEAR_ENDS_M).sum())
         last = int((np.cumsum(moved[::-1]) < _NEAR_ENDS_M).sum())
         return _is_confirmed(
@@ -207,9 +232,6 @@ def path_around(
 ) -> PathSearch:
     """Collision-free path to one of the goals.
 
-    The compiled search serves the default planner; if it finds nothing, and for other planners,
-    OMPL searches.
-
     Args:
         problem: Admitted problem whose straight path is not free.
         abandoned: Polled during the search; ends it when the plan is no longer needed.
@@ -217,18 +239,31 @@ def path_around(
     Raises:
         Failure: ``NO_PLAN``.
     """
-    if problem.planner == DEFAULT_PLANNER:
-        with contextlib.suppress(UnknownShapeError):
-            arm = swept_arm(problem.checker, (problem.start, *problem.goals))
-            radii = problem.checker.radii
-            quick = QuickSearch(
-                arm, problem.start, problem.goals, problem.limits, radii, problem.seed
-            )
-            corners = quick.shortest_path(problem.checks, abandoned)
-            # MuJoCo has the last word on a path that compiled code has found.
-            if corners is not None and _is_confirmed(problem.checker, corners):
-                return PathSearch(corners, problem.checker, quick)
-    return PathSearch(path_by_ompl(problem, abandoned), problem.checker, None)
+    checker = problem.checker
+    with contextlib.suppress(UnknownShapeError):
+        edges = CompiledEdges(swept_arm(checker, (problem.start, *problem.goals)))
+        arm = ArmChecks(checker, edges, problem.limits, Budget(abandoned))
+        path = None
+        if problem.planner == DEFAULT_PLANNER:
+            path = _short_search(problem, arm)
+            by_ompl = path is not None
+            if path is None:
+                path = _through_narrow_passages(problem, arm, edges)
+        else:
+            path = _long_search(problem, arm)
+            by_ompl = True
+        if path is None:
+            raise _no_plan(problem, arm.budget)
+        path = _shorter_straight(problem, edges, path)
+        # MuJoCo has the last word on a path that compiled code has found.
+        if _is_confirmed(checker, path):
+            return PathSearch(path, checker, edges, by_ompl)
+    sampled = SampledEdges(checker)
+    arm = ArmChecks(checker, sampled, problem.limits, Budget(abandoned))
+    path = _long_search(problem, arm)
+    if path is None:
+        raise _no_plan(problem, arm.budget)
+    return PathSearch(_shorter_straight(problem, sampled, path), checker, sampled)
 
 
 def _is_confirmed(checker: CollisionChecker, rows: Matrix, more: Sequence[int] = ()) -> bool:
@@ -237,50 +272,65 @@ def _is_confirmed(checker: CollisionChecker, rows: Matrix, more: Sequence[int] =
     return all(checker.free(rows[i]) for i in {*picked, *more})
 
 
-def path_by_ompl(problem: PlanningProblem, abandoned: Callable[[], bool] = lambda: False) -> Matrix:
-    """Corners of a collision-free path to one of the goals, of shape (n, dof), rad.
+def _short_search(problem: PlanningProblem, arm: ArmChecks) -> Matrix | None:
+    """Shortest of a few paths to the preferred goal that OMPL finds soon; None if it finds none."""
+    arm.budget.limit = min(_SHORT_CHECKS, problem.checks)
+    paths: list[Matrix] = []
+    while len(paths) < _PATHS and not arm.budget.is_spent():
+        seed = problem.seed + 1 + len(paths)
+        search = OmplSearch(arm, problem.start, problem.goals[:1], seed, _SHORT_RANGE)
+        path = search.run(DEFAULT_PLANNER, _SHORT_EDGE)
+        if path is None:
+            break
+        paths.append(path)
+    return min(paths, key=lambda path: path_length(path, arm.checker.radii), default=None)
 
-    Between corners the path is straight in joint space, and checked every `FINE` meters. A short
-    search to the preferred goal comes first, then longer ones to any goal; a free straight path to
-    another goal is taken instead if it is shorter than the path that was found.
 
-    Args:
-        problem: Admitted problem whose straight path is not free.
-        abandoned: Polled during the search; ends it when the plan is no longer needed.
+def _through_narrow_passages(
+    problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges
+) -> Matrix | None:
+    """Path to one of the goals that the compiled RRT-Connect finds; None if it finds none."""
+    radii = arm.checker.radii
+    before = edges.checked
+    search = CompiledRRTConnect(
+        edges, problem.start, problem.goals, problem.limits, radii, problem.seed
+    )
+    path = search.path(problem.checks, arm.budget.is_abandoned)
+    arm.budget.count_checks(edges.checked - before)
+    return None if path is None else shortened(path, arm, problem.seed + 1)
 
-    Raises:
-        Failure: ``NO_PLAN``.
+
+def _long_search(problem: PlanningProblem, arm: ArmChecks) -> Matrix | None:
+    """Path to one of the goals that the problem's planner of OMPL finds; None if it finds none.
+
+    A short search to the preferred goal comes first, then longer ones to any goal.
     """
-    radii = problem.checker.radii
-    budget = Budget(abandoned)
-    resolution = _COARSE
     seed = problem.seed
     for number, (longest_edge, share) in enumerate(_ATTEMPTS):
         goals = problem.goals if number else problem.goals[:1]
-        budget.limit = round(share * problem.checks)
-        while not budget.is_spent():
+        arm.budget.limit = round(share * problem.checks)
+        while not arm.budget.is_spent():
             seed += 1
-            search = OmplSearch(problem.checker, problem.start, goals, problem.limits, radii, seed)
-            corners = search.run(problem.planner, longest_edge, resolution, budget)
-            if corners is None:
+            search = OmplSearch(arm, problem.start, goals, seed)
+            path = search.run(problem.planner, longest_edge)
+            if path is None:
                 break  # on to the next edge length
-            if is_free(problem.checker, corners):
-                return _shorter_straight(problem, corners)
-            # The search missed an obstacle that the fine check has found.
-            resolution = max(resolution / 2, _FINEST)
-    raise _no_plan(problem, budget)
+            # Shortcuts split edges; samples of the parts are not those of the whole.
+            if is_path_free(arm.edges, path):
+                return path
+    return None
 
 
-def _shorter_straight(problem: PlanningProblem, corners: Matrix) -> Matrix:
+def _shorter_straight(problem: PlanningProblem, edges: Edges, path: Matrix) -> Matrix:
     """Shortest free straight path to a goal if shorter than the given path; else that path."""
     radii = problem.checker.radii
-    least = float((np.abs(np.diff(corners, axis=0)) @ radii).sum())
-    paths = [np.array((problem.start, goal)) for goal in problem.goals]
-    lengths = [float(np.abs(path[1] - path[0]) @ radii) for path in paths]
-    for length, path in sorted(zip(lengths, paths, strict=True), key=lambda pair: pair[0]):
-        if length < least and is_free(problem.checker, path):
-            return path
-    return corners
+    straight = [np.array((problem.start, goal)) for goal in problem.goals]
+    lengths = [path_length(corners, radii) for corners in straight]
+    most = path_length(path, radii)
+    for length, corners in sorted(zip(lengths, straight, strict=True), key=lambda pair: pair[0]):
+        if length < most and is_path_free(edges, corners):
+            return corners
+    return path
 
 
 def _no_plan(problem: PlanningProblem, budget: Budget) -> Failure:

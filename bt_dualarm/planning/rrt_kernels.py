@@ -1,4 +1,4 @@
-"""RRT-Connect, and shortcuts of the paths that it finds.
+"""RRT-Connect that cuts blocked edges short.
 
 J. J. Kuffner, S. M. LaValle, RRT-Connect: An efficient approach to single-query path planning, ICRA
 2000. Edges are checked by `free_share`, which tells how far an edge is free: a blocked extension is
@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.collision.kernel_arrays import Draws, Numbers, Query, SweptArm, Trees
-from bt_dualarm.collision.swept_kernels import WHOLE, free_share
+from bt_dualarm.collision.swept_kernels import free_share
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 
@@ -144,111 +144,6 @@ def _write_sample_near(query: Query, trees: Trees, side: int, draws: Draws, targ
     for k in range(len(target)):
         angle = node[k] + width * (2.0 * uniform(draws) - 1.0) / query.radii[k]
         target[k] = min(max(angle, query.lower[k]), query.upper[k])
-
-
-@kernel
-def shorten(
-    swept: SweptArm,
-    corners: Matrix,
-    count: int,
-    radii: Vector,
-    tries: int,
-    hints: Matrix,
-    draws: Draws,
-    checks: Numbers,
-) -> int:
-    """Replace parts of a path by straight segments between random points on it.
-
-    R. Geraerts, M. H. Overmars, Creating high-quality paths for motion planning, Int. J. Robotics
-    Research 26(8), 2007.
-
-    Args:
-        swept: The arm in its world.
-        corners: Corners of the path, with capacity for more, of shape (m, dof), rad; updated.
-        count: Number of corners.
-        radii: Largest motion of the arm per radian of each joint, of shape (dof,), m/rad.
-        tries: Number of tries.
-        hints: As in `free_share`.
-        draws: State of the random number generator; updated.
-        checks: As in `free_share`.
-
-    Returns:
-        New number of corners.
-    """
-    for _ in range(tries):
-        if count < 3:
-            break
-        length = 0.0
-        for i in range(count - 1):
-            length += motion_between(corners[i], corners[i + 1], radii)
-        one = uniform(draws) * length
-        other = uniform(draws) * length
-        count = _cut(swept, corners, count, radii, min(one, other), max(one, other), hints, checks)
-    return count
-
-
-@kernel
-def _cut(
-    swept: SweptArm,
-    corners: Matrix,
-    count: int,
-    radii: Vector,
-    leave: float,
-    arrive: float,
-    hints: Matrix,
-    checks: Numbers,
-) -> int:
-    """Replace the part between two arc lengths, m, by a straight segment if that is free."""
-    first, start = _at(corners, count, radii, leave)
-    last, end = _at(corners, count, radii, arrive)
-    if first == last or count + 2 > len(corners):
-        return count
-    if free_share(swept, start, end, WHOLE, hints, checks) < 1.0:
-        return count
-    # Two new corners replace those from first + 1 to last; the later ones are shifted in an order
-    # in which none is overwritten before it is read.
-    shift = 2 - (last - first)
-    if shift > 0:
-        for i in range(count - 1, last, -1):
-            corners[i + shift] = corners[i]
-    elif shift < 0:
-        for i in range(last + 1, count):
-            corners[i + shift] = corners[i]
-    corners[first + 1] = start
-    corners[first + 2] = end
-    return count + shift
-
-
-@kernel
-def _at(corners: Matrix, count: int, radii: Vector, distance: float) -> tuple[int, Vector]:
-    """Index of the corner before a point at an arc length in m, and its configuration."""
-    for i in range(count - 1):
-        length = motion_between(corners[i], corners[i + 1], radii)
-        if distance < length or i == count - 2:
-            share = min(distance / length, 1.0) if length > 0.0 else 0.0
-            return i, corners[i] + share * (corners[i + 1] - corners[i])
-        distance -= length
-    return 0, corners[0].copy()
-
-
-@kernel
-def without_idle_corners(
-    swept: SweptArm, corners: Matrix, count: int, hints: Matrix, checks: Numbers
-) -> int:
-    """Remove corners that the path does not need; returns the new number of corners."""
-    i = 0
-    while i < count - 2:
-        # Farthest first: the longest free segment removes the most corners.
-        j = count - 1
-        while j > i + 1 and free_share(swept, corners[i], corners[j], WHOLE, hints, checks) < 1.0:
-            j -= 1
-        shift = j - i - 1
-        if shift > 0:
-            for k in range(j, count):
-                corners[k - shift] = corners[k]
-            count -= shift
-        i += 1
-    return count
 
 
 @kernel

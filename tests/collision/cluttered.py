@@ -14,7 +14,8 @@ import numpy as np
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.collision.kernel_arrays import ConvexShapes, Joints, Pairs, SweptArm
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.planning.rrt_connect import QuickSearch
+from bt_dualarm.planning.edges import CompiledEdges
+from bt_dualarm.planning.rrt_connect import CompiledRRTConnect
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
@@ -27,6 +28,9 @@ SHAPES: dict[str, tuple[Any, tuple[float, ...]]] = {
     "can": ("cylinder", (0.06, 0.3)),
     "ball": ("sphere", (0.1,)),
 }
+
+
+RADII = np.full(2, 1.02)
 
 
 def cluttered(robot: str, seed: int) -> World:
@@ -53,7 +57,7 @@ def anywhere(world_limits: JointLimits, rng: np.random.Generator) -> Vector:
     return drawn
 
 
-def small_search(seed: int) -> QuickSearch:
+def small_search(seed: int) -> tuple[CompiledRRTConnect, CompiledEdges]:
     """Of a rod that turns about two axes among three balls: small enough for plain Python."""
     rng = np.random.default_rng(seed)
     joints = Joints(np.zeros(2), np.zeros((2, 3)), np.array(((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))))
@@ -76,19 +80,19 @@ def small_search(seed: int) -> QuickSearch:
     pairs = Pairs(np.zeros(3, np.int64), np.arange(1, 4), np.full(3, 0.01), apart)
     far = np.array((3.1, 1.2))
     limits = JointLimits(-far, far, *np.ones((4, 2)))
-    swept = SweptArm(joints, shapes, pairs, 2.5e-3)
+    edges = CompiledEdges(SweptArm(joints, shapes, pairs, 2.5e-3))
     start = np.array((0.3, 0.0))
     goal = np.array((-2.8, 0.1))
-    return QuickSearch(swept, start, (goal,), limits, np.full(2, 1.02), seed)
+    return CompiledRRTConnect(edges, start, (goal,), limits, RADII, seed), edges
 
 
 def found(seed: int) -> tuple[Matrix, int]:
     """The path of the small search, and how many configurations it took."""
-    search = small_search(seed)
-    path = search.shortest_path(2_000, lambda: False)
+    search, edges = small_search(seed)
+    path = search.path(2_000, lambda: False)
     assert path is not None
-    assert search.is_dense_path_free(path[[0, *np.repeat(np.arange(1, len(path)), 2)]])
-    return path, search.states
+    assert edges.is_dense_path_free(path[[0, *np.repeat(np.arange(1, len(path)), 2)]], RADII)
+    return path, edges.checked
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The compiled search: paths that are free, short, and the same each time."""
+"""The compiled search: paths that are free, and the same each time."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 
 from bt_dualarm.collision.convex_distance_kernels import SCRATCH, distance
 from bt_dualarm.collision.swept_kernels import first_too_near, free_share
+from bt_dualarm.planning.edges import is_path_free
 from bt_dualarm.planning.rrt_connect import warm_up_planning
 from bt_dualarm.planning.rrt_kernels import connect
 from tests.collision.cluttered import found, small_search
@@ -37,8 +38,9 @@ def test_a_path_leads_from_the_start_to_a_goal_and_is_free() -> None:
         path, _ = found(seed)
         assert path[0] == pytest.approx((0.3, 0.0), abs=0.0)
         assert path[-1] == pytest.approx((-2.8, 0.1), abs=0.0)
-        assert small_search(seed).is_free(path)
-        assert not small_search(seed).is_free(path[[0, -1]])
+        edges = small_search(seed)[1]
+        assert is_path_free(edges, path)
+        assert not edges.is_free(path[0], path[-1])
 
 
 def test_the_seed_chooses_the_path_and_nothing_else_does() -> None:
@@ -47,10 +49,10 @@ def test_the_seed_chooses_the_path_and_nothing_else_does() -> None:
 
 
 def test_a_search_ends_after_its_checks_and_when_nobody_waits() -> None:
-    search = small_search(0)
-    assert search.shortest_path(3, lambda: False) is None
-    assert search.states < 60
-    assert small_search(0).shortest_path(2_000, lambda: True) is None
+    search, edges = small_search(0)
+    assert search.path(3, lambda: False) is None
+    assert edges.checked < 60
+    assert small_search(0)[0].path(2_000, lambda: True) is None
 
 
 def test_one_code_serves_all_that_is_asked_of_a_kernel() -> None:
