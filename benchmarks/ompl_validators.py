@@ -1,0 +1,256 @@
+"""Which part of planning OMPL does as fast as compiled code: python -m benchmarks.ompl_validators.
+
+    python -m benchmarks.ompl_validators [--problems N] [--seed N]
+
+Problems of `scene_problems` whose straight path is not free, each solved in turn by
+
+- `both`: OMPL's RRT-Connect for up to 500 checks, then the compiled one; the product;
+- `compiled`: the compiled RRT-Connect alone;
+- `OMPL`: OMPL's RRT-Connect alone, until all checks are used up;
+- `AORRTC`, `BITstar`, `InformedRRTstar`: a planner of OMPL that optimizes, for ``INFORMED`` checks
+  after its first path.
+
+All of them check edges with compiled distances and shorten paths with OMPL's simplifier. Printed,
+of CPU time in one process: share solved, median and 95 %, both also as a ratio to `compiled`, and
+the length of the paths as a ratio to it. Then the profile: what the binding of an edge check costs
+beside the check itself, and how many there are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from benchmarks.scene_problems import scene_problems
+from bt_dualarm.collision.swept import UnknownShapeError, swept_arm
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix
+from bt_dualarm.planning.edges import CompiledEdges, path_length
+from bt_dualarm.planning.ompl_planner import ArmChecks, Budget, OmplSearch, Planner, shortened
+from bt_dualarm.planning.problem import PlanningProblem, admitted, is_free, path_around
+from bt_dualarm.planning.rrt_connect import CompiledRRTConnect
+
+INFORMED: Final = 1_000
+"""Checks of the planners that optimize: about what `both` takes for three paths."""
+
+EDGES: Final = ((1.0, 2_000), (0.5, 10_000), (0.3, 30_000), (0.5, 240_000))
+"""Longest edge of OMPL's trees alone, m, and the number of checks after which the next begins."""
+
+
+@dataclass
+class Trial:
+    """One problem solved by one method.
+
+    Attributes:
+        seconds: CPU time from the problem to the corners.
+        length: Length of the path, m; None if there is none.
+        checks: Number of configurations checked.
+        edges: Number of edges checked.
+        edge_s: CPU time of these, with the call of the kernel, without the binding.
+    """
+
+    seconds: float
+    length: float | None
+    checks: int
+    edges: int
+    edge_s: float
+
+
+class TimedEdges(CompiledEdges):
+    """Compiled edges that time their checks."""
+
+    calls = 0
+    seconds = 0.0
+
+    def is_free(self, start: Matrix, end: Matrix) -> bool:
+        """As in the base class."""
+        began = time.perf_counter()
+        free = super().is_free(start, end)
+        self.seconds += time.perf_counter() - began
+        self.calls += 1
+        return free
+
+
+def by_both(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) -> Matrix | None:
+    """The product's path."""
+    del arm, edges
+    try:
+        return path_around(problem).corners
+    except Failure:
+        return None
+
+
+def by_compiled(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) -> Matrix | None:
+    """Shortest of three paths, as `both` takes them."""
+    radii = arm.checker.radii
+    paths: list[Matrix] = []
+    while len(paths) < 3 and (not paths or edges.checked < 500):
+        seed = problem.seed + len(paths)
+        search = CompiledRRTConnect(
+            edges, problem.start, problem.goals, problem.limits, radii, seed
+        )
+        path = search.path(problem.checks, lambda: False)
+        if path is None:
+            break
+        paths.append(shortened(path, arm, seed + 1))
+    return min(paths, key=lambda path: path_length(path, radii), default=None)
+
+
+def by_ompl(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) -> Matrix | None:
+    """First path of OMPL's RRT-Connect, with shorter and shorter edges."""
+    del edges
+    for number, (longest, checks) in enumerate(EDGES):
+        arm.budget.limit = checks
+        search = OmplSearch(arm, problem.start, problem.goals, problem.seed + 1 + number)
+        path = search.run("RRTConnect", longest)
+        if path is not None:
+            return path
+    return None
+
+
+def by_informed(
+    name: Planner,
+) -> Callable[[PlanningProblem, ArmChecks, CompiledEdges], Matrix | None]:
+    """Path of an optimizing planner after a first stage of ``INFORMED`` checks."""
+
+    def solve(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) -> Matrix | None:
+        del edges
+        for number, checks in enumerate((INFORMED, 10 * INFORMED, problem.checks)):
+            arm.budget.limit = checks
+            search = OmplSearch(arm, problem.start, problem.goals, problem.seed + 1 + number)
+            path = search.run(name, 1.0)
+            if path is not None:
+                return path
+        return None
+
+    return solve
+
+
+METHODS: Final = {
+    "compiled": by_compiled,
+    "both": by_both,
+    "OMPL": by_ompl,
+    "AORRTC": by_informed("AORRTC"),
+    "BITstar": by_informed("BITstar"),
+    "InformedRRTstar": by_informed("InformedRRTstar"),
+}
+
+
+def trial(method: str, problem: PlanningProblem) -> Trial:
+    """One problem by one method; the preparation of the shapes is part of its time."""
+    began = time.process_time()
+    edges = TimedEdges(swept_arm(problem.checker, (problem.start, *problem.goals)))
+    arm = ArmChecks(problem.checker, edges, problem.limits, Budget(lambda: False))
+    if method == "both":
+        began = time.process_time()  # which prepares them itself
+    path = METHODS[method](problem, arm, edges)
+    seconds = time.process_time() - began
+    length = None if path is None else path_length(path, problem.checker.radii)
+    return Trial(seconds, length, edges.checked, edges.calls, edges.seconds)
+
+
+def searched(seed: int) -> Iterator[PlanningProblem]:
+    """Problems that need a search, with shapes that the kernels support."""
+    for _, _, problem in scene_problems(seed):
+        try:
+            ready = admitted(problem)
+            swept_arm(ready.checker)
+        except (Failure, UnknownShapeError):
+            continue
+        if not is_free(ready.checker, ready.straight):
+            yield ready
+
+
+def row(name: str, trials: list[Trial], reference: list[Trial]) -> str:
+    """One method's line of the table."""
+    median, p95 = np.percentile([one.seconds for one in trials], (50, 95))
+    least, most = np.percentile([one.seconds for one in reference], (50, 95))
+    ratios = [
+        one.length / other.length
+        for one, other in zip(trials, reference, strict=True)
+        if one.length and other.length
+    ]
+    solved = sum(one.length is not None for one in trials) / len(trials)
+    return (
+        f"{name:16} {100 * solved:6.1f} %  {1e3 * median:7.1f} ms {median / least:5.2f}  "
+        f"{1e3 * p95:7.1f} ms {p95 / most:5.2f}  {np.median(ratios):6.3f}"
+    )
+
+
+def profile(trials: list[Trial]) -> str:
+    """Where the time of OMPL's search goes."""
+    edges = sum(one.edges for one in trials)
+    checks = sum(one.checks for one in trials)
+    seconds = sum(one.seconds for one in trials)
+    inside = sum(one.edge_s for one in trials)
+    return (
+        f"OMPL alone: {edges / len(trials):.0f} edges a problem "
+        f"(median {np.median([one.edges for one in trials]):.0f}), "
+        f"{checks / edges:.1f} configurations an edge; {1e6 * inside / edges:.1f} us an edge in "
+        f"the compiled check and its call, {1e6 * (seconds - inside) / edges:.1f} us in all else"
+    )
+
+
+def binding_costs(problem: PlanningProblem) -> str:
+    """Costs of one crossing from OMPL into Python, of a state, and of the kernel's call."""
+    edges = CompiledEdges(swept_arm(problem.checker, (problem.start, *problem.goals)))
+    arm = ArmChecks(problem.checker, edges, problem.limits, Budget(lambda: False))
+    search = OmplSearch(arm, problem.start, problem.goals, 1)
+    space = search._space
+    state = space.state(problem.start)
+    joints = slice(0, len(problem.start))
+    crossing = _microseconds(lambda: space.information.isValid(state))
+    contact = _microseconds(lambda: problem.checker.free(problem.start))
+    vector = _microseconds(lambda: np.array(state[joints]))
+    still = _microseconds(lambda: edges.is_free(problem.start, problem.start))
+    motion = _microseconds(lambda: space.information.checkMotion(state, state))
+    return (
+        f"us a call: state to array {vector:.1f}; contact of one configuration by MuJoCo "
+        f"{contact:.1f}, through OMPL {crossing:.1f}; edge of no length {still:.1f}, "
+        f"through OMPL {motion:.1f}"
+    )
+
+
+def _microseconds(call: Callable[[], object], count: int = 2_000) -> float:
+    call()
+    best = np.inf
+    for _ in range(5):
+        began = time.perf_counter()
+        for _ in range(count):
+            call()
+        best = min(best, (time.perf_counter() - began) / count)
+    return 1e6 * best
+
+
+def main() -> None:
+    """Print the table and the profile."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--problems", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=501)
+    arguments = parser.parse_args()
+    results: dict[str, list[Trial]] = {name: [] for name in METHODS}
+    for number, problem in enumerate(searched(arguments.seed)):
+        if number == 0:
+            for name in METHODS:  # the first one only imports what the others need
+                trial(name, problem)
+            costs = binding_costs(problem)
+            continue
+        for name, trials in results.items():
+            trials.append(trial(name, replace(problem, seed=number)))
+        if number == arguments.problems:
+            break
+    print(f"{arguments.problems} problems that need a search")
+    print("method            solved     median ratio          95 % ratio  length")
+    for name, trials in results.items():
+        print(row(name, trials, results["compiled"]))
+    print(profile(results["OMPL"]))
+    print(costs)
+
+
+if __name__ == "__main__":
+    main()
