@@ -13,10 +13,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import namedtuple
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numba
 import numpy as np
@@ -26,7 +25,19 @@ NAMES: Final = "abcdefghi"
 CALLS: Final = 20_000
 ROUNDS: Final = 7
 
-Rows = namedtuple("Rows", list(NAMES))  # numba needs its types at run time only
+
+class Rows(NamedTuple):
+    """Nine vectors with names."""
+
+    a: Any
+    b: Any
+    c: Any
+    d: Any
+    e: Any
+    f: Any
+    g: Any
+    h: Any
+    i: Any
 
 
 @numba.njit
