@@ -99,7 +99,7 @@ def _lines(found: Agreement) -> Iterator[str]:
         yield f"  {number.name}: {number.recorded!r} in the record, {number.now!r} now"
     left_out = len(differs.numbers) - _MOST_NUMBERS
     if left_out > 0:
-        yield f"  and {left_out} numbers more"
+        yield f"  and {left_out} more numbers"
     if differs.event:
         yield f"  {differs.event}"
     elif differs.doing:

@@ -176,7 +176,7 @@ def _between(hue: float, ends: tuple[float, float]) -> bool:
 
 
 def _wrong_kind(e: Evidence, meant: list[str]) -> Cause | None:
-    """Cause if the leaf searches another marker or size than the object has."""
+    """Cause if the leaf searches for a marker or size that differs from the object's."""
     objects = e.record.start["objects"]
     asked = e.ports.get("marker")
     size = e.ports.get("size")

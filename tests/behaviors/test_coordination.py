@@ -290,7 +290,7 @@ WAITS_FOR_GOOD = {
     "nobody comes": (
         MEETING,
         {"arm1": "meet: there", "arm2": "succeed"},
-        "arm2 never comes to 'there'",
+        "arm2 never reaches 'there'",
     ),
     "nobody writes": (
         SIGNAL,
@@ -408,7 +408,7 @@ def test_who_waits_for_whom_is_shown(tmp_path: Path) -> None:
 
 
 def test_claims_that_block_each_other_are_told_before_the_run(tmp_path: Path) -> None:
-    with pytest.raises(SpecError, match="can block each other for good") as error:
+    with pytest.raises(SpecError, match="can deadlock") as error:
         Cells(
             tmp_path,
             TWO_ZONES,

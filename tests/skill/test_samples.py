@@ -61,7 +61,7 @@ def test_numbers_and_points_alone_and_in_rows(time: Any, values: Any, shape: Any
 
 
 MISFITS = [
-    (0.1, "far", "no numbers"),
+    (0.1, "far", "not numbers"),
     (0.1, float("nan"), "finite"),
     (float("inf"), 1.0, "finite"),
     ([0.1, 0.2, 0.3], np.zeros(9), r"shape \(9,\) at 3 times"),
