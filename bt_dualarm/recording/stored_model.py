@@ -623,7 +623,8 @@ def _use(model: mujoco.MjModel, states: Sequence[Vector]) -> None:
         if len(state) != 1 + model.nq + model.nv:
             continue  # the reader reports it
         mujoco.mj_resetData(model, data)
-        data.qpos[:], data.qvel[:] = state[1 : 1 + model.nq], state[1 + model.nq :]
+        data.qpos[:] = state[1 : 1 + model.nq]
+        data.qvel[:] = state[1 + model.nq :]
         mujoco.mj_forward(model, data)
         mujoco.mj_camlight(model, data)
         eye = np.array((2.0, 2.0, 2.0))

@@ -374,7 +374,8 @@ class GripperHardware:
         self._past.append((time, width))
         start, first = self._past[0]
         self.speed = (width - first) / (time - start) if time > start else 0.0
-        self.width, self.force = width, -float(self._drive[FORCE])
+        self.width = width
+        self.force = -float(self._drive[FORCE])
         if self.tactile is not None:
             self.tactile.sense(time)
 
