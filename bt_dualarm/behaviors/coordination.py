@@ -12,7 +12,7 @@ from bt_dualarm.behaviors.composites import Node, Ticks
 from bt_dualarm.behaviors.leaf import LanguageLeaf, compared
 from bt_dualarm.behaviors.node import NodeParts, reached
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.skill.cell import KEPT_VALUES, CellAccess, Request, Wait
+from bt_dualarm.skill.cell import KEPT_VALUES, CellAccess, CellWait, Request
 from bt_dualarm.spec.cell import (
     AWAIT,
     CLAIM,
@@ -126,7 +126,7 @@ class Await(LanguageLeaf):
         name = self.ports.signal
         began = self.time
         timeout = self.ports.timeout
-        wait: Wait | None = None
+        wait: CellWait | None = None
         seen = -1
         try:
             while True:

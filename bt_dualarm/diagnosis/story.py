@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 from bt_dualarm.diagnosis.camera_causes import camera_causes, sight_causes
-from bt_dualarm.diagnosis.coordination_causes import coordination_causes
 from bt_dualarm.diagnosis.evidence import (
     Cause,
     Evidence,
@@ -19,7 +18,12 @@ from bt_dualarm.diagnosis.evidence import (
     second_before,
     waiting,
 )
-from bt_dualarm.diagnosis.motion_causes import contact_causes, reach_causes, time_causes
+from bt_dualarm.diagnosis.motion_causes import (
+    contact_causes,
+    coordination_causes,
+    reach_causes,
+    time_causes,
+)
 from bt_dualarm.diagnosis.object_causes import blackboard_causes, grip_causes, world_causes
 from bt_dualarm.replay.record import Facts, Record, ReplayError
 from bt_dualarm.replay.timeline import Timeline, TimelineNode

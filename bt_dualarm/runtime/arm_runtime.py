@@ -16,7 +16,7 @@ from bt_dualarm.core.errors import RAISED_BY_SKILLS, Number
 from bt_dualarm.core.share import weakly
 from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.outcome import STRICT, ArmLife, ArmResult, Leniency, Outcome, SlowTicks
-from bt_dualarm.skill.cell import ActiveNode, Cell
+from bt_dualarm.skill.cell import ActiveNode, CellState
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.trajectory.limits import SetPoint
 
@@ -467,7 +467,7 @@ class Arms:
         equip: Callable[[str], ArmParts],
         world: SteppedWorld,
         leniency: Mapping[str, Leniency] = MappingProxyType({}),
-        cell: Cell | None = None,
+        cell: CellState | None = None,
     ) -> None:
         self._cell = cell
         self._declared = declared

@@ -30,7 +30,7 @@ from bt_dualarm.sim.contact_monitor import Contacts
 from bt_dualarm.sim.gl_renderer import choose_renderer
 from bt_dualarm.sim.renderer import Renderer, RendererKind
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.cell import Cell, CellAccess
+from bt_dualarm.skill.cell import CellAccess, CellState
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.document import TreeFile
@@ -92,7 +92,7 @@ class _ArmFactory:
     trace: TraceEvents | None
     frame_logs: Mapping[str, FrameLog]
     trees: Mapping[str, NodeSpec]
-    cell: Cell
+    cell: CellState
 
     def clock(self) -> float:
         return self.world.time
@@ -209,7 +209,7 @@ def assemble(
     contacts = Contacts(world)
     trees = {name: arm.tree for name, arm in file.arms.items()}
     frame_logs = {name: FrameLog(name, trace) for name in file.arms}
-    cell = Cell(file.cell, file.arms, lambda: world.time)
+    cell = CellState(file.cell, file.arms, lambda: world.time)
     if trace is not None:
         cell.on_wait = trace.of_wait
 

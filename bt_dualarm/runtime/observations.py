@@ -24,7 +24,7 @@ from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.report import json_ready
 from bt_dualarm.sim.frame import Frame, FrameFinding, JsonList
 from bt_dualarm.sim.renderer import Region
-from bt_dualarm.skill.cell import Wait
+from bt_dualarm.skill.cell import CellWait
 
 _log = logging.getLogger(__name__)
 
@@ -231,7 +231,7 @@ class TraceEvents:
         else:
             self._add_fields("ports", note.arm, note.time, leaf=note.path, ports=note.ports)
 
-    def of_wait(self, wait: Wait) -> None:
+    def of_wait(self, wait: CellWait) -> None:
         """Add an event of a node that waits for other arms."""
         self._add_fields(
             "waits",

@@ -1,10 +1,10 @@
 """The cell: signals, rendezvous and claims by which the trees of a file coordinate their arms.
 
 All trees that are due are ticked in one physics step, one after the other. What they do to the
-cell in that step takes effect together, after the last of them (`Cell.commit`), so that the outcome
-does not depend on the order in which the arms are listed: a value that is written, an arrival, a
-claim or a release is visible to every tree from its next tick on. Conflicts within one step are
-decided by the names of the arms.
+cell in that step takes effect together, after the last of them (`CellState.commit`), so that the
+outcome does not depend on the order in which the arms are listed: a value that is written, an
+arrival, a claim or a release is visible to every tree from its next tick on. Conflicts within one
+step are decided by the names of the arms.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class CellTree(Protocol):
 
 
 @dataclass(eq=False)
-class Wait:
+class CellWait:
     """A node that waits for other arms.
 
     Attributes:
@@ -70,14 +70,14 @@ class Wait:
 
 
 @dataclass(eq=False)
-class Attendance(Wait):
+class Attendance(CellWait):
     """One participant's wait at a rendezvous."""
 
     has_met: bool = False
 
 
 @dataclass(eq=False)
-class Request(Wait):
+class Request(CellWait):
     """A claim, which waits until it is granted."""
 
     resources: tuple[str, ...] = ()
@@ -111,7 +111,7 @@ def waiting_sentence(target: str, others: Sequence[str], since: float) -> str:
     return f"waits for {target}{held} since {since:.2f} s"
 
 
-class Cell:
+class CellState:
     """State that the trees of one run share.
 
     Args:
@@ -126,7 +126,7 @@ class Cell:
     def __init__(self, spec: CellSpec, arms: Iterable[str], clock: Callable[[], float]) -> None:
         self.spec = spec
         self.clock = clock
-        self.on_wait: Callable[[Wait], object] = lambda _: None
+        self.on_wait: Callable[[CellWait], object] = lambda _: None
         self._arms = sorted(arms)
         self._signals = {name: _Signal(signal.initial) for name, signal in spec.signals.items()}
         self._written: list[tuple[str, str, Data]] = []
@@ -134,7 +134,7 @@ class Cell:
         self._left: dict[str, list[tuple[str, str]]] = {}
         self._requests: list[Request] = []
         self._asked: list[Request] = []
-        self._waits: dict[tuple[str, str], Wait] = {}
+        self._waits: dict[tuple[str, str], CellWait] = {}
         self._gone: dict[str, str] = {}
         self._is_changed = False
 
@@ -194,19 +194,19 @@ class Cell:
                 requests.remove(request)
         self._is_changed = True
 
-    def await_signal(self, arm: str, path: str, name: str, *, has_timeout: bool) -> Wait:
+    def await_signal(self, arm: str, path: str, name: str, *, has_timeout: bool) -> CellWait:
         """Begin to wait for a signal."""
-        wait = Wait(arm, path, self.clock(), f"signal {name}", has_timeout)
+        wait = CellWait(arm, path, self.clock(), f"signal {name}", has_timeout)
         self._begin(wait)
         return wait
 
-    def looked(self, wait: Wait, count: int) -> None:
+    def looked(self, wait: CellWait, count: int) -> None:
         """Note that a wait has looked at the first ``count`` values of its signal."""
         if wait.seen != count:
             wait.seen = count
             self._is_changed = True
 
-    def end(self, wait: Wait) -> None:
+    def end(self, wait: CellWait) -> None:
         """End a wait for a signal."""
         self._end(wait)
 
@@ -252,7 +252,7 @@ class Cell:
         wait = self._waits.get((arm, path))
         return "" if wait is None else self._sentence(wait)
 
-    def waits(self) -> tuple[Wait, ...]:
+    def waits(self) -> tuple[CellWait, ...]:
         """Returns all current waits, by the time of their start."""
         return tuple(sorted(self._waits.values(), key=lambda one: (one.since, one.arm, one.path)))
 
@@ -260,7 +260,7 @@ class Cell:
         """Returns all claims, granted or waiting, in the order in which they are served."""
         return tuple(self._requests)
 
-    def waited_for(self, wait: Wait) -> tuple[str, ...]:
+    def waited_for(self, wait: CellWait) -> tuple[str, ...]:
         """Returns the names of the arms that a wait depends on."""
         kind, _, name = wait.target.partition(" ")
         if isinstance(wait, Request):
@@ -270,11 +270,11 @@ class Cell:
             return tuple(arm for arm in self.spec.rendezvous[name] if arm not in there)
         return self.spec.signals[name].written_by
 
-    def _begin(self, wait: Wait) -> None:
+    def _begin(self, wait: CellWait) -> None:
         self._waits[wait.arm, wait.path] = wait
         self._is_changed = True
 
-    def _end(self, wait: Wait) -> None:
+    def _end(self, wait: CellWait) -> None:
         if self._waits.get((wait.arm, wait.path)) is wait:
             del self._waits[wait.arm, wait.path]
             self._is_changed = True
@@ -345,7 +345,7 @@ class Cell:
                 found.append(other)
         return found
 
-    def _sentence(self, wait: Wait) -> str:
+    def _sentence(self, wait: CellWait) -> str:
         return waiting_sentence(wait.target, self.waited_for(wait), wait.since)
 
     # Deadlocks
@@ -424,11 +424,11 @@ class CellAccess:
         taken: Number of values of each signal that the arm has taken one by one.
     """
 
-    shared: Cell
+    shared: CellState
     arm: str
     taken: dict[str, int] = field(default_factory=dict)
 
     @classmethod
     def alone(cls) -> CellAccess:
         """Returns the access to a cell without signals, zones or rendezvous."""
-        return cls(Cell(CellSpec(), (), lambda: 0.0), "")
+        return cls(CellState(CellSpec(), (), lambda: 0.0), "")

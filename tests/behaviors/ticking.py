@@ -17,7 +17,7 @@ from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.behaviors.report import NodeView, StatusChange
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.runtime.series import SeriesLog
-from bt_dualarm.skill.cell import Cell, CellAccess
+from bt_dualarm.skill.cell import CellAccess, CellState
 from bt_dualarm.skill.registry import kind_of, yaml_name
 from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.ports import PortModel, port
@@ -123,7 +123,7 @@ class Cells:
         path = folder / "cell.yaml"
         path.write_text(text)
         self.file = load_tree_file(path, kinds)
-        self.cell = Cell(self.file.cell, self.file.arms, lambda: self.now)
+        self.cell = CellState(self.file.cell, self.file.arms, lambda: self.now)
         self.trees: dict[str, ArmTree] = {}
         for arm in self.file.arms:
             self.spawn(arm)
