@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator
 
@@ -15,6 +16,9 @@ _TARE_S = (0.1, 0.5)
 _EDGE_S = 0.35
 """Time after the start and before the end of the motion in which no contact is detected: joints
 break away and stick then."""
+
+_LINK_GAP_M = 0.01
+"""Length by which the line ends before a link would touch something, by the nominal model."""
 
 _LOOSE_RAD = 2e-3
 """Joint motion, likewise at the start: dry friction changes its sign meanwhile. A
@@ -34,6 +38,7 @@ class MoveUntilContact(Skill):
     failures = {
         "INVALID_TARGET": "the direction is a zero vector",
         "NO_CONTACT": "no opposing force was detected over the whole distance",
+        "IN_COLLISION": "a link that is no part of the tool would touch something first",
         "FORCE_LIMIT": "the contact force exceeded the arm's limit before it stopped",
         "TRACKING_ERROR": "the arm could not follow",
         "BUSY": "another leaf moves the arm",
@@ -48,6 +53,13 @@ class MoveUntilContact(Skill):
         start = self.arm.commanded_tool_pose
         end = Pose(start.position + self.ports.distance * direction, start.quaternion)
         rows = self.arm.line_on(end)
+        blocked = self.arm.first_link_contact(rows)
+        if blocked is not None:
+            # The line ends before a link touches: what it touched would count as the contact.
+            step = self.ports.distance / (len(rows) - 1)
+            rows = rows[: max(0, blocked[0] - math.ceil(_LINK_GAP_M / step))]
+            if len(rows) < 2:
+                raise blocked[1]
         grip = self._grip()
         threshold = self.ports.force if grip is None else grip.firm_for(self.ports.force)
         timed = self.arm.time_path(rows, self.ports.speed)
@@ -71,6 +83,8 @@ class MoveUntilContact(Skill):
                 yield from self.arm.relax()
                 return
         yield from self.arm.settle()
+        if blocked is not None:
+            raise blocked[1]
         raise Failure(
             "NO_CONTACT",
             f"the tool detected no contact over {1e3 * self.ports.distance:.0f} mm",

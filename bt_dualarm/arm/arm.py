@@ -617,6 +617,19 @@ class Arm(ArmState):
         """
         refuse_contact(self.checker(ignore), way)
 
+    def first_link_contact(self, rows: Matrix) -> tuple[int, CollisionFailure] | None:
+        """First configuration in which a link that is no part of the tool would touch something.
+
+        Args:
+            rows: Configurations along a path, of shape (n, dof), rad.
+
+        Returns:
+            Its index, and the failure ``IN_COLLISION`` with the two bodies; None if there is none.
+        """
+        checker = CollisionChecker(self.world, self.name, tool_may_touch=True)
+        found = checker.first_contact(rows)
+        return None if found is None else (found[0], found[1].failure())
+
     def refuse_load(self, name: str, q: Vector, seen: Pose | None = None) -> None:
         """Check, before an object is picked, whether the arm can hold it.
 

@@ -68,6 +68,7 @@ class CollisionChecker:
         margin: Distance to keep from other arms, m: one for all, or by name; arms that are not
             named must not be touched.
         ignore: Names of objects that may be touched.
+        tool_may_touch: Whether the tool and held objects may touch everything but the arm itself.
 
     Attributes:
         joints: Names of the arm's joints, base to tip.
@@ -84,6 +85,8 @@ class CollisionChecker:
         arm: str,
         margin: float | Mapping[str, float] = 0.0,
         ignore: frozenset[str] = frozenset(),
+        *,
+        tool_may_touch: bool = False,
     ) -> None:
         body = world.arms[arm]
         self.joints = body.robot.joints
@@ -114,6 +117,9 @@ class CollisionChecker:
         gripping = scratch.marks(body.tool_geom_ids | held)
         payload = scratch.marks(held)
         self.least[(payload[:, None] | payload) & gripping[:, None] & gripping] = -np.inf
+        if tool_may_touch:
+            outside = ~self.moving
+            self.least[(gripping[:, None] & outside) | (outside[:, None] & gripping)] = -np.inf
         self._let_stand(gripping)
 
     @property

@@ -1,0 +1,27 @@
+"""A guarded move ends before a link touches something that only the tool was to touch.
+
+The seeds are sequences in which a forearm came down on a cube, and in which an arm folded onto
+itself and reported the force as the contact.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.sequences import play
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "length", "bodies"),
+    [
+        (21234, 2, ("arm1/forearm_link", "cube")),
+        (40496, 3, ("arm1/upper_arm_link", "arm1/wrist_1_link")),
+    ],
+)
+def test_a_link_in_the_way_ends_it(seed: int, length: int, bodies: tuple[str, str]) -> None:
+    played = play(seed, length, "lab")
+    assert played.breaches == ()
+    (moved,) = [leaf for leaf in played.leaves if leaf[0] == "move_until_contact"]
+    assert moved[1:3] == ("FAILURE", "IN_COLLISION")
+    assert all(body in moved[3] for body in bodies)
