@@ -207,7 +207,7 @@ STOPPING_S: Final = 1.0
 
 _PHASES: Final = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98)
 _SHORTEST_S: Final = 0.01  # halts at the second tick
-_UNITLESS: Final = ("share", "number of", "image error")
+_UNITLESS: Final = ("share", "fraction", "number of", "image error")
 
 
 class BrokenLawError(AssertionError):
