@@ -209,7 +209,7 @@ def assemble(
     contacts = Contacts(world)
     trees = {name: arm.tree for name, arm in file.arms.items()}
     frame_logs = {name: FrameLog(name, trace) for name in file.arms}
-    cell = CellState(file.cell, file.arms, lambda: world.time)
+    cell = CellState(file.cell, lambda: world.time)
     if trace is not None:
         cell.on_wait = trace.of_wait
 

@@ -116,18 +116,16 @@ class CellState:
 
     Args:
         spec: Declarations of the file.
-        arms: Names of the arms of the file.
         clock: Simulated time in seconds.
 
     Attributes:
         on_wait: Receiver of every new wait, and of those that depend on other arms than before.
     """
 
-    def __init__(self, spec: CellSpec, arms: Iterable[str], clock: Callable[[], float]) -> None:
+    def __init__(self, spec: CellSpec, clock: Callable[[], float]) -> None:
         self.spec = spec
         self.clock = clock
         self.on_wait: Callable[[CellWait], object] = lambda _: None
-        self._arms = sorted(arms)
         self._signals = {name: _Signal(signal.initial) for name, signal in spec.signals.items()}
         self._written: list[tuple[str, str, Data]] = []
         self._attending: dict[str, list[Attendance]] = {name: [] for name in spec.rendezvous}
@@ -170,7 +168,7 @@ class CellState:
 
     def leave(self, attendance: Attendance, why: str) -> None:
         """End a wait at a rendezvous; if it has not taken place, the others' waits fail."""
-        self._end(attendance)
+        self.end(attendance)
         name = attendance.target.partition(" ")[2]
         if attendance in self._attending[name]:
             self._attending[name].remove(attendance)
@@ -178,17 +176,16 @@ class CellState:
 
     def claim(self, arm: str, path: str, resources: Sequence[str], *, has_timeout: bool) -> Request:
         """Ask for everything that a claim names; granted together, first come, first served."""
-        request = Request(
-            arm, path, self.clock(), " and ".join(resources), has_timeout,
-            resources=tuple(resources),
-        )  # fmt: skip
+        target = " and ".join(resources)
+        request = Request(arm, path, self.clock(), target, has_timeout)
+        request.resources = tuple(resources)
         self._asked.append(request)
         self._begin(request)
         return request
 
     def release(self, request: Request) -> None:
         """Give up a claim, granted or not."""
-        self._end(request)
+        self.end(request)
         for requests in (self._requests, self._asked):
             if request in requests:
                 requests.remove(request)
@@ -205,10 +202,6 @@ class CellState:
         if wait.seen != count:
             wait.seen = count
             self._is_changed = True
-
-    def end(self, wait: CellWait) -> None:
-        """End a wait for a signal."""
-        self._end(wait)
 
     def note_change(self) -> None:
         """Note that a node's status has changed: a search for deadlocks may find other results."""
@@ -274,7 +267,8 @@ class CellState:
         self._waits[wait.arm, wait.path] = wait
         self._is_changed = True
 
-    def _end(self, wait: CellWait) -> None:
+    def end(self, wait: CellWait) -> None:
+        """End a wait; no effect on one that has ended."""
         if self._waits.get((wait.arm, wait.path)) is wait:
             del self._waits[wait.arm, wait.path]
             self._is_changed = True
@@ -299,7 +293,7 @@ class CellState:
             elif present.issuperset(participants):
                 for one in there:
                     one.has_met = True
-                    self._end(one)
+                    self.end(one)
                 there.clear()
             elif present:
                 gone = [arm for arm in participants if arm in self._gone and arm not in present]
@@ -314,7 +308,7 @@ class CellState:
             one.failure = Failure(
                 "PARTNER_GONE", f"{why}; '{name}' had been waited for {waited:.2f} s"
             )
-            self._end(one)
+            self.end(one)
         self._attending[name].clear()
 
     def _commit_claims(self) -> None:
@@ -331,7 +325,7 @@ class CellState:
             if request.granted_s is None:
                 if taken.isdisjoint(request.resources):
                     request.granted_s = self.clock()
-                    self._end(request)
+                    self.end(request)
                 taken.update(request.resources)
 
     def _in_front_of(self, request: Request) -> list[Request]:
@@ -431,4 +425,4 @@ class CellAccess:
     @classmethod
     def alone(cls) -> CellAccess:
         """Returns the access to a cell without signals, zones or rendezvous."""
-        return cls(CellState(CellSpec(), (), lambda: 0.0), "")
+        return cls(CellState(CellSpec(), lambda: 0.0), "")

@@ -123,7 +123,7 @@ class Cells:
         path = folder / "cell.yaml"
         path.write_text(text)
         self.file = load_tree_file(path, kinds)
-        self.cell = CellState(self.file.cell, self.file.arms, lambda: self.now)
+        self.cell = CellState(self.file.cell, lambda: self.now)
         self.trees: dict[str, ArmTree] = {}
         for arm in self.file.arms:
             self.spawn(arm)
