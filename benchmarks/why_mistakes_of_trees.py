@@ -74,9 +74,9 @@ def of_leaves() -> Iterator[Mistake]:
     yield Mistake("a direction without length", tree, "INVALID_TARGET", ("no length",))
     tree = shipped("circle")
     tree["params"] = {}
-    tree["objects"] = {"floor_plate": box((0.6, 0.6, 0.02), (0.8, 0.1, 0.50))}
+    tree["objects"] = {"wall": box((0.02, 0.6, 0.6), (0.70, 0.1, 0.80))}
     tree["arms"]["arm1"]["force_limit"] = 10
-    press = {"direction": [0, 0, -1], "distance": 0.3, "force": 40}
+    press = {"direction": [1, 0, 0], "distance": 0.2, "force": 40}
     tree["arms"]["arm1"]["tree"] = {"move_until_contact": press}
     yield Mistake("a force limit too low", tree, "LOW_FORCE_LIMIT", ("10 N",))
 

@@ -258,12 +258,12 @@ class CellCheck:
 
     def _never_written(self) -> Iterator[Problem]:
         """Returns awaited signals without initial value that no tree of a writer writes."""
-        written = {
+        written = [
             node.ports.get("signal")
             for root in self.trees.values()
             for node in root.walk()
             if node.kind == SIGNAL
-        }
+        ]
         if any(reference_of(name) for name in written):
             return
         for root in self.trees.values():
@@ -497,8 +497,9 @@ def _straight(root: NodeSpec, node_types: Mapping[str, NodeType]) -> tuple[list[
 
     def visit(node: NodeSpec) -> bool:
         if node.kind in (MEET, AWAIT, SIGNAL):
-            if reference_of(node.ports.get("at" if node.kind == MEET else "signal")) is not None:
-                return False
+            name = node.ports.get("at" if node.kind == MEET else "signal")
+            if not isinstance(name, str) or reference_of(name) is not None:
+                return False  # another check reports what is no name
             found.append(node)
             return "timeout" not in node.ports
         node_type = node_types.get(node.kind)

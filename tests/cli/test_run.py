@@ -100,7 +100,7 @@ def test_nobody_waits_for_pictures_to_hear_how_it_went(
     write = Run.write_record
 
     def noting(opened: Run) -> None:
-        said.append(capsys.readouterr().out.replace("\n", ""))
+        said.append(capsys.readouterr().out.replace("\n", " "))
         write(opened)
 
     monkeypatch.setattr(Run, "write_record", noting)

@@ -26,6 +26,16 @@ from tests.skills.scenarios import SCENARIOS
 
 Path: TypeAlias = tuple[str | int, ...]
 
+CELL: Tree = {
+    "signals": {"go": {"type": "number", "written_by": ["arm1"], "initial": 1.0}},
+    "zones": {"bin": {"size": [0.1, 0.1, 0.1], "pose": {"xyz": [0.5, 0, 0.2], "rpy": [0, 0, 5]}}},
+    "rendezvous": {"there": ["arm1", "arm2"]},
+}
+"""What a second arm shares with the words that need one."""
+
+SHARING = ("await", "meet", "claim")
+"""Words of files with that cell."""
+
 FILE: Tree = {
     "bt_dualarm": 1,
     "world": {"scene": "empty", "seed": 1, "timestep": 0.002, "time_limit": 30.0},
@@ -53,6 +63,7 @@ FILE: Tree = {
             "pose": {"xyz": [-0.7, -0.5, 0.3], "look_at": [0, 0, 1.0]},
         },
     },
+    "cell": {"zones": CELL["zones"]},
     "arms": {
         "arm1": {
             "robot": "panda",
@@ -99,6 +110,9 @@ WORDS: tuple[Tree, ...] = (
     {"rate": {"hz": 10.0, "child": {"wait": 5.0}}},
     {"wait": {"seconds": 1.0}},
     {"compare": {"value": 1.0, "relation": "near", "to": 1.0, "tolerance": 1e-6}},
+    {"await": {"signal": "go", "relation": "near", "to": 1.0, "tolerance": 1e-6, "timeout": 1.0}},
+    {"meet": {"at": "there", "timeout": 1.0}},
+    {"claim": {"zone": "bin", "timeout": 1.0, "child": "succeed"}},
 )
 _POSE = {"xyz": [0.35, 0.1, 0.55]}
 LOOKED_FOR: tuple[Tree, ...] = (
@@ -332,6 +346,10 @@ def _of_node(
 ) -> Iterator[Number]:
     file = {"bt_dualarm": 1, **scenario.file(node)}
     (name,) = node
+    if name in SHARING:
+        partner = {"meet": "there"} if name == "meet" else "succeed"
+        file["cell"] = copy.deepcopy(CELL)
+        file["arms"]["arm2"] = {"robot": "ur3", "base": {"xyz": [1.5, 0, 0]}, "tree": partner}
     place = ("arms", "arm1", "tree", "sequence", len(scenario.before), name)
     ports = {port: value for port, value in node[name].items() if port in model.model_fields}
     for path in _paths(ports):

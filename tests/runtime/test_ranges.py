@@ -19,7 +19,7 @@ from tests.runtime.numbers import Number, fields_of, numbers
 
 REGISTRY = Registry.load()
 NUMBERS = list(numbers(REGISTRY))
-ANY_VALUE = {("compare", "value"), ("compare", "to"), ("switch", "value")}
+ANY_VALUE = {("compare", "value"), ("compare", "to"), ("switch", "value"), ("await", "to")}
 """Ports that take any value."""
 
 RANGED = [one for one in NUMBERS if (one.node[-1:] + one.path[len(one.node) :]) not in ANY_VALUE]

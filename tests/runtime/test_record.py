@@ -457,7 +457,7 @@ def test_a_picture_that_cannot_be_drawn_is_left_out_and_told(
         raise ZeroDivisionError("in a plot")
 
     monkeypatch.setattr(plots, "overview", broken)
-    with pytest.raises(RecordError, match=r"overview\.png could not be made: ZeroDivisionError"):
+    with pytest.raises(RecordError, match=r"overview\.png could not be written: ZeroDivisionError"):
         record(tmp_path / "torn")
     left = {path.name for path in (tmp_path / "torn").iterdir()}
     assert left == {path.name for path in (tmp_path / "whole").iterdir()} - {"overview.png"}

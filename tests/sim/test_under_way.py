@@ -69,7 +69,7 @@ def test_the_check_says_where_and_what_is_allowed(tmp_path: Path) -> None:
     (problem,) = check_file(file, Registry.load().kinds)
     said, allowed = str(problem).splitlines()[0].split("; ")
     assert said.endswith(
-        "fast.yaml:5:34: error: latency: 10 s at 1000 Hz keep 10000 pictures of 320 x 240 px "
-        "under way, 2304 MB"
+        "fast.yaml:5:34: error: latency: 10 s at 1000 Hz keep 10000 images of 320 x 240 px "
+        "in transit, 2304 MB"
     )
     assert allowed == "at most 100 MB: here 434 ms"

@@ -22,6 +22,6 @@ def test_what_came_along_is_held_again(name: str) -> None:
         result = opened.finish()
     first, second = (leaf for leaf in result.arms["arm1"].runs if leaf.skill == "place")
     assert first.code == "NOT_PLACED"
-    assert "came along" in first.reason
+    assert "stuck to the gripper" in first.reason
     assert second.status == "SUCCESS", second.reason
     assert not hand.lies

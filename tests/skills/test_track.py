@@ -306,7 +306,7 @@ def test_what_appears_elsewhere_is_not_the_target(stage: Stage) -> None:
 @pytest.mark.parametrize(
     ("size", "away", "after", "why"),
     [
-        ([0.05, 0.05, 0.05], 0.15, 0.0, "from where the target can"),
+        ([0.05, 0.05, 0.05], 0.15, 0.0, "from a place where the target cannot"),
         ([0.08, 0.08, 0.08], 0.0, 1.3, "times as wide"),
     ],
     ids=["near by", "larger"],

@@ -71,7 +71,7 @@ def test_what_is_glued_to_the_tool_is_not_let_go_of_where_it_stands(stage: Stage
     assert play.leaf("approach_and_attach").status == "SUCCESS"
     leaf = play.leaf("detach")
     assert (leaf.code, leaf.metrics["moved_m"]) == ("STILL_HELD", pytest.approx(0.0, abs=1e-3))
-    assert "would go along" in leaf.reason
+    assert "sticks to the tool" in leaf.reason
 
 
 def test_a_fixed_object_is_not_attached(stage: Stage) -> None:

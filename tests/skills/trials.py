@@ -353,6 +353,11 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("move_until_contact", "INVALID_TARGET"): Trial(
         {"move_until_contact": {"direction": [0, 0, 0]}}
     ),
+    ("move_until_contact", "IN_COLLISION"): Trial(
+        {"move_until_contact": {"direction": [0, 1, 0], "distance": 0.4, "speed": 0.2}},
+        {"objects": {"post": slab([0.25, 0.30, 0.75], [0.06, 0.06, 0.3])}},
+        moves=True,
+    ),
     ("move_until_contact", "FORCE_LIMIT"): Trial(
         {"move_until_contact": {"direction": [1, 0, 0], "distance": 0.08, "speed": 0.1}},
         {"arm": PRESENTING | {"force_limit": 10}},

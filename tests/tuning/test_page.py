@@ -109,8 +109,8 @@ def test_sliders_are_looked_through(browser: Browser) -> None:
         ("/look", {"color": [{"hue": [1, 2], "value": [1, 0]}]}, "swap the two"),
         ("/look", [], "color"),
         ("/click", {"color": "red", "at": [80, 0], "range": 0, "widen": False}, "outside"),
-        ("/click", {"color": "red", "at": [8, 0], "range": 1, "widen": True}, "a click has"),
-        ("/click", {"color": "red", "at": "x", "range": 0, "widen": True}, "a click has"),
+        ("/click", {"color": "red", "at": [8, 0], "range": 1, "widen": True}, "a click needs"),
+        ("/click", {"color": "red", "at": "x", "range": 0, "widen": True}, "a click needs"),
     ],
 )
 def test_nonsense_is_refused_with_a_reason(
